@@ -1,7 +1,4 @@
-"""Finding a gait for a failed leg: `hexctl.adapt(failed_leg=5)` searches, the modules here are its parts.
-
-Its parameters: `help(hexctl.adapt.__call__)`.
-"""
+"""Finding a gait for a failed leg with `hexctl.adapt(failed_leg=5)`; see `help(hexctl.adapt.__call__)`."""
 
 from hexctl.callable_package import make_callable
 

@@ -29,10 +29,7 @@ COOL_C = Range(low=25, high=TOO_HOT_C, unit="degrees Celsius")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdaptOptions(RobotOptions):
-    """What a search is asked for. Its fields are the options of `hexctl adapt`.
-
-    Raises InputError for a value that is not allowed.
-    """
+    """Options of `hexctl adapt`; raises InputError for a value that is not allowed."""
 
     PANEL: ClassVar = "Search"
 
@@ -153,7 +150,7 @@ class AdaptOptions(RobotOptions):
         check_fields(self)
 
     def check(self) -> None:
-        """Raise UnusedError for options that the backend would ignore; a search has a seed of its own."""
+        """Raise UnusedError for options that the backend would ignore, except the seed of the search."""
         if ":" not in self.backend:
             check_backend_options(self, but=("seed",))
 

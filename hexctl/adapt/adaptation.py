@@ -3,8 +3,7 @@
     result = hexctl.adapt(failed_leg=5, budget=20)
     print(result.best.slots, result.best.score)
 
-`adapt` is one call; `Adaptation` is the same with its parts in hand: a spec from `new_spec`, a robot of your
-own, a session that is resumed. Neither prints nor asks: progress goes to callbacks, notes to a function.
+`Adaptation` does the same with separate parts: a spec from `new_spec`, a custom robot, a resumed session.
 """
 
 import time
@@ -52,10 +51,9 @@ OnBegin = Callable[[Session], None]
 
 
 class Adaptation:
-    """A new session, or one that is continued: its spec, its robot and where it is kept.
+    """A new or resumed session: its spec, its robot and its folder.
 
-    `run` makes the session, or continues it, and searches trial by trial. Everything that can be refused is
-    refused before a session exists and before anything moves.
+    Invalid options are refused before a session exists and before anything moves.
     """
 
     def __init__(
@@ -77,12 +75,12 @@ class Adaptation:
             spec: from `new_spec`, or a `SessionSpec` with the fingerprint of its robot.
             folder: of the session store, the recordings and the priors.
             record: whether to record each trial, and an overview.
-            servos: the robot, where it is not made by `spec.backend`; not connected yet.
-            optimizer: class of the optimizer, where it cannot be imported by the name in the spec.
-            objective: the objective, where it cannot be imported by the name in the spec.
-            operator: who puts the robot down and measures, needed with `spec.ask`.
-            live: makes a view that shows the trials of a connected robot, or None where that is impossible.
-            note: is told what a person should know; by default it is logged.
+            servos: the robot, not connected yet; None makes it by `spec.backend`.
+            optimizer: its class, if it cannot be imported by the name in the spec.
+            objective: the objective, if it cannot be imported by the name in the spec.
+            operator: places the robot and measures, needed with `spec.ask`.
+            live: makes a view of the trials of a connected robot; may return None.
+            note: called with messages for a person; by default they are logged.
 
         Raises InputError for parts that contradict one another.
         """
@@ -110,15 +108,15 @@ class Adaptation:
         trust: bool = False,
         **options: Any,
     ) -> "Adaptation":
-        """Prepare to continue a session, with another budget if one is given.
+        """Prepare to continue a session, with another budget if given; `run` returns an ended one unchanged.
 
-        `name` may be the session itself, as `load_session` gives it; `options` are those of `Adaptation`. A
-        search that has ended is given back by `run` as it was loaded; one that has not is loaded once more
-        when no other process can add to it. A session that names code (`module:Name`) imports it only with
-        `trust`; what `options` give in its place needs none.
+        Args:
+            name: or the session itself, as `load_session` returns it.
+            trust: allows a session to import the code that it names (`module:Name`), except parts in
+                `options`.
+            options: those of `Adaptation`.
 
-        Raises InputError for a name that is not in the store, a budget that is spent already, and code that
-        is not trusted.
+        Raises InputError for an unknown name, a budget that is spent already, and code that is not trusted.
         """
         session = name if isinstance(name, Session) else load_session(name, folder)
         given = {part for part, value in options.items() if value is not None}
@@ -130,7 +128,6 @@ class Adaptation:
         return adaptation
 
     def _finished(self) -> Session | None:
-        """The session that is resumed, where its search has ended; nothing is written, nothing moves."""
         resumed = self._resumed
         ended = resumed is not None and resumed.ended is not None and self._budget is None
         return resumed if ended else None
@@ -144,18 +141,18 @@ class Adaptation:
         on_confirmation: OnConfirmation | None = None,
         stop_requested: StopRequested = never,
     ) -> AdaptationResult:
-        """Search until the session ends; the result holds what a robot or a recording suffered meanwhile.
+        """Search until the session ends; the result reports trouble with the robot or the recordings.
 
         Args:
             on_begin: called with the session before its first trial of this run.
             on_trial: called with the session and each trial, once it is stored.
             on_baseline: called with the session and each walk of the baseline, once it is stored.
             on_confirmation: called with the session and each walk at a finer time step, once it is stored.
-            stop_requested: asked every tick; True stops the robot softly and ends the run.
+            stop_requested: called every tick; True stops the robot softly and ends the run.
 
-        Raises InputError for anything that is not allowed, RobotFaultError (of which RobotStoppedError is
-        one) for a robot that cannot be used, both before a session exists; NotBegunError when a stop was
-        requested before that; StoreError when a trial cannot be stored.
+        Raises InputError for anything that is not allowed, RobotFaultError or RobotStoppedError for a robot
+        that cannot be used, NotBegunError for a stop request, all before a session exists; StoreError when a
+        trial cannot be stored.
         """
         check_callable(on_begin, "on_begin", "a function of the session, or None")
         check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
@@ -202,7 +199,6 @@ class Adaptation:
         stop_requested: StopRequested,
         live: LiveView | None,
     ) -> TrialRunner:
-        """Runner of the trials of a session, which records them where that is wanted."""
         return TrialRunner(
             spec=session.spec,
             robot=setting.robot,
@@ -217,11 +213,7 @@ class Adaptation:
     def _begin(
         self, store: SessionStore, stack: ExitStack, stop_requested: StopRequested, checked: Setting | None
     ) -> tuple[Session, Setting, Guard | None]:
-        """Session, new or continued and held, what it names, and its robot, connected.
-
-        A session that is continued is held before its robot is touched, a new one made once its robot is
-        ready.
-        """
+        """Hold the session and connect its robot; a resumed session is held first, a new one made last."""
         session = None if self._resumed is None else self._held_again(self._resumed.name, store, stack)
         spec = self.spec if session is None else session.spec
         setting = checked or self._checked(spec)
@@ -238,20 +230,17 @@ class Adaptation:
         return session, setting, servos
 
     def _tell(self, *notes: str | None) -> None:
-        """Pass on notes, those that there are."""
         for note in notes:
             if note is not None:
                 self._note(note)
 
     def _checked(self, spec: SessionSpec) -> Setting:
-        """What a spec names, loaded, and the meshes too where they are drawn; refused here if it is wrong."""
         setting = load_setting(spec)
         if self._record:
             _ = setting.robot_file.meshes
         return setting
 
     def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
-        """Session to be continued, as it stands now that no other process adds to it."""
         stack.enter_context(store.held(name))
         session = self._resumed = load_session(name, store.folder)
         session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since
@@ -270,7 +259,7 @@ class Adaptation:
         servos: Guard | None,
         **told: Any,
     ) -> tuple[str, RobotFaultError | RecordingError | None]:
-        """Why the search ended, and what is wrong with the robot or its recordings if it was that."""
+        """Why the search ended, and trouble with the robot or the recordings."""
         spec = session.spec
         walk = runner.walk
         if servos is not None:
@@ -302,7 +291,7 @@ class Adaptation:
             return "stopped", error
 
     def _write_overview(self, session: Session, store: SessionStore) -> Path | None:
-        """Write the overview beside the trials; `hexctl view` makes it too, so that trouble is a note."""
+        """Write the overview; errors are notes, as `hexctl view` makes it too."""
         if not self._record or not session.trials:
             return None
         from hexctl.adapt.sessions.session_viewing import write_overview
@@ -331,19 +320,19 @@ def adapt(
 
     Args:
         failed_leg: 1..6, counter-clockwise from the front: short for `failure="5:locked"`.
-        servos: a robot of your own instead of a backend, not connected yet.
+        servos: a custom robot instead of a backend, not connected yet.
         operator: places the robot before each trial and measures after it.
         record: whether to record each trial.
         folder: of the session store, the recordings and the priors.
-        note: is told what a person should know; by default it is logged.
+        note: called with messages for a person; by default they are logged.
         on_trial: called with the session and each trial, once it is stored.
         progress: whether to show a bar on stderr, if that is a terminal and no operator is asked.
-        stop_requested: asked every tick; True stops the robot softly and ends the run.
+        stop_requested: called every tick; True stops the robot softly and ends the run.
         options: other fields of `AdaptOptions`.
 
     Raises InputError for anything that is not allowed; RobotFaultError for a robot that cannot be used, or
-    that stops during the search: the session is stored, and `Adaptation.resume` continues it. RecordingError
-    when a recording is not whole.
+    stops during the search (`Adaptation.resume` continues the session); RecordingError for an incomplete
+    recording.
     """
     allowed = "LegServos, not connected, or None"
     check_type(servos, (LegServos, type(None)), "servos", allowed)

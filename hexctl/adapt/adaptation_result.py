@@ -1,4 +1,4 @@
-"""Result of a run of an adaptation: the session, why the search ended, and a plot of the paths."""
+"""Result of a run of an adaptation."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +17,11 @@ class AdaptationResult:
     """Result of a run of an adaptation.
 
     Attributes:
-        session: the session as it stands now, with all its trials.
+        session: with all its trials.
         ended: why the search ended: `budget`, `target`, `confirmed`, `exhausted` or
             `not worth another trial`; `interrupted` by a requested stop; `stopped` by `trouble`.
-        trouble: what the robot or the recordings suffered; the session can be resumed after it.
-        walked: trials of this run; those of the session may be more.
+        trouble: of the robot or the recordings; the session can be resumed after it.
+        walked: number of trials of this run.
         wall_s: duration of the run.
         overview: the recording that shows all trials, or None.
     """
@@ -45,12 +45,12 @@ class AdaptationResult:
 
     @property
     def baseline(self) -> list[BaselineRecord]:
-        """Walks with the gaits that the robot would use anyway, before the first trial."""
+        """Walks with the robot's usual gaits, before the first trial."""
         return self.session.baseline
 
     @property
     def uncertainty_m(self) -> float | None:
-        """The simulation's own standard uncertainty of each end; None on a real robot, or not known."""
+        """The simulation's own standard uncertainty of each end; None on a real robot, or if unknown."""
         return self.session.spec.uncertainty_m or None
 
     def to_dict(self) -> dict[str, Any]:
@@ -58,14 +58,10 @@ class AdaptationResult:
         return {**self.session.as_json(), "ended": self.ended, "wall_s": round(self.wall_s, 3)}
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the paths of all trials seen from above, invalid ones dotted, the best one bold; the axes.
+        """Draw the paths of all trials seen from above; the result is the axes.
 
-        The baseline is drawn in another colour.
-
-        Args:
-            ax: matplotlib axes, or None for those of a new figure.
-
-        Raises MissingExtraError without matplotlib.
+        Invalid trials are dotted, the best one bold, the baseline in another colour. `ax` are matplotlib
+        axes, or None for a new figure. Raises MissingExtraError without matplotlib.
         """
         ax, best = path_axes(ax), self.best
         for trial in self.trials:

@@ -1,4 +1,4 @@
-"""The arena of a robot that stays where a walk ends: geometry, return to home, geofence."""
+"""The arena of a robot that is not reset between walks: geometry, return to home, geofence."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,11 +23,10 @@ SPARE_M = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arena:
-    """Circle on the floor in which the middle of the body is kept. Positions are in the world, x and y first.
+    """Circle on the floor for the middle of the body. Positions are in the world, x and y first.
 
     Attributes:
-        home_m: middle of the arena, where the robot stood when its session began.
-        radius_m: of the arena.
+        home_m: centre, the robot's position when its session began.
     """
 
     home_m: tuple[float, float]
@@ -38,10 +37,7 @@ class Arena:
         return math.hypot(*self._from_home(position))
 
     def aim_rad(self, position: FloatArray, otherwise_rad: float) -> float:
-        """World heading of the longest straight walk from a position: through home.
-
-        At home all directions are equal; there it is `otherwise_rad`.
-        """
+        """World heading of the longest straight walk, through home; at home it is `otherwise_rad`."""
         x, y = self._from_home(position)
         return math.atan2(-y, -x) if math.hypot(x, y) > AT_HOME_M else otherwise_rad
 
@@ -53,20 +49,17 @@ class Arena:
         return max(0.0, math.sqrt(inside) - along) if inside > 0 else 0.0
 
     def leaves(self, position: FloatArray, ahead: FloatArray) -> bool:
-        """Whether a robot on its way to a position ahead leaves the arena, or moves away outside of it.
-
-        A robot that returns from outside does not.
-        """
+        """Whether a robot leaves the arena towards a position ahead; not if it returns from outside."""
         away_m = self.distance_m(ahead)
         return away_m > self.radius_m and away_m > self.distance_m(position)
 
     def start(self, reach_m: float) -> "Arena":
-        """Circle on whose edge a straight walk of a length best begins: half the length from home."""
+        """Circle of the best starts of a straight walk: half its length from home."""
         radius_m = min(reach_m / 2 + SPARE_M, self.radius_m)
         return Arena(home_m=self.home_m, radius_m=radius_m)
 
     def too_near(self, position: FloatArray, reach_m: float) -> bool:
-        """Whether a walk of a length needs another start, farther from home, to have room."""
+        """Whether a walk needs another start, farther from home, to have room."""
         short_m = self.start(reach_m).radius_m - self.distance_m(position)
         return self.radius_m + self.distance_m(position) < reach_m and short_m > SPARE_M
 
@@ -78,11 +71,10 @@ def check_radius(radius_m: float, *, ideal_m: float, least_m: float) -> str | No
     """Note on an arena for the operator before the first trial, or None.
 
     Args:
-        radius_m: of the arena.
-        ideal_m: how far a walk goes that loses nothing.
-        least_m: how far it must go to be valid.
+        ideal_m: distance of a walk without slip.
+        least_m: minimum distance of a valid walk.
 
-    Raises InputError for an invalid radius, and for an arena in which no valid straight walk fits.
+    Raises InputError for an invalid radius, and for an arena without room for a valid straight walk.
     """
     if not (math.isfinite(radius_m) and radius_m > 0):
         raise InputError(f"{argument('arena_m')}: got {radius_m}; allowed: above 0 m")
@@ -116,7 +108,7 @@ def aimed(
 ) -> TrialPlan:
     """Plan whose walk returns home through the middle of the arena, or leads away from it.
 
-    At the middle it goes where the body need not turn. Raises RobotFaultError without a pose.
+    At the middle it walks without a turn. Raises RobotFaultError without a pose.
     """
     if state.base_position_world is None or state.base_quaternion_world is None:
         raise RobotFaultError("the robot no longer knows where it is")
@@ -130,37 +122,29 @@ def aimed(
 
 
 def as_placed(plan: TrialPlan, robot: Robot) -> TrialPlan:
-    """Plan for a robot that an operator has placed as its self-rotation would leave it."""
+    """Plan for a robot that an operator has placed in its direction after the self-rotation."""
     return replace(plan, heading_rad=body_heading_rad(plan, robot), turn_rad=0.0)
 
 
-#: Why a walk was cut short: at the edge of its arena, or as nobody knows where it is.
+#: Why a walk was cut short: at the edge of its arena, or without a known position.
 LEFT_THE_ARENA, NO_POSITION = "arena", "no position"
 
-#: Checks ahead for which the position is predicted: a soft stop covers the distance of one interval between
-#: checks (it takes two, at half the speed), and until the next check it is not requested.
+#: Checks ahead of the predicted position: a soft stop covers the distance of one interval between checks,
+#: and the stop may be requested one check later.
 LOOKS_AHEAD = 2.0
 
 
 class Geofence:
-    """Looks where the robot would come to a stand if nothing were said until the next look.
-
-    It is the `should_stop` of a trial: of `run_trial`, `hexctl.run` and the trials of a session.
-    """
+    """Ends a walk that would stop outside; the `should_stop` of `run_trial`, `hexctl.run` and sessions."""
 
     def __init__(self, arena: Arena | float, also: ShouldStop | None = None) -> None:
-        """Watch one walk.
-
-        Args:
-            arena: circle in which it stays; a number is its radius in m around where the walk begins.
-            also: may end the walk for other reasons.
-        """
+        """Watch one walk in an arena, or a radius in m around its start; `also` may end it too."""
         self._arena: Arena | None = arena if isinstance(arena, Arena) else None
         self._radius_m = arena.radius_m if isinstance(arena, Arena) else arena
         self._also = also
 
     def __call__(self, trace: Trace) -> bool | str:
-        """Why the walk shall end, or whether `also` says so."""
+        """Reason to end the walk, or the answer of `also`."""
         rows = trace.positions_world
         if self._arena is None:
             start = None if trace.frame is None else trace.frame.origin_world

@@ -1,4 +1,4 @@
-"""The best gaits that are known for a walk, by a prior or by a session: `hexctl run --gait best`."""
+"""The best known gaits for a walk: `hexctl run --gait best`."""
 
 import math
 from collections.abc import Sequence
@@ -28,14 +28,13 @@ from hexctl.runs.run_spec import RunSpec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BestGait:
-    """The best gaits that are known for a walk.
+    """The best known gaits for a walk.
 
     Attributes:
-        spec: of the walk, with the gait and its posture filled in, and the self-rotation of a session, and
-            under the hold `heading` its trim, without a hold its turn. The self-rotation with a gait by a
-            prior stays as it was asked for, since `auto` depends on the robot that connects. Of a gait to
-            change to, the slots.
-        source: gaits and where they are from, for people.
+        spec: of the walk, with gait and posture; of a session also its self-rotation, and its trim (hold
+            `heading`) or turn (no hold). With a prior the self-rotation is unchanged. For a gait to change
+            to, only the slots.
+        source: gaits and their origin, for people.
     """
 
     spec: RunSpec
@@ -45,15 +44,10 @@ class BestGait:
 def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
     """The best gait for a walk whose spec has the gait `best` or `best:SESSION`, or changes to one.
 
-    By the first prior for robot, leg, failure, hold and posture it is the fastest one, of open-loop walks
-    the one that ends nearest to its line; by a session it is the one that the session recommends, of its best
-    trial or its baseline (`Session.best_walk`).
+    The first matching prior gives the fastest gait, or the straightest of open-loop walks; a session gives
+    its recommendation (`Session.best_walk`). `folder` has sessions and custom priors.
 
-    Args:
-        spec: of the walk.
-        folder: of sessions and of priors that were built.
-
-    Raises InputError for other gaits, a walk without a failed leg, and where nothing is known of such walks.
+    Raises InputError for other gaits, a walk without a failed leg, and if no prior or session matches.
     """
     if not spec.asks_for_best:
         raise InputError(f"{argument('gait')}: got {spec.gait_text}; allowed: best or best:SESSION")
@@ -74,7 +68,7 @@ def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
 
 
 def _best_to_change_to(spec: RunSpec, text: str, name: str, folder: Path | str) -> BestGait:
-    """The best gait for a change of a walk, which brings no trim and no turn of a session with it."""
+    """The best gait for a change during a walk, without the trim and turn of a session."""
     try:
         return _best_of(replace(spec, gait=name), folder, trimmed=False)
     except InputError as error:
@@ -82,7 +76,6 @@ def _best_to_change_to(spec: RunSpec, text: str, name: str, folder: Path | str) 
 
 
 def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> BestGait:
-    """The best gait for a walk whose gait is `best` or `best:SESSION`, `trimmed` as the session learned."""
     session = str(spec.gait).partition(":")[2].strip()
     if not spec.failures:
         raise InputError(
@@ -103,7 +96,6 @@ def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> Best
 
 
 def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> BestGait:
-    """The first gait of a prior's ranking."""
     if spec.turn_rate_rad_s is not None:
         raise InputError(f"{argument('gait')}: got best with a turn; allowed: straight, or auto")
     rotation = suited_rotation(spec.self_rotation, spec.hold, chosen_gait=True)
@@ -136,7 +128,6 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
 
 
 def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
-    """Name of the newest session for a robot with a failure that has a walk to recommend, or None."""
     try:
         sessions = list_sessions(folder, on_damage=lambda _: None)
     except StoreError:  # a session is only a hint, and the gait is that of a prior
@@ -151,7 +142,6 @@ def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
 def _of_session(
     spec: RunSpec, robot: Robot, failure: Failure, session: Session
 ) -> tuple[BestGait, Sequence[int]]:
-    """The gait of a session's best walk, in its posture, and its slots."""
     own, best, what = session.spec, session.best_walk, f"{argument('gait')}: got best:{session.name}"
     if own.robot_fingerprint != robot.fingerprint:
         raise InputError(f"{what}, a session of {own.robot}; allowed: of {robot.name} as it is described now")
@@ -175,10 +165,7 @@ def _of_session(
 
 
 def _with_trim(found: BestGait, slots: Sequence[int], session: Session) -> BestGait:
-    """A walk with what a session learned for its gait: a trim under the hold `heading`, a turn under `none`.
-
-    A turn goes with a heading, which is that of the session unless the walk has one.
-    """
+    """A walk with the trim (hold `heading`) or turn (no hold) of its gait; a turn needs a heading."""
     spec = found.spec
     trim_rad, turn_rad_s = session.trim_rad(slots), session.turn_trim_rad_s(slots)
     if spec.hold == "heading" and spec.trim_rad is None and trim_rad is not None:

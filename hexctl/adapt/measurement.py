@@ -1,4 +1,4 @@
-"""Trials whose end an operator measures, on a robot that does not know its position."""
+"""Trials whose end an operator measures, on a robot without a position."""
 
 import math
 from dataclasses import dataclass, replace
@@ -24,10 +24,10 @@ class Answer:
     """Answer of an operator about a walk.
 
     Attributes:
-        word: `measured`; `fell`; `skip`: the trial is invalid; `again`: discard the walk and repeat it;
-            `quit`: discard it and end.
-        distance_m: progress along the line, with `measured`.
-        signed_m: deviation from it, left positive, with `measured`.
+        word: `measured`; `fell`; `skip`: the trial is invalid; `again`: repeat the walk; `quit`: discard it
+            and end.
+        distance_m: progress along the line.
+        signed_m: deviation from it, left positive.
     """
 
     word: Literal["measured", "fell", "skip", "again", "quit"]
@@ -36,20 +36,20 @@ class Answer:
 
 
 class Operator(Protocol):
-    """A person beside the robot, or a program that answers for one."""
+    """A person near the robot, or a program that answers for one."""
 
     def place(self, index: int, code: int) -> bool:
         """Place the robot on its mark before a trial; return False to end instead.
 
-        The index of a walk of the baseline is 0, and so is a code that it does not have.
+        A walk of the baseline has the index 0, and the code 0 if it has none.
         """
 
     def measure(self, index: int, *, at_most_m: float) -> Answer:
-        """Measure a trial; no number is larger than `at_most_m`."""
+        """Measure a trial; numbers are at most `at_most_m`."""
 
 
 def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan) -> TrialResult:
-    """Result of a walk completed with an operator's answer; what was not measured is NaN."""
+    """Result of a walk completed with an operator's answer; NaN if not measured."""
     if answer.word == "quit":
         return replace(result, status="aborted", stopped="requested")
     unknown = _path(result, math.nan, math.nan)

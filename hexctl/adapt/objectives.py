@@ -1,4 +1,4 @@
-"""Objectives: what a trial is worth, as one score that is to become small."""
+"""Objectives: scores of trials, to be minimized."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -24,14 +24,13 @@ class Objective:
     """A score of trials; smaller is better.
 
     Attributes:
-        name: as `--objective` has it and a session stores it.
-        label: what the score is, for tables and figures.
-        measure: the score of a valid trial.
-        unit: of the score; empty where it has none, or it is not known.
-        needs_course: True where the whole course of a walk counts, not only its end.
-        needs_torques: True where the joint torques of the robot count.
-        hold: what walks hold by feedback unless a session says otherwise, one of
-            `hexctl.control.trial_plan.HOLDS`; `none` where the deviation itself is searched.
+        name: in `--objective` and sessions.
+        label: for tables and figures.
+        unit: of the score; empty if none or unknown.
+        needs_course: whether the complete path of a walk counts, not only its end.
+        needs_torques: whether the joint torques of the robot count.
+        hold: default hold of the walks, one of `hexctl.control.trial_plan.HOLDS`; `none` if the deviation is
+            searched.
     """
 
     name: str
@@ -60,24 +59,23 @@ class Objective:
 
 
 def _deviation(result: TrialResult) -> Deviation:
-    """Deviation of a valid trial, which has one."""
     return result.deviation or Deviation(math.nan, math.nan, math.nan, math.nan)
 
 
 def _progress(result: TrialResult) -> float:
-    """Final deviation per share of the ideal distance: of two equally straight walks the faster one wins."""
+    """Final deviation per share of the ideal distance: of equally straight walks the faster one is better."""
     # A walk shorter than the soft start is valid without progress.
     return _deviation(result).final * result.ideal_distance_m / max(result.distance_m or 0.0, 1e-9)
 
 
 def _pace(result: TrialResult) -> float:
-    """Time per metre of progress, soft start included: 1 / speed, as the smaller score is the better."""
+    """Time per metre of progress, with the soft start: 1 / speed, to be minimized."""
     # Limited as `_progress` is.
     return result.duration_s / max(result.distance_m or 0.0, 1e-9)
 
 
 def _told(value: float | None, what: str) -> float:
-    """A figure of a walk; raises InputError where the robot did not measure what it needs."""
+    """A measured value; raises InputError if the robot did not measure it."""
     if value is None:
         raise InputError(f"objective: got a walk without {what}; allowed: of a robot that measures it")
     return value
@@ -143,10 +141,10 @@ ObjectiveChoice = str | Objective | Callable[[TrialResult], float]
 
 
 def make_objective(name: str) -> Objective:
-    """Objective of a name.
+    """Objective of a name in `OBJECTIVES`, or a custom one, `package.module:name`.
 
-    `name` is one of `OBJECTIVES`, or `package.module:name` for one of your own: an `Objective`, or a function
-    that returns the score of a valid `TrialResult`. Raises InputError for an unknown name.
+    A custom one is an `Objective`, or a function that returns the score of a valid `TrialResult`.
+    Raises InputError for an unknown name.
     """
     check_type(name, str, "objective", f"{', '.join(OBJECTIVES)}, or package.module:name")
     if name in OBJECTIVES:
@@ -163,8 +161,8 @@ def as_objective(measure: object, name: str = "") -> Objective:
     """Objective from a name, an `Objective` or a function of a `TrialResult`.
 
     The label of a function is the first line of its docstring; it may have attributes `unit`, `label`,
-    `needs_course`, `needs_torques` and `hold`. `name` overrides the one under which a session finds it again,
-    `module:function`. Raises InputError for anything else.
+    `needs_course`, `needs_torques` and `hold`. `name` overrides the `module:function` in sessions. Raises
+    InputError for anything else.
     """
     if isinstance(measure, str):
         return make_objective(measure)
@@ -189,10 +187,7 @@ def as_objective(measure: object, name: str = "") -> Objective:
 
 
 def undominated(scores: FloatArray) -> BoolArray:
-    """Which trials no other one beats: the Pareto front of scores (trials, objectives), (trials,).
-
-    One trial beats another that is not smaller in any score and greater in at least one.
-    """
+    """Pareto front of scores (trials, objectives): trials that no other one dominates, (trials,)."""
     beaten = [bool(((scores <= row).all(axis=1) & (scores < row).any(axis=1)).any()) for row in scores]
     return ~np.array(beaten, dtype=bool)
 

@@ -21,13 +21,11 @@ UNFINISHED = ("fell", "diverged", "cut_short", "aborted")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observation(ArrayFields):
-    """The course of one walk.
+    """The course of one walk; its status is one of `hexctl.control.trial_result.STATUSES`.
 
     Attributes:
-        path_m: progress and signed deviation, evenly spread over the walk, the last row at its end, (T, 2).
-        duration_s: how long it walked.
-        yaw_change_rad: how far the body turned, None where it is not measured.
-        status: as in `hexctl.control.trial_result.STATUSES`.
+        path_m: progress and signed deviation at equal intervals, the last row at the end, (T, 2).
+        yaw_change_rad: of the body; None if not measured.
     """
 
     path_m: FloatArray
@@ -37,7 +35,7 @@ class Observation(ArrayFields):
 
     @classmethod
     def of(cls, result: TrialResult) -> "Observation":
-        """The observation that a trial gives."""
+        """Observation of a trial."""
         return cls(
             path_m=result.path_m,
             duration_s=result.duration_s,
@@ -67,14 +65,12 @@ NINETY_PERCENT = 1.6449
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """What an optimizer predicts for a trial before the walk.
+    """Prediction for a trial before the walk.
 
     Attributes:
-        signed_m: expected signed final deviation.
-        sd_m: its standard deviation for the gait itself, on average over trials.
-        trial_sd_m: its standard deviation for one trial.
+        signed_m: expected signed final deviation, with standard deviations for the gait (`sd_m`) and one
+            trial.
         chance: probability that the gait is valid and within the target.
-        target_m: the target.
     """
 
     signed_m: float
@@ -113,14 +109,11 @@ class OptimizerMisuseError(HexctlError, RuntimeError):
 class Optimizer(ABC):
     """Searches a gait space for the code with the lowest score.
 
-    `ask` and `tell` alternate. A code may be asked for again: what that costs is for the loop to say. The
-    whole state, the random stream included, goes through `state` and `restore` as plain JSON values, and an
-    optimizer restored from it continues exactly as the original would.
+    `ask` and `tell` alternate; codes may repeat. An optimizer restored from `state`, JSON values with the
+    random stream, continues exactly as the original would.
 
-    A subclass sets `name` and implements four methods: `_suggest`, `_learn`, `_search_state` and
-    `_restore_search`. Everything else public has a default and may be overridden: `exhausted`, `finished`,
-    `worthwhile`, `judges_target`, `recommended`, `predict`, `early_stopping`, `repeat`; and `_learn_observed`
-    instead of a use of `_learn`, to learn from the course of walks.
+    A subclass sets `name` and implements `_suggest`, `_learn`, `_search_state` and `_restore_search`. It may
+    override `_learn_observed`, to learn from the course of walks, and the other public methods.
     """
 
     #: Name on the command line.
@@ -140,40 +133,37 @@ class Optimizer(ABC):
 
     @property
     def exhausted(self) -> bool:
-        """True when there is nothing left to ask for; never for searches that may repeat codes."""
+        """True if no codes are left; never for searches that may repeat codes."""
         return False
 
     @property
     def finished(self) -> bool:
-        """True when a gait is known to be good enough; most searches never know."""
+        """True if a gait is known to be good enough; most searches never know."""
         return False
 
     @property
     def worthwhile(self) -> bool:
-        """False when another trial is not expected to gain enough; most searches never know."""
+        """False if another trial is not expected to gain enough; most searches never know."""
         return True
 
     def recommended(self) -> int | None:
-        """Code of the gait that the search would settle on; None where the best score decides."""
+        """Code that the search recommends; None if the best score decides."""
         return None
 
     def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Take a walk that was not asked for, such as a repeat of the best gait; most searches ignore it."""
+        """Learn from a walk without an ask, such as a repeat of the best gait; most searches ignore it."""
         return
 
     def predict(self, code: int) -> Prediction | None:
-        """Prediction for a gait now; None from searches that predict nothing."""
+        """Current prediction for a gait; None from searches without predictions."""
         return None
 
     def early_stopping(self, code: int) -> Enough | None:
-        """Predicate `should_stop(path_m)` for the walk of a gait, or None: True once its end is not open."""
+        """Predicate `should_stop(path_m)` that ends a walk once its result is clear, or None."""
         return None
 
     def ask(self, count: int = 1) -> list[int]:
-        """Codes to try next: one to `count` of them.
-
-        Raises OptimizerMisuseError when the codes of the last ask were not told.
-        """
+        """Next codes, one to `count`. Raises OptimizerMisuseError if those of the last ask have no scores."""
         if self._asked is not None:
             raise OptimizerMisuseError(f"{self.name}: ask after ask; tell the scores of {self._asked} first")
         if count < 1:
@@ -189,10 +179,8 @@ class Optimizer(ABC):
     ) -> None:
         """Take the scores of the codes of the last ask, in their order; lower is better.
 
-        `observations` are the courses of the walks, for searches that learn from them.
-
-        Raises OptimizerMisuseError without an ask, InputError for other codes, or scores that are not
-        finite numbers; then nothing is taken over.
+        `observations` are the courses of the walks. Raises OptimizerMisuseError without an ask, InputError
+        for other codes or non-finite scores, without any change.
         """
         if self._asked is None:
             raise OptimizerMisuseError(f"{self.name}: tell without ask")
@@ -215,7 +203,7 @@ class Optimizer(ABC):
         )
 
     def state(self) -> dict[str, Any]:
-        """Everything that decides what comes next, as JSON values."""
+        """State of the search, as JSON values."""
         return {
             "name": self.name,
             "failed_legs": list(self.space.failed_legs),
@@ -227,8 +215,8 @@ class Optimizer(ABC):
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from a saved state.
 
-        Raises InputError for the state of another optimizer or another space, or one that is damaged; then
-        nothing is taken over.
+        Raises InputError for the state of another optimizer or another space, or a damaged one, without any
+        change.
         """
         legs = state.get("failed_legs", ())
         got = (state.get("name"), tuple(legs) if isinstance(legs, (list, tuple)) else legs)
@@ -244,7 +232,6 @@ class Optimizer(ABC):
             ) from error
 
     def _take_over(self, state: dict[str, Any]) -> None:
-        """Take over a state that `state` returned."""
         self._random.bit_generator.state = state["random"]
         self._asked = None if state["asked"] is None else [int(code) for code in state["asked"]]
         self._restore_search(state["search"])
@@ -256,12 +243,12 @@ class Optimizer(ABC):
     def _learn_observed(
         self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
     ) -> None:
-        """Take scores and courses of the codes last suggested; most searches need the scores alone."""
+        """Learn from scores and courses of the suggested codes; most searches need only the scores."""
         self._learn(codes, scores)
 
     @abstractmethod
     def _learn(self, codes: list[int], scores: list[float]) -> None:
-        """Take the scores of the codes last suggested."""
+        """Learn from the scores of the suggested codes."""
 
     @abstractmethod
     def _search_state(self) -> dict[str, Any]:
@@ -269,7 +256,7 @@ class Optimizer(ABC):
 
     @abstractmethod
     def _restore_search(self, state: dict[str, Any]) -> None:
-        """Take over a state that `_search_state` returned."""
+        """Restore the result of `_search_state`."""
 
 
 #: Makes a fresh optimizer from a space and a seed; an `Optimizer` class is one.

@@ -1,4 +1,4 @@
-"""A robot that stays connected between trials: readied, cooled down and walked from where it is."""
+"""A robot that stays connected between trials: preparation, cooling, and walks from its position."""
 
 import math
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ READY_TICKS = 50
 #: Servos that have not cooled down after this long never will.
 COOLING_TIMEOUT_S = 3600.0
 
-#: How often an operator is told how hot they still are.
+#: Interval of notes on the temperature to an operator.
 COOLING_NOTE_S = 60.0
 
 #: Attempts to reach a better start before the trial begins at the present position.
@@ -52,12 +52,7 @@ APPROACH_TIMEOUT = 2.5
 class ResetFreeRunner:
     """Walks the gaits of one session on one connected robot, through one guard: a stop stays latched.
 
-    Attributes:
-        runner: makes plans and recordings.
-        servos: the robot, connected.
-        arena: circle in which it is kept, or None to let it wander.
-        operator: places the robot and measures; None where the robot knows its position.
-        note: is told what an operator should know.
+    `arena` limits its position; without `operator` the robot measures it.
     """
 
     runner: TrialRunner
@@ -67,10 +62,10 @@ class ResetFreeRunner:
     note: Note = lambda _text: None
 
     def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
-        """Run one trial from where the robot is.
+        """Run one trial from the robot's position.
 
-        Raises RobotStoppedError for a robot that is stopped before it begins, RobotFaultError for one that
-        does not know where it is or has gone.
+        Raises RobotStoppedError for a robot that is stopped before it begins, RobotFaultError for one that is
+        lost or without a position.
         """
         plan = self.runner.plan_for(slots)
         if self.runner.spec.cool_down_c is not None:
@@ -83,7 +78,6 @@ class ResetFreeRunner:
         return self.runner.walk_on(self.servos, plan, index, code, stop_when(should_stop))
 
     def _walk_and_ask(self, operator: Operator, index: int, code: int, plan: TrialPlan) -> WalkedTrial:
-        """Walk a gait that an operator measures, as often as the operator asks for."""
         robot, again = self.runner.robot, False
 
         def completed(result: TrialResult) -> TrialResult:
@@ -104,7 +98,6 @@ class ResetFreeRunner:
     def _walk_inside(
         self, arena: Arena, index: int, code: int, plan: TrialPlan, should_stop: Enough | None
     ) -> WalkedTrial:
-        """Walk through the middle of the arena, from a better start if need be, and end at its edge."""
         hindered = self._come_to_start(arena)
         if hindered is not None:
             return WalkedTrial(result=hindered)
@@ -113,9 +106,9 @@ class ResetFreeRunner:
         return self.runner.walk_on(self.servos, here, index, code, Geofence(arena, stop_when(should_stop)))
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
-        """Walk away from the middle while a walk has no room; return what stopped the robot there, if any.
+        """Walk away from the middle, with the gait of self-rotations, until there is room.
 
-        It walks with the gait of self-rotations, not with an untested one.
+        None or what failed.
         """
         robot = self.runner.robot
         plan = self.runner.plan_for(turn_gait(robot).slots)
@@ -145,9 +138,9 @@ class ResetFreeRunner:
 
 
 def cool_down(servos: Guard, below_c: float, stop_requested: StopRequested, note: Note) -> None:
-    """Sit down and wait until all servos are cooler, in degrees Celsius; nothing where they are.
+    """Sit down and wait until all servos are cooler, in degrees Celsius, unless they are.
 
-    Raises InputError for servos that tell no temperature, RobotFaultError for such as stay hot.
+    Raises InputError for servos without temperatures, RobotFaultError if they stay hot.
     """
     readings = _temperatures(servos.peek())
     if _hottest_c(readings) < below_c:
@@ -168,7 +161,7 @@ def cool_down(servos: Guard, below_c: float, stop_requested: StopRequested, note
 
 
 def _sit_down(servos: Guard, stop_requested: StopRequested) -> None:
-    """Sit down softly and go limp, where the servos can; a robot that is told to stop meanwhile holds."""
+    """Sit down softly and go limp, if possible; a robot that is stopped meanwhile holds."""
     check_not_stopped(servos)
     here_rad, end_rad = servos.accepted_rad().copy(), sitting_angles_rad(servos.robot)
     began_s, share = servos.clock.tick().time_s, 0.0
@@ -184,7 +177,7 @@ def _sit_down(servos: Guard, stop_requested: StopRequested) -> None:
 
 
 def _temperatures(state: RobotState) -> ServoReadings:
-    """What the servos report; raises InputError without a temperature."""
+    """Servo readings; raises InputError without a temperature."""
     readings = state.servos
     if readings is None or readings.hottest_joint is None:
         raise InputError(
@@ -207,8 +200,7 @@ def _hottest(readings: ServoReadings) -> str:
 def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
     """State of a robot once it is upright and, if needed, knows its position.
 
-    Raises RobotStoppedError for one that is stopped, RobotFaultError for one that never says where it is:
-    without a pose there is nothing to score.
+    Raises RobotStoppedError for one that is stopped, RobotFaultError for one without a pose.
     """
     servos.pause_watchdog()
     check_not_stopped(servos)
@@ -227,10 +219,10 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
 
 
 def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
-    """Spec of a session that begins where the robot is now; of an arena with a home of its own, that stays.
+    """Spec of a session that begins at the robot's position, unless its arena has a home.
 
-    Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one that does not know its
-    position and must, InputError for one without the joint torques that the objective needs.
+    Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one without a required position,
+    InputError for one without the joint torques that the objective needs.
     """
     if servos is None or spec.ask:
         return spec
@@ -249,10 +241,7 @@ def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
 
 
 def yaw_note(spec: SessionSpec, servos: Guard | None) -> str | None:
-    """That walks will not hold the heading they are asked to, as the robot tells no yaw; None where they can.
-
-    Raises RobotFaultError for a robot that has gone.
-    """
+    """Note that walks cannot hold their heading without a measured yaw, or None; RobotFaultError if lost."""
     wanted = spec.hold == "heading" or (spec.hold == "auto" and spec.ask)
     if servos is None or not wanted:
         return None
@@ -274,15 +263,9 @@ def arena_of(spec: SessionSpec) -> Arena | None:
 def connected_robot(
     spec: SessionSpec, setting: Setting, given: LegServos | None, note: Note
 ) -> Iterator[Guard | None]:
-    """Keep the robot of a session connected; None where each trial makes a simulation of its own.
+    """Keep the robot of a session connected; None if each trial has its own simulation.
 
-    Args:
-        spec: of the session.
-        setting: what the spec names.
-        given: the robot, where it is not made by `spec.backend`.
-        note: is told what an operator should know about it.
-
-    Raises RobotFaultError for a robot that cannot be reached.
+    `given` is the robot, if it is not made by `spec.backend`. Raises RobotFaultError if it cannot be reached.
     """
     if spec.simulated:
         text = untold_note(drawn_failure(setting.robot, spec.broken, spec.seed), spec.broken)

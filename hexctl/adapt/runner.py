@@ -38,17 +38,13 @@ class NotBegunError(HexctlError, RuntimeError):
 
 
 def check_not_interrupted(stop_requested: StopRequested) -> None:
-    """Raise NotBegunError where a stop was requested before there is a session."""
+    """Raise NotBegunError if a stop was requested before there is a session."""
     if stop_requested():
         raise NotBegunError("interrupted before a session began: nothing was recorded, begin again")
 
 
 class RobotStoppedError(RobotFaultError):
-    """The guard, the robot's or this end's, has latched a stop; the session can be resumed after it.
-
-    Attributes:
-        reason: what the guard says.
-    """
+    """The guard, local or the robot's, has latched a stop; the session can be resumed after it."""
 
     def __init__(self, message: str, reason: str) -> None:
         super().__init__(message)
@@ -56,11 +52,7 @@ class RobotStoppedError(RobotFaultError):
 
 
 class LegFailedError(RobotStoppedError):
-    """A leg failed during a trial of which nothing was told; the trial does not count.
-
-    Attributes:
-        legs: those that are noticed to have failed, ascending.
-    """
+    """A leg failed unexpectedly during a trial, which does not count; `legs` are ascending."""
 
     def __init__(self, message: str, reason: str, legs: tuple[int, ...]) -> None:
         super().__init__(message, reason)
@@ -68,7 +60,7 @@ class LegFailedError(RobotStoppedError):
 
 
 def check_not_stopped(servos: Guard) -> None:
-    """Raise RobotStoppedError for a robot that must not move before an operator has seen to it."""
+    """Raise RobotStoppedError for a robot that must not move before an operator clears it."""
     if servos.stopped is not None:
         raise RobotStoppedError(f"the robot is stopped: {reason_in_words(servos.stopped)}", servos.stopped)
 
@@ -79,13 +71,7 @@ Completed = Callable[[TrialResult], TrialResult]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkedTrial:
-    """A trial that was walked.
-
-    Attributes:
-        result: its outcome.
-        recording: the file of its recording, or None.
-        recording_error: why the recording is not whole, or None.
-    """
+    """A walked trial and its recording, or None; `recording_error` is why that is incomplete."""
 
     result: TrialResult
     recording: Path | None = None
@@ -96,15 +82,7 @@ class WalkedTrial:
 class TrialRunner:
     """Walks the gaits of one session in simulation, each from the same start.
 
-    Attributes:
-        spec: of the session.
-        robot: the robot that walks.
-        world: the simulated world, None on a real robot.
-        plan_for: the trial plan for slots.
-        folder: where recordings go, or None to leave none.
-        stop_requested: asked every tick.
-        live: shows the walks while they run, or None.
-        meshes: what the robot looks like in recordings.
+    `world` is None on a real robot, `folder` without recordings, `live` without a view.
     """
 
     spec: SessionSpec
@@ -117,9 +95,9 @@ class TrialRunner:
     meshes: Meshes = field(default_factory=dict)
 
     def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
-        """Run one trial in a simulation of its own."""
+        """Run one trial in its own simulation."""
         plan = self.plan_for(slots)
-        # What the simulation breaks; the plan has what the controller is told.
+        # The simulated failure; the plan has the one that the controller knows.
         broken = self.spec.broken
         options = BackendOptions.of(
             self.spec, robot=self.robot, world=self.world, failure=broken, trial=index
@@ -138,7 +116,7 @@ class TrialRunner:
     ) -> WalkedTrial:
         """Run one trial on connected servos; `completed` adds to the result before it is recorded.
 
-        A recording that fails costs neither the walk nor its result.
+        An error of the recording affects neither the walk nor its result.
         """
         with ExitStack() as stack:
             recording = self._open_recording(stack, index, code, plan)
@@ -159,17 +137,14 @@ class TrialRunner:
 
     @property
     def _watched(self) -> bool:
-        """Whether the legs of a trial are watched."""
         return self.spec.policy != UNWATCHED
 
     def _made_walk(self) -> Callable[[WalkStart], Controller]:
-        """What makes the walk of a trial: as planned, or watching its legs."""
         if not self._watched:
             return planned_walk
         return watched_walk(make_policy(self.spec.policy))
 
     def _recorders(self, recording: Recording | None, plan: TrialPlan, title: str) -> Recorders:
-        """The recording, the live view, both or neither."""
         if self.live is not None:
             self.live.begin(
                 self.robot,
@@ -183,10 +158,7 @@ class TrialRunner:
         return Recorders(*given, block_ticks=BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS)
 
     def _open_recording(self, stack: ExitStack, index: int, code: int, plan: TrialPlan) -> Recording | None:
-        """Recording of a trial, or None; it is whole when the stack is closed.
-
-        Raises RecordingError for one that cannot be written: the session can be resumed after it.
-        """
+        """Recording of a trial, or None; raises RecordingError if it cannot be written."""
         if self.folder is None:
             return None
         floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
@@ -224,7 +196,6 @@ class TrialRunner:
 
 
 def _unwritable(path: Path, error: InputError) -> RecordingError:
-    """Error of a recording that cannot be created in a session that has begun."""
     cause = error.__cause__
     reason = cause.strerror if isinstance(cause, OSError) else str(error)
     return RecordingError(
@@ -234,14 +205,14 @@ def _unwritable(path: Path, error: InputError) -> RecordingError:
 
 
 def at_finer_step(runner: TrialRunner) -> TrialRunner:
-    """The same in the same world at the time step `CONFIRM_STEP_S`, without recordings."""
+    """Runner in the same world at the time step `CONFIRM_STEP_S`, without recordings."""
     world = runner.world
     finer = None if world is None else world.model_copy(update={"time_step_s": CONFIRM_STEP_S})
     return replace(runner, world=finer, folder=None, live=None)
 
 
 def without_count(result: TrialResult) -> TrialResult:
-    """A result that does not count where another leg failed meanwhile and is not whole again."""
+    """Mark a result invalid if another leg failed meanwhile and did not heal."""
     failed = noticed_legs(result)
     if not failed or (result.status == "aborted" and result.stopped == "requested"):
         return result
@@ -252,13 +223,12 @@ def without_count(result: TrialResult) -> TrialResult:
 
 
 def noticed_legs(result: TrialResult) -> list[NoticedFailure]:
-    """Failures that were noticed during a walk, of legs that are not whole again, by leg."""
+    """Noticed failures of legs that did not heal, by leg."""
     last = {one.failure.leg: one for one in result.noticed}
     return [last[leg] for leg in sorted(last) if not last[leg].healed]
 
 
 def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) -> Exception | None:
-    """Finish a recording; returns what went wrong, or None."""
     try:
         recording.finish(result, facts)
     except Exception as error:  # noqa: BLE001  the walk is done, whether or not its recording is whole
@@ -267,19 +237,19 @@ def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) 
 
 
 def title_of(index: int, code: int, plan: TrialPlan) -> str:
-    """Title of a trial, or of a walk with a gait that the robot would use anyway."""
+    """Title of a trial, or of a walk of the baseline."""
     return f"baseline: gait {_name_of(plan)}" if index == BASELINE_INDEX else f"trial {index}: gait {code}"
 
 
 def _name_of(plan: TrialPlan) -> str:
-    """Name of a plan's gait in a baseline, where the one without a name of its own is `auto`."""
+    """Name of a plan's gait in a baseline; a nameless one is `auto`."""
     slots = tuple(plan.gait.slots)
     named = (name for name, own in NAMED_SLOTS.items() if own == slots)
     return next(named, AUTO)
 
 
 def _new_path(folder: Path, stem: str) -> Path:
-    """Path that no recording has; a trial that was cut off keeps its own."""
+    """Unused path; an interrupted trial keeps its own."""
     folder.mkdir(parents=True, exist_ok=True)
     path, number = folder / f"{stem}.rrd", 2
     while path.exists():

@@ -1,4 +1,4 @@
-"""From what was asked for to a checked session spec."""
+"""From options to a checked session spec."""
 
 import math
 from collections.abc import Container, Iterator
@@ -44,9 +44,9 @@ def new_spec(
     """Spec of a new session, checked before the session exists.
 
     Args:
-        folder: where priors were built, and the simulation's uncertainty was measured.
-        note: is told why a session has no prior, and no uncertainty.
-        advice: says how to make the prior that is missing.
+        folder: of custom priors, and of the measured uncertainty of the simulation.
+        note: called with the reason for a missing prior or uncertainty.
+        advice: describes how to make the missing prior.
         asked: fields of `AdaptOptions`.
 
     Raises InputError for anything that is not allowed.
@@ -70,14 +70,13 @@ def new_spec(
 
 
 def _rotation_of(asked: str | None, hold: str, *, asking: bool) -> str:
-    """Self-rotation of a session, the one that suits its hold unless another is asked for."""
     # An operator's robot does not know where it is.
     held = "heading" if asking and hold == "auto" else hold
     return suited_rotation(asked or AUTO_ROTATION, held, chosen_gait=True)
 
 
 def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[SessionSpec, Setting]:
-    """Spec with the target and the posture that its robot decides, and what it names, loaded."""
+    """Spec with target and posture for its robot, and its loaded setting."""
     setting = load_setting(spec)
     start_note(spec, setting)  # refuses an arena that is too small
     if spec.target_m is None and spec.target_share is not None:
@@ -89,7 +88,6 @@ def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[Sessio
 
 
 def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
-    """Spec of what was asked for, with what its objective and its robot file add."""
     hold, credentials, home_m = options.hold or measure.hold, options.credentials, options.home_m
     robot = _named("robot", options.robot)
     world = None if options.world is None else _named("world", options.world)
@@ -119,13 +117,13 @@ def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
 
 
 def _named(what: str, value: object) -> str | Path:
-    """A robot or a world as a session stores it; raises WrongTypeError for another form than name or path."""
+    """Stored form of a robot or a world; raises WrongTypeError unless it is a name or path."""
     check_type(value, (str, Path), what, f"the name or path of a {what} file, which the session stores")
     return cast(str | Path, value)
 
 
 def _world_of(backend: str, world: Path | str | None) -> str | None:
-    """World of a session, `flat` where none is asked for, None on a real robot."""
+    """World of a session, `flat` by default, None on a real robot."""
     if backend == "sim":
         return "flat" if world is None else shipped_text("worlds", world)
     if world is not None:
@@ -137,7 +135,7 @@ def _world_of(backend: str, world: Path | str | None) -> str | None:
 
 
 def extended(session: Session, budget: int) -> SessionSpec:
-    """Spec of a session with another budget; raises InputError for one that is spent already."""
+    """Spec with another budget; raises InputError for one that is spent already."""
     walked = len(session.trials)
     if budget <= walked:
         raise InputError(
@@ -162,7 +160,7 @@ def check_numbers(spec: SessionSpec) -> None:
 
 
 def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
-    """Spec with a target that was given as a number, or as a share of a distance that is not known yet."""
+    """Spec with a target given as a number, or as a share of a distance that is not known yet."""
     if target is None:
         return spec
     if spec.target_m is not None:
@@ -186,11 +184,7 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
 
 
 def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> SessionSpec:
-    """Spec of a search for a trim, with its target; one of which nothing else is asked becomes one.
-
-    Where walks hold their heading, a gait ends off its line by an angle that a trim takes out: the second
-    walk of one gait is worth more there than the first of any other.
-    """
+    """Spec of a trim search, by default with a held heading: a second walk of one gait is worth most then."""
     asked = prior not in (None, "auto", "none") or spec.early_stop or spec.count_repeats
     ends = spec.objective in ("final", "progress") and spec.hold == "heading"
     if free and ends and not asked and spec.worth_m is None:
@@ -213,7 +207,6 @@ def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> Se
 
 
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
-    """Raise InputError for options that do not belong to the session's robot, or contradict one another."""
     make_policy(spec.policy)
     linked = option_values(spec, but=("robot", "world", "failure", "seed"))
     if ":" not in spec.backend or any(linked.values()):
@@ -224,7 +217,7 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
 
 
 def _contradictions(spec: SessionSpec, objective: Objective) -> Iterator[tuple[bool, str, str]]:
-    """Whether options contradict one another, what was got then, and what is allowed instead."""
+    """Whether options contradict one another, what was got, and what is allowed instead."""
     named, sim, ask = argument("objective"), f"{argument('backend')} sim", argument("ask")
     staying = ask if spec.ask else argument("arena_m")
     stays = spec.arena_m is not None or spec.ask
@@ -263,7 +256,7 @@ def check_parts(
     objective: ObjectiveChoice | None,
     operator: Operator | None,
 ) -> None:
-    """Raise InputError for parts of a session, given instead of made from its spec, that contradict it."""
+    """Raise InputError for given parts of a session that contradict its spec."""
     if spec.ask and operator is None:
         raise InputError(
             f"operator: got none with {argument('ask')}; allowed: one who places the robot and measures"
@@ -281,6 +274,6 @@ def check_parts(
 
 
 def _check_name(part: str, got: str, named: str, shipped: Container[str]) -> None:
-    """Raise InputError for another part than the spec names; one of your own may have moved since."""
+    """Raise InputError for another part than the spec names; a custom one may have moved."""
     if got != named and (got in shipped or named in shipped):
         raise InputError(f"{part}: got {got} for a session with {named}; allowed: {named}")

@@ -1,4 +1,4 @@
-"""The progress bar of a search, which knows its time from the first walk on."""
+"""The progress bar of a search."""
 
 import sys
 from types import TracebackType
@@ -20,7 +20,7 @@ _HELP = "Ctrl-C stops, --resume continues"
 
 
 class _TimeLeft(ProgressColumn):
-    """Time that the walks which are left take at most, by the mean of those so far."""
+    """Maximum remaining time, by the mean duration of the walks so far."""
 
     def render(self, task: Task) -> Text:
         walked = task.completed - task.fields["before"]
@@ -31,7 +31,7 @@ class _TimeLeft(ProgressColumn):
 
 
 class SearchBar:
-    """A bar on stderr that counts the walks of a session; it disappears at the end."""
+    """A temporary bar on stderr that counts the walks of a session."""
 
     def __init__(self, *, hidden: bool) -> None:
         self._progress = Progress(
@@ -59,7 +59,7 @@ class SearchBar:
         self._progress.start()
 
     def advance(self, session: Session, _walk: WalkRecord | None = None) -> None:
-        """Count the walks that a session has now."""
+        """Update the count of walks."""
         done = _walked(session)
         (task,) = self._progress.tasks
         more = session.confirmations and next_to_confirm(session) is not None

@@ -1,4 +1,4 @@
-"""What a session spec names, loaded: robot, world, plan and prior; and the notes that follow from it."""
+"""The loaded parts of a session spec: robot, world, plan and prior; and notes about them."""
 
 import logging
 import shlex
@@ -32,8 +32,9 @@ from hexctl.gait.posture import Posture
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 
-#: Duration of the walks that `hexctl check --physics` measures unless told otherwise. How uncertain shorter
-#: ones are is not asked for.
+#: Default duration of the walks of `hexctl check --physics`.
+#:
+#: The uncertainty of shorter ones is not measured.
 MEASURED_S = 30.0
 
 _LOG = logging.getLogger(__name__)
@@ -49,14 +50,7 @@ def log_note(text: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a spec names, loaded.
-
-    Attributes:
-        robot_file: of the robot that walks.
-        world: the simulated world, None on a real robot.
-        plan: of its trials, with the demo gait.
-        prior: what the optimizer believes, None where it believes nothing.
-    """
+    """Loaded spec; `plan` has the demo gait, `world` is None on a real robot, `prior` without one."""
 
     robot_file: RobotFile
     world: World | None
@@ -73,7 +67,7 @@ class Setting:
         return replace(self.plan, gait=replace(self.plan.gait, slots=slots))
 
     def in_posture(self, posture: str) -> "Setting":
-        """The same with gaits in one of `hexctl.control.assessment.static_stability.POSTURES`."""
+        """Setting with gaits in one of `hexctl.control.assessment.static_stability.POSTURES`."""
         return replace(self, plan=in_posture(self.robot, self.plan, posture))
 
     @property
@@ -84,7 +78,7 @@ class Setting:
 
     @property
     def floor_m(self) -> float:
-        """Distance that a valid walk makes at least."""
+        """Minimum distance of a valid walk."""
         return progress_floor_m(self.robot, self.plan, self.plan.duration_s)
 
     @property
@@ -94,10 +88,10 @@ class Setting:
 
 
 def load_setting(spec: SessionSpec) -> Setting:
-    """Load what a spec names.
+    """Load the parts of a spec.
 
-    Raises InputError for a robot or a prior that is not the one that the session began with, or a file that
-    cannot be used; ReachError or LimitError for trials that the legs cannot walk.
+    Raises InputError for a robot or a prior that has changed since the session began, or a file that cannot
+    be used; ReachError or LimitError for trials that the legs cannot walk.
     """
     file = load_robot_file(spec.robot)
     robot = file.robot
@@ -120,7 +114,7 @@ def load_setting(spec: SessionSpec) -> Setting:
 
 
 def trimmed_plan(setting: Setting, session: Session, slots: Slots) -> TrialPlan:
-    """Plan of the next trial of a gait, with what the session has learned of its bias."""
+    """Plan of the next trial of a gait, with its learned trim."""
     plan, spec = setting.plan_for(slots), session.spec
     if spec.hold != "none":
         return replace(plan, trim_rad=session.trim_rad(slots) or 0.0)
@@ -130,10 +124,7 @@ def trimmed_plan(setting: Setting, session: Session, slots: Slots) -> TrialPlan:
 
 
 def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScorePrior | None:
-    """The prior of a session, None where it has none.
-
-    Raises InputError for a file that is not a prior, or not the prior of the session any more.
-    """
+    """The prior of a session, or None; raises InputError for a file that is no prior, or has changed."""
     if spec.prior is None:
         return None
     path = Path(spec.prior)
@@ -147,10 +138,7 @@ def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScoreP
 
 
 def start_note(spec: SessionSpec, setting: Setting) -> str | None:
-    """What an operator should know before the robot moves, or None.
-
-    Raises InputError for an arena that is too small.
-    """
+    """Note for an operator before the robot moves, or None; raises InputError for a too small arena."""
     if spec.arena_m is not None:
         return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=setting.floor_m)
     if spec.simulated or spec.ask:
@@ -161,7 +149,7 @@ def start_note(spec: SessionSpec, setting: Setting) -> str | None:
 
 
 def baseline_note(spec: SessionSpec) -> str | None:
-    """How long a real robot walks for its baseline, or None."""
+    """Note on the duration of a real robot's baseline, or None."""
     if spec.simulated or not spec.baseline_gaits:
         return None
     count = len(spec.baseline_gaits)
@@ -172,7 +160,7 @@ def baseline_note(spec: SessionSpec) -> str | None:
 
 
 def budget_note(spec: SessionSpec) -> str | None:
-    """That a budget is greater than the number of gaits that are walked once each, or None."""
+    """Note that a budget is larger than the number of gaits that are walked once each, or None."""
     gaits = GaitSpace((spec.broken.leg,)).size
     if spec.optimizer in (BAYES, TRIM) or spec.count_repeats or spec.budget - spec.confirm <= gaits:
         return None
@@ -182,16 +170,10 @@ def budget_note(spec: SessionSpec) -> str | None:
 
 
 def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, note: Note) -> SessionSpec:
-    """Spec with the simulation's own uncertainty of its trials, where that was measured, else a note.
+    """Spec with the simulation's own uncertainty of its trials, if it was measured, else a note.
 
-    Args:
-        spec: of the session; one of a real robot, with another objective than the end of a walk, or whose
-            walks are steered, has none.
-        setting: what the spec names.
-        folder: of sessions and recordings, with what was measured here.
-        note: is told how the uncertainty of walks of the usual duration or longer is measured.
-
-    Raises InputError for a file of measurements that is damaged.
+    Real robots, other objectives than the end of a walk, and steered walks have none. `note` is called with
+    the command that measures it. Raises InputError for a damaged file of measurements in `folder`.
     """
     if setting.world is None or spec.objective != "final" or spec.hold != "none":
         return spec
@@ -216,7 +198,6 @@ def _confirmed_m(spec: SessionSpec, world: World, found: SimulationUncertainty) 
 
 
 def _measuring(spec: SessionSpec, world: World) -> str:
-    """Command that measures the simulation's uncertainty for the walks of a session."""
     usual = World()
     words = ["hexctl", "check", spec.robot, "--physics"]
     if any(getattr(world, name) != getattr(usual, name) for name in COMPUTATION):

@@ -13,14 +13,10 @@ from hexctl.types import N_LEGS, FloatArray
 
 @dataclass(frozen=True)
 class GaitSpace:
-    """All gaits of the legs that still walk: 120 for one failed leg, 24 for two, 6 for three.
+    """All gaits of the walking legs: 120 for one failed leg, 24 for two, 6 for three.
 
-    Every gait has one code and every code one gait. Nothing is told apart that walks alike: slots shifted by
-    a constant differ only in the start phase, and a failed leg pins its own slot, so no two codes are shifts
-    of one another.
-
-    Attributes:
-        failed_legs: one to three legs, ascending.
+    Every gait has one code. Slots shifted by a constant differ only in the start phase; a failed leg pins its
+    slot, so no two codes are shifts of one another.
     """
 
     failed_legs: tuple[int, ...]
@@ -60,10 +56,7 @@ class GaitSpace:
 
     @cached_property
     def phase_distance(self) -> FloatArray:
-        """Mean circular phase difference over all pairs of legs, (size, size), in cycles 0..1/2.
-
-        Compares what two gaits look like from inside, leg against leg, and so does not see the start phase.
-        """
+        """Mean circular phase difference over all pairs of legs, in cycles 0..1/2, (size, size)."""
         upper = np.triu_indices(N_LEGS, k=1)
         lags = self.slots[:, upper[0]] - self.slots[:, upper[1]]  # (size, 15), in slots: whole numbers
         apart = (lags[:, np.newaxis] - lags) % N_LEGS
@@ -71,7 +64,7 @@ class GaitSpace:
 
     @cached_property
     def kendall_distance(self) -> FloatArray:
-        """Number of leg pairs that two gaits put in another order, (size, size)."""
+        """Number of leg pairs in a different order, (size, size)."""
         upper = np.triu_indices(N_LEGS, k=1)
         before = self.slots[:, upper[0]] < self.slots[:, upper[1]]  # (size, 15)
         return np.asarray((before[:, np.newaxis] != before).sum(axis=-1), dtype=float)

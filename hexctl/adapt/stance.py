@@ -34,19 +34,13 @@ ATTEMPTS = 2
 def with_stance(
     spec: SessionSpec, setting: Setting, servos: Guard | None, stop_requested: StopRequested, note: Note
 ) -> SessionSpec:
-    """Spec that holds the static deflection of the stance, where that tells the optimizer anything.
+    """Spec of a new session with the static deflection of the stance, if the optimizer can use it.
 
-    A connected robot stands up for that, unless an operator puts it down: it then moves only when the
-    operator says so, and by then the first gait is chosen.
+    A connected robot stands up for that, unless an operator places it: it then moves only on the operator's
+    command, after the choice of the first gait. Without `servos` it is simulated; `note` is called if it
+    cannot be measured.
 
-    Args:
-        spec: of a new session.
-        setting: what the spec names, loaded.
-        servos: the connected robot; None for a simulation.
-        stop_requested: asked every tick; True stops the robot softly.
-        note: is told where the deflection cannot be measured.
-
-    Raises what `connected_deflection_rad` raises.
+    Raises the errors of `connected_deflection_rad`.
     """
     if spec.ask or not isinstance(setting.prior, Prior) or setting.prior.sag_rad is None:
         return spec
@@ -67,9 +61,8 @@ def stance_deflection_rad(
     """Stand as before a trial of a plan, without its turn, and observe the static deflection of the joints.
 
     Returns:
-        Angle sent minus angle measured, the mean at rest, (18,); NaN for a joint that always reports exactly
-        what it was sent, because it is not measured. None where no joint is measured or a stop is requested,
-        both without a move, and where the robot does not come to rest.
+        Angle sent minus angle measured, the mean at rest, (18,); NaN for a joint that only echoes. None if no
+        joint is measured or a stop is requested, both without a move, or if the robot does not come to rest.
 
     Raises what `drive` raises, but not for a command that was refused once.
     """
@@ -97,14 +90,13 @@ def _stand(servos: Guard, plan: TrialPlan, log: TickLog) -> None:
 
 
 def _is_at_rest(measured_rad: FloatArray) -> bool:
-    """Whether joints are at rest, from their angles, (ticks, 18)."""
     half = len(measured_rad) // 2
     drift_rad = measured_rad[half:].mean(axis=0) - measured_rad[:half].mean(axis=0)
     return float(np.sqrt(np.mean(drift_rad**2))) <= MOVING_RAD
 
 
 def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
-    """Mean of deflections, (ticks, 18), NaN for joints that are not measured; None where no joint is."""
+    """Mean of deflections, (ticks, 18), NaN for joints that are not measured; None if no joint is."""
     echoed = (sags_rad == 0).all(axis=0)
     return None if echoed.all() else np.where(echoed, np.nan, sags_rad.mean(axis=0))
 
@@ -112,9 +104,9 @@ def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
 def connected_deflection_rad(
     servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never
 ) -> FloatArray | None:
-    """Static deflection of a connected robot where it stands; None where it cannot be measured.
+    """Static deflection of a connected robot in its pose; None if it cannot be measured.
 
-    Raises RobotStoppedError for a robot that is stopped meanwhile, RobotFaultError for one that has gone.
+    Raises RobotStoppedError for a robot that is stopped meanwhile, RobotFaultError for a lost one.
     """
     try:
         return stance_deflection_rad(servos, plan, stop_requested)
@@ -126,10 +118,7 @@ def connected_deflection_rad(
 def simulated_deflection_rad(
     robot: Robot, world: World | None, plan: TrialPlan, seed: int, failure: Failure | None
 ) -> FloatArray | None:
-    """Static deflection of a simulated robot where its trials begin; None where it falls.
-
-    It stands in a simulation of its own, with the sensor noise of trial 0; `failure` is what is broken there.
-    """
+    """Static deflection in a separate simulation, with the noise of trial 0; None if the robot falls."""
     options = BackendOptions(robot=robot, world=world, failure=failure, seed=seed)
     try:
         with Guard(make_servos("sim", options)) as servos:

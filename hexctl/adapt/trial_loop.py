@@ -37,9 +37,9 @@ class Walk(Protocol):
     """Walks a gait."""
 
     def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
-        """Walk the trial of an index, until `should_stop` of its path, where that is given.
+        """Walk the trial of an index, until `should_stop` of its path.
 
-        The index of a baseline is `BASELINE_INDEX`; its code is 0 where its slots have none.
+        The index of a baseline is `BASELINE_INDEX`; its code is 0 if its slots have none.
         """
 
 
@@ -53,8 +53,8 @@ OnConfirmation = Callable[[Session, ConfirmationRecord], None]
 class AdaptLoop:
     """Continues a session until its budget is spent, its target reached, or a stop requested.
 
-    Each trial is durable, together with the optimizer's state after it, before the next one starts; so a
-    session that is cut off anywhere continues to the same end.
+    Each trial is stored with the optimizer's state before the next one starts: an interrupted session
+    continues to the same end.
     """
 
     def __init__(
@@ -75,9 +75,10 @@ class AdaptLoop:
     ) -> None:
         """Prepare to continue a session.
 
-        `objective` is the one that its spec names unless given, `stable_slots` those of the gait `auto`,
-        where the session's baseline has it. `margin_m_of` gives the static stability margin of a gait.
-        `walk_finely` walks at the time step `CONFIRM_STEP_S`; None if nothing is to be confirmed.
+        Args:
+            objective: by default the one in its spec.
+            stable_slots: of the gait `auto`, if the baseline has it.
+            walk_finely: walks at the time step `CONFIRM_STEP_S`; None if nothing is to be confirmed.
         """
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
@@ -92,10 +93,10 @@ class AdaptLoop:
     def run(self) -> str:
         """Run trials and return why the search ended.
 
-        `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted`,
-        `not worth another trial` (too little is expected to be gained) or `interrupted`.
-        Raises InputError when the objective fails; RobotStoppedError when the robot stopped; RecordingError
-        after a trial whose recording is not whole: the trial is stored, unless it was interrupted.
+        `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted`, `not worth another
+        trial` (the expected gain is too small) or `interrupted`. Raises InputError when the objective fails;
+        RobotStoppedError when the robot stopped; RecordingError after a trial with an incomplete recording:
+        the trial is stored, unless it was interrupted.
         """
         self._session.settled_on = None
         self._store_end(None)
@@ -108,7 +109,6 @@ class AdaptLoop:
 
     @property
     def _index(self) -> int:
-        """Index of the next trial."""
         trials = self._session.trials
         return trials[-1].index + 1 if trials else 1
 
@@ -117,10 +117,7 @@ class AdaptLoop:
         self._store.keep(self._session)
 
     def _walk_baseline(self) -> bool:
-        """Walk the gaits that the robot would use anyway, those that are missing; False when interrupted.
-
-        They are walked before the first trial or not at all, and the optimizer is not told of them.
-        """
+        """Walk the missing gaits of the baseline, unknown to the optimizer; False when interrupted."""
         session, space = self._session, self._optimizer.space
         walked = {walk.gait for walk in session.baseline}
         for name in [] if session.trials else session.spec.baseline_gaits:
@@ -167,7 +164,6 @@ class AdaptLoop:
         return "target" if self._reached() else "budget"
 
     def _note_settled(self) -> None:
-        """Note which gait the optimizer settles on, and what it predicts for it."""
         code = self._optimizer.recommended()
         predicted = self._optimizer.predict(code) if code is not None else None
         self._session.settled_on = None if predicted is None else {"code": code, **predicted.as_json()}
@@ -191,7 +187,6 @@ class AdaptLoop:
         return True
 
     def _confirm_finely(self) -> bool:
-        """Walk what may be recommended once more at a finer time step; return False when interrupted."""
         while self._walk_finely is not None and (found := next_to_confirm(self._session)) is not None:
             if self._stop_requested() or not self._confirmed(found, self._walk_finely):
                 return False
@@ -217,11 +212,10 @@ class AdaptLoop:
         return True
 
     def _repeats(self) -> int:
-        """Number of repeats of the best gait since the last trial of the search."""
         return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
 
     def _try(self, code: int, should_stop: Enough | None = None, *, confirms: bool = False) -> bool:
-        """Walk a code as the next trial, learn from it and make it durable; return False when interrupted."""
+        """Walk a code as the next trial, learn from it and store it; return False when interrupted."""
         optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
         predicted, what = optimizer.predict(code), f"trial {index}"
         walked = self._checked(self._walk(index, code, slots, should_stop), what)
@@ -259,11 +253,7 @@ class AdaptLoop:
         return None if self._margin_m_of is None else self._margin_m_of(slots)
 
     def _scored(self, walked: WalkedTrial, what: str) -> float:
-        """Score of a walk.
-
-        Raises InputError when the objective fails; the session is as it was before the walk, which can be
-        walked again once the objective is mended.
-        """
+        """Score of a walk; raises InputError when the objective fails: the walk can be repeated."""
         try:
             return self._objective(walked.result)
         except Exception as error:
@@ -281,7 +271,7 @@ class AdaptLoop:
         on_stored: Callable[[Session, Any], None] | None,
         state: dict[str, Any] | None = None,
     ) -> None:
-        """Make a walk durable and report it; raises RecordingError if its recording is not whole."""
+        """Store a walk and report it; raises RecordingError if its recording is incomplete."""
         self._store.add(self._session, record, state)
         if on_stored is not None:
             on_stored(self._session, record)
@@ -289,7 +279,6 @@ class AdaptLoop:
 
 
 def _code_of(space: GaitSpace, slots: Slots) -> int | None:
-    """Code of slots; None for those that are not in the space."""
     try:
         return space.code_of(slots)
     except InputError:
@@ -297,21 +286,19 @@ def _code_of(space: GaitSpace, slots: Slots) -> int | None:
 
 
 def _interrupted(walked: WalkedTrial, what: str) -> bool:
-    """Whether a walk was interrupted; raises RecordingError if its recording is not whole then."""
+    """Whether a walk was interrupted; raises RecordingError if its recording is incomplete then."""
     if walked.result.status == "aborted":
         _check_recording(walked, f"{what} was interrupted")
     return walked.result.status == "aborted"
 
 
 def _check_recording(walked: WalkedTrial, done: str) -> None:
-    """Raise RecordingError for a trial whose recording is not whole."""
     error = walked.recording_error
     if error is not None:
         raise RecordingError(f"{done}, its recording is not whole: {error}") from error
 
 
 def _stored(walked: WalkedTrial) -> dict[str, Any]:
-    """Result and recording of a walk, by the fields of its record."""
     points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
     wanted_rad, wanted_rad_s = wanted_trim_rad(walked.result), wanted_turn_trim_rad_s(walked.result)
     return {

@@ -18,8 +18,8 @@ from hexctl.types import N_JOINTS, JointTargets, RobotState, all_finite
 class LegServos(ABC):
     """Eighteen leg servos with a clock.
 
-    `robot` and `clock` can be read before `connect`. One tick is: `clock.tick()`, `read()`, `write()`.
-    `hexctl.testing.LegServosConformance` states what every implementation must do, as tests.
+    One tick is: `clock.tick()`, `read()`, `write()`. `hexctl.testing.LegServosConformance` tests
+    implementations.
     """
 
     @property
@@ -49,31 +49,24 @@ class LegServos(ABC):
 
     @abstractmethod
     def connect(self) -> None:
-        """Open the connection to the robot; a second call changes nothing.
-
-        Raises RobotFaultError when the robot cannot be reached.
-        """
+        """Connect; a second call changes nothing. Raises RobotFaultError if the robot cannot be reached."""
 
     @abstractmethod
     def read(self) -> RobotState:
-        """Newest state; never waits for one.
-
-        Raises RobotFaultError when not connected or when the robot has gone.
-        """
+        """Newest state, without waiting. Raises RobotFaultError when not connected or the robot is lost."""
 
     @abstractmethod
     def write(self, targets: JointTargets) -> JointTargets:
-        """Send targets; the result is what was really sent, after limits.
+        """Send targets; the result is the targets that were sent, after limits.
 
-        Raises CommandRefusedError for targets of another shape or with a value that is not finite, and
-        RobotFaultError when not connected.
+        Raises CommandRefusedError for a wrong shape or non-finite values, RobotFaultError when not connected.
         """
 
     def pause_watchdog(self) -> None:  # noqa: B027  most servos have no watchdog
         """Expect no command until the next one: until then, silence is not a failure."""
 
     def disable_torque(self) -> bool:
-        """Let the joints go limp until the next `write`; False where the servos cannot."""
+        """Let the joints go limp until the next `write`; False if the servos cannot."""
         return False
 
     @abstractmethod
@@ -95,12 +88,7 @@ class LegServos(ABC):
 
 
 class OwnServos(LegServos):
-    """Servos with a robot and a clock of their own, which wrappers do not have.
-
-    Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
-        clock: of this end.
-    """
+    """Servos that hold their robot, given by name, file or object, and their clock."""
 
     def __init__(self, robot: Robot | str | Path, clock: Clock) -> None:
         self._robot, self._clock = as_robot(robot), clock
@@ -117,7 +105,7 @@ class OwnServos(LegServos):
 
 
 class ServosWrapper(LegServos):
-    """Servos around servos: forwards everything, so that a subclass overrides only what it changes."""
+    """Forwards everything to the wrapped servos; subclasses override what they change."""
 
     def __init__(self, servos: LegServos) -> None:
         check_type(servos, LegServos, "servos", "LegServos, as SimServos('ant') gives")
@@ -130,22 +118,22 @@ class ServosWrapper(LegServos):
 
     @property
     def robot(self) -> Robot:
-        """Description of the robot that the wrapped servos move."""
+        """Robot of the wrapped servos."""
         return self.wrapped.robot
 
     @property
     def clock(self) -> Clock:
-        """The clock of the wrapped servos."""
+        """Clock of the wrapped servos."""
         return self.wrapped.clock
 
     @property
     def simulation(self) -> SimulationFacet | None:
-        """What only a simulation knows and can do, of the wrapped servos; None for real servos."""
+        """Simulation facet of the wrapped servos; None for real servos."""
         return self.wrapped.simulation
 
     @property
     def remote(self) -> RemoteFacet | None:
-        """The link to the server of the wrapped servos and what that reports; None without a server."""
+        """Link to the server of the wrapped servos; None without a server."""
         return self.wrapped.remote
 
     @property
@@ -162,7 +150,7 @@ class ServosWrapper(LegServos):
         return self.wrapped.read()
 
     def write(self, targets: JointTargets) -> JointTargets:
-        """Send targets to the wrapped servos; the result is what was really sent."""
+        """Send targets to the wrapped servos; the result is what was sent."""
         return self.wrapped.write(targets)
 
     def pause_watchdog(self) -> None:
@@ -170,7 +158,7 @@ class ServosWrapper(LegServos):
         self.wrapped.pause_watchdog()
 
     def disable_torque(self) -> bool:
-        """Let the joints go limp until the next `write`; False where the wrapped servos cannot."""
+        """Let the joints go limp until the next `write`; False if the wrapped servos cannot."""
         return self.wrapped.disable_torque()
 
     def close(self) -> None:
@@ -180,11 +168,7 @@ class ServosWrapper(LegServos):
 
 @runtime_checkable
 class CalibratedServos(Protocol):
-    """Leg servos whose calibration can be replaced while they hold: what `hexctl calibrate` works on.
-
-    Attributes:
-        servo_map: conversion between joint angles and raw servo positions, per joint.
-    """
+    """Leg servos whose calibration can be replaced while they hold."""
 
     @property
     def servo_map(self) -> RawMap:
@@ -210,7 +194,7 @@ def check_connected(connected: bool, who: str) -> None:
 
 
 def as_robot(robot: Robot | str | Path) -> Robot:
-    """The robot given, or the one of a shipped name or a robot file.
+    """The given robot, or the one of a shipped name or robot file.
 
     Raises InputError for a file that cannot be loaded, WrongTypeError for any other type.
     """
@@ -221,15 +205,7 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 
 def connection_notes(servos: LegServos, told: Failures) -> list[str]:
-    """What an operator should know about the robot that servos have connected to.
-
-    Over a link, which robot it is and who started it; what is wrong with its servos; and for a simulation,
-    here or there, whether its failure is another than the controller's.
-
-    Args:
-        servos: connected.
-        told: failures that the controller is told of.
-    """
+    """Notes on the robot, faults of its servos, and failures that differ from the `told` ones."""
     simulation, remote = servos.simulation, servos.remote
     identity = None if remote is None else remote.identity
     notes = [] if identity is None else [f"the robot is {identity}"]
@@ -244,7 +220,7 @@ def connection_notes(servos: LegServos, told: Failures) -> list[str]:
 
 
 def failures_in_force(servos: LegServos) -> tuple[Failure, ...] | None:
-    """Failures of a simulation now, by leg, here or at the other end of a link; None where unknown."""
+    """Current failures of a simulation, by leg, local or remote; None if unknown."""
     facet: SimulationFacet | RemoteFacet | None = servos.simulation
     if facet is None:
         facet = servos.remote
@@ -252,7 +228,7 @@ def failures_in_force(servos: LegServos) -> tuple[Failure, ...] | None:
 
 
 def simulation_of(servos: LegServos) -> SimulationFacet:
-    """What only a simulation knows and can do; raises InputError for servos that are none."""
+    """Simulation facet of the servos; raises InputError for real servos."""
     if servos.simulation is None:
         raise InputError(
             "failure: got it for a robot that is not simulated; allowed: with hexctl serve --backend sim"

@@ -24,18 +24,12 @@ STANDSTILL_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """A time in which this program should have ticked and did not.
-
-    Attributes:
-        duration_s: how long it was.
-        ended_s: when it ended, by the clock's time source; long ago unless given.
-    """
+    """A time in which this program missed its ticks; `ended_s` is by the clock's time source."""
 
     duration_s: float
     ended_s: float = -math.inf
 
     def __str__(self) -> str:
-        """What happened, for people."""
         return (
             f"this program stood still for {self.duration_s:.1f} s: it was stopped, or this computer kept it "
             "waiting"
@@ -44,12 +38,9 @@ class Standstill:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """One point of a clock's grid.
+    """One point of a clock's grid; `time_s` is index * period since the clock began.
 
-    Attributes:
-        index: number of the grid point; it grows by more than one when points were missed.
-        time_s: time of the grid point since the clock began, index * period.
-        late_s: how long after the grid point the tick began.
+    `index` skips missed points; `late_s` is the delay of the tick after the grid point.
     """
 
     index: int
@@ -61,12 +52,10 @@ class Clock(ABC):
     """One tick per control period.
 
     Attributes:
-        period_s: time between two grid points.
         index: number of the newest tick's grid point, 0 before the first.
         overruns: grid points missed so far because a tick took too long.
-        standstill: the last time in which this program stood still, or None.
+        standstill: the last one, or None.
         waits: whether its ticks wait for the time.
-        time: where the servos that it belongs to get the time from.
     """
 
     standstill: Standstill | None = None
@@ -87,25 +76,24 @@ class Clock(ABC):
 
     @property
     def due_in_s(self) -> float:
-        """How long the next `tick` would wait; 0 where it does not wait or that is unknown."""
+        """How long the next `tick` would wait; 0 if it does not wait or that is unknown."""
         return 0.0
 
     def standing_still(self) -> Standstill | None:
-        """A standstill in which the tick of now was lost, or the last one if it has just ended."""
+        """Standstill that delayed this tick, or the last one if it has just ended; else None."""
         last = self.standstill
         return last if last is not None and self.time.now() - last.ended_s < STANDSTILL_S else None
 
     @abstractmethod
     def pause(self) -> None:
-        """No tick is wanted until the next one: grid points missed before it are no overruns."""
+        """Expect no tick for a while: grid points missed before the next one are no overruns."""
 
 
 class WallClock(Clock):
     """Waits for the next point of an absolute grid of wall time.
 
-    A tick that is late by less than a period runs immediately, and the grid stays where it is, so nothing
-    drifts. A tick that misses whole grid points skips them and counts them as overruns: a robot must not be
-    sent a burst of old targets.
+    A tick late by less than a period runs immediately, without drift. Missed grid points are skipped and
+    counted as overruns: a robot must not be sent a burst of old targets.
     """
 
     waits = True
@@ -121,7 +109,7 @@ class WallClock(Clock):
         return 0.0 if self._origin_s is None else self.time.now() - self._origin_s
 
     def begin(self, at_s: float) -> None:
-        """Begin the grid at a moment of its time source, unless it has begun."""
+        """Begin the grid at a time of the time source, unless it has begun."""
         if self._origin_s is None:
             self._origin_s = at_s
 
@@ -131,18 +119,18 @@ class WallClock(Clock):
         return 0.0 if self._origin_s is None else max(0.0, (self.index + 1) * self.period_s - self.now_s)
 
     def pause(self) -> None:
-        """Count no overruns for the time until the next tick."""
+        """Count no overruns until the next tick."""
         self._paused = True
 
     def standing_still(self) -> Standstill | None:
-        """A standstill in which the tick of now was lost, or the last one if it has just ended."""
+        """Standstill that delayed this tick, or the last one if it has just ended; else None."""
         passed_s = self.now_s - self.index * self.period_s
         if self.index and not self._paused and passed_s > STANDSTILL_S:
             return Standstill(passed_s, self.time.now())
         return super().standing_still()
 
     def tick(self) -> Tick:
-        """The next grid point, after sleeping until it; points already missed are skipped."""
+        """The next grid point, after sleeping until it; missed points are skipped."""
         if self._origin_s is None:
             self._origin_s = self.time.now()
         due = self.index + 1
@@ -166,8 +154,8 @@ class WallClock(Clock):
 def request_realtime_priority(priority: int = 10) -> bool:
     """Ask the kernel for SCHED_FIFO for this thread; True if it was granted.
 
-    A thread that has a higher one keeps it. Programs and threads started from here do not inherit it. On a
-    busy machine it lowers the worst lateness from tens of milliseconds to a few. Needs root or rtprio.
+    A higher priority is kept; child programs and threads do not inherit it. On a busy machine it lowers the
+    maximum lateness from tens of milliseconds to a few. Needs root or rtprio.
     """
     try:
         if os.sched_getparam(0).sched_priority > priority:
@@ -180,10 +168,10 @@ def request_realtime_priority(priority: int = 10) -> bool:
 
 @contextmanager
 def realtime_priority() -> Iterator[bool]:
-    """Have the priority of `request_realtime_priority` for a while; yields whether it was granted.
+    """Hold the priority of `request_realtime_priority` for a while; yields whether it was granted.
 
-    What computes for long keeps its usual one: threads of one real-time priority do not interrupt each other,
-    so that a search that thinks for a second would hold up the server of the robot on the same computer.
+    Long computations keep their usual priority: threads of equal real-time priority do not interrupt each
+    other.
     """
     try:
         before = os.sched_getscheduler(0), os.sched_getparam(0)

@@ -1,4 +1,4 @@
-"""What only some servos know and can do: those of a simulation, and those behind a server."""
+"""Features of only some servos: of simulations, and behind a server."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
@@ -15,10 +15,7 @@ TruePose = tuple[FloatArray, FloatArray]
 
 
 class SimulationFacet(Protocol):
-    """What only a simulation knows and can do.
-
-    Results are scored with it and recordings show it. Controllers must not use it.
-    """
+    """State and controls of a simulation, for scores and recordings; controllers must not use it."""
 
     @property
     def true_pose(self) -> TruePose | None:
@@ -26,16 +23,16 @@ class SimulationFacet(Protocol):
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Failures in force now, by leg; before `connect` those that it begins with."""
+        """Current failures, by leg; before `connect` those at the start."""
 
     def change_leg(self, leg: int, failure: Failure | None) -> None:
         """Let a leg fail now, or heal for None.
 
-        Raises RobotFaultError before `connect`, InputError for a failure that cannot be.
+        Raises RobotFaultError before `connect`, InputError for an impossible failure.
         """
 
     def walk_begins(self) -> None:
-        """Count the times of the failures to come from here."""
+        """Set the zero of the times of scheduled failures."""
 
 
 class RemoteFacet(Protocol):
@@ -47,7 +44,7 @@ class RemoteFacet(Protocol):
 
     @property
     def identity(self) -> "RobotIdentity | None":
-        """Which robot answered and who started it; None before `connect`, and on a plain link."""
+        """Robot that answered and who started it; None before `connect`, and on a plain link."""
 
     @property
     def simulated(self) -> Mapping[str, str] | None:
@@ -55,4 +52,4 @@ class RemoteFacet(Protocol):
 
     @property
     def failures(self) -> tuple[Failure, ...] | None:
-        """Failures in force in a simulation, by leg, as reported last; None for a robot."""
+        """Last reported failures of a simulation, by leg; None for a robot."""

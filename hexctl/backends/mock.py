@@ -15,17 +15,9 @@ KEPT_COMMANDS = 10_000
 
 
 class MockServos(OwnServos):
-    """Echoes its targets, as hobby servos without position feedback do.
+    """Echoes its targets, as hobby servos without position feedback do; `sent` are the last ones.
 
-    It knows neither base pose nor contacts, so a walk on it has neither distance nor deviation.
-
-    Args:
-        robot: the robot it stands in for, or the name or path of its file.
-        clock: a wall clock unless given.
-
-    Attributes:
-        sent: the last targets that were written, newest last.
-        limp: whether the torque is disabled.
+    It has neither pose nor contacts: a walk on it has neither distance nor deviation.
     """
 
     def __init__(self, robot: Robot | str | Path, *, clock: Clock | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The thread that owns a port: sends the newest targets, polls in between, and opens the port again."""
+"""The thread that owns a port: sends the newest targets, polls in between, and reopens a lost port."""
 
 import contextlib
 import threading
@@ -15,12 +15,12 @@ from hexctl.types import FloatArray
 #: What is on the port is polled once in this time, after the targets of the tick if there are any.
 POLL_PERIOD_S = 0.02
 
-#: How often it is tried to open a port that has gone.
+#: Interval of attempts to reopen a lost port.
 REOPEN_PERIOD_S = 0.25
 
 
 class OnPort(Protocol):
-    """What is on an open port, used by one thread."""
+    """Device on an open port, used by one thread."""
 
     def close(self) -> None:
         """Close the port."""
@@ -36,20 +36,19 @@ Device = TypeVar("Device", bound=OnPort)
 
 
 class PortThread(ABC, Generic[Device]):
-    """Runs what is on a port between `start` and `stop`; its methods never wait for the port, `stop` apart.
+    """Runs a device on a port; only `stop` waits for the port.
 
-    Whatever goes wrong on the port, it is closed and opened again until that succeeds; targets that were left
-    meanwhile are dropped. Torque that is to be off stays so until it is, or until new targets come.
+    After any error the port is closed and reopened until that succeeds, and targets of that time are dropped.
+    A request to switch the torque off is kept until it succeeds, or until new targets come.
 
     Args:
-        opened: opens the port again, when it has gone and may be back.
-        speeds: greatest of the joints, (18,), in the units of the port per second. Targets move no farther in
-            a packet than joints turn in a control period, and less in one that follows sooner: a port that
-            was held up must not jump.
-        time: where the thread gets the time from.
+        opened: reopens the port.
+        speeds: maximum of the joints, (18,), in the units of the port per second. Targets move at most as far
+            as joints turn in the time since the last packet, up to a control period: a delayed port must not
+            jump.
 
     Attributes:
-        gone: why the port cannot be used at this moment, or None.
+        gone: why the port cannot be used now, or None.
         on: whether the servos hold.
     """
 
@@ -76,35 +75,32 @@ class PortThread(ABC, Generic[Device]):
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self, *, on: bool = False) -> None:
-        """Begin; `on` says whether all servos hold already."""
+        """Start; `on` says whether all servos hold already."""
         self.on = on
         self._thread.start()
 
     def stop(self) -> None:
-        """End after what is on the line; the servos hold, but for a torque that was to be off."""
+        """Stop after the current packets; the servos hold, unless their torque was to be off."""
         self._stopping.set()
         self._wake.set()
         self._time.join(self._thread)
 
     def send(self, targets: FloatArray) -> None:
-        """Leave targets, (18,) in the units of the port, in place of any that have not been sent."""
+        """Set the next targets, (18,) in the units of the port."""
         with self._lock:
             self._targets = targets
             self._release = self._release and self._must_release()
         self._wake.set()
 
     def release(self) -> None:
-        """Let the torque be switched off; targets that have not been sent are dropped."""
+        """Switch the torque off; unsent targets are dropped."""
         with self._lock:
             self._targets, self._release = None, True
         self._wake.set()
 
     @abstractmethod
     def _follow(self, targets: FloatArray) -> FloatArray:
-        """Send targets, (18,), or as much of them as may be sent now, to servos that may not hold yet.
-
-        The result is what was sent; what differs from the targets follows in the next period.
-        """
+        """Send targets, (18,), or the possible part; the result is what was sent, the rest follows."""
 
     @abstractmethod
     def _let_go(self) -> None:
@@ -119,21 +115,17 @@ class PortThread(ABC, Generic[Device]):
         return True
 
     def _must_release(self) -> bool:
-        """Whether torque that is to be off must be off for a moment although new targets have come."""
+        """Whether the torque must be off for a moment although new targets have come."""
         return False
 
     def _meet(self) -> None:
-        """Learn what there is to know of what is on a port that was opened again; may raise as others do."""
+        """Read the state of a reopened port; may raise any error of a port."""
 
     def _finish(self) -> None:
-        """Do what is to be done last, before the port is closed."""
+        """Do the last steps before the port is closed."""
 
     def _stepped(self, targets: FloatArray) -> FloatArray:
-        """Targets no farther from those sent before than joints may turn; the first ones as they are.
-
-        The allowance of a joint, in control periods at its greatest speed, grows with the time up to one.
-        Joints of which nothing was sent are NaN in those sent before.
-        """
+        """Limit targets to the motion since the last packet, up to a period; joints never sent are free."""
         now_s = self._time.now()
         allowed = np.minimum(1.0, self._allowance + (now_s - self._stepped_at_s) / PERIOD_S)
         self._allowance, self._stepped_at_s = allowed, now_s
@@ -161,7 +153,7 @@ class PortThread(ABC, Generic[Device]):
         self._end()
 
     def _write(self) -> bool:
-        """Send what was left; whether that was anything."""
+        """Send pending targets or torque off; whether there was any."""
         with self._lock:
             release = self._release
             targets, self._targets = (None, self._targets) if release else (self._targets, None)
@@ -182,7 +174,7 @@ class PortThread(ABC, Generic[Device]):
         return True
 
     def _reopen(self, error: Exception) -> None:
-        """Wait until the port is back, and begin as at first: the servos hold, or have lost their power."""
+        """Wait until the port is back, and start again: the servos hold, or have lost their power."""
         self.gone = reason_of(error)
         with contextlib.suppress(Exception):
             self._device.close()
@@ -208,7 +200,6 @@ class PortThread(ABC, Generic[Device]):
         return True
 
     def _end(self) -> None:
-        """Let the servos hold without being told to, or go limp where that was asked for last."""
         if self.gone is not None:
             return
         try:

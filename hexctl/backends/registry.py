@@ -1,4 +1,4 @@
-"""Registry of backends: from a name to servos that can be connected, importing only what is asked for."""
+"""Registry of backends: servos by name, importing only what is needed."""
 
 import inspect
 from collections.abc import Callable, Container, Mapping
@@ -27,13 +27,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BackendOptions:
-    """Options of backends; each backend uses those that concern it.
+    """Options of backends; each backend uses some of them.
 
     Attributes:
         trial: number of the trial; sensor noise differs between trials.
-        robot_file: the file that the robot was loaded from, with the servo map of a real one; None for a
-            robot that is not from a file.
-        connect: address of the robot: a Zenoh endpoint or a MAVLink port; None for the backend's default.
+        robot_file: file of the robot, with the servo map of a real one; None without a file.
+        connect: a Zenoh endpoint or a MAVLink port; None for the backend's default.
         credentials: folder with the certificates of a link beyond loopback, or None.
         link: name or path of a link file, or None.
     """
@@ -54,13 +53,7 @@ class BackendOptions:
 
     @classmethod
     def of(cls, spec: object, *, robot: Robot, **others: Any) -> Self:
-        """Options of a spec: its fields of the same names, except failures and those given by keyword.
-
-        Args:
-            spec: what is asked for, such as a `RunSpec` or a `SessionSpec`.
-            robot: the robot of the spec, loaded.
-            others: further options, in place of the spec's.
-        """
+        """Options from the spec's fields of the same names, except failures; `others` override them."""
         values = {**option_values(spec, but=("failure", "further_failures")), "robot": robot, **others}
         if values.get("credentials") is not None:
             values["credentials"] = Path(values["credentials"])
@@ -68,22 +61,20 @@ class BackendOptions:
 
     @property
     def servo_map(self) -> ServoMap:
-        """The servo map of the robot file's section `servos`, or the default of a robot without a file."""
+        """Servo map of the robot file's section `servos`; the default without a file."""
         return default_servo_map() if self.robot_file is None else self.robot_file.servo_map
 
     @property
     def servos_section(self) -> ServosSection:
-        """The robot file's section `servos`, or an empty one for a robot without a file."""
+        """The robot file's section `servos`; empty without a file."""
         return ServosSection() if self.robot_file is None else self.robot_file.content.servos
 
 
 @dataclass(frozen=True, slots=True)
 class Backend:
-    """One entry of the registry.
+    """One entry of the registry: `make` returns unconnected servos.
 
-    Attributes:
-        make: makes the servos, not connected.
-        takes: the fields of `BackendOptions` that it uses, beside the robot and its file.
+    `takes` are the used fields of `BackendOptions`, besides the robot and its file.
     """
 
     make: Callable[[BackendOptions], LegServos]
@@ -91,7 +82,7 @@ class Backend:
 
 
 def option_values(spec: object, *, but: Container[str] = ()) -> dict[str, Any]:
-    """Values of a spec that are options of a backend, by field of `BackendOptions`."""
+    """Values of a spec's backend options, by field of `BackendOptions`."""
     names = [field.name for field in fields(BackendOptions) if field.name not in but]
     return {name: getattr(spec, name) for name in names if hasattr(spec, name)}
 
@@ -99,9 +90,9 @@ def option_values(spec: object, *, but: Container[str] = ()) -> dict[str, Any]:
 def make_servos(name: str, options: BackendOptions) -> LegServos:
     """Servos of a backend, not yet connected.
 
-    `name` is one of `BACKENDS`, or `package.module:Class` for a LegServos of your own. Your class is called
-    with the robot, and by keyword with the given options among its arguments: any field of `BackendOptions`,
-    and `servo_map`. Raises InputError for an unknown name, MissingExtraError when its extra is not installed.
+    `name` is one of `BACKENDS`, or `package.module:Class` for a custom LegServos class. It is called with the
+    robot, and by keyword with those given options that it accepts: fields of `BackendOptions`, and
+    `servo_map`. Raises InputError for an unknown name, MissingExtraError when its extra is not installed.
     """
     if name in BACKENDS:
         return BACKENDS[name].make(options)
@@ -115,11 +106,10 @@ def check_options(
     offered: Container[str] | None = None,
     **given: object,
 ) -> None:
-    """Raise UnusedError for an option that was given and that the backend would ignore.
+    """Raise UnusedError for a given option that the backend would ignore.
 
     Args:
-        name: the backend, as for `make_servos`.
-        names: what the caller's arguments are called, where that differs from the fields.
+        names: the caller's names of fields, if they differ.
         offered: backends that a message may name; None is all.
         given: values by field of `BackendOptions`; None, False and 0 are not given.
     """
@@ -225,7 +215,6 @@ def _make_own(name: str, options: BackendOptions) -> LegServos:
 
 
 def _given(options: BackendOptions, accepted: Container[str]) -> dict[str, Any]:
-    """Options that are not as by default, of those that a class accepts."""
     values = {field.name: getattr(options, field.name) for field in fields(options)}
     return {
         field.name: values[field.name]
@@ -235,7 +224,6 @@ def _given(options: BackendOptions, accepted: Container[str]) -> dict[str, Any]:
 
 
 def _own_class(name: str) -> Any:
-    """The class of `package.module:Class`; raises InputError for one that cannot be loaded."""
     if ":" not in name:
         raise InputError(
             f"{argument('backend')}: got {name!r}; allowed: {', '.join(BACKENDS)}, "
@@ -248,7 +236,6 @@ def _own_class(name: str) -> Any:
 
 
 def _arguments(own: Any) -> frozenset[str]:
-    """The names that a class takes by keyword, without the robot, which comes first."""
     try:
         parameters = list(inspect.signature(own).parameters.values())[1:]
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Options that say which robot moves, and where it is."""
+"""Options that select the robot and its address."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +17,13 @@ SEED = Range(low=0, whole=True)
 
 
 def lower_case(name: str) -> str:
-    """A name as hexctl writes it; one with a colon, such as `package.module:Class`, as it is."""
+    """A lower-case name; one with a colon, such as `package.module:Class`, is unchanged."""
     return name if ":" in name else name.strip().lower()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotOptions(LinkOptions):
-    """Which robot moves, and where it is."""
+    """The robot and its address."""
 
     PANEL: ClassVar = "Robot"
 
@@ -76,7 +76,7 @@ class RobotOptions(LinkOptions):
 
 
 def check_backend_options(options: RobotOptions, *, but: tuple[str, ...] = ()) -> None:
-    """Raise UnusedError for options that their backend would ignore; `but` are of use all the same."""
+    """Raise UnusedError for options that their backend would ignore, except `but`."""
     from hexctl.backends.registry import check_options, option_values
 
     # A failure is also what the controller is told.
@@ -85,7 +85,7 @@ def check_backend_options(options: RobotOptions, *, but: tuple[str, ...] = ()) -
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedOptions(RobotOptions):
-    """Which robot moves in real time or in a simulation, and where that is recorded."""
+    """A robot in real time or in a simulation, and its recording."""
 
     PANEL: ClassVar = "Recording"
 

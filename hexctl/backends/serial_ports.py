@@ -1,4 +1,4 @@
-"""Serial ports of this computer: which there are, and which one a cable belongs to."""
+"""Serial ports of this computer, and the search for the port of a cable."""
 
 import time
 from collections.abc import Callable
@@ -25,10 +25,8 @@ TRIES, AGAIN_S = 5, 0.05
 class SerialPort:
     """A serial port.
 
-    Attributes:
-        stays: a name of it that stays when it is plugged in again, or None.
-        adapter: what its adapter calls itself.
-        vendor: USB vendor and product, such as `0403:6014`, or None.
+    `stays` is a name that is the same after it is plugged in again, `vendor` the USB vendor and product, such
+    as `0403:6014`; both or None.
     """
 
     port: str
@@ -39,10 +37,9 @@ class SerialPort:
 
 
 def listed_ports() -> list[Any]:
-    """Ports as pyserial lists them, its `ListPortInfo`; none where they cannot be listed.
+    """Ports as pyserial lists them, its `ListPortInfo`; none if they cannot be listed.
 
-    An adapter that goes while ports are listed ends the list with an error (pyserial: TypeError, of a vendor
-    that is no longer there), and so does one whose name is no text. The first is not there the next time.
+    An adapter that is unplugged meanwhile makes pyserial raise TypeError, and so does a name that is no text.
     """
     from serial.tools.list_ports import comports
 
@@ -55,7 +52,7 @@ def listed_ports() -> list[Any]:
 
 
 def _has_device(name: str) -> bool:
-    """Whether there is hardware behind a port: Linux also lists UARTs that are not there, of type 0."""
+    """Whether a port has hardware: Linux also lists missing UARTs, with type 0."""
     try:
         return (TERMINALS / name / "type").read_text().strip() != "0"
     except OSError:
@@ -63,7 +60,7 @@ def _has_device(name: str) -> bool:
 
 
 def serial_ports() -> list[SerialPort]:
-    """Ports with an adapter, and those of the computer itself that are called tty and have a device."""
+    """Ports with an adapter, and the computer's tty ports with hardware."""
     names = {link.resolve(): str(link) for link in BY_ID.glob("*")} if BY_ID.is_dir() else {}
     return [
         SerialPort(
@@ -81,13 +78,9 @@ def serial_ports() -> list[SerialPort]:
 def unplugged_port(
     before: list[SerialPort], *, timeout_s: float, stop_requested: Callable[[], bool] = lambda: False
 ) -> SerialPort | None:
-    """The port that goes while a cable is pulled; None where a stop is requested first.
+    """The port that disappears when a cable is pulled; None if a stop is requested first.
 
-    Args:
-        before: ports with the cable in.
-        timeout_s: how long the cable may take.
-
-    Raises RobotFaultError where none goes in time, or more than one.
+    Raises RobotFaultError if no port of `before` disappears in time, or more than one.
     """
     until_s = time.monotonic() + timeout_s
     while not stop_requested():

@@ -1,4 +1,4 @@
-"""Leg servos that are read once per tick, and those whose joints a map turns into raw positions."""
+"""Leg servos that are read once per tick, and those with a map to raw positions."""
 
 from abc import abstractmethod
 from contextlib import ExitStack
@@ -25,7 +25,7 @@ PortCounters = TypeVar("PortCounters", bound=ReopenedCount)
 
 
 class TickedServos(OwnServos):
-    """Eighteen servos with the clock of this end; `read` gives one state until the next tick."""
+    """Eighteen servos with a local clock; `read` gives one state until the next tick."""
 
     #: What is at the other end, as messages have it.
     what = "the servos"
@@ -36,17 +36,14 @@ class TickedServos(OwnServos):
         self._opened: ExitStack | None = None
 
     def read(self) -> RobotState:
-        """Newest state; the same one until the next tick.
-
-        Raises RobotFaultError when not connected or when the other end has gone.
-        """
+        """Newest state, constant within a tick. Raises RobotFaultError when not connected or lost."""
         self._check_connected()
         if self._snapshot is None or self._snapshot[0] != self._clock.index:
             self._snapshot = (self._clock.index, self._newest())
         return self._snapshot[1].copy()
 
     def connect(self) -> None:
-        """Open the connection; nothing moves. Raises RobotFaultError that says what to check."""
+        """Open the connection; nothing moves. Raises RobotFaultError with advice."""
         if self._opened is None:
             with ExitStack() as opening:
                 self._open_all(opening)
@@ -63,7 +60,7 @@ class TickedServos(OwnServos):
 
     @abstractmethod
     def _open_all(self, opening: ExitStack) -> None:
-        """Open what it takes, with callbacks that close it."""
+        """Open all resources, with callbacks that close them."""
 
     @abstractmethod
     def _newest(self) -> RobotState:
@@ -71,11 +68,7 @@ class TickedServos(OwnServos):
 
 
 class MappedServos(TickedServos, Generic[Map, Counters]):
-    """Servos whose joint angles a map turns into raw positions and back.
-
-    Attributes:
-        counters: counts of the port, a dataclass.
-    """
+    """Servos with a map between joint angles and raw positions; `counters` of the port are a dataclass."""
 
     def __init__(
         self, robot: Robot | str | Path, *, servo_map: Map, counters: Counters, clock: Clock
@@ -90,9 +83,9 @@ class MappedServos(TickedServos, Generic[Map, Counters]):
         return self._map
 
     def remap(self, servo_map: RawMap) -> None:
-        """Use another calibration from now on: no servo moves, its raw position means another angle.
+        """Replace the calibration: no servo moves, but its raw position means another angle.
 
-        A guard around these servos must be cleared right after, or it takes the change for a movement.
+        Clear a guard around these servos right after, or it takes the change for a movement.
         """
         raw = self._map.raw(self._sent_rad)
         self._map = self._map.calibrated_as(servo_map)
@@ -119,7 +112,7 @@ class MappedServos(TickedServos, Generic[Map, Counters]):
 
     @abstractmethod
     def _send_targets(self, positions_rad: FloatArray, *, clips: bool) -> None:
-        """Send angles (18,) within the limits of the servos, which may have been clipped to them."""
+        """Send angles (18,) within the limits of the servos; `clips` if they were clipped."""
 
 
 class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCounters]):
@@ -144,7 +137,7 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
 
     @property
     def holds(self) -> bool:
-        """Whether the servos hold, as far as is known."""
+        """Whether the servos are known to hold."""
         return self._thread is not None and self._thread.on
 
     def disable_torque(self) -> bool:
@@ -168,7 +161,7 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
 
     @abstractmethod
     def _started(self) -> Thread:
-        """The thread, with what has been found on the opened port; raises RobotFaultError or OSError."""
+        """Start the thread on the opened port; raises RobotFaultError or OSError."""
 
     @abstractmethod
     def _state(self, thread: Thread) -> RobotState:

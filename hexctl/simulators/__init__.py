@@ -1,1 +1,1 @@
-"""Simulated boards and buses of servos, which move a simulated robot."""
+"""Simulated servo boards and buses, which move a simulated robot."""

@@ -1,4 +1,4 @@
-"""Faults of simulated boards and buses: their words, and when they begin."""
+"""Faults of simulated boards and buses."""
 
 import math
 import re
@@ -17,12 +17,9 @@ _FAULT = re.compile(rf"([a-z-]+)((?::[a-z0-9.]+)*)(?:@({_NUMBER}))?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardFault:
-    """One fault.
+    """One fault; it begins at `at_s` on the clock of the simulated robot.
 
-    Attributes:
-        at_s: when it begins, on the clock of the simulated robot.
-        joint: index of its joint, 0..17, or None for those of the board or the line.
-        value: of the word's number, or None without one.
+    `joint`, 0..17, is None for faults of the board or the line, `value` the number after the word, or None.
     """
 
     kind: str
@@ -34,12 +31,8 @@ class BoardFault:
 def parse_fault(text: str, kinds: Mapping[str, str]) -> BoardFault:
     """Fault of a text such as `mute@10`, `garble:0.01` or `hot:2:femur:72@5`.
 
-    Args:
-        text: the word, what it takes with `:` in front of each, and `@` and seconds if it begins later.
-        kinds: what each word takes, such as `SHARE` or `LEG:JOINT:DEGREES_C`; in brackets if it may be left
-            out, empty for nothing. `MOST` has the highest numbers.
-
-    Raises InputError for anything else.
+    `kinds` are the arguments of each word, such as `SHARE` or `LEG:JOINT:DEGREES_C`, optional ones in
+    brackets, with maxima in `MOST`. Raises InputError for anything else.
     """
     error = InputError(f"{argument('fault')}: got {text!r}; allowed: {_allowed(kinds)}")
     found = _FAULT.fullmatch(text)
@@ -72,17 +65,17 @@ def _allowed(kinds: Mapping[str, str]) -> str:
 
 
 class DueFaults:
-    """Faults that are still to come, in their order."""
+    """Scheduled faults, in their order."""
 
     def __init__(self, faults: tuple[BoardFault, ...]) -> None:
         self._to_come = sorted(faults, key=lambda fault: fault.at_s)
 
     def add(self, fault: BoardFault) -> None:
-        """Let another fault come, immediately if its time is over."""
+        """Add a fault, due immediately if its time is over."""
         self._to_come = sorted((*self._to_come, fault), key=lambda each: each.at_s)
 
     def begun(self, now_s: float) -> list[BoardFault]:
-        """Those that have become due since the last time."""
+        """Faults that have become due since the last call."""
         due = [fault for fault in self._to_come if fault.at_s <= now_s]
         self._to_come = self._to_come[len(due) :]
         return due

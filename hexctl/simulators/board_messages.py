@@ -1,7 +1,7 @@
 """MAVLink messages of a servo board: its state, and its answers to ground stations.
 
-A board has one parameter, which cannot be changed, no mission and no files. A station that asks for any of
-them and hears nothing asks again for many seconds. The protocols: https://mavlink.io/en/services/.
+Stations repeat unanswered requests for many seconds. The board therefore answers that it has one constant
+parameter, no mission and no files. The protocols: https://mavlink.io/en/services/.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ BY_NAME = -1
 
 
 def answers(kind: str, message: Any, system: int, component: int) -> list[Any]:
-    """Answers to a message of a system and its component; none to what is not asked of this board."""
+    """Answers to a message of a system and its component; empty for unsupported messages."""
     if kind == "PING":
         if message.target_system or message.target_component:
             return []
@@ -50,7 +50,6 @@ def for_us(message: Any) -> bool:
 
 
 def _command(message: Any, system: int, component: int) -> list[Any]:
-    """The version to a request for it; any other command is refused."""
     wants_version = message.command == common.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES or (
         message.command == common.MAV_CMD_REQUEST_MESSAGE
         and message.param1 == common.MAVLINK_MSG_ID_AUTOPILOT_VERSION
@@ -68,14 +67,13 @@ def _version() -> Any:
 
 
 def _read_parameter(message: Any, system: int, component: int) -> list[Any]:
-    """The parameter of a name or an index, or that there is none."""
+    """The parameter of a name or an index, or that it does not exist."""
     index = message.param_index
     known = _name_of(message) == PARAMETER if index == BY_NAME else index == 0
     return [_parameter()] if known else [_no_parameter(message, index, system, component)]
 
 
 def _set_parameter(message: Any, system: int, component: int) -> list[Any]:
-    """The parameter, which stays as it is."""
     known = _name_of(message) == PARAMETER
     return [_parameter()] if known else [_no_parameter(message, BY_NAME, system, component)]
 
@@ -96,18 +94,16 @@ def _name_of(message: Any) -> bytes:
 
 
 def _mission_count(message: Any, system: int, component: int) -> list[Any]:
-    """That a mission, fence or rally list has no items."""
     return [common.MAVLink_mission_count_message(system, component, 0, message.mission_type)]
 
 
 def _no_mission(message: Any, system: int, component: int) -> list[Any]:
-    """That the board takes no mission, and has no item to give."""
     result = common.MAV_MISSION_UNSUPPORTED
     return [common.MAVLink_mission_ack_message(system, component, result, message.mission_type)]
 
 
-#: Offsets in the payload of a file transfer (https://mavlink.io/en/services/ftp.html): 16 bits that count
-#: requests and answers, then a byte each for the session, what is asked, the size, and what was asked before.
+#: Payload offsets of a file transfer (https://mavlink.io/en/services/ftp.html): 16 bits of sequence, then
+#: a byte each for session, opcode, size, and requested opcode.
 FTP_OPCODE, FTP_SIZE, FTP_REQUESTED, FTP_DATA = 3, 4, 5, 12
 
 #: The answer that refuses, and that for a reason: no such command is known.
@@ -115,7 +111,7 @@ FTP_NAK, FTP_ACK, FTP_UNKNOWN_COMMAND = 129, 128, 7
 
 
 def _no_files(message: Any, system: int, component: int) -> list[Any]:
-    """That the board has no files; nothing to what is itself an answer."""
+    """That the board has no files; nothing for an answer."""
     asked = bytes(message.payload)
     if asked[FTP_OPCODE] in (FTP_ACK, FTP_NAK):
         return []
@@ -151,7 +147,7 @@ def outputs(pulses_us: FloatArray, active: BoolArray, time_s: float) -> Any:
 
 
 def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
-    """Orientation and position, with Euler angles for displays; each where it is known."""
+    """Orientation and position, with Euler angles for displays; each if known."""
     at_ms, sent = mavlink_messages.milliseconds(time_s), []
     if state.base_quaternion_world is not None:
         quaternion = flipped_quaternion(state.base_quaternion_world)
@@ -166,19 +162,19 @@ def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
 
 
 def heartbeat(system_state: int) -> Any:
-    """Heartbeat of the board with its MAV_STATE: no autopilot, which has modes, parameters and missions."""
+    """Heartbeat of the board with its MAV_STATE, and no autopilot."""
     return mavlink_messages.heartbeat(common.MAV_TYPE_GENERIC, common.MAV_AUTOPILOT_INVALID, system_state)
 
 
 def measured(flag: bool, time_s: float) -> Any:
-    """Flag that tells measured joint positions from echoed ones."""
+    """Flag whether joint positions are measured or echoed."""
     return common.MAVLink_named_value_int_message(
         mavlink_messages.milliseconds(time_s), mavlink_messages.MEASURED_NAME.encode(), int(flag)
     )
 
 
 def health(state: RobotState, *, errors: int) -> list[Any]:
-    """Battery, where known, and the count of malformed bytes and frames."""
+    """Battery, if known, and the count of malformed bytes and frames."""
     millivolts = UNKNOWN_MV if state.battery_v is None else round(1000 * state.battery_v)
     share = UNKNOWN_SHARE if state.battery_share is None else round(100 * state.battery_share)
     errors = min(errors, 65535)

@@ -24,10 +24,7 @@ OF_BUS = ("model", "baud", "fault", "link")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardOptions(ServedOptions):
-    """Options of `hexctl sim board`.
-
-    Raises InputError for a value that is not allowed.
-    """
+    """Options of `hexctl sim board`; raises InputError for a value that is not allowed."""
 
     PANEL: ClassVar = "Servo bus"
 
@@ -85,7 +82,7 @@ class BoardOptions(ServedOptions):
 
     @property
     def signed(self) -> bool:
-        """Whether only signed frames are obeyed."""
+        """Whether only signed frames are accepted."""
         return self.credentials is not None
 
     @property

@@ -1,7 +1,4 @@
-"""A service that is a board or a bus of servos until it is stopped.
-
-Nothing here prints or handles signals: callers pass callbacks.
-"""
+"""A service that simulates a board or a bus of servos until it is stopped, without output or signals."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardService(BoardOptions):
-    """A simulated robot behind a MAVLink board, servos on a bus, or boards; checked when it is described."""
+    """Checked options of a simulated robot behind a MAVLink board, a bus, or PWM boards."""
 
     def __post_init__(self) -> None:
         super(BoardService, self).__post_init__()
@@ -41,7 +38,7 @@ class BoardService(BoardOptions):
         *,
         on_started: Callable[[ServiceStarted], None] = lambda _: None,
     ) -> dict[str, Any]:
-        """Be a board or a bus until `stop_requested` returns True; the counts of its work, as JSON values.
+        """Run until `stop_requested` returns True; the result is its counts, as JSON values.
 
         Raises InputError for a port, robot, world, model or fault that is not allowed, RobotFaultError when
         the port cannot be opened or fails.
@@ -79,7 +76,6 @@ class BoardService(BoardOptions):
         return board, place
 
     def _opened_port(self) -> "tuple[Port, str]":
-        """Opened port, and where controllers reach it."""
         from hexctl.backends.mavlink import mavlink_transport as transport
         from hexctl.simulators.simulated_board import PseudoTerminal
 

@@ -1,4 +1,4 @@
-"""A bus of servos on a pseudo-terminal, with a simulated robot behind them: byte by byte, in real time."""
+"""A bus of servos on a pseudo-terminal, with a simulated robot, in real time."""
 
 import termios
 
@@ -36,10 +36,8 @@ FAMILIES: dict[str, type[SimulatedServos]] = {
 class BusBoard(SimulatedBoard):
     """Eighteen servos on a pseudo-terminal that move simulated joints.
 
-    Args:
-        servos: of the simulated robot, in real time, not connected.
-        baud: bits per second: answers come no sooner than their bytes fit on the line.
-        seed: of garbled bytes.
+    `servos` are unconnected, in real time; answers take their time at the `baud` rate; `seed` draws garbled
+    bytes.
     """
 
     what, kinds, counted = "bus", BUS_FAULTS, BUS_COUNTS
@@ -81,11 +79,11 @@ class BusBoard(SimulatedBoard):
             self._answer(self._family.obey(*packet, self._time.now()))
 
     def _understands(self) -> bool:
-        """Whether the controller has opened the line at the servos' baud, where that can be told."""
+        """Whether the controller has opened the line at the servos' baud, if known."""
         return _BAUDS.get(self._line.speed) in (None, self._baud)
 
     def _answer(self, answers: list[bytes]) -> None:
-        """Send answers no sooner than the line could carry them, garbled as the faults say."""
+        """Send answers at the speed of the line, garbled by the faults."""
         if not answers:
             return
         self.counts["answers"] += len(answers)
@@ -96,7 +94,6 @@ class BusBoard(SimulatedBoard):
         self._line.send(data)
 
     def _sender(self, answer: bytes) -> int | None:
-        """Joint whose servo gives an answer, where that matters."""
         packet = self._family.packets.take(answer)[0] if self._faults.cables else None
         joints = [] if packet is None else self._family.named([packet[0]])
         return joints[0] if joints else None

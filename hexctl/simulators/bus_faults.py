@@ -1,4 +1,4 @@
-"""Faults of a simulated bus: what goes wrong with its line and its servos."""
+"""Faults of a simulated bus: of its line and its servos."""
 
 import random
 
@@ -29,14 +29,9 @@ BROWN_OUT_SHARE = 0.6
 
 
 class BusFaults:
-    """Faults that have begun.
+    """Faults that have begun; `mute` servos neither answer nor obey, (18,).
 
-    Attributes:
-        mute: which servos do not answer and do not obey, (18,).
-        temperatures: of servos that are hot, by joint, in degrees Celsius.
-        cables: shares of damaged answers of servos at the end of a bad cable, by joint.
-        echoes: whether the adapter sends back what it gets.
-        unplugged: whether nothing gets through.
+    `temperatures` in degrees Celsius and shares of damaged answers (`cables`) are by joint.
     """
 
     #: A servo that is hotter complains.
@@ -54,11 +49,11 @@ class BusFaults:
 
     @property
     def dead(self) -> BoolArray:
-        """Which servos hold nothing, (18,)."""
+        """Which servos have no torque, (18,)."""
         return self.mute | self._browned_out
 
     def begin(self, fault: BoardFault) -> None:
-        """Let a fault of the line or of how servos answer begin."""
+        """Begin a fault of the line or of answers."""
         kind, joint, value = fault.kind, fault.joint, fault.value or 0.0
         if joint is not None and kind == "mute":
             self.mute[joint] = True
@@ -83,7 +78,7 @@ class BusFaults:
     def damaged(
         self, answer: bytes, packets: PacketFormat, rng: random.Random, joint: int | None = None
     ) -> bytes:
-        """An answer of a joint's servo, now and then garbled, or a complete packet with other numbers."""
+        """Answer of a joint's servo, sometimes garbled, or with wrong numbers."""
         if self._wild_once or rng.random() < self._wild:
             self._wild_once = False
             for packet in PacketStream(packets).feed(answer):
@@ -91,7 +86,7 @@ class BusFaults:
         return self._garbled(answer, rng, joint)
 
     def _garbled(self, answer: bytes, rng: random.Random, joint: int | None = None) -> bytes:
-        """An answer of a joint's servo, or now and then what is left of it."""
+        """Answer of a joint's servo, or sometimes parts of it."""
         cable = 0.0 if joint is None else self.cables.get(joint, 0.0)
         if rng.random() >= max(self._garbles, cable):
             return answer

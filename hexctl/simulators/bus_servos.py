@@ -1,4 +1,4 @@
-"""Simulated servos on a bus: what those of every family can be asked and told."""
+"""Interface of simulated servos on a bus."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -37,27 +37,25 @@ class SimulatedServo(ABC):
 
     @abstractmethod
     def show(self, count: float, effort: float, voltage_v: float, temperature_c: float) -> None:
-        """Be at a count, with a share of its greatest torque, a supply and a temperature."""
+        """Set a count, a share of the maximum torque, a supply and a temperature."""
 
     @abstractmethod
     def trip(self, *, hot: bool = False) -> None:
-        """Let go because of an overload or heat, as its family does."""
+        """Lose the torque because of an overload or heat, as the family does."""
 
     @abstractmethod
     def restart(self) -> None:
-        """Begin as after a loss of power, without torque."""
+        """Restart after a loss of power, without torque."""
 
     def lose_id(self, servo_id: int) -> None:
-        """Answer to another id, also after a restart."""
+        """Change the id, also after a restart."""
         self.servo_id = servo_id
 
 
 class SimulatedServos(ABC):
-    """Eighteen servos of one family on a simulated bus.
+    """Eighteen servos of one family on a simulated bus, initially at the counts `stance`, (18,).
 
-    Args:
-        stance: counts at first, (18,).
-        counts: of the bus, as `BUS_COUNTS` has their names.
+    `counts` are those of the bus, by the names in `BUS_COUNTS`.
     """
 
     packets: PacketFormat
@@ -80,7 +78,7 @@ class SimulatedServos(ABC):
         """Do what an instruction says at a time; the answers to it."""
 
     def show(self, counts: FloatArray, efforts: FloatArray) -> None:
-        """Take over where the joints are, in counts, and shares of their greatest torques, (18,)."""
+        """Set the joints' counts and their shares of the maximum torques, (18,)."""
         for joint, servo in enumerate(self.servos):
             temperature_c = self._faults.temperatures.get(joint, USUAL_C)
             servo.show(counts[joint], efforts[joint], self._faults.voltage(servo.usual_v), temperature_c)
@@ -96,7 +94,7 @@ class SimulatedServos(ABC):
         return np.array([servo.holds for servo in self.servos])
 
     def named(self, ids: Sequence[int]) -> list[int]:
-        """Joints whose servos answer to some ids, in their order, but for those that are mute."""
+        """Joints of some ids, in their order, without mute ones."""
         return [
             joint
             for servo_id in ids

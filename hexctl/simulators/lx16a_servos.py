@@ -1,4 +1,4 @@
-"""Simulated LX-16A servos on a bus: their commands, their moves with a time, and their stored limits."""
+"""Simulated LX-16A servos on a bus."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,7 @@ from hexctl.simulators.bus_servos import USUAL_C, SimulatedServo, SimulatedServo
 
 
 class SimulatedLx16aServo(SimulatedServo):
-    """One servo.
-
-    Attributes:
-        limits: lowest and highest count, beyond which it unloads.
-        voltages_mv: lowest and highest supply with which it does not complain.
-        most_c: temperature at which it unloads, in degrees Celsius.
-    """
+    """One servo that unloads beyond `limits` in counts or `most_c`, and complains outside `voltages_mv`."""
 
     usual_v = 7.4
 
@@ -34,12 +28,12 @@ class SimulatedLx16aServo(SimulatedServo):
         return self.loaded
 
     def goal(self, now_s: float) -> float:
-        """Count that it steers for at a time."""
+        """Target count at a time."""
         done = 1.0 if self._time_s <= 0 else min(1.0, (now_s - self._began_s) / self._time_s)
         return self._from + done * (self._goal - self._from)
 
     def show(self, count: float, effort: float, voltage_v: float, temperature_c: float) -> None:
-        """Be at a count, with a supply and a temperature."""
+        """Set a count, a supply and a temperature."""
         self.position, self._voltage_v, self._temperature_c = float(count), voltage_v, temperature_c
         self.loaded = self.loaded and self.limits[0] <= round(count) <= self.limits[1]
 
@@ -48,11 +42,11 @@ class SimulatedLx16aServo(SimulatedServo):
         self.loaded = self.loaded and hot
 
     def restart(self) -> None:
-        """Begin as after a loss of power."""
+        """Restart after a loss of power."""
         self.loaded = False
 
     def write(self, command: int, parameters: bytes, now_s: float) -> None:
-        """Do what a command writes, if it has the right length."""
+        """Execute a writing command of the right length."""
         if len(parameters) != lx.WRITE_BYTES.get(command):
             return
         if command == lx.MOVE:  # from where the move before has come to
@@ -68,7 +62,7 @@ class SimulatedLx16aServo(SimulatedServo):
             self.servo_id = parameters[0]
 
     def answer(self, command: int) -> bytes:
-        """Parameters of its answer to a command that asks."""
+        """Parameters of the answer to a reading command."""
         values: dict[int, tuple[int, ...]] = {
             lx.READ_ID: (self.servo_id,),
             lx.READ_LIMITS: self.limits,
@@ -92,7 +86,7 @@ class Lx16aServos(SimulatedServos):
         return SimulatedLx16aServo(servo_id, count)
 
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
-        """Do what a command says; the answers to it."""
+        """Execute a command; its answers."""
         self._counts["packets"] += 1
         self._counts["goals"] += instruction == lx.MOVE
         everyone, asks = servo_id == BROADCAST, instruction in lx.ANSWER_BYTES

@@ -27,10 +27,8 @@ PCA9685_FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
 class Pca9685Board(SimulatedBoard):
     """Boards on a Unix socket, as there are no pseudo-devices for I2C.
 
-    Args:
-        servos: of the simulated robot, in real time, not connected.
-        bits_per_s: speed of the bus: transfers take no less than their bits.
-        seed: of transfers that are not acknowledged.
+    `servos` are unconnected, in real time; `bits_per_s` is the speed of the bus; `seed` draws failed
+    transfers.
     """
 
     what, kinds, counted = "bus", PCA9685_FAULTS, ("transfers", "goals", "refused")
@@ -73,7 +71,7 @@ class Pca9685Board(SimulatedBoard):
         self._data = {client: data for client, data in self._data.items() if client.fileno() >= 0}
 
     def _answer(self, messages: list[I2cMessage]) -> bytes:
-        """Answer to a transaction: 0 and what was read, or an error number."""
+        """Answer to a transaction: 0 and the bytes read, or an error number."""
         count = sum(1 + len(message.data) + message.reads for message in messages)
         self._time.sleep(BITS * count / self._bits_per_s)
         self.counts["transfers"] += 1

@@ -34,11 +34,7 @@ GENERAL_CALL, SOFTWARE_RESET = 0x00, b"\x06"
 
 
 class SimulatedPca9685:
-    """One chip.
-
-    Args:
-        oscillator_mhz: frequency of its oscillator, which is what its pulses are really made of.
-    """
+    """One chip; `oscillator_mhz` is the true frequency."""
 
     def __init__(self, oscillator_mhz: float = 25.0) -> None:
         self._oscillator_mhz, self._pointer = oscillator_mhz, 0
@@ -46,7 +42,7 @@ class SimulatedPca9685:
         self.reset()
 
     def reset(self) -> None:
-        """Lose power and get it back: asleep, all channels off."""
+        """Restart after a loss of power: asleep, all channels off."""
         self.registers[:] = bytes(256)
         for register, value in AT_FIRST.items():
             self.registers[register] = value
@@ -56,11 +52,11 @@ class SimulatedPca9685:
 
     @property
     def all_call(self) -> int | None:
-        """Address at which it answers besides its own, or None."""
+        """Its all-call address, or None."""
         return self.registers[ALL_CALL] >> 1 if self.registers[MODE1] & ANSWERS_ALL else None
 
     def write(self, data: bytes) -> None:
-        """Take a message: the first byte is a register."""
+        """Execute a message: the first byte is a register."""
         if data:
             self._pointer = data[0]
         for value in data[1:]:
@@ -68,7 +64,7 @@ class SimulatedPca9685:
             self._advance()
 
     def read(self, count: int) -> bytes:
-        """Bytes from the register on that was written last."""
+        """Bytes from the last written register on."""
         data = bytearray()
         for _ in range(count):
             data.append(self.registers[self._pointer])
@@ -76,7 +72,7 @@ class SimulatedPca9685:
         return bytes(data)
 
     def pulses_us(self) -> FloatArray:
-        """Pulses that come out, (16,) in us; 0 for channels that are off, NaN for those always on."""
+        """Output pulses, (16,) in us; 0 for channels that are off, NaN for those always on."""
         pulses = np.zeros(PCA9685_CHANNELS)
         if self.registers[MODE1] & (SLEEP | RESTART):
             return pulses
@@ -123,7 +119,7 @@ class SimulatedI2c:
         self.chips = dict(chips)
 
     def transfer(self, messages: Sequence[I2cMessage]) -> bytes:
-        """Bytes that are read; raises OSError for an address at which no chip answers."""
+        """Bytes that are read; raises OSError for an address without a chip."""
         answer = b""
         for message in messages:
             if message.address == GENERAL_CALL and message.data == SOFTWARE_RESET:

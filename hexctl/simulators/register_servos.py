@@ -1,4 +1,4 @@
-"""Simulated servos with registers on a bus, Dynamixel and Feetech: what they understand and answer."""
+"""Simulated Dynamixel and Feetech servos on a bus, which have registers."""
 
 import math
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ LOW_SHARE = 0.7
 
 
 class BusServo(SimulatedServo):
-    """One servo with registers: its memory, what of it is kept without power, and what it refuses."""
+    """One servo with registers."""
 
     def __init__(self, servo_id: int, model: ServoType, counts: float) -> None:
         self._table, self._model = (table := table_of(model.name)), model
@@ -73,7 +73,7 @@ class BusServo(SimulatedServo):
         return self.memory[self._table.servo_id.address]
 
     def restart(self) -> None:
-        """Begin as after a loss of power: without torque, with the settings that were kept."""
+        """Restart after a loss of power: without torque, with stored settings."""
         table = self._table
         self.memory[: table.ram] = self._kept
         self.overloaded = False
@@ -90,7 +90,7 @@ class BusServo(SimulatedServo):
                 self.set(register, value)
 
     def lose_id(self, servo_id: int) -> None:
-        """Answer to another id, also after a restart."""
+        """Change the id, also after a restart."""
         self.set(self._table.servo_id, servo_id)
         self._keep()
 
@@ -106,7 +106,7 @@ class BusServo(SimulatedServo):
 
     @property
     def holds(self) -> bool:
-        """Whether it holds its goal: with torque, and in position mode."""
+        """Whether it holds its goal: with torque, in position mode."""
         table = self._table
         if self.memory[table.torque.address] != 1:
             return False
@@ -117,7 +117,7 @@ class BusServo(SimulatedServo):
         return not self.number(table.least) == self.number(table.most) == 0
 
     def goal(self, now_s: float) -> float:
-        """Count that it steers for: its goal, which ends at its limits."""
+        """Target count, clipped to its limits."""
         least, most = self.number(self._table.least), self.number(self._table.most)
         goal = self.number(self._table.goal)
         return float(np.clip(goal, least, most)) if least < most else goal
@@ -132,7 +132,6 @@ class BusServo(SimulatedServo):
 
     @property
     def _overloaded_share(self) -> float:
-        """Share of its torque that an STS servo gives after an overload."""
         overload = self._table.overload
         return 0.0 if overload is None else self.number(overload.torque)
 
@@ -142,7 +141,7 @@ class BusServo(SimulatedServo):
         return watchdog is not None and self.memory[watchdog.address] == EXPIRED
 
     def watch(self, silent_s: float) -> None:
-        """Let the watchdog expire where the line has been silent for long, in s, and the torque is on."""
+        """Let the watchdog expire after a silence of the line, in s, with torque on."""
         watchdog = self._table.watchdog
         if watchdog is None or not self.holds or not 0 < self.memory[watchdog.address] <= MOST_WATCHDOG:
             return
@@ -150,7 +149,7 @@ class BusServo(SimulatedServo):
             self.memory[watchdog.address] = EXPIRED
 
     def trip(self, *, hot: bool = False) -> None:
-        """Let go because of an overload or heat, as its shutdown conditions say and its model does."""
+        """Lose the torque because of an overload or heat, by its shutdown conditions and model."""
         table, words = self._table, "heat" if hot else "overload"
         bit = next(bit for bit, each in table.protections.items() if each == words)
         self.overloaded = self.overloaded or not hot
@@ -173,10 +172,10 @@ class BusServo(SimulatedServo):
         return bytes(self.memory[address : address + size]).ljust(size, b"\0")
 
     def write(self, address: int, data: bytes) -> int:
-        """Write bytes, as a controller does; what its answer says of that, as the error byte has it.
+        """Write bytes, as a controller does; the result is the error byte of the answer.
 
-        What is kept without power is not changed while the torque is on; a goal beyond the limits is refused
-        by Dynamixel servos, as is one after the watchdog has expired.
+        Stored settings do not change while the torque is on. Dynamixel servos refuse a goal beyond the
+        limits, or after the watchdog has expired.
         """
         if said := self._refuses(address, data):
             return said & ~_SILENTLY
@@ -196,7 +195,7 @@ class BusServo(SimulatedServo):
         self._kept = bytes(self.memory[: self._table.ram])
 
     def _refuses(self, address: int, data: bytes) -> int:
-        """Error byte of a write that is not carried out, `_SILENTLY` for one that is dropped; 0 else."""
+        """Error byte of a refused write, `_SILENTLY` for a dropped one; else 0."""
         table = self._table
         two, dynamixel = table.protocol == 2, table.unlock is None
         if dynamixel and address < table.ram and self.memory[table.torque.address]:
@@ -233,7 +232,7 @@ class RegisterServos(SimulatedServos):
         return BusServo(servo_id, model, count)
 
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
-        """Do what an instruction says; the answers to it."""
+        """Execute an instruction; its answers."""
         if self._table.protocol == 2 and instruction == STATUS:
             return []
         for servo in self.servos:
@@ -276,7 +275,6 @@ class RegisterServos(SimulatedServos):
                 servo.write(address, rows[start + 1 : start + 1 + size])
 
     def _complete(self, instruction: int, parameters: bytes) -> bool:
-        """Whether an instruction has an address and a size that a packet can carry, if it needs them."""
         width = self.packets.width
         if instruction == WRITE:
             return len(parameters) > width

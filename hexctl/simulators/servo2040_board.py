@@ -1,4 +1,4 @@
-"""A servo2040 with the Chica firmware, or its fork, on a pseudo-terminal; it moves a simulated robot."""
+"""A servo2040 with the Chica firmware, or its fork, on a pseudo-terminal."""
 
 import numpy as np
 
@@ -46,17 +46,11 @@ SERVO2040_FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "
 
 
 class Servo2040Board(SimulatedBoard):
-    """A servo2040 on a pseudo-terminal, which moves simulated joints.
-
-    Args:
-        servos: of the simulated robot, in real time, not connected.
-        firmware: `stock` or `fork`.
-        seed: of garbled bytes.
+    """A servo2040 on a pseudo-terminal, which moves simulated joints; `firmware` is `stock` or `fork`.
 
     Attributes:
-        pulses_us: last pulses by output, (18,); 0 where none was told.
-        enabled: outputs that give their pulses once the relay is on, (18,).
-        relay: whether the servos have power.
+        pulses_us: last pulses by output, (18,); 0 for none.
+        enabled: outputs with pulses once the relay is on, (18,).
     """
 
     kinds = SERVO2040_FAULTS
@@ -135,7 +129,7 @@ class Servo2040Board(SimulatedBoard):
                 self._switch(value > 0)
 
     def _switch(self, on: bool) -> None:
-        """Switch the relay: the fork only with a pose that was staged, and not after a trip."""
+        """Switch the relay: the fork only with a staged pose, and not after a trip."""
         if not on:
             self.relay, self._staged, self._status = False, False, 0
         elif not self._fork or (self._staged and not self._status):
@@ -144,7 +138,7 @@ class Servo2040Board(SimulatedBoard):
             self.enabled[:] = True  # also those that were told 0
 
     def _get(self, start: int, count: int) -> None:
-        """Reply; the original gives nothing for the relay and the outputs behind it."""
+        """Reply; the original sends nothing for the relay and the outputs behind it."""
         values = [round(pulse) for pulse in self.pulses_us] + self._sensors
         if self._fork:
             values += [0, self._status]

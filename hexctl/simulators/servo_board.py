@@ -25,14 +25,13 @@ from hexctl.simulators.board_messages import answers, for_us
 from hexctl.simulators.simulated_board import RunningBoard
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
 
-#: After a silence in which the pose was held, overrides of a controller whose heartbeats do not show that it
-#: is there have to come for so long before they count again. It goes on for `EXPIRY_S` without states: on a
-#: link that has begun to delay everything, that much is still on its way when it has stopped.
+#: After a silence, overrides must come for so long to count without a confirming heartbeat. A controller
+#: without states continues for `EXPIRY_S`: a delayed link carries that much after it has stopped.
 RESUME_AFTER_S = 1.5 * EXPIRY_S
 
 
 class OverrideStream:
-    """Overrides of the commander as they arrive: how long they have come without a silence."""
+    """Time for which overrides of the commander have come without a silence."""
 
     def __init__(self, silence_s: float = EXPIRY_S) -> None:
         self._silence_s = silence_s
@@ -46,17 +45,14 @@ class OverrideStream:
 
     @property
     def steady(self) -> bool:
-        """Whether they have come for long enough to be those of a controller that is there."""
+        """Whether overrides have come long enough for a present controller."""
         return self._at_s - self._since_s >= RESUME_AFTER_S
 
 
 class Channels:
-    """Last override of each servo channel; arrays are (18,), by channel.
+    """Last override of each servo channel, (18,): pulses within the limits, and which channels are driven.
 
-    Attributes:
-        pulses_us: pulse of each channel, within its limits; the last one where it is released.
-        active: which channels are driven.
-        clipped: overrides so far that a pulse limit changed.
+    `clipped` counts overrides that a pulse limit changed.
     """
 
     def __init__(self, servo_map: ServoMap) -> None:
@@ -67,10 +63,7 @@ class Channels:
         self.clipped = 0
 
     def take(self, raw: list[int]) -> None:
-        """Apply an override, all channels or none.
-
-        Raises CommandRefusedError for a pulse outside the range of servos.
-        """
+        """Apply an override to all channels or none; raises CommandRefusedError for an impossible pulse."""
         values = np.array(raw)
         released, driven = _released_and_driven(raw)
         if not ((values[driven] >= LEAST_US) & (values[driven] <= MOST_US)).all():
@@ -93,7 +86,7 @@ class Channels:
 
 
 def _released_and_driven(raw: list[int]) -> tuple[BoolArray, BoolArray]:
-    """Which channels an override (18,) releases, and which it drives; it leaves the others as they are."""
+    """Which channels an override (18,) releases, and which it drives; others are unchanged."""
     values, high = np.array(raw), np.arange(N_JOINTS) >= FIRST_HIGH
     # Channels 9..18 are an extension whose missing values arrive as 0: ignored.
     ignored = (values == IGNORE_US) | (high & (values == 0))
@@ -138,14 +131,7 @@ class Peer:
 
 
 class Peers:
-    """Peers that were heard lately, and the one of them that commands.
-
-    Attributes:
-        commander: the peer that moves the servos, or None.
-        lost: frames of all peers so far that never arrived.
-        out_of_order: frames that arrived late or twice.
-        crowded_out: peers so far that were dropped to make room for others.
-    """
+    """Recently heard peers, the one that commands, or None, and the number of dropped ones, `crowded_out`."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[Address, int, int], Peer] = {}
@@ -164,7 +150,7 @@ class Peers:
         return self._late_before + sum(peer.sequence.out_of_order for peer in self._known.values())
 
     def addresses(self) -> list[Address]:
-        """Addresses of all peers; a stream has the one address None."""
+        """Addresses of all peers; None for a stream."""
         return list(dict.fromkeys(peer.address for peer in self._known.values()))
 
     def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer, bool]:
@@ -194,7 +180,7 @@ class Peers:
         return holder is None or holder is peer or at_s - holder.heard_at_s > FREE_AFTER_S
 
     def farewell(self, peer: Peer) -> None:
-        """Drop a peer that announces its end; the next one may command without waiting."""
+        """Remove a peer that announces its end; the next one may command without waiting."""
         self._drop(peer)
         if peer is self.commander:
             self.commander = None
@@ -221,16 +207,16 @@ CRITICAL_SEVERITY, WARNING_SEVERITY = 2, 4
 class ServoBoard(RunningBoard):
     """Moves servos as the frames on a MAVLink port command.
 
-    Commands expire after `expiry_s`: then the pose is held until overrides come again from a controller whose
-    heartbeats echo a state of now, have come for `RESUME_AFTER_S`, or release the servos. When nothing of the
-    commander arrived for `release_after_s`, not even a heartbeat, the servos are released. The guard limits
-    ranges and speeds and detects falls, as everywhere.
+    Commands expire after `expiry_s`: then the pose is held until overrides come from a controller with
+    current states, have come for `RESUME_AFTER_S`, or release the servos. After `release_after_s` without any
+    frame of the commander the servos are released. The guard limits ranges and speeds and detects falls, as
+    everywhere.
     """
 
     what = "board's port"
 
-    #: Overrides that were executed, that were refused (pulse out of range, stopped robot), of peers that do
-    #: not command, and of which some may be older than a silence; poses held, and servos released.
+    #: Overrides: executed, refused (impossible pulse, stopped robot), of other peers, maybe older than a
+    #: silence. Then poses held, and servos released.
     counted = ("overrides", "refused", "of_others", "not_yet", "expired", "released")
 
     def __init__(
@@ -279,7 +265,7 @@ class ServoBoard(RunningBoard):
             self._handle(arrival)
 
     def _handle(self, arrival: Arrival) -> None:
-        """Execute or answer one frame; no content of a frame may end the loop."""
+        """Execute or answer one frame; no frame may end the loop."""
         frame = arrival.frame
         peer, new = self._peers.hear(arrival.sender, frame.system, frame.component, arrival.at_s)
         if not peer.sequence.in_order(frame.sequence, arrival.at_s):
@@ -326,11 +312,7 @@ class ServoBoard(RunningBoard):
         self.counts["overrides"] += 1
 
     def _counts(self, raw: list[int], peer: Peer, at_s: float) -> bool:
-        """Whether an override counts.
-
-        After a silence only a release does, one of a controller that shows that it is there, and those of a
-        steady stream.
-        """
+        """After a silence only a release, a present controller or a steady stream counts."""
         self._overrides.note(at_s)
         if self._guard.stopped != "expired":
             return True
@@ -380,7 +362,6 @@ class ServoBoard(RunningBoard):
         return sent
 
     def _introduction(self, measured: bool) -> list[Any]:
-        """Heartbeat, whether joint positions are measured, and the reason of a stop."""
         sent = [
             board_messages.heartbeat(self._system_state()),
             board_messages.measured(measured, self._time.now()),
@@ -399,7 +380,7 @@ class ServoBoard(RunningBoard):
         return int(mavlink_messages.ACTIVE if self._commanded else mavlink_messages.STANDBY)
 
     def _send_to_all(self, sent: list[Any]) -> None:
-        """Send messages to all peers that were heard lately; on a stream to its other end."""
+        """Send messages to all recently heard peers, or to a stream."""
         for address in [None] if self._stream else self._peers.addresses():
             for message in sent:
                 self._link.send(message, address)

@@ -1,4 +1,4 @@
-"""A simulated robot behind a board or a bus: what such boards have in common."""
+"""A simulated robot behind a board or a bus."""
 
 import contextlib
 import os
@@ -36,19 +36,19 @@ class PseudoTerminal:
         self.path = os.ttyname(self._slave)
 
     def receive(self, timeout_s: float) -> bytes:
-        """What comes within a time, or nothing."""
+        """Bytes received within a time."""
         if not select.select([self.descriptor], [], [], timeout_s)[0]:
             return b""
         return os.read(self.descriptor, CHUNK)
 
     def send(self, data: bytes) -> None:
-        """Send; a reader that does not read misses it, as on a line that is not listened to."""
+        """Send bytes; a reader that does not read misses them."""
         with contextlib.suppress(BlockingIOError):
             os.write(self.descriptor, data)
 
     @property
     def speed(self) -> int:
-        """Speed at which the controller has opened it, as termios has it."""
+        """Speed at which the controller has opened it, in termios units."""
         speed: int = termios.tcgetattr(self._slave)[5]
         return speed
 
@@ -59,7 +59,7 @@ class PseudoTerminal:
 
 
 class SocketLine:
-    """A Unix socket in a scratch folder of its own."""
+    """A Unix socket in a temporary folder."""
 
     def __init__(self, name: str) -> None:
         self._scratch = ExitStack()
@@ -70,7 +70,7 @@ class SocketLine:
         self._clients: list[socket.socket] = []
 
     def receive(self, timeout_s: float) -> list[tuple[socket.socket, bytes]]:
-        """What comes within a time, by client; a client that has gone sends nothing more."""
+        """Bytes received within a time, by client."""
         ready = select.select([self._listener, *self._clients], [], [], timeout_s)[0]
         came = []
         for each in ready:
@@ -89,7 +89,7 @@ class SocketLine:
         return came
 
     def close(self) -> None:
-        """End the socket and remove its folder."""
+        """Close the socket and remove its folder."""
         for each in (self._listener, *self._clients):
             each.close()
         self._scratch.close()
@@ -103,15 +103,7 @@ class Closing(Protocol):
 
 
 class RunningBoard(ABC):
-    """Runs servos in real time, and serves a line between their ticks.
-
-    Args:
-        servos: not connected.
-        line: open; closed at the end of `run`.
-
-    Attributes:
-        counts: of its work so far, by name.
-    """
+    """Runs unconnected servos in real time, and serves an open line, which it closes, between their ticks."""
 
     #: What it is, as messages have it.
     what = "board"
@@ -150,29 +142,24 @@ class RunningBoard(ABC):
         return dict(self.counts)
 
     def _start(self) -> None:  # noqa: B027  most have nothing to prepare
-        """Prepare for what comes, once the servos are connected."""
+        """Prepare for commands, once the servos are connected."""
 
     @abstractmethod
     def _serve(self, timeout_s: float) -> None:
-        """Obey what comes within a time."""
+        """Execute commands received within a time."""
 
     @abstractmethod
     def _tick(self) -> None:
-        """Do what each control period asks for, after the tick of the clock."""
+        """Work of each control period, after the tick of the clock."""
 
 
 class SimulatedBoard(RunningBoard):
-    """Moves a simulated robot by what comes on a line, with faults.
+    """Moves a simulated robot by commands on a line, with faults.
 
     Args:
         servos: of the simulated robot, in real time, not connected.
         line: open; closed at the end of `run`.
-        faults: what goes wrong, and when.
-        seed: of what goes wrong at random.
-
-    Attributes:
-        path: what controllers open.
-        due: faults that are still to come.
+        seed: of random faults.
     """
 
     #: What each word of a fault takes, as `parse_fault` reads it.
@@ -197,11 +184,11 @@ class SimulatedBoard(RunningBoard):
 
     @abstractmethod
     def _told(self) -> tuple[BoolArray, FloatArray]:
-        """Which servos hold, (18,), and the angles that they steer for, (18,), of any value for others."""
+        """Which servos hold, (18,), and their target angles, (18,), arbitrary for others."""
 
     @abstractmethod
     def _show(self, state: RobotState) -> None:
-        """Let the board know how its robot is."""
+        """Pass the robot's state to the board."""
 
     def _suffer(self) -> None:
         for fault in self.due.begun(self._robot.clock.now_s):

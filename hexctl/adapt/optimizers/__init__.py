@@ -1,1 +1,1 @@
-"""The optimizers that come with hexctl, and how one is found by its name."""
+"""The shipped optimizers, and their registry."""

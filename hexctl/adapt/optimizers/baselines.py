@@ -7,10 +7,9 @@ from hexctl.adapt.space import GaitSpace
 
 
 class RandomSearch(Optimizer):
-    """All codes in random order, none twice; after the last one a new shuffled round.
+    """All codes in random order without repetition; then a new shuffled round.
 
-    A strong baseline: the expected best rank after n draws from N codes is (N + 1)/(n + 1), which is 5.8 of
-    120 after 20 draws and 2.0 after 60.
+    The expected best rank after n draws from N codes is (N + 1)/(n + 1): 5.8 of 120 after 20 draws.
     """
 
     name = "random"

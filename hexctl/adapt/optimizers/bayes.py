@@ -1,4 +1,4 @@
-"""`bayes`: search with a prior of simulated worlds; each trial narrows down which of them the robot is in."""
+"""`bayes`: search with a prior of simulated worlds; trials show which of them resemble the robot's."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -36,45 +36,40 @@ EARLIEST = 0.3
 #: Number of first trials that are chosen with a horizon of two trials.
 LOOKING_AHEAD = 2
 
-#: Standard deviation between trials of one gait, until repeats tell. In simulation a gait repeats to the last
-#: bit: this is only not 0. On a real robot it is what repeats made in simulated robots as they are built and
-#: worn: `ant` in the worlds real:0 to real:9, leg 5 locked, 30 s after the self-rotation, sensor noise of 0.5
-#: degrees of yaw, 2 mm and 0.2 degrees per joint, lost commands and noise drawn separately for each of four
-#: repeats. Over three gaits, 27 of 30 pairs in which they make progress, it was 1.0 to 10.8 cm, 3.7 at the
-#: median and 4.9 as root mean square. 4 cm lies between both: a few worlds make the root mean square, and
-#: repeats correct a value that is too small.
+#: Standard deviation between trials of one gait before any repeat. Simulated gaits repeat exactly: any small
+#: value but 0 will do. The real one is from `ant` in real:0 to real:9, leg 5 locked, 30 s, four repeats with
+#: lost commands and noise of 0.5 degrees of yaw, 2 mm, and 0.2 degrees per joint. Over 27 pairs of world and
+#: gait it was 1.0 to 10.8 cm, 3.7 at the median and 4.9 RMS. 4 cm lies between both: few worlds dominate the
+#: RMS, and repeats correct a value that is too small.
 SIMULATED_NOISE_M = 0.001
 REAL_NOISE_M = 0.04
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A gait that is to be walked: its code, and why it, in words."""
+    """The next gait and the reason, in words."""
 
     code: int
     why: str
 
 
 class Bayes(Optimizer):
-    """Walks the gait with the greatest expected improvement, given the prior and all trials so far.
+    """Walks the gait with the maximum expected improvement, given the prior and all trials so far.
 
-    Learns from the course of trials; from a score alone (`tell` without observations) it learns only that the
-    gait was tried. It uses no random numbers.
+    It learns from the course of trials; a score without observations only marks the gait as tried. It uses no
+    random numbers.
 
     Args:
-        space: the gaits of the failed leg.
         seed: part of the interface; has no effect.
         samples: the prior's worlds for this leg.
         target_m: deviation that is good enough.
-        duration_s: how long a trial walks.
-        floor_m: distance that a valid trial makes at least.
-        noise_m: standard deviation of trials of the same gait, as assumed before any repeat.
-        uncertainty_m: standard uncertainty that no repeat takes away, such as the simulation's own, in which
-            a gait repeats exactly and would still end elsewhere in a finer computation. A gait is confirmed
-            against it; what trials tell of one another is not changed by it.
-        worth_m: expected gain over the best known gait, of all the trials that are left, below which another
-            one is not worth it; 0 to continue whatever the gain.
-        budget: how many trials there may be; None to count the gain of a single one.
+        duration_s: of a trial.
+        floor_m: minimum distance of a valid trial.
+        noise_m: standard deviation of trials of the same gait, assumed before any repeat.
+        uncertainty_m: standard uncertainty that repeats do not reduce, such as the simulation's own. It
+            counts only for the confirmation of a gait.
+        worth_m: minimum expected gain of all remaining trials to continue; 0 continues always.
+        budget: maximum number of trials; None to count the gain of a single one.
     """
 
     name = "bayes"
@@ -107,7 +102,7 @@ class Bayes(Optimizer):
         self._forget()
 
     def observe_stance(self, sag_rad: FloatArray) -> None:
-        """Condition on the static deflection of the stance before the first trial, (18,)."""
+        """Condition on the static deflection of the joints in the stance before the first trial, (18,)."""
         sag_rad = np.asarray(sag_rad, dtype=float)
         if sag_rad.shape != (N_JOINTS,):
             raise InputError(f"{self.name}: got a sag of shape {sag_rad.shape}; allowed: ({N_JOINTS},)")
@@ -126,8 +121,7 @@ class Bayes(Optimizer):
     def worthwhile(self) -> bool:
         """Whether the trials left are expected to gain `worth_m`, or the best gait needs a repeat.
 
-        Their gain is the sum of those of as many untried gaits, each as it is expected now: what they will
-        tell of one another may be worth more, and two that succeed gain less than their sum.
+        Their gain is approximated by the sum of those of as many untried gaits.
         """
         best = self.recommended()
         if best is None or self._worth_m <= 0 or self._worth_repeating(best):
@@ -139,10 +133,7 @@ class Bayes(Optimizer):
         return min(best_m, float(greatest_m.sum())) >= self._worth_m
 
     def recommended(self) -> int | None:
-        """Code of the walked gait that is likeliest to be within the target, None before any.
-
-        Where none is likely to be, the one with the smallest expected deviation.
-        """
+        """Walked gait most likely within the target, else with the smallest expected deviation; or None."""
         known, forecast = self._known_good(), self.forecast()
         if not known.any():
             return None
@@ -152,7 +143,7 @@ class Bayes(Optimizer):
         return int(np.argmax(np.where(known, worth, -np.inf))) + 1
 
     def predict(self, code: int) -> Prediction:
-        """Prediction for a gait now."""
+        """Current prediction for a gait."""
         forecast = self.forecast()
         row = code - 1
         return Prediction(
@@ -164,11 +155,11 @@ class Bayes(Optimizer):
         )
 
     def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Learn from a walk of a gait that was not asked for."""
+        """Learn from a walk without an ask."""
         self._learn_observed([code], [score], [observation])
 
     def early_stopping(self, code: int) -> Enough:
-        """Predicate for the walk of a gait: whether its path so far leaves no hope of a good end."""
+        """Predicate that ends a walk of a gait whose path leaves no hope of a good end."""
         bound_m = max(self._target_m, min(self._best_m(), WORST_M))
         # Everything costly happens here, before the walk: the predicate is called between two ticks.
         course = self._belief.course_of(code)
@@ -184,11 +175,11 @@ class Bayes(Optimizer):
         return should_stop
 
     def _suggest(self, count: int) -> list[int]:
-        """One gait, whatever the count: the next choice needs its outcome."""
+        """One gait for any count: the next choice needs its outcome."""
         return [self.choice().code]
 
     def choice(self) -> Choice:
-        """The gait that `ask` would give now."""
+        """The next gait."""
         tried, best = self._tried(), self.recommended()
         if best is not None and tried.all():
             return Choice(best, "all gaits are walked: the one that is likeliest to be good again")
@@ -204,10 +195,7 @@ class Bayes(Optimizer):
         return Choice(row + 1, f"the greatest expected gain of {gain}")
 
     def _worth_repeating(self, code: int) -> bool:
-        """Whether a walked gait is the likeliest of all to be within the target and a repeat tells more.
-
-        It does not where the end of the gait is known better than to `uncertainty_m`.
-        """
+        """Whether a walked gait is the best candidate, and its end not known to `uncertainty_m`."""
         chances, forecast = self._chances(), self.forecast()
         if forecast.sd_m[code - 1] < self._uncertainty_m:
             return False
@@ -233,7 +221,6 @@ class Bayes(Optimizer):
             self._take([code, score, status, [None if np.isnan(x) else float(x) for x in features]])
 
     def _take(self, trial: list[Any]) -> None:
-        """Take in one trial as it stands in the saved state."""
         if len(trial) != 4:
             raise ValueError(f"a trial of {len(trial)} parts")
         code, score, status, numbers = int(trial[0]), float(trial[1]), str(trial[2]), trial[3]
@@ -252,7 +239,7 @@ class Bayes(Optimizer):
         self._known = None
 
     def forecast(self) -> Forecast:
-        """Forecast of all gaits now."""
+        """Current forecast of all gaits."""
         if self._known is None:
             self._known = self._belief.forecast()
         return self._known
@@ -279,7 +266,6 @@ class Bayes(Optimizer):
         return self._walked(lambda status: status not in ("ok", "unknown"))
 
     def _known_good(self) -> BoolArray:
-        """Gaits that walked to the end every time."""
         return self._walked(lambda status: status == "ok") & ~self._failed()
 
     def _walked(self, wanted: Callable[[str], bool]) -> BoolArray:

@@ -1,4 +1,4 @@
-"""Deduplication: a code already tried is not walked, nor paid for, a second time."""
+"""Deduplication: codes are not walked twice."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,26 +18,19 @@ class SpaceExhaustedError(HexctlError, RuntimeError):
 
 
 class Deduplication(Optimizer):
-    """Asks another optimizer and hands out only those of its codes that were not tried before.
+    """Hands out only untried codes of another optimizer.
 
-    The rule:
-
-    1. A code that the search asks for again is answered from memory with the score it got, and the search is
-       asked again. It is not walked and does not count. So is a code that comes twice in one ask.
-    2. When the search has asked for `patience` codes in a row and none was fresh, it is stuck: a population
-       that has converged repeats itself forever. Then random untried codes are handed out. From there on the
-       search is asked once before each of these, and its first fresh code of its own ends this.
-    3. The score of such a code is remembered here and not told to the search, unless the search asks for it
-       later. The search is told exactly what it asked for, all of it and in its order; a foreign score would
-       be taken for that of one of its individuals and corrupt its memory.
+    1. A repeated code is answered from memory, does not count, and the search is asked again. 2. After
+    `patience` repeated codes in a row the search is stuck, as a converged population repeats itself. Then
+       random untried codes are handed out, until the search has a fresh code of its own; it is asked before
+       each.
+    3. The search gets only scores of codes that it asked for, in its order: others would corrupt a
+    population. The
+       scores of random codes are remembered for later.
     4. When every code has been tried, `exhausted` is True and `ask` raises SpaceExhaustedError.
 
-    With `paper_count` none of these rules applies: repetitions are handed out and cost an evaluation each, as
-    in the paper's convergence curves.
-
-    Everything else of the wrapped optimizer passes through: `exhausted`, `finished`, `judges_target`,
-    `recommended`, `predict`, `early_stopping` and `repeat`. It learns from the courses of the walks it asked
-    for; an answer from memory is a score alone.
+    With `paper_count` repetitions are handed out and cost an evaluation each, as in the paper's convergence
+    curves. Answers from memory have no observations; all other methods pass through.
     """
 
     def __init__(
@@ -63,35 +56,35 @@ class Deduplication(Optimizer):
 
     @property
     def exhausted(self) -> bool:
-        """True when every code has been tried and repetitions are not wanted, or the search has no more."""
+        """True if every code has been tried and repetitions are not wanted, or the search has no more."""
         if not self._paper_count and len(self._scores) == self.space.size:
             return True
         return self._inner.exhausted
 
     @property
     def finished(self) -> bool:
-        """As the wrapped optimizer says."""
+        """As the wrapped optimizer."""
         return self._inner.finished
 
     @property
     def worthwhile(self) -> bool:
-        """As the wrapped optimizer says."""
+        """As the wrapped optimizer."""
         return self._inner.worthwhile
 
     def recommended(self) -> int | None:
-        """As the wrapped optimizer says."""
+        """As the wrapped optimizer."""
         return self._inner.recommended()
 
     def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Pass a walk that was not asked for to the wrapped optimizer."""
+        """Pass a walk without an ask to the wrapped optimizer."""
         self._inner.repeat(code, score, observation)
 
     def predict(self, code: int) -> Prediction | None:
-        """As the wrapped optimizer says."""
+        """As the wrapped optimizer."""
         return self._inner.predict(code)
 
     def early_stopping(self, code: int) -> Enough | None:
-        """As the wrapped optimizer says."""
+        """As the wrapped optimizer."""
         return self._inner.early_stopping(code)
 
     def _suggest(self, count: int) -> list[int]:
@@ -127,7 +120,6 @@ class Deduplication(Optimizer):
             )
 
     def _untried(self, count: int) -> list[int]:
-        """Up to `count` random codes that were not tried."""
         left = [code for code in range(1, self.space.size + 1) if code not in self._scores]
         chosen = self._random.permutation(len(left))[:count]
         return [left[index] for index in chosen]

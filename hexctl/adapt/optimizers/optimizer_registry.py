@@ -1,4 +1,4 @@
-"""The registry of optimizers: from a name to an optimizer."""
+"""The registry of optimizers."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ _CLASSES = {"hexctl.adapt.optimizers.bayes:Bayes": BAYES, "hexctl.adapt.optimize
 
 
 def name_of(optimizer: OptimizerChoice) -> str:
-    """Name of an optimizer, by which a session finds it again."""
+    """Name of an optimizer in sessions."""
     if isinstance(optimizer, str):
         return optimizer
     if not (isinstance(optimizer, type) and issubclass(optimizer, Optimizer)):
@@ -28,10 +28,9 @@ def name_of(optimizer: OptimizerChoice) -> str:
 
 
 def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, seed: int) -> Optimizer:
-    """Fresh optimizer of a name or class.
+    """Fresh optimizer of a name in `OPTIMIZERS`, of `package.module:Class`, or of a class.
 
-    `name` is one of `OPTIMIZERS`, or `package.module:Class` or the class of one of your own. Raises
-    InputError for an unknown name, with the known ones.
+    Raises InputError for an unknown name, with the known ones.
     """
     allowed = f"{BAYES} (with a prior), {', '.join(OPTIMIZERS)}, or an Optimizer class"
     check_type(name, (str, Callable), "optimizer", allowed)  # type: ignore[arg-type]

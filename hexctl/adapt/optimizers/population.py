@@ -1,8 +1,7 @@
-"""The population methods: particle swarms `pso`, `psosp`, `dps`; differential evolution `debest`, `derand`.
+"""Particle swarms `pso`, `psosp`, `dps`; differential evolution `debest`, `derand`.
 
-The continuous cores (`Population` and its subclasses) know no gaits and have any dimension, so the core that
-searches codes can also be run on a continuous test function. `PopulationOptimizer` puts it behind ask and
-tell.
+The continuous cores (`Population` and its subclasses) have any dimension; `PopulationOptimizer` puts them
+behind ask and tell of codes.
 """
 
 from abc import ABC, abstractmethod
@@ -25,14 +24,14 @@ POPULATION = 10
 class Population(ABC):
     """Individuals in the box [low, high] that are scored and move together, once a generation.
 
-    Generation 1 is uniform in the box. Scores are only ever compared, never calculated with, so a large
-    stand-in for a failed trial does no harm.
+    Generation 1 is uniform in the box. Scores are only compared: a large score of a failed trial does no
+    harm.
 
     Attributes:
-        positions: where each individual is and wants to be scored, (size, dimension).
+        positions: to be scored, (size, dimension).
         kept: the best position of each individual so far, (size, dimension): a particle's memory, or the
             parents of differential evolution.
-        kept_scores: the scores of `kept`, (size,); meaningless where not `known`.
+        kept_scores: the scores of `kept`, (size,); meaningless if not `known`.
         known: which individuals have been scored since they were drawn, (size,).
     """
 
@@ -54,7 +53,7 @@ class Population(ABC):
         self._begin()
 
     def _begin(self) -> None:
-        """Draw generation 1; a subclass adds the arrays of its own."""
+        """Draw generation 1; a subclass adds its own arrays."""
         self.positions = self._draw(self.size)
         self.kept = self.positions.copy()
         self.kept_scores = np.zeros(self.size)
@@ -70,35 +69,35 @@ class Population(ABC):
         self._move(better)
 
     def state(self) -> dict[str, Any]:
-        """All arrays as lists; the random stream belongs to the caller."""
+        """All arrays as lists, without the caller's random stream."""
         return {name: getattr(self, name).tolist() for name in self.arrays}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Take over what `state` returned; raises KeyError or ValueError for anything else."""
+        """Restore the result of `state`; raises KeyError or ValueError for anything else."""
         for name in self.arrays:
             present = getattr(self, name)
             setattr(self, name, np.array(state[name], dtype=present.dtype).reshape(present.shape))
 
     @abstractmethod
     def _move(self, better: BoolArray) -> None:
-        """Set the next `positions`; `better`, (size,), says whose last position improved on its kept one."""
+        """Set the next `positions`; `better`, (size,), are individuals that improved."""
 
     def _draw(self, count: int) -> FloatArray:
         """Points uniform in the box, (count, dimension)."""
         return self._random.uniform(self.low, self.high, size=(count, self.low.size))
 
     def _others(self, count: int) -> IntArray:
-        """Indices of `count` others for each individual, all distinct and none itself, (count, size)."""
+        """Indices of `count` other individuals for each, all distinct, (count, size)."""
         lots = self._random.random((self.size, self.size))
         np.fill_diagonal(lots, np.inf)
         return np.argsort(lots, axis=1)[:, :count].T
 
 
 class PopulationOptimizer(Optimizer):
-    """A population in the box [1, size] of codes, one dimension; the code is the nearest whole number.
+    """A population in the one-dimensional box [1, size]; the code is the nearest whole number.
 
-    A generation is handed out in pieces of any size and told in pieces. One ask never reaches into the next
-    generation, because that depends on all scores of this one; so the pieces do not change the search.
+    A generation is handed out in pieces that do not change the search; an ask never reaches into the next
+    generation.
     """
 
     #: The rule by which the population moves.
@@ -133,13 +132,13 @@ class ParticleSwarm(Population):
 
         v ← ω v + c1 r1 (p - x) + c2 r2 (g - x),   x ← x + v
 
-    p is the particle's best position so far, g the best of all; r1 and r2 are uniform in [0, 1], drawn
-    for each particle and coordinate. Parameters: ω = 0.5, c1 = 0.5, c2 = 2, 10 particles (the paper).
+    p is the particle's best position so far, g the best of all; r1 and r2 are uniform in [0, 1], drawn for
+    each particle and coordinate. Parameters: ω = 0.5, c1 = 0.5, c2 = 2, 10 particles (the paper).
 
     Source: Kennedy and Eberhart, "Particle swarm optimization", ICNN 1995, with the inertia weight of Shi and
-    Eberhart, 1998. Where they and the paper are silent: a generation moves as one, after all its scores are
-    in; the first velocities are (u - x)/2 with u uniform in the box, and a particle that leaves the box is
-    put on its wall with no velocity across it (both as in Clerc's Standard PSO 2007); speed has no limit.
+    Eberhart, 1998. Not specified there: a generation moves together; the first velocities are (u - x)/2 with
+    u uniform in the box, and a particle stops at the walls (both as in Clerc's Standard PSO 2007); speed has
+    no limit.
     """
 
     inertia: ClassVar[float] = 0.5
@@ -165,7 +164,6 @@ class ParticleSwarm(Population):
         self.velocities = np.where(reached == self.positions, flown, 0.0)
 
     def _first_velocities(self, positions: FloatArray) -> FloatArray:
-        """Velocities that lead half way to points uniform in the box."""
         return (self._draw(len(positions)) - positions) / 2
 
 
@@ -185,13 +183,13 @@ class SpeciatedSwarm(ParticleSwarm):
         v ← ω v + c1 r1 (p - x) + c2 r2 (s - x),   x ← x + v
 
     with p the particle's own best position and s its seed's. A species of more than Pmax particles keeps its
-    best Pmax; the rest are redrawn and lose their memory. Parameters: ω, c1, c2 and 10 particles as in
-    `pso` (the paper), r = 0.1 of the range (Euclidean, each coordinate scaled by its range), Pmax = 10.
+    best Pmax; the rest are redrawn and lose their memory. Parameters as in `pso`, r = 0.1 of the range
+    (Euclidean, each coordinate scaled by its range), Pmax = 10.
 
     Source: Parrott and Li, "Locating and tracking multiple dynamic optima by a particle swarm model using
-    speciation", IEEE TEVC 10(4), 2006, doi 10.1109/TEVC.2005.859468, as published implementations have it.
-    Its answer to moving optima, scoring the seeds again, is left out: the best gait stands still. The paper
-    states neither r nor Pmax. Pmax = 10 is DEAP's value, made for 100 particles; 10 particles never reach it.
+    speciation", IEEE TEVC 10(4), 2006, doi 10.1109/TEVC.2005.859468, without new scores of the seeds, as
+    optima do not move. The paper states neither r nor Pmax. Pmax = 10 is DEAP's value, made for 100
+    particles; 10 never reach it.
     """
 
     radius: ClassVar[float] = 0.1
@@ -220,7 +218,6 @@ class SpeciatedSwarm(ParticleSwarm):
             self.known[crowded] = False
 
     def _crowded(self, seeds: IntArray) -> list[int]:
-        """Particles beyond the best Pmax of their species."""
         order = np.argsort(self.kept_scores, kind="stable")
         return [
             int(particle)
@@ -239,26 +236,23 @@ class Psosp(PopulationOptimizer):
 class DifferentialSwarm(ParticleSwarm):
     """Particles moved by difference vectors, with parents from an archive of successes on stagnation.
 
-    This is a RECONSTRUCTION. The paper names DPS (Parque, "differential particle scheme with successive
-    parent selection", CEC 2021); its equations are in no source that was open to us. What stands here is put
-    together from its title and two published parents:
+    This is a RECONSTRUCTION of DPS (Parque, "differential particle scheme with successive parent selection",
+    CEC 2021) from its title and two published parents, as no open source has its equations:
 
         v ← ω v + c1 r1 (p_a - p_b) + c2 r2 (p_g - x),   x ← x + v
 
-    The difference between the best positions of two other particles a and b takes the place of the particle's
-    own best, as in PSO with differentially perturbed velocity (Das, Konar, Chakraborty, GECCO 2005). p_g is
-    the best of all. When a particle has not improved its best for more than Q generations, p_a, p_b and p_g
-    come from an archive of the last 10 successes instead, and its x becomes the archive's i-th; a success is
-    a position that improved its particle's best. That is Guo, Yang, Hsu, Tsai, "Improving differential
-    evolution with a successful-parent-selecting framework", IEEE TEVC 19(5), 2015, and as in its authors'
-    code the archive starts as generation 1.
+    p_a and p_b are the best positions of two other particles, as in PSO with differentially perturbed
+    velocity (Das, Konar, Chakraborty, GECCO 2005); p_g is the best of all. When a particle has not improved
+    its best for more than Q generations, p_a, p_b and p_g come from an archive of the last 10 successes, and
+    its x becomes the archive's i-th; a success is a position that improved its particle's best. That is Guo,
+    Yang, Hsu, Tsai, "Improving differential evolution with a successful-parent-selecting framework", IEEE
+    TEVC 19(5), 2015, and as in its authors' code the archive starts as generation 1.
 
     Parameters: ω = 0.5, c1 = 0.5, c2 = 2, 10 particles (the paper's, for swarms), Q = 3.
 
-    Assumed: the form of the velocity, that c1 weighs the difference, and Q. Guo's code has Q = 70, made for
-    100 individuals and thousands of generations; in the paper's 12 it would never act. The original may
-    differ in all of these, may choose its parents otherwise ("successive"), and may accept moves only when
-    they improve, which this does not. Results of `dps` are not results of Parque's DPS.
+    Assumed: the form of the velocity, that c1 weighs the difference, and Q: Guo's Q = 70 would never act in
+    the paper's 12 generations. The original may differ in all of these, and may accept only moves that
+    improve. Results of `dps` are not results of Parque's DPS.
     """
 
     patience: ClassVar[int] = 3
@@ -281,7 +275,6 @@ class DifferentialSwarm(ParticleSwarm):
         self._fly(plus - minus, best - self.positions)
 
     def _remember(self, better: BoolArray) -> None:
-        """Count generations without success and put the successes of this one into the archive."""
         self.idle = np.where(better, 0, self.idle + 1)
         self.archive = np.concatenate([self.archive, self.kept[better]])[-self.size :]
         scores = np.concatenate([self.archive_scores, self.kept_scores[better]])
@@ -303,13 +296,12 @@ class DifferentialEvolution(Population):
         v_i  = b_i + F (x_r - x_s)
         u_ij = v_ij  where rand_ij < CR or j = j_i,  else x_ij
 
-    j_i is one coordinate drawn for each i; r and s are distinct and neither is i; the strategy says what b
-    is. Parameters: CR = 0.5, F = 0.7, 10 individuals (the paper). In one dimension, as with codes, the only
-    coordinate is always j_i: u_i = v_i, and CR has no effect.
+    j_i is one coordinate drawn for each i; r and s are distinct and neither is i; the strategy defines b.
+    Parameters: CR = 0.5, F = 0.7, 10 individuals (the paper). In one dimension, as with codes, u_i = v_i.
 
-    Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997. Where they and
-    the paper are silent, as in SciPy: coordinates outside the box are redrawn, uniform in it, and a
-    challenger of equal score wins. A generation moves as one (SciPy's `updating="deferred"`).
+    Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997. Not specified
+    there, as in SciPy: coordinates outside the box are redrawn, uniform in it, and a challenger of equal
+    score wins. A generation moves together (SciPy's `updating="deferred"`).
     """
 
     crossover: ClassVar[float] = 0.5

@@ -13,8 +13,8 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from hexctl.types import BoolArray, FloatArray
 
-#: Standard deviation between trials of one gait, in the logarithm of the score. In simulation it is what
-#: sensors of 1 cm leave of a distance of 3 m; on a real robot it is assumed.
+#: Standard deviation between trials of one gait, in the logarithm of the score: of 1 cm sensor noise over
+#: 3 m in simulation; assumed on a real robot.
 SIMULATED_NOISE, REAL_NOISE = 0.005, 0.03
 
 #: Expected gain of the trials that are left below which the search ends, as a share of the score.
@@ -25,18 +25,17 @@ LEAST_SCORE = 1e-9
 
 
 class ScoreBayes(Optimizer):
-    """Walks the gait with the greatest expected improvement of the log score, given the prior and all trials.
+    """Walks the gait with the maximum expected improvement of the log score, given the prior and all trials.
 
-    It uses no random numbers, and has the name of the search for straight walks, `bayes`.
+    It uses no random numbers, and shares the name `bayes` with the search for straight walks.
 
     Args:
-        space: the gaits of the failed leg.
         seed: part of the interface; has no effect.
         samples: the prior's worlds for this leg and objective.
         noise: standard deviation of trials of the same gait, in the logarithm.
-        worth: expected gain, as a share of the best score, of all the trials that are left, below which
-            another one is not worth it; 0 to continue whatever the gain.
-        budget: how many trials there may be; None to count the gain of a single one.
+        worth: minimum expected gain of all remaining trials, as a share of the best score; 0 continues
+            always.
+        budget: maximum number of trials; None to count the gain of a single one.
     """
 
     name = "bayes"
@@ -59,7 +58,7 @@ class ScoreBayes(Optimizer):
 
     @property
     def worthwhile(self) -> bool:
-        """Whether the trials left are expected to gain `worth`: the sum of as many untried gaits' gains."""
+        """Whether the trials left are expected to gain `worth`: the sum over as many untried gaits."""
         if self._worth <= 0 or self.recommended() is None:
             return True
         left = 1 if self._budget is None else max(1, self._budget - len(self._trials))
@@ -67,32 +66,29 @@ class ScoreBayes(Optimizer):
         return float(gains.sum()) >= self._worth
 
     def recommended(self) -> int | None:
-        """Code of the walked gait with the best expected score that was valid every time; None before any."""
+        """Walked gait with the best expected score that was always valid; None before any."""
         if not self._good.any():
             return None
         return int(np.argmin(np.where(self._good, self._forecast[0], np.inf))) + 1
 
     def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Learn from a walk of a gait that was not asked for."""
+        """Learn from a walk without an ask."""
         self._take(code, score)
 
     def expected(self, code: int) -> tuple[float, float]:
-        """Expected score of a gait now, and by which factor up or down it may be wrong (one deviation)."""
+        """Expected score of a gait, and the factor of one standard deviation up or down."""
         mean, covariance = self._forecast
         return float(np.exp(mean[code - 1])), float(np.exp(np.sqrt(covariance[code - 1, code - 1])))
 
     def _suggest(self, count: int) -> list[int]:
-        """One gait, whatever the count: the next choice needs its outcome."""
+        """One gait for any count: the next choice needs its outcome."""
         best = self.recommended()
         if self._tried.all():
             return [best if best is not None else int(np.argmin(self._forecast[0])) + 1]
         return [int(np.argmax(np.where(self._tried, -np.inf, self._gains()))) + 1]
 
     def _gains(self) -> FloatArray:
-        """Expected improvement of each gait on the best one walked, (gaits,).
-
-        Before any, on the median gait: the gain is then by how much a gait is better than most.
-        """
+        """Expected improvement of each gait on the best walked one, before any on the median, (gaits,)."""
         mean, covariance = self._forecast
         best = float(mean[self._good].min()) if self._good.any() else float(np.median(mean))
         sd = np.sqrt(np.maximum(np.diagonal(covariance), 1e-12))
@@ -105,7 +101,6 @@ class ScoreBayes(Optimizer):
 
     @property
     def _good(self) -> BoolArray:
-        """Gaits that were walked, and valid every time."""
         return self._tried & ~self._rows([code for code, score in self._trials if score >= INVALID_SCORE])
 
     def _rows(self, codes: list[int]) -> BoolArray:
@@ -118,7 +113,7 @@ class ScoreBayes(Optimizer):
             self._take(code, score)
 
     def _take(self, code: int, score: float) -> None:
-        """Take in one trial; raises ValueError for a code that is not in the space."""
+        """Learn from one trial; raises ValueError for a code that is not in the space."""
         if not 1 <= code <= self.space.size:
             raise ValueError(f"a trial of code {code}")
         self._trials.append((code, score))

@@ -1,22 +1,19 @@
-"""Trims: what a session learns of the bias of a gait, and the search that needs it.
+"""Trims: the bias of a gait, learned from its walks, and the search that needs it.
 
-A robot that holds its heading and does not know its position drifts aside at an angle that the next walk of
-the same gait repeats. A walk with the trim t that ends e to the left of its line, s along it, would have
-ended on the line with
+A robot that holds its heading without a position drifts sideways at a repeatable angle. A walk with the trim
+t that ends e to the left of its line, s along it, would have ended on the line with
 
     t' = t - atan2(e, s)
 
-The trim of a gait is the mean of the t' of all its valid walks, so that noise of where a walk ends averages
-out.
+The trim of a gait is the mean of the t' of all its valid walks, which averages out noise.
 
-A robot that knows nothing walks in open loop, and there it curves: its end lies off the line by half of what
-it has turned. A turn that goes with the walk takes that out. A walk of the duration T with the turn w wants
+In open loop a robot curves: the direction of its end is half of its turn. A walk of the duration T with the
+turn w wants
 
     w' = w - 2 atan2(e, s) / T
 
-Here the first ends are far off, where a correction is a tenth wrong; so each w' counts by 1 / variance, with
-a tenth of its own correction as one part of the standard deviation and `NOISE_RAD` of where walks end as the
-other.
+Each w' has the weight 1 / variance, with a tenth of its correction and `NOISE_RAD` as standard deviations:
+large first corrections are a tenth wrong.
 """
 
 import math
@@ -37,8 +34,7 @@ from hexctl.errors import InputError
 #: Walks of a gait after which a trim that has not brought it within the target is taken not to converge.
 WALKS = 4
 
-#: Standard deviation of the direction in which walks in open loop end, and the share by which a correction of
-#: the turn is wrong.
+#: Standard deviation of the direction in which open-loop walks end, and relative error of a correction.
 NOISE_RAD = math.radians(0.3)
 WRONG = 0.1
 
@@ -46,8 +42,8 @@ WRONG = 0.1
 def wanted_trim_rad(result: TrialResult) -> float | None:
     """Trim with which a walk would have ended on its line, counter-clockwise.
 
-    Its end is the mean of the last second, which a position with noise knows better than its last tick. None
-    for a walk that did not hold its heading, or is not valid.
+    Its end is the mean of the last second, to reduce noise. None for an invalid walk, or one without a held
+    heading.
     """
     end_m = _end_m(result)
     if result.trim_rad is None or end_m is None:
@@ -56,10 +52,7 @@ def wanted_trim_rad(result: TrialResult) -> float | None:
 
 
 def wanted_turn_trim_rad_s(result: TrialResult) -> float | None:
-    """Turn with which a walk in open loop would have ended on its line, counter-clockwise.
-
-    None for a walk without such a trim, or one that is not valid.
-    """
+    """Turn that would end an open-loop walk on its line, counter-clockwise; None if untrimmed or invalid."""
     end_m = _end_m(result)
     if result.turn_trim_rad_s is None or end_m is None:
         return None
@@ -67,7 +60,7 @@ def wanted_turn_trim_rad_s(result: TrialResult) -> float | None:
 
 
 def _end_m(result: TrialResult) -> tuple[float, float] | None:
-    """Where a valid walk ended, along its line and to its left; None where that is not known."""
+    """End of a valid walk, along its line and to its left; None if unknown."""
     end_m = result.path_m[-END_TICKS:]
     end_m = end_m[np.isfinite(end_m).all(axis=-1)]
     if not result.valid or not len(end_m):
@@ -78,18 +71,14 @@ def _end_m(result: TrialResult) -> tuple[float, float] | None:
 
 
 def mean_trim_rad(wanted_rad: Iterable[float]) -> float:
-    """Trim of a gait from what each of its walks wants, within what a plan takes; 0 without any."""
+    """Trim of a gait from those of its walks, within the limits of a plan; 0 without any."""
     wanted = list(wanted_rad)
     mean_rad = sum(wanted) / len(wanted) if wanted else 0.0
     return min(max(mean_rad, -MAX_TRIM_RAD), MAX_TRIM_RAD)
 
 
 def mean_turn_trim_rad_s(walks: Iterable[tuple[float, float, float]]) -> float:
-    """Turn trim of a gait, within what a plan takes; 0 without walks.
-
-    Args:
-        walks: the turn with which each walked, the turn that it wants, and its duration.
-    """
+    """Turn trim of a gait of walks (turn, wanted turn, duration), within a plan's limits; 0 without walks."""
     rates, weights = [], []
     for walked_rad_s, wanted_rad_s, duration_s in walks:
         noise_rad_s = 2 * NOISE_RAD / duration_s
@@ -104,13 +93,11 @@ def mean_turn_trim_rad_s(walks: Iterable[tuple[float, float, float]]) -> float:
 class TrimSearch(Optimizer):
     """Walks one gait until its trim has converged; the next gait only if that fails.
 
-    Gaits differ in their bias and hardly in how well a trim takes it out, so that a second walk of the first
-    gait is worth more than the first walk of any other one. The next gait comes after an invalid walk, or
-    after `WALKS` walks of a gait: the session ends at its target before that where the trim converges.
+    Gaits differ in their bias, but a trim corrects all alike: a second walk of the first gait is worth more
+    than another gait. The next gait follows an invalid walk, or `WALKS` walks without reaching the target.
 
     Args:
-        space: of the gaits.
-        seed: not used; the order decides.
+        seed: not used.
         codes: of the gaits, the most promising one first; None is from 1 on.
     """
 

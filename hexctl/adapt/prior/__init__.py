@@ -1,1 +1,1 @@
-"""What simulations of many plausible worlds say before the first trial, and what trials then tell."""
+"""Priors from simulations of many plausible worlds, and beliefs after trials."""

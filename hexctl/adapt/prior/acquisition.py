@@ -1,4 +1,4 @@
-"""Acquisition functions: expected improvement of the smallest deviation over one trial, and over two."""
+"""Acquisition functions: expected improvement of the smallest deviation over one or two trials."""
 
 import math
 
@@ -12,7 +12,7 @@ from hexctl.types import BoolArray, FloatArray
 #: Best deviation assumed before any trial: gaits that end farther off all count as equally bad.
 WORST_M = 0.5
 
-#: Numbers of candidates for two trials ahead: with the greatest gain, and with the greatest uncertainty.
+#: Numbers of candidates for two trials ahead: with maximum gain, and with maximum uncertainty.
 PROMISING, LEAST_KNOWN = 40, 10
 
 #: Discount of the gain of the second trial.
@@ -61,26 +61,25 @@ def expected_excess(mean: FloatArray, sd: FloatArray) -> FloatArray:
 def expected_gain_m(mean_m: FloatArray, sd_m: FloatArray, best_m: FloatArray | float) -> FloatArray:
     """Expected improvement of the absolute value of normal deviations on a best, in m.
 
-    E[max(0, best - |f|)], expected improvement (Mockus 1978) for an absolute value: a tent of three ramps.
+    E[max(0, best - |f|)] (Mockus 1978) for an absolute value: a tent of three ramps.
     """
     nearer, farther = expected_excess(mean_m + best_m, sd_m), expected_excess(mean_m - best_m, sd_m)
     return nearer - 2 * expected_excess(mean_m, sd_m) + farther
 
 
 def most_promising(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, best_m: float) -> int:
-    """Row of the untried gait with the greatest gain over one trial; arguments as of `most_useful`."""
+    """Row of the untried gait with the maximum gain over one trial; arguments as of `most_useful`."""
     gain = expected_gain_m(forecast.mean_m, forecast.sd_m, min(best_m, WORST_M)) * chance_valid
     return int(np.argmax(np.where(tried, -np.inf, _rounded(gain))))
 
 
 def most_useful(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, best_m: float) -> int:
-    """Row of the untried gait with the greatest gain over two trials.
+    """Row of the untried gait with the maximum gain over two trials.
 
-    The first trial's outcome changes the belief about all gaits; the second trial is the best one then. The
-    expectation over outcomes of each candidate is a quadrature (as in the knowledge gradient, Frazier 2008).
+    The first outcome changes the belief about all gaits; the second trial is then the best one. The
+    expectation over outcomes is a quadrature (as in the knowledge gradient, Frazier 2008).
 
     Args:
-        forecast: belief about all gaits.
         chance_valid: probability that a trial of each gait is valid, (gaits,).
         tried: gaits that are left out, (gaits,).
         best_m: smallest expected deviation of a walked gait, infinity before any.
@@ -105,12 +104,11 @@ def most_useful(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, 
 
 
 def _candidates(gain: FloatArray, sd_m: FloatArray, tried: BoolArray) -> NDArray[np.int64]:
-    """Rows of the candidates, all untried."""
     promising = np.argsort(-_rounded(gain), kind="stable")[:PROMISING]
     rows = np.union1d(promising, np.argsort(-_rounded(sd_m), kind="stable")[:LEAST_KNOWN])
     return rows[~tried[rows]]
 
 
 def _rounded(values_m: FloatArray) -> FloatArray:
-    """Values to the nanometre: gaits that mirror each other are alike but for last bits, by processor."""
+    """Values to the nanometre: mirrored gaits differ in last bits, depending on the processor."""
     return np.asarray(np.round(values_m, 9))

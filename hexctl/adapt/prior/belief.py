@@ -1,16 +1,14 @@
-"""The belief over all gaits: a Gaussian process whose mean and covariance come from simulated worlds.
+"""Gaussian process over all gaits, with mean and covariance from simulated worlds.
 
-Prior: the 120 gaits times N_FEATURES numbers are jointly normal, with the mean of the simulated worlds and
-their covariance, plus a part that the worlds do not explain. That part has the shape over a walk (deviation
-grows with time, and late deviations go with early ones) that walks differ in anyway, and is more alike for
-gaits whose legs move in similar phases. Trials are conditioned on as usual (Rasmussen & Williams 2006,
-eq. 2.23 and 2.24), all numbers of a walk together. When the ends of walks surprise more than believed, all of
-the prior is widened, so that a world unlike any simulated one is not explained away.
+Prior: the 120 gaits times N_FEATURES numbers are jointly normal, with mean and covariance of the simulated
+worlds, plus an unexplained part. It has the usual shape over a walk (deviation grows with time, late
+deviations correlate with early ones), and is more alike for gaits with similar phases. Trials are conditioned
+on as usual (Rasmussen & Williams 2006, eq. 2.23 and 2.24), all numbers of a walk together. If ends of walks
+surprise more than expected, the complete prior is widened: no world is explained away.
 
-Stance: servos under load stay behind their targets. The static deflection of the joints in the stance says
-how stiff the servos are, what the robot weighs, where the weight hangs and which legs carry it; and so which
-of the simulated worlds the robot resembles. Deflections are taken as jointly normal with the landscapes over
-the worlds of a prior, and the landscapes are conditioned on them in the coordinates of the worlds.
+Stance: the static deflection of the joints depends on servo stiffness and load, and so shows which worlds the
+robot resembles. Deflections are jointly normal with the landscapes over the worlds of a prior; landscapes are
+conditioned on them in the coordinates of the worlds.
 """
 
 import math
@@ -26,30 +24,29 @@ from hexctl.types import JOINTS_PER_LEG, FloatArray
 #: Variance of an observation's noise, relative to that between the worlds along each principal direction.
 NOISE = 0.1
 
-#: Resolution assumed of measured angles: a Dynamixel AX-12A reads in steps of 0.29 degrees. Without it,
-#: joints that hardly differ between worlds would be treated as if they were read without error.
+#: Assumed resolution of measured angles (Dynamixel AX-12A: 0.29 degrees); without it, joints with small
+#: differences between worlds would count as exact.
 RESOLUTION_RAD = math.radians(0.3)
 
 #: Directions in which the worlds differ by less than this share of a joint's variance are ignored.
 NEGLIGIBLE = 0.02
 
-#: Most doublings of the noise; a stranger observation would have no effect anyway.
+#: Maximum doublings of the noise; an observation that needs more would have no effect.
 DOUBLINGS = 60
 
 
 def narrowed(sags_rad: FloatArray, seen_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Condition the coordinates of the worlds, standard normal before, on an observed deflection.
 
-    A landscape is mean + root.T @ x, with a row of the root for each world. When the sag is farther off than
-    any world explains, its noise is raised until it is not: a robot with play in its joints stands like no
-    simulated one, and is not explained away.
+    A landscape is mean + root.T @ x, with a row of the root for each world. If no world explains the sag, its
+    noise is raised: a robot with play in its joints resembles no simulated one.
 
     Args:
-        sags_rad: of the worlds, NaN where the robot fell, (worlds, joints).
-        seen_rad: of this robot, NaN for joints that do not say, (joints,).
+        sags_rad: of the worlds, NaN if the robot fell, (worlds, joints).
+        seen_rad: of this robot, NaN for unmeasured joints, (joints,).
 
     Returns:
-        Mean of x, (worlds,), and what its root is to be multiplied with, (worlds, worlds).
+        Mean of x, (worlds,), and the factor of its root, (worlds, worlds).
     """
     worlds, stood = len(sags_rad), np.isfinite(sags_rad).all(axis=1)
     if stood.sum() < 2:
@@ -72,7 +69,7 @@ def narrowed(sags_rad: FloatArray, seen_rad: FloatArray) -> tuple[FloatArray, Fl
 
 
 def _noise(variances: FloatArray, surprise: FloatArray) -> float:
-    """Least noise, not below NOISE, with which a surprise is at most as great as expected."""
+    """Minimum noise, at least NOISE, for which a surprise is within its expectation."""
     noise = NOISE
     for _ in range(DOUBLINGS):
         if float((surprise**2 / (variances + noise)).mean()) <= 1:
@@ -81,13 +78,12 @@ def _noise(variances: FloatArray, surprise: FloatArray) -> float:
     return noise
 
 
-#: Variance that the worlds do not explain, as a share of that between the worlds. This and the numbers below
-#: were chosen by leaving worlds out of the prior of `ant`, and on the worlds of `transfer` that come before
-#: those of its benchmark.
+#: Unexplained variance as a share of that between the worlds. This and the numbers below were chosen by
+#: leaving worlds out of the prior of `ant`, and on worlds of `transfer` outside its benchmark.
 UNEXPLAINED = 0.2
 
-#: Shares of the unexplained: common to all gaits (a slope, a bent leg, pull to one side), and common to
-#: similar gaits, with the length scale (mean phase difference between legs, in cycles).
+#: Unexplained shares: common to all gaits (a slope, a bent leg, pull to one side), and common to similar
+#: gaits, with the length scale (mean phase difference between legs, in cycles).
 COMMON_SHARE = 0.25
 ALIKE_SHARE = 0.4
 ALIKE_CYCLES = 0.15
@@ -104,15 +100,15 @@ NOISE_WEIGHT = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """What is believed of the final deviation and the distance of every gait.
+    """Belief about the final deviation and the distance of every gait.
 
     Attributes:
         mean_m: signed final deviation, (gaits,).
         covariance_m2: of the signed final deviations, without the noise of a trial, (gaits, gaits).
         distance_m: progress at the end, (gaits,).
         distance_sd_m: its standard deviation, (gaits,).
-        noise_m: standard deviation of one trial around what its gait does on average.
-        widened: how much wider the prior was made because trials surprised, 1 or more.
+        noise_m: standard deviation of one trial around the mean of its gait.
+        widened: factor of the prior's width after surprises, 1 or more.
     """
 
     mean_m: FloatArray
@@ -133,7 +129,7 @@ _END_FIRST = np.array([FINAL, *(feature for feature in range(N_FEATURES) if feat
 
 @dataclass(eq=False)
 class _Seen:
-    """What trials showed, flat: one entry for each number."""
+    """Observed numbers of trials, one entry each."""
 
     trial: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     gait: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -154,12 +150,9 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What is believed of one walk, number by number.
+    """Belief about one walk: mean and covariance of its N_FEATURES features.
 
-    Attributes:
-        mean: (N_FEATURES,).
-        covariance: (N_FEATURES, N_FEATURES).
-        blur: variance of what shows on the way around what its end tells, (N_FEATURES,).
+    `blur` is the variance of features on the way around what the end predicts, (N_FEATURES,).
     """
 
     mean: FloatArray
@@ -180,14 +173,7 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """What trials showed, ready to be conditioned on.
-
-    Attributes:
-        seen: the numbers.
-        root: Cholesky root of their covariance.
-        surprise: how far they are from their means, whitened.
-        widened: by how much the prior's variance was multiplied.
-    """
+    """Root of the observations' covariance, whitened surprise, and factor of the prior's variance."""
 
     seen: _Seen
     root: FloatArray
@@ -196,13 +182,13 @@ class _Evidence:
 
 
 class Belief:
-    """What is believed of the 120 gaits of a failed leg, after any number of trials.
+    """Belief about the 120 gaits of a failed leg, after any number of trials.
 
     Args:
         samples: the prior's worlds.
-        noise_m: standard deviation of trials of the same gait, as far as it is known before.
-        sag_rad: by how much each joint stayed behind in the stance, NaN where it is not measured, (18,). The
-            failed leg's is left out unless it tells what broke: a locked one may really be locked anywhere.
+        noise_m: standard deviation of trials of the same gait, known in advance.
+        sag_rad: static deflection of each joint in the stance, NaN if not measured, (18,). The failed leg's
+            is ignored unless it shows what broke: a locked one may be locked at any angle.
     """
 
     def __init__(self, samples: Samples, *, noise_m: float, sag_rad: FloatArray | None = None) -> None:
@@ -222,11 +208,11 @@ class Belief:
             self._root = shrink @ self._root
 
     def observe(self, code: int, features: FloatArray) -> None:
-        """Take in a trial of a gait: what it showed, (N_FEATURES,), NaN for what it did not."""
+        """Add a trial of a gait by its features, (N_FEATURES,), NaN for unknown ones."""
         self._seen = self._seen.plus(code - 1, features)
 
     def forecast(self) -> Forecast:
-        """Forecast of all gaits now."""
+        """Current forecast of all gaits."""
         noise_m = self._noise_now_m()
         evidence = self._weighed(self._seen, noise_m)
         mean_m, covariance = self._of_all_gaits(evidence, FINAL)
@@ -297,7 +283,6 @@ class Belief:
         return evidence if widened <= 1 else self._decomposed(seen, noise_m, widened)
 
     def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> _Evidence:
-        """Observations, whitened by their own covariance."""
         from scipy.linalg import cholesky, solve_triangular
 
         covariance = widened * self._covariance(seen.gait, seen.feature, seen.gait, seen.feature)
@@ -324,7 +309,6 @@ class Belief:
 
 
 def _of_walking_legs(sag_rad: FloatArray, failed_leg: int) -> FloatArray:
-    """Deflection with the joints of the failed leg unknown (NaN), (18,)."""
     known = np.array(sag_rad, dtype=float)
     known[JOINTS_PER_LEG * (failed_leg - 1) : JOINTS_PER_LEG * failed_leg] = np.nan
     return known

@@ -1,4 +1,4 @@
-"""A prior: the outcome of every gait of each failed leg in many simulated worlds, its key and its file."""
+"""A prior: the outcomes of all gaits of each failed leg in many simulated worlds."""
 
 import math
 import os
@@ -22,20 +22,13 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 @dataclass(frozen=True, kw_only=True)
 class PriorKey:
-    """What a prior is for: a robot, a kind of failure and a trial. Sessions with an equal key may use it.
+    """Purpose of a prior: a robot, a kind of failure and a trial. It fits sessions with an equal key.
 
     Attributes:
-        robot: its name.
-        robot_fingerprint: of its description.
-        failure: as the command line writes it, whichever leg it is.
-        self_rotation: where the failed leg points during the walk.
-        heading_deg: direction of travel as seen from the body; 0 where a self-rotation has turned it there.
-        duration_s: how long a trial walks.
-        pace_hz: of the gaits.
-        amplitude: of the gaits.
-        height: of the gaits.
-        hold: what the walks hold by feedback.
-        posture: how the body stands, one of `hexctl.control.assessment.static_stability.POSTURES`.
+        failure: as the command line writes it, for any leg.
+        self_rotation: direction of the failed leg during the walk.
+        heading_deg: direction of travel in the body frame; 0 after a self-rotation.
+        posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 
     robot: str
@@ -52,7 +45,7 @@ class PriorKey:
 
     @classmethod
     def of(cls, robot: Robot, plan: TrialPlan) -> "PriorKey":
-        """Key of a session's trials; the hold `auto` of a plan counts as `line`, the best it may become."""
+        """Key of a session's trials; the hold `auto` of a plan counts as `line`, its best case."""
         gait = plan.gait
         return cls(
             robot=robot.name,
@@ -89,7 +82,7 @@ class PriorKey:
 
 
 def _posture_of(robot: Robot, plan: TrialPlan) -> str:
-    """Name of the posture of a plan's gait; under a hold `auto`, where that is as good a name."""
+    """Name of the posture of a plan's gait; under a hold `auto`, if that is as good a name."""
     posture, flat = plan.gait.posture, replace(plan, gait=replace(plan.gait, posture=STANCE))
     if plan.hold != "none" and posture == stood_up(robot, flat):
         return "auto"
@@ -121,19 +114,15 @@ _STANDING = "sag_rad"
 STORED = np.float16
 
 
-#: What steered walks differ in, by the objectives of these names; row k of a score prior's last axis is the
-#: k-th of them.
+#: Objectives of steered walks, in the order of a score prior's last axis.
 SCORES = ("speed", "cost", "tilt", "steadiness")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcomes(ABC):
-    """Simulated outcomes for one key; row i of the legs belongs to `legs[i]`, gait j to code j + 1.
+    """Simulated outcomes for one key; row i belongs to `legs[i]`, ascending, gait j to code j + 1.
 
-    Attributes:
-        key: what it is for.
-        legs: the failed legs, ascending.
-        origin: where it comes from, for people: family of worlds, versions.
+    `origin` is for people: family of worlds, versions.
     """
 
     #: Version of its file.
@@ -146,7 +135,7 @@ class Outcomes(ABC):
     @property
     @abstractmethod
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Its arrays as they are stored, by name."""
+        """Arrays in their stored form, by name."""
 
     @property
     def worlds(self) -> int:
@@ -155,11 +144,11 @@ class Outcomes(ABC):
 
     @property
     def head(self) -> dict[str, Any]:
-        """Everything but the arrays, as JSON values."""
+        """All except the arrays, as JSON values."""
         return {"question": self.key.as_json(), "legs": list(self.legs), "origin": self.origin}
 
     def digest(self) -> str:
-        """Hash of the whole content, computed once."""
+        """Hash of the complete content, computed once."""
         return self._digest
 
     @cached_property
@@ -167,7 +156,7 @@ class Outcomes(ABC):
         return content_digest(self.head, self.arrays)
 
     def _check_shapes(self, **last: tuple[int, ...]) -> None:
-        """Raise ValueError unless arrays have the shape (legs, worlds, gaits) and some more."""
+        """Raise ValueError unless arrays have the shape (legs, worlds, gaits) and the given one."""
         first: FloatArray = getattr(self, next(iter(last)))
         worlds = first.shape[1] if first.ndim > 1 else 0
         for name, more in last.items():
@@ -178,15 +167,15 @@ class Outcomes(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prior(Outcomes):
-    """Where open-loop walks end.
+    """Ends of open-loop walks.
 
     Attributes:
         signed_m: deviation at the checkpoints, positive to the left, (legs, worlds, gaits, CHECKPOINTS); NaN
-            where the walk was over.
-        progress_m: distance along the heading at the checkpoints, likewise.
-        yaw_rad: how far the body had turned at the end, likewise NaN, (legs, worlds, gaits).
-        sag_rad: by how much each joint stayed behind what it was told, at rest in the stance before any turn,
-            (legs, worlds, 18); None if that is not known.
+            after the end of a walk.
+        progress_m: distance along the heading, in the same form.
+        yaw_rad: turn of the body at the end, or NaN, (legs, worlds, gaits).
+        sag_rad: static deflection of the joints in the stance before any turn, (legs, worlds, 18); None if
+            unknown.
     """
 
     version: ClassVar[int] = 1
@@ -211,11 +200,11 @@ class Prior(Outcomes):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScorePrior(Outcomes):
-    """How steered walks are: what gaits differ in once all of them go straight.
+    """Scores of steered walks.
 
     Attributes:
         log_scores: natural logarithm of the score by each objective of `SCORES`, (legs, worlds, gaits, 4);
-            NaN for a walk that did not last, or went nowhere.
+            NaN for a walk that did not last, or without progress.
         valid: whether the walk was, (legs, worlds, gaits).
     """
 
@@ -229,7 +218,7 @@ class ScorePrior(Outcomes):
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Its arrays as they are stored, by name."""
+        """Arrays in their stored form, by name."""
         return {"log_scores": self.log_scores.astype(np.float32), "valid": self.valid.astype(np.uint8)}
 
 
@@ -238,10 +227,7 @@ KIND = ArchiveKind(name="prior", versions=(Prior.version, ScorePrior.version), c
 
 
 def save_prior(prior: Outcomes, path: Path) -> None:
-    """Write a prior; the file is the old one or the new one at any moment.
-
-    Raises ArchiveFileError when the disk refuses.
-    """
+    """Write a prior atomically; raises ArchiveFileError when the disk refuses."""
     KIND.save(path, prior.version, prior.head, prior.arrays)
 
 
@@ -257,9 +243,9 @@ def check_place(path: Path) -> None:
 
 
 def load_prior(path: Path | str) -> Prior:
-    """Prior of a file, of where open-loop walks end.
+    """Prior of open-loop walks from a file.
 
-    Raises InputError for a file that is not such a prior, is of another version, is cut off or was altered.
+    Raises InputError for a file that is not such a prior, has another version, or is incomplete or altered.
     """
     prior = open_prior(path)
     if not isinstance(prior, Prior):
@@ -268,7 +254,7 @@ def load_prior(path: Path | str) -> Prior:
 
 
 def load_score_prior(path: Path | str) -> ScorePrior:
-    """Prior of a file, of how steered walks are; raises InputError as `load_prior` does."""
+    """Prior of steered walks from a file; raises InputError as `load_prior` does."""
     prior = open_prior(path)
     if not isinstance(prior, ScorePrior):
         raise KIND.refused(path, "it is of where open-loop walks end, not of steered walks")
@@ -276,12 +262,11 @@ def load_score_prior(path: Path | str) -> ScorePrior:
 
 
 def open_prior(path: Path | str) -> Prior | ScorePrior:
-    """Prior of a file, of either kind; raises InputError as `load_prior` does."""
+    """Prior of either kind from a file; raises InputError as `load_prior` does."""
     return KIND.load(path, _made)
 
 
 def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Prior | ScorePrior:
-    """Prior of what its file holds."""
     what: dict[str, Any] = {"key": PriorKey(**head["question"]), "legs": tuple(head["legs"])}
     what["origin"] = head["origin"]
     if head["version"] == ScorePrior.version:

@@ -1,4 +1,4 @@
-"""Choice of a session's prior: none, the one that was asked for, or the first that fits."""
+"""Choice of a session's prior: none, the requested one, or the first that fits."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -35,16 +35,15 @@ def choose_prior(
     note: Note,
     advice: Advice,
 ) -> SessionSpec:
-    """Spec with its optimizer and prior chosen: `bayes` where a prior is wanted and fits.
+    """Spec with its optimizer and prior: `bayes` if a prior is wanted and fits.
 
     Args:
         spec: of a session, without a prior.
-        setting: what the spec names, loaded.
         wanted: `auto`, `none`, or the path or name of a prior; None is `auto`.
-        free: whether the optimizer is left open, so that a missing prior is no error.
+        free: whether no optimizer was requested: a missing prior is no error then.
         folders: searched for priors, in this order.
-        note: is told why a session has no prior.
-        advice: says how to make the prior that is missing.
+        note: called with the reason if a session has no prior.
+        advice: describes how to make the missing prior.
 
     Raises InputError for options that contradict one another, and for a prior that does not fit.
     """
@@ -69,7 +68,7 @@ def choose_prior(
 
 
 def _other_objective(spec: SessionSpec) -> str:
-    """Why no prior can be for a session's objective; empty where one can."""
+    """Why the objective cannot have a prior; empty if it can."""
     steered = spec.hold != "none"
     if spec.objective in (SCORES if steered else ("final",)):
         return ""
@@ -81,7 +80,7 @@ def _other_objective(spec: SessionSpec) -> str:
 
 
 def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
-    """Whether a prior is wanted, if there is one; raises InputError for contradicting options."""
+    """Whether to search for a prior; raises InputError for contradicting options."""
     believes = spec.optimizer == BAYES and not free
     if not (free or believes) or wanted == "none" or (spec.count_repeats and free and wanted is None):
         if believes:
@@ -112,7 +111,6 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
 
 
 def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
-    """Spec of a session with `bayes` and a prior, whose content is checked when the session loads it."""
     digest = str(KIND.read_head(path).get("digest", ""))
     kept = replace(spec, optimizer=BAYES, prior=str(path), prior_digest=digest)
     if spec.hold != "none":
@@ -130,7 +128,6 @@ def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
 
 
 def _check_scored(spec: SessionSpec) -> None:
-    """Raise InputError for options of searches for a straight walk."""
     if spec.early_stop:
         raise InputError(
             f"{argument('early_stop')}: got it with {argument('objective')} {spec.objective}; allowed: with "

@@ -1,4 +1,4 @@
-"""Find the prior of a session, given by path, built before or shipped; list and describe priors."""
+"""Find, list and describe the priors of sessions: by path, custom or shipped."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -17,29 +17,24 @@ PRIORS = "priors"
 
 @dataclass(frozen=True)
 class Found:
-    """Result of a search for a prior.
-
-    Attributes:
-        path: of the prior, or None.
-        reason: why there is none, for people; empty when there is one.
-    """
+    """Path of a prior, or the reason why there is none."""
 
     path: Path | None
     reason: str = ""
 
 
 def shipped_priors() -> Path:
-    """Folder of the priors that come with hexctl."""
+    """Folder of the shipped priors."""
     return config_root() / "priors"
 
 
 def prior_folders(folder: Path) -> list[Path]:
-    """Folders of priors, in the order in which they are searched: those built below a folder come first."""
+    """Folders of priors in the order of search: custom ones below a folder come first."""
     return [folder / PRIORS, shipped_priors()]
 
 
 def named_prior(text: str, folders: Iterable[Path]) -> Path:
-    """Path of a prior: the path itself, or that of a file of this name in some folders."""
+    """Path of a prior: the text itself, or a file of this name in some folders."""
     path = Path(text)
     if path.exists() or path.name != text:
         return path
@@ -61,8 +56,8 @@ def find_prior(
 ) -> Found:
     """Find the first prior in some folders for a key, or why there is none.
 
-    `covers` decides whether the legs of a prior are of use; with `any_duration` walks may last as long as
-    they like, where only the order of the gaits counts. Files that cannot be read are passed over.
+    `covers` checks the legs of a prior; `any_duration` allows other durations, if only the order of the gaits
+    counts. Unreadable files are skipped.
     """
     nearest: tuple[int, str] | None = None
     for path in prior_files(folders):
@@ -87,7 +82,6 @@ def check_prior(path: Path, key: PriorKey, *, covers: Covers = any_legs) -> None
 
 
 def _differences(path: Path, key: PriorKey, covers: Covers, *, any_duration: bool = False) -> list[str]:
-    """Differences between a prior's file and a key; raises InputError for a file that is not a prior."""
     head = KIND.read_head(path)
     try:
         own = PriorKey(**head["question"])
@@ -103,12 +97,12 @@ def _differences(path: Path, key: PriorKey, covers: Covers, *, any_duration: boo
 
 
 def prior_files(folders: Iterable[Path]) -> list[Path]:
-    """Files in some folders that may be priors, in the order in which they are searched."""
+    """Possible prior files in some folders, in the order of search."""
     return [path for folder in folders if folder.is_dir() for path in sorted(folder.glob(f"*{SUFFIX}"))]
 
 
 def describe_prior(path: Path) -> dict[str, Any]:
-    """What a prior is for, as plain JSON values; raises InputError for a damaged file."""
+    """Key and content of a prior, as JSON values; raises InputError for a damaged file."""
     prior = open_prior(path)
     if isinstance(prior, ScorePrior):
         kind: dict[str, Any] = {"scores": list(SCORES)}
@@ -126,10 +120,7 @@ def describe_prior(path: Path) -> dict[str, Any]:
 def list_priors(
     folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
 ) -> list[dict[str, Any]]:
-    """Describe every prior that `hexctl adapt` would search, with its path as `prior`.
-
-    Files that are not whole priors are left out, and reported to `on_damaged`.
-    """
+    """Describe the priors that `hexctl adapt` searches, with paths as `prior`; `on_damaged` gets others."""
     described = []
     for path in prior_files(prior_folders(Path(folder))):
         try:

@@ -1,4 +1,4 @@
-"""The worlds of a prior as samples for one failed leg, those of symmetric legs included."""
+"""The worlds of a prior as samples for one failed leg, with those of symmetric legs."""
 
 from dataclasses import dataclass
 
@@ -31,12 +31,11 @@ class Samples:
     """Worlds as samples.
 
     Attributes:
-        leg: the failed leg.
         features: of each gait in each world, (worlds, gaits, N_FEATURES).
-        finished: the share of worlds in which each gait walked to the end, (gaits,).
+        finished: share of worlds in which each gait walked to the end, (gaits,).
         sag_rad: static deflection of the joints in the stance, (worlds, 18), or None.
-        failed_leg_tells: whether the failed leg's own deflection tells which world this is: where the worlds
-            differ in what broke, it hangs in some and is jammed in others.
+        failed_leg_tells: whether the failed leg's deflection identifies worlds: it is limp in some and jammed
+            in others.
     """
 
     leg: int
@@ -47,11 +46,10 @@ class Samples:
 
 
 def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
-    """Samples for a failed leg: of its own worlds, and of other legs' worlds moved by symmetries.
+    """Samples for a failed leg: of its own worlds, and of symmetric legs.
 
-    Another leg's gait, turned or mirrored onto this one, begins at another point of its cycle. That makes it
-    a plausible walk of this leg, not the same one, and a sample only has to be plausible.
-    Raises InputError when nothing in the prior says anything about the leg.
+    A turned or mirrored gait begins at another phase: it is a plausible walk of this leg, not the same one.
+    Raises InputError if the prior has neither.
     """
     sources = _sources_in(prior, robot, leg)
     features = np.concatenate([_moved_worlds(prior, symmetry, source) for symmetry, source in sources])
@@ -71,13 +69,10 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
 
 @dataclass(frozen=True, eq=False)
 class ScoreSamples:
-    """What steered walks of one failed leg scored in worlds, by one objective.
+    """Scores of one failed leg's steered walks in worlds, by one objective.
 
-    Attributes:
-        leg: the failed leg.
-        log_scores: natural logarithms of the scores; where a walk did not last, what is known of its gait
-            elsewhere, (worlds, gaits).
-        valid: share of the worlds in which each gait's walk was valid, (gaits,).
+    `log_scores` are natural logarithms, (worlds, gaits); for a walk that did not last, from its gait in other
+    worlds. `valid` is the share of the worlds in which each gait's walk was valid, (gaits,).
     """
 
     leg: int
@@ -88,7 +83,7 @@ class ScoreSamples:
 def score_samples_of(prior: ScorePrior, robot: Robot, leg: int, objective: str) -> ScoreSamples:
     """Samples of a prior for one failed leg, by one objective of `SCORES`.
 
-    Raises InputError for another objective, and when nothing in the prior says anything about the leg.
+    Raises InputError for another objective, or if the prior has neither the leg nor a symmetric one.
     """
     if objective not in SCORES:
         raise InputError(f"objective: got {objective} with a prior; allowed: {', '.join(SCORES)}")
@@ -107,16 +102,10 @@ def score_samples_of(prior: ScorePrior, robot: Robot, leg: int, objective: str) 
 
 
 def ranked_codes(prior: Prior | ScorePrior, robot: Robot, leg: int, objective: str = "speed") -> list[int]:
-    """All codes, the best one by a prior first; a gait that falls in some worlds ranks behind its score.
+    """All codes, the best one of a prior first; gaits that fall in some worlds rank lower.
 
-    Args:
-        prior: of steered walks, ranked by the mean log score; or of open-loop walks, ranked by how far from
-            their line they end on the mean.
-        robot: the robot that walks.
-        leg: the failed leg.
-        objective: of steered walks, one of `SCORES`.
-
-    Raises InputError as `samples_of` and `score_samples_of` do.
+    Steered walks rank by the mean log score of the objective, one of `SCORES`, open-loop walks by the mean
+    deviation. Raises InputError as `samples_of` and `score_samples_of` do.
     """
     if isinstance(prior, ScorePrior):
         scores = score_samples_of(prior, robot, leg, objective)
@@ -130,10 +119,7 @@ def ranked_codes(prior: Prior | ScorePrior, robot: Robot, leg: int, objective: s
 
 
 def chance_of(share: FloatArray, worlds: int) -> FloatArray:
-    """Probability of what a share of some worlds did; none in these worlds is not a probability of zero.
-
-    It is Laplace's rule of succession.
-    """
+    """Probability from a share of some worlds, by Laplace's rule of succession: never zero."""
     return (worlds * share + 1) / (worlds + 2)
 
 
@@ -151,11 +137,7 @@ def covering(robot: Robot, plan: TrialPlan) -> Covers:
 def _sources(
     robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int
 ) -> list[tuple[BodySymmetry, int]]:
-    """Symmetries, and the legs that they move to a failed leg.
-
-    Without self-rotation the body does not follow the failed leg, and only what leaves the direction of
-    travel as it is will do.
-    """
+    """Symmetries and the legs they move; without self-rotation they must keep the direction of travel."""
     return [
         (symmetry, source)
         for symmetry in body_symmetries(robot)
@@ -165,7 +147,7 @@ def _sources(
 
 
 def _sources_in(prior: Outcomes, robot: Robot, leg: int) -> list[tuple[BodySymmetry, int]]:
-    """Sources of a leg in a prior; raises InputError where there is none."""
+    """Sources of a leg in a prior; raises InputError if there is none."""
     sources = _sources(robot, prior.key.self_rotation, prior.legs, leg)
     if not sources:
         legs = ", ".join(str(known) for known in prior.legs)
@@ -177,7 +159,7 @@ def moved_codes(symmetry: BodySymmetry, leg: int) -> NDArray[np.int64]:
     """Codes of the gaits that a symmetry makes, for codes 1..120 with a leg failed, (120,).
 
     A failed leg pins its own slot. If it becomes another leg all slots shift, and the walk begins at another
-    point of the cycle: nearly the same walk, but not exactly.
+    phase: nearly the same walk, but not exactly.
     """
     before, moved_leg = GaitSpace((leg,)), symmetry.legs[leg - 1]
     slots = before.slots[:, np.array(symmetry.legs_before) - 1]
@@ -187,7 +169,7 @@ def moved_codes(symmetry: BodySymmetry, leg: int) -> NDArray[np.int64]:
 
 
 def features_of(observation: Observation, duration_s: float) -> FloatArray:
-    """Features of a walk of a planned duration, (N_FEATURES,), NaN where it ended before."""
+    """Features of a walk of a planned duration, (N_FEATURES,), NaN after its end."""
     if observation.status == "diverged":
         return np.full(N_FEATURES, np.nan)  # an unstable simulation says nothing
     times_s = duration_s * np.arange(1, CHECKPOINTS + 1) / CHECKPOINTS
@@ -217,11 +199,7 @@ def _moved_sags(prior: Prior, sources: list[tuple[BodySymmetry, int]]) -> FloatA
 
 
 def _filled(features: FloatArray) -> FloatArray:
-    """Features, with those of fallen robots that are unknown replaced by the mean of those that walked.
-
-    What those that walked differ by is stretched, so that a gait which seldom walks is not believed the more
-    alike in all worlds.
-    """
+    """Replace unknown features of fallen robots by the mean; stretch the others of gaits that rarely walk."""
     known = np.isfinite(features)
     counts = np.maximum(known.sum(axis=0), 1)
     means = np.where(known, features, 0.0).sum(axis=0) / counts

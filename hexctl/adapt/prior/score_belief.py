@@ -1,15 +1,14 @@
-"""The belief over the scores of all gaits of steered walks: jointly normal in the logarithm.
+"""Belief over the scores of all gaits of steered walks: jointly normal in the logarithm.
 
-Scores of gaits differ by factors, and a world makes all of them slower or dearer together, so that logarithms
-are taken. With f the log scores of the 120 gaits, W worlds of the prior and their rows y_w,
+Scores of gaits differ by factors, and a world changes all of them together. With f the log scores of the 120
+gaits, W worlds of the prior and their rows y_w,
 
     f ~ N(m, S),    m = mean of y_w
     S = (1 - s) sum (y_w - m)(y_w - m)^T / (W - 1) + s v (c 1 1^T + a K + (1 - c - a) I)
 
-The covariance of few worlds has low rank and is shrunk (Ledoit & Wolf 2004) toward what is sensible without
-them, with the mean variance v of a gait: a share common to all gaits, one that is alike for gaits in similar
-phases, K = exp(-distance / length), and each gait's own. Trials are conditioned on (Rasmussen & Williams
-2006, eq. 2.23 and 2.24).
+The covariance of few worlds has low rank and is shrunk (Ledoit & Wolf 2004) toward the mean variance v of a
+gait: a share common to all gaits, one that is alike for gaits in similar phases, K = exp(-distance / length),
+and each gait's own. Trials are conditioned on (Rasmussen & Williams 2006, eq. 2.23 and 2.24).
 """
 
 import numpy as np
@@ -28,11 +27,9 @@ LEAST_SD = 0.01
 
 
 class ScoreBelief:
-    """What is believed of the log scores of the 120 gaits of a failed leg, after any number of trials.
+    """Belief about the log scores of the 120 gaits of a failed leg, after any number of trials.
 
-    Args:
-        samples: the prior's worlds.
-        noise: standard deviation of trials of the same gait, in the logarithm.
+    `noise` is the standard deviation of trials of the same gait, in the logarithm.
     """
 
     def __init__(self, samples: ScoreSamples, *, noise: float) -> None:
@@ -47,15 +44,14 @@ class ScoreBelief:
         self._seen: list[float] = []
 
     def observe(self, code: int, log_score: float) -> None:
-        """Take in the log score of a valid trial of a gait."""
+        """Add the log score of a valid trial of a gait."""
         self._rows.append(code - 1)
         self._seen.append(log_score)
 
     def forecast(self) -> tuple[FloatArray, FloatArray]:
-        """Means (gaits,) and covariance (gaits, gaits) of all log scores now.
+        """Means (gaits,) and covariance (gaits, gaits) of all current log scores.
 
-        Where trials surprise more than expected the prior is widened, so that a world unlike any simulated
-        one is not explained away.
+        If trials surprise more than expected the prior is widened: no world is explained away.
         """
         if not self._rows:
             return self._mean.copy(), self._covariance.copy()

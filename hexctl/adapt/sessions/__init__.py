@@ -1,1 +1,1 @@
-"""Sessions of adaptations: their trials, kept on disk row by row, read back, listed and exported."""
+"""Sessions of adaptations: stored trials, lists and exports."""

@@ -1,4 +1,4 @@
-"""Sessions compared: the best score so far against the number of trials."""
+"""Comparison of sessions: the best score so far against the number of trials."""
 
 from collections.abc import Sequence
 from itertools import accumulate
@@ -43,7 +43,7 @@ def check_comparable(sessions: Sequence[Session]) -> None:
 
 
 def differences(sessions: Sequence[Session]) -> list[str]:
-    """What else than the search differs between sessions, such as `duration_s (10.0, 30.0)`."""
+    """Differences between sessions except the search, such as `duration_s (10.0, 30.0)`."""
     found = []
     for name in SET_UP:
         values = dict.fromkeys(_in_words(getattr(session.spec, name)) for session in sessions)
@@ -57,12 +57,10 @@ def _in_words(value: Any) -> str:
 
 
 def draw_comparison(sessions: Sequence[Session], path: Path | str) -> None:
-    """Write a PNG with the best score so far of sessions, a step line each; nothing is replaced.
+    """Write a new PNG with the best score so far of sessions, a step line each.
 
-    A dotted line shows the best score without a search.
-
-    Raises InputError as `check_comparable` does, and for a path that does not end in .png, exists or cannot
-    be written; MissingExtraError without matplotlib.
+    A dotted line shows the best score without a search. Raises InputError as `check_comparable` does, and for
+    a path that does not end in .png, exists or cannot be written; MissingExtraError without matplotlib.
     """
     check_comparable(sessions)
     path = Path(path)

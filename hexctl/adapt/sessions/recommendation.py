@@ -1,7 +1,7 @@
 """Which walk of a session to recommend, and which ends to confirm by a walk at a finer time step first.
 
-The end of a walk is known from its confirmation if there is one, else from the walk itself. Each has its
-own uncertainty. A trial needs a search, a walk of the baseline needs none.
+The end of a walk is that of its confirmation, else its own, each with its own uncertainty. Walks of the
+baseline need no search.
 """
 
 import math
@@ -36,14 +36,10 @@ class Walks(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contender:
-    """A walk that may be recommended, and what is known of its end.
+    """A trial (`searched`) or walk of the baseline that may be recommended, and its confirmation, or None.
 
-    Attributes:
-        walk: the trial, or the walk of the baseline.
-        searched: True for a trial.
-        score: of its confirmation, else of the walk.
-        uncertainty_m: standard uncertainty of that score, 0 if it is not known.
-        confirmation: its walk at a finer time step, or None.
+    `score` is that of the confirmation, else of the walk, `uncertainty_m` its standard uncertainty, 0 if
+    unknown.
     """
 
     walk: Walk
@@ -64,24 +60,24 @@ class Contender:
 
 
 def resolution_m(one: Contender, other: Contender) -> float:
-    """Least difference between two scores that is resolved with 95 % confidence."""
+    """Minimum difference between two scores that is resolved with 95 % confidence."""
     return DISTINCT * math.hypot(one.uncertainty_m, other.uncertainty_m) / math.sqrt(2.0)
 
 
 def recommended(session: Walks) -> Contender | None:
     """The walk to recommend; None before the first valid trial and baseline.
 
-    It is the straightest one. Of those that are not resolved from it, walks that need no search come first,
-    then the one with the largest static stability margin.
+    Among the straightest, unresolved walks, those without a search come first, then the maximum static
+    stability margin.
     """
     return min(_unresolved(session), key=lambda one: one.preference, default=None)
 
 
 def next_to_confirm(session: Walks) -> Contender | None:
-    """The straightest walk that may be recommended and is not confirmed; None if all are.
+    """The straightest candidate without a confirmation; None if all are confirmed.
 
     At a coarse time step a walk of the baseline may end elsewhere by more than was measured on the flat
-    floor. So all of them are confirmed, unless none could end nearer to the line by what can be resolved.
+    floor. All are confirmed, unless none could be resolved as straighter.
     """
     if not session.spec.confirmed_uncertainty_m:
         return None
@@ -93,7 +89,7 @@ def _unconfirmed(found: Iterable[Contender]) -> Contender | None:
 
 
 def _baseline_to_beat(session: Walks) -> list[Contender]:
-    """Walks of the baseline, if one may end nearer to the line than what is recommended; else none."""
+    """Walks of the baseline, if one may be straighter than the recommendation; else none."""
     found = recommended(session)
     if found is None or not found.uncertainty_m or found.score <= resolution_m(found, found):
         return []
@@ -115,7 +111,7 @@ def contenders(session: Walks) -> list[Contender]:
 
 
 def _trials(session: Walks) -> list[Contender]:
-    """Valid trials; once enough of them are confirmed, those that are."""
+    """Valid trials; only the confirmed ones once there are enough."""
     trials = _valid(_contender(session, trial, searched=True) for trial in session.trials)
     confirmed = [trial for trial in trials if trial.confirmation is not None]
     known = {trial.walk.slots for trial in confirmed}
@@ -123,7 +119,6 @@ def _trials(session: Walks) -> list[Contender]:
 
 
 def _unresolved(session: Walks) -> list[Contender]:
-    """The straightest contender, and those that are not resolved from it."""
     found = contenders(session)
     lowest = _straightest(found)
     return [one for one in found if lowest is not None and not one.resolved_from(lowest)]

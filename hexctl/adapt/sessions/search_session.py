@@ -24,26 +24,23 @@ MILESTONES_M = (0.10, 0.025)
 
 
 def trials_text(count: int) -> str:
-    """A number of trials: `1 trial`, `2 trials`."""
+    """Number of trials in words: `1 trial`, `2 trials`."""
     return f"{count} trial" + ("" if count == 1 else "s")
 
 
 @dataclass(slots=True, kw_only=True)
 class Session:
-    """A session as it stands: grows by a trial at a time.
+    """A session, to which trials are added one by one.
 
     Attributes:
         name: unique in its store; also the name of its folder.
-        spec: its options.
-        trials: in the order in which they were walked.
         optimizer_state: the state after the last trial, or None before the first.
-        created: when it began, ISO 8601.
+        created: ISO 8601.
         ended: why its search ended, as `AdaptLoop.run` returns it; None while it can be resumed.
-        settled_on: the gait that the optimizer settles on and what it expects of it, as `Prediction.as_json`
-            says, where it knows one.
-        baseline: walks with the gaits that the robot would use anyway, before the first trial.
+        settled_on: gait that the optimizer recommends and its `Prediction.as_json`, or None.
+        baseline: walks with the robot's usual gaits, before the first trial.
         confirmations: walks at a finer time step, after the search.
-        stored_bytes: size of its file when it was read or written last.
+        stored_bytes: last known size of its file.
     """
 
     name: str
@@ -74,7 +71,7 @@ class Session:
 
     @property
     def best_walk(self) -> TrialRecord | BaselineRecord | None:
-        """The walk that `recommended` names; if a trim was searched, None for a gait without a known one."""
+        """The recommended walk; if a trim was searched, None for a gait without a known one."""
         found = recommended(self)
         if found is None or self.spec.optimizer != TRIM:
             return None if found is None else found.walk
@@ -82,16 +79,13 @@ class Session:
         return found.walk if any(trim is not None for trim in trims) else None
 
     def trim_rad(self, slots: Sequence[int]) -> float | None:
-        """Trim that is learned for a gait, the mean of what its walks want; None where none says.
-
-        The baseline counts: an end that was measured is known, whatever it was walked for.
-        """
+        """Learned trim of a gait, the mean over its walks, baseline included; None if unknown."""
         walks = self._walks_of(slots)
         wanted = [walk.wanted_trim_deg for walk in walks if walk.wanted_trim_deg is not None]
         return mean_trim_rad(map(math.radians, wanted)) if wanted else None
 
     def turn_trim_rad_s(self, slots: Sequence[int]) -> float | None:
-        """Turn that is learned for a gait in open loop, likewise; None where no walk of it was trimmed."""
+        """Learned turn of a gait in open loop; None without a trimmed walk."""
         walks = [
             (
                 math.radians(walk.outcome["turn_trim_deg_s"]),
@@ -108,21 +102,20 @@ class Session:
 
     @property
     def best_trim_deg(self) -> float | None:
-        """Trim that is learned for the gait of the best trial, in degrees; None without one."""
+        """Learned trim for the gait of the best trial, in degrees; None without one."""
         trim_rad = None if self.best is None else self.trim_rad(self.best.slots)
         return None if trim_rad is None else math.degrees(trim_rad)
 
     @property
     def best_turn_trim_deg_s(self) -> float | None:
-        """Turn that is learned for it in open loop, in degrees per second; None without one."""
+        """Learned turn in open loop for the best gait, in degrees per second; None without one."""
         trim_rad_s = None if self.best is None else self.turn_trim_rad_s(self.best.slots)
         return None if trim_rad_s is None else math.degrees(trim_rad_s)
 
     def pareto(self, objectives: Sequence[Objective]) -> list[tuple[TrialRecord, list[float]]]:
-        """Valid trials that no other valid one beats in all of some objectives, with their scores.
+        """Pareto front of the valid trials with their scores, sorted by the first one.
 
-        Sorted by the first score; of equal trials all are there. Raises InputError where an objective needs
-        what a trial did not measure.
+        Raises InputError if a trial did not measure what an objective needs.
         """
         valid = [trial for trial in self.trials if trial.valid]
         scores = np.array([[objective(trial.result) for objective in objectives] for trial in valid])
@@ -130,14 +123,14 @@ class Session:
         return sorted(front, key=lambda pair: pair[1])
 
     def trials_to(self, milestone_m: float) -> int | None:
-        """Index of the first trial whose score is within a milestone; None without one, or a score in m."""
+        """Index of the first trial with a score within a milestone; None without one, or a score in m."""
         if self.spec.objective_unit != "m":
             return None
         return next((trial.index for trial in self.trials if trial.score <= milestone_m), None)
 
     @property
     def within_target(self) -> float | None:
-        """Probability that the recommended gait, if confirmed, ends within the target; None if not."""
+        """Probability that the recommended, confirmed gait ends within the target; None if not confirmed."""
         found, target_m = recommended(self), self.spec.target_m
         if found is None or found.confirmation is None or target_m is None:
             return None
@@ -146,7 +139,6 @@ class Session:
         return 0.5 * (math.erf(below) + math.erf(above))
 
     def _recommended_json(self) -> dict[str, Any] | None:
-        """The recommended walk and what is known of its end, as `hexctl adapt --json` prints it."""
         found, walk = recommended(self), self.best_walk
         if found is None or walk is None:
             return None

@@ -1,10 +1,8 @@
-"""The steps of a session's search: what it expected of all gaits after each trial, and why it chose the next.
+"""Steps of a session's search: its forecasts after each trial, and the reasons for the next gait.
 
-A session stores what its optimizer was told, not what it believed. `bayes` decides by that alone, so that its
-beliefs are computed again: from the prior of the session, with the trials up to a moment. They are shown only
-where they are those of the session: each prediction that was stored with a trial has to come out again. The
-other optimizers expect nothing of gaits that they did not walk, and no optimizer of one's own is imported to
-look at a session, which may be another person's.
+Sessions do not store beliefs. Those of `bayes` are computed again from its prior and trials, and shown only
+if they reproduce all stored predictions. Other optimizers have none; custom optimizers are not imported to
+view a session, which may come from another person.
 """
 
 from collections.abc import Iterator
@@ -28,8 +26,8 @@ from hexctl.recording.sessions.session_overview import GaitBeliefs, SearchStep, 
 #: How far a prediction that is computed again may be off: other processors round otherwise.
 SAME_M = 1e-4
 
-#: Beliefs are shown until so many trials: it takes 2 s of computing to have all of them again, and the time
-#: grows with the third power of the trials. `bayes` seldom walks 20.
+#: Maximum number of trials with beliefs: computing them takes 2 s and grows with the third power; `bayes`
+#: rarely walks 20.
 MOST_TRIALS = 60
 
 #: Rows of the table of the gaits that are likeliest to be within the target.
@@ -38,14 +36,7 @@ LIKELIEST = 5
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """What a search knew after some trials.
-
-    Attributes:
-        beliefs: of all gaits.
-        likeliest: the gaits that are likeliest to be within the target, with what is predicted of them.
-        code: the gait that it would walk next.
-        why: in words.
-    """
+    """Knowledge of a search after some trials: gaits most likely within the target, and the next gait."""
 
     beliefs: GaitBeliefs
     likeliest: list[tuple[int, Prediction]]
@@ -54,7 +45,7 @@ class _Known:
 
 
 def search_steps(session: Session) -> tuple[SearchStep, ...]:
-    """Steps of a session's search, from before its first trial to after its last one."""
+    """Steps from before the first trial to after the last one."""
     known: list[_Known] = []
     missing = _without(session.spec)
     try:
@@ -72,7 +63,6 @@ def search_steps(session: Session) -> tuple[SearchStep, ...]:
 
 
 def _without(spec: SessionSpec) -> str:
-    """Why a search has no beliefs about the ends of walks that could be shown."""
     if spec.optimizer == BAYES:
         return "with this objective bayes expects scores and not ends of walks, which are not shown"
     if spec.optimizer in (*OPTIMIZERS, TRIM):
@@ -81,10 +71,7 @@ def _without(spec: SessionSpec) -> str:
 
 
 def _search_of(session: Session) -> Bayes | None:
-    """The search of a session as it began; None for one without beliefs about the ends of walks.
-
-    Raises InputError where robot or prior are not those of the session any more.
-    """
+    """The search of a session as it began, or None; raises InputError if robot or prior have changed."""
     spec = session.spec
     if spec.optimizer != BAYES or spec.prior is None or spec.hold != "none":
         return None
@@ -94,10 +81,7 @@ def _search_of(session: Session) -> Bayes | None:
 
 
 def _replayed(session: Session, search: Bayes) -> Iterator[_Known]:
-    """What the search knew after 0, 1, … trials; raises InputError where that is not what the session had.
-
-    It ends after `MOST_TRIALS`.
-    """
+    """Knowledge after 0, 1, … `MOST_TRIALS` trials; raises InputError if it differs from the session's."""
     state = session.optimizer_state or search.state()
     told = state["search"]["trials"]
     if [trial[0] for trial in told] != [trial.code for trial in session.trials]:
@@ -110,7 +94,6 @@ def _replayed(session: Session, search: Bayes) -> Iterator[_Known]:
 
 
 def _check(trial: TrialRecord, search: Bayes) -> None:
-    """Raise InputError unless a search predicts of a trial what the session's own did."""
     stored, now = trial.expected or {}, search.predict(trial.code).as_json()
     names = ("signed_m", "low_m", "high_m")
     if not all(name in stored and abs(stored[name] - now[name]) <= SAME_M for name in names):
@@ -118,7 +101,7 @@ def _check(trial: TrialRecord, search: Bayes) -> None:
 
 
 def _known(search: Bayes, uncertainty_m: float) -> _Known:
-    """What a search knows now; the intervals include the simulation's own uncertainty, as the chances do."""
+    """Current knowledge of a search; intervals and chances include the simulation's uncertainty."""
     forecast, choice = search.forecast(), search.choice()
     reach_m = NINETY_PERCENT * np.hypot(np.hypot(forecast.sd_m, forecast.noise_m), uncertainty_m)
     beliefs = GaitBeliefs(
@@ -130,7 +113,6 @@ def _known(search: Bayes, uncertainty_m: float) -> _Known:
 
 
 def _step(session: Session, done: int, known: _Known | None, missing: str) -> SearchStep:
-    """The step after some trials; `missing` says why nothing is known."""
     following = session.trials[done] if done < len(session.trials) else None
     lines = [f"### {f'After {trials_text(done)}' if done else 'Before the first trial'}", ""]
     if done:
@@ -152,7 +134,6 @@ def _step(session: Session, done: int, known: _Known | None, missing: str) -> Se
 
 
 def _ended(trial: TrialRecord, uncertainty_m: float) -> str:
-    """How a trial ended, and what was expected of it."""
     result = trial.result
     off = "at an unknown place" if result.deviation is None else deviation_text(result.deviation.signed)
     text = f"trial {trial.index}, gait {trial.code}: {result.status}, {off}"
@@ -160,7 +141,6 @@ def _ended(trial: TrialRecord, uncertainty_m: float) -> str:
 
 
 def _next(session: Session, following: TrialRecord | None, known: _Known | None) -> str:
-    """The next gait and why it was chosen, or why there is none."""
     if following is None:
         return "the session goes on" if session.ended is None else f"the search ended: {session.ended}"
     text = f"**next: gait {following.code}**"
@@ -182,7 +162,6 @@ def _expected(expected: dict[str, Any], uncertainty_m: float) -> str:
 
 
 def _table(known: _Known) -> Iterator[str]:
-    """Markdown: a row for each of some gaits."""
     target_m, beliefs = known.likeliest[0][1].target_m, known.beliefs
     yield f"| gait | expected | 90 % interval | within {mark_text(float(f'{target_m:.3g}'))} |"
     yield "|--:|--:|---|--:|"

@@ -1,8 +1,4 @@
-"""The lines of a session's file: written one by one, and read into a session.
-
-A line says how the session stands, or holds a walk. A line may come from another version, a damaged disk or
-another person: it is checked before it is used.
-"""
+"""Lines of a session's file, which hold its standing or a walk, and are checked when read."""
 
 import json
 from dataclasses import asdict, dataclass, fields
@@ -27,7 +23,7 @@ DAMAGE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, R
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """How a session stands, apart from its walks; its fields are those of `Session`."""
+    """Fields of a `Session` without its walks."""
 
     created: str
     spec: SessionSpec
@@ -40,7 +36,7 @@ class Standing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Line:
-    """A line of a session's file: how the session stands now, or a walk."""
+    """Standing or walk in a line of a session's file."""
 
     __pydantic_config__: ClassVar = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -60,10 +56,7 @@ _KINDS = {TrialRecord: "trial", BaselineRecord: "baseline", ConfirmationRecord: 
 
 
 def standing_line(session: Session) -> bytes:
-    """Line that says how a session stands now.
-
-    Raises TypeError for a value that JSON cannot hold.
-    """
+    """Line of a session's standing; raises TypeError for a value that JSON cannot hold."""
     parts = {field.name: getattr(session, field.name) for field in fields(Standing)}
     values = asdict(Standing(**parts))
     spec = {name: _number(value) for name, value in values["spec"].items()}
@@ -71,15 +64,12 @@ def standing_line(session: Session) -> bytes:
 
 
 def _number(value: object) -> object:
-    """A number of numpy, which options may be, as one that JSON holds; another value as it is."""
+    """NumPy numbers as Python ones; other values unchanged."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 def walk_line(walk: Walk, optimizer_state: dict[str, Any] | None) -> bytes:
-    """Line of a walk; of a trial with the state of the optimizer after it.
-
-    Raises TypeError for a state that JSON cannot hold.
-    """
+    """Line of a walk; of a trial with the optimizer's state. Raises TypeError if JSON cannot hold it."""
     state = {} if optimizer_state is None else {"state": optimizer_state}
     return _text({_KINDS[type(walk)]: asdict(walk), **state})
 
@@ -89,10 +79,9 @@ def _text(line: dict[str, Any]) -> bytes:
 
 
 def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
-    """Session of a file's content, and what is wrong with its damaged lines, by their numbers.
+    """Session of a file's content, and the errors of its damaged lines, by their numbers.
 
-    A line without an end was cut off, and is left out without a word. Raises ValueError without any line that
-    says what was searched.
+    An incomplete last line is left out silently. Raises ValueError without a line with a standing.
     """
     *texts, cut_off = content.split(b"\n")
     lines: dict[int, _Line] = {}
@@ -116,7 +105,6 @@ def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
 
 
 def _read_line(text: bytes) -> _Line:
-    """A line; raises one of `DAMAGE` for another text."""
     values = json.loads(text)
     state = values.pop("state", None)  # its optimizer checks it
     line = _LINE.validate_python({**printable_parts(values), "state": state})
@@ -126,7 +114,6 @@ def _read_line(text: bytes) -> _Line:
 
 
 def _take_in_line(session: Session, line: _Line) -> None:
-    """Add the walk of a line to a session; raises InputError for one that does not belong to it."""
     space = GaitSpace((session.spec.broken.leg,))
     for walk in (line.trial, line.baseline, line.confirmation):
         if walk is None:
@@ -141,7 +128,7 @@ def _take_in_line(session: Session, line: _Line) -> None:
 
 
 def take_in(session: Session, walk: Walk, optimizer_state: dict[str, Any] | None) -> None:
-    """Add a walk that is stored to its session."""
+    """Add a stored walk to its session."""
     match walk:
         case TrialRecord():
             session.trials.append(walk)
@@ -153,7 +140,7 @@ def take_in(session: Session, walk: Walk, optimizer_state: dict[str, Any] | None
 
 
 def damage_text(error: BaseException) -> str:
-    """What is wrong with a line, or a file."""
+    """Error of a line or a file in words."""
     if isinstance(error, ValidationError):
         problem = error.errors(include_url=False)[0]
         return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"

@@ -1,4 +1,4 @@
-"""The optimizer of a session, as its spec and its prior ask for it."""
+"""The optimizer of a session, by its spec and prior."""
 
 import numpy as np
 
@@ -28,14 +28,9 @@ def make_search(
     prior: Prior | ScorePrior | None,
     optimizer: OptimizerClass | None = None,
 ) -> Optimizer:
-    """Fresh optimizer of a session: `bayes` with a prior, else the one that its spec names.
+    """Fresh optimizer of a session: `bayes` with a prior, else the one in its spec.
 
-    Args:
-        spec: of the session.
-        robot: the robot that walks.
-        plan: of its trials.
-        prior: of the session, None where it has none.
-        optimizer: class of the optimizer, where it cannot be imported by the name in the spec.
+    `optimizer` is its class, if it cannot be imported by the name in the spec.
     """
     space = GaitSpace((spec.broken.leg,))
     if spec.optimizer == TRIM:
@@ -51,7 +46,6 @@ def make_search(
 
 
 def _score_search(spec: SessionSpec, robot: Robot, space: GaitSpace, prior: ScorePrior) -> Optimizer:
-    """The search for the best score of steered walks."""
     return ScoreBayes(
         space,
         spec.seed,
@@ -65,7 +59,6 @@ def _score_search(spec: SessionSpec, robot: Robot, space: GaitSpace, prior: Scor
 def _end_search(
     spec: SessionSpec, robot: Robot, plan: TrialPlan, space: GaitSpace, prior: Prior
 ) -> Optimizer:
-    """The search for the end nearest to the line, of walks in open loop."""
     search = Bayes(
         space,
         spec.seed,

@@ -1,4 +1,4 @@
-"""The spec of a session: the options of its search, resolved, and what was found out when it began."""
+"""The spec of a session: the resolved options of its search, and measurements at its beginning."""
 
 import math
 from collections.abc import Collection
@@ -24,25 +24,25 @@ UNWATCHED = "walk-on"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSpec(AdaptOptions):
-    """The options of a search, and what was found out when it began; stored with the session.
+    """The options of a search, and measurements at its beginning; stored with the session.
 
-    An option that was left open holds what was chosen for it. Therefore a session continues as it began,
-    whatever defaults and settings are by then. Options with a narrower type are declared again.
+    Options without a value hold the choice: a session continues as it began, whatever the defaults are then.
+    Options with a narrower type are declared again.
 
     Attributes:
-        robot_fingerprint: of the description that the robot file held when the session began.
+        robot_fingerprint: of the robot's description when the session began.
         objective_label: what a custom objective measures; empty for those of hexctl.
         objective_unit: unit of the score.
-        uncertainty_caveat: how the walks by which the uncertainty was measured differ from those of the
-            session, in words; empty if they do not.
-        confirmed_uncertainty_m: uncertainty of the walks at a finer time step that confirm the end of a gait;
-            0 if it is not known, and nothing is confirmed.
-        noise_m: standard deviation between trials of one gait that `bayes` believes before any repeat; None
+        uncertainty_caveat: differences between the session's walks and those that measured the uncertainty,
+            in words.
+        confirmed_uncertainty_m: of walks at a finer time step that confirm an end; 0 if unknown, without
+            confirmation.
+        noise_m: standard deviation between trials of one gait that `bayes` assumes before any repeat; None
             without `bayes`, and for steered walks.
-        prior_digest: of the content of the prior when the session began.
-        baseline_gaits: named gaits that are walked before the first trial, to compare with.
+        prior_digest: hash of the prior when the session began.
+        baseline_gaits: named gaits that are walked before the first trial.
         sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers, None for a
-            joint that is not measured; None if the prior or the robot does not know it.
+            joint that is not measured; None if the prior or the robot does not provide it.
         versions: of the software that decides how trials end, by package.
     """
 
@@ -73,7 +73,7 @@ class SessionSpec(AdaptOptions):
 
     @property
     def simulated(self) -> bool:
-        """Whether each trial has a simulation of its own, and so begins at the same place."""
+        """Whether each trial has its own simulation, from the same start."""
         return self.backend == "sim"
 
     @property
@@ -84,7 +84,7 @@ class SessionSpec(AdaptOptions):
 
     @property
     def target_share(self) -> float | None:
-        """The target as a share of the ideal distance; None if it was not asked for as one."""
+        """The target as a share of the ideal distance; None if not given as one."""
         text = str(self.target).strip()
         return float(text.removesuffix("%")) / 100 if text.endswith("%") else None
 
@@ -103,9 +103,9 @@ class SessionSpec(AdaptOptions):
 
     @property
     def greatest_chance(self) -> float | None:
-        """Probability that a gait which ends on the line is within the target, by `uncertainty_m` alone.
+        """Probability that a gait which ends on the line is within the target, by `uncertainty_m` only.
 
-        No gait can be confirmed with a greater one. None without a target or an uncertainty.
+        It limits the confidence of every gait. None without a target or an uncertainty.
         """
         if self.target_m is None or not self.uncertainty_text:
             return None
@@ -123,20 +123,16 @@ class SessionSpec(AdaptOptions):
 
     @property
     def foreign_parts(self) -> dict[str, str]:
-        """Options that name code to be imported, `module:Name`, and these names."""
+        """Options with the names of imported code, `module:Name`."""
         named = {option: str(getattr(self, option)) for option in _PARTS}
         return {
             option: name for option, name in named.items() if ":" in name and not name.startswith(_SCRIPT)
         }
 
     def check_trusted(self, given: Collection[str], *, trust: bool) -> None:
-        """Check that a session imports no code that the caller does not vouch for.
+        """Check that a session imports only trusted code; `given` arguments replace parts of it.
 
-        Args:
-            given: arguments that the caller gives in place of what the spec names.
-            trust: whether the caller vouches for the session.
-
-        Raises InputError for a part that is named as `module:Name`.
+        Raises InputError without `trust` for a part with a name `module:Name`.
         """
         for option, name in self.foreign_parts.items():
             if not trust and _PARTS[option] not in given:

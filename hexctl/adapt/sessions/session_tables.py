@@ -1,4 +1,4 @@
-"""Trials as tables: those of a session in a CSV or Parquet file, those of all sessions in one table."""
+"""Tables of trials: of one session in a CSV or Parquet file, or of all sessions."""
 
 import csv
 from pathlib import Path
@@ -30,7 +30,7 @@ LAST_COLUMNS = (
 #: Fields of `SessionSpec` that come last in an exported row.
 ASKED_COLUMNS = ("robot", "world", "failure", "duration_s", "target_m")
 
-#: What is told of the session in each row: fields of `SessionSpec`.
+#: Fields of `SessionSpec` in each row.
 SPEC_COLUMNS = ("robot", "world", "failure", "objective", "duration_s", "backend")
 
 #: Columns that an empty table has, so that a question about it has an answer.
@@ -46,7 +46,7 @@ USUAL_COLUMNS = (
 def flat_rows(session: Session) -> list[dict[str, Any]]:
     """Rows, one per trial; empty for a session without trials.
 
-    The baseline is in columns of its own, the same in every row: a row of its own would be taken for a trial.
+    The baseline has its own columns, equal in all rows: its own row would look like a trial.
     """
     rows = []
     baseline, spec = _baseline_columns(session), session.spec.as_json()
@@ -65,7 +65,6 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
 
 
 def _baseline_columns(session: Session) -> dict[str, Any]:
-    """Four columns for each gait of a baseline, None where it was not walked."""
     walked = {walk.gait: walk.as_json() for walk in session.baseline}
     columns: dict[str, Any] = {}
     for gait in dict.fromkeys((*BASELINE_GAITS[1:], *BASELINE_GAITS, *walked)):
@@ -80,8 +79,8 @@ def _baseline_columns(session: Session) -> dict[str, Any]:
 def export_session(name: str, path: Path | str, folder: Path | str = RUNS) -> None:
     """Write a session's trials to a new .csv or .parquet file.
 
-    Raises InputError for a name that is not there, another ending, a file that exists or cannot be written,
-    or a session without trials; StoreError for a session that is damaged.
+    Raises InputError for an unknown name, another ending, a file that exists or cannot be written, or a
+    session without trials; StoreError for a session that is damaged.
     """
     session, path = load_session(name, folder), Path(path)
     if path.suffix not in FORMATS:
@@ -118,17 +117,14 @@ def _write_parquet(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def sessions(folder: Path | str = RUNS) -> Any:
-    """All trials of all sessions of a folder, a row each, for questions across sessions.
+    """All trials of all sessions of a folder, a row each.
 
     Columns are those of `export_session` (`session`, `optimizer`, `failed_leg`, `slots`, `score`, `status`,
     `deviation_signed_m`, ...), and of each session `created`, `robot`, `world`, `failure`, `objective`,
     `duration_s` and `backend`.
 
-    Args:
-        folder: where the sessions lie.
-
-    Gives a `pandas.DataFrame` where pandas is installed (extra `data`), with `created` as times, else a list
-    of dicts; both are empty where there are no trials, the first with its usual columns.
+    Returns a `pandas.DataFrame` if pandas is installed (extra `data`), with `created` as times, else a list
+    of dicts; without trials both are empty, the first with its usual columns.
     """
     rows = [row for session in list_sessions(folder) for row in _rows(session)]
     try:
@@ -142,7 +138,6 @@ def sessions(folder: Path | str = RUNS) -> Any:
 
 
 def _rows(session: Session) -> list[dict[str, Any]]:
-    """Rows of a session, with what it was about in front."""
     spec = session.spec.as_json()
     about = {name: spec.get(name) for name in SPEC_COLUMNS}
     return [

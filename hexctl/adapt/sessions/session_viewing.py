@@ -1,4 +1,4 @@
-"""The overview of a session, made from what the store keeps, and the viewer on sessions and recordings."""
+"""The overview of a session from its store, and the viewer of sessions and recordings."""
 
 import shlex
 import time
@@ -46,14 +46,13 @@ def write_overview(
     recordings: RecordingPaths | None = None,
     several: bool = False,
 ) -> Path:
-    """Write `overview.rrd`, in place of an earlier one, and return its path.
+    """Write `overview.rrd`, replacing an earlier one, and return its path.
 
     Args:
-        session: what is shown.
-        folder: where the recordings of its trials are.
+        folder: of the trials' recordings.
         into: the folder to write to; None is the session's.
-        base: URL under which the recordings are found, with a slash at its end; without one they are files.
-        recordings: those that it leads to; None for all of `recordings_of`.
+        base: URL of the recordings, with a slash at its end; empty for files.
+        recordings: linked ones; None for all of `recordings_of`.
         several: whether it is opened with others; the list of recordings is then open.
 
     Raises InputError for a session without trials or a folder that cannot be written, RecordingError when the
@@ -71,7 +70,7 @@ def write_overview(
 
 
 def recordings_of(session: Session, folder: Path) -> RecordingPaths:
-    """Recordings of a session that are there, by trial index, or by gait for its baseline."""
+    """Existing recordings of a session, by trial index, or by gait for its baseline."""
     walks: dict[int | str, WalkRecord] = {walk.gait: walk for walk in session.baseline}
     walks |= {trial.index: trial for trial in session.trials}
     files = {key: walk.recording_in(folder) for key, walk in walks.items()}
@@ -83,10 +82,7 @@ def make_overview(
     addresses: Mapping[int | str, str] = MappingProxyType({}),
     steps: tuple[SearchStep, ...] = (),
 ) -> Overview:
-    """Overview of a session; `addresses` are the URLs of its recordings, as of `recordings_of`.
-
-    `steps` are those of its search.
-    """
+    """Overview of a session with the steps of its search; `addresses` are the URLs of its recordings."""
     ideals_m = [trial.result.ideal_distance_m for trial in session.trials]
     return Overview(
         title=session.name,
@@ -101,7 +97,6 @@ def make_overview(
 
 
 def _facts(session: Session) -> list[str]:
-    """Settings and outcome, a line each."""
     spec, best = session.spec, session.best
     asked = f"leg {spec.broken.leg} {spec.broken}, {spec.robot}, {spec.backend}"
     world = f", world {spec.world}" if spec.world is not None else ""
@@ -138,7 +133,6 @@ def _baseline(walk: BaselineRecord, address: str | None) -> OverviewTrial:
 
 
 def _walk(walk: WalkRecord, *, note: str = "", **named: Any) -> OverviewTrial:
-    """A walk in the overview; the note follows its status."""
     result = walk.result
     cause = "" if result.cause is None else f" ({result.cause})"
     return OverviewTrial(
@@ -159,17 +153,17 @@ StoredSession = tuple[Session, Path]
 def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_damage) -> int:
     """Open recordings and sessions in one viewer, wait until it is closed, and return its exit code.
 
-    A session opens as its overview, from which its trials are opened; several recordings of walks open as one
-    scene, from which each is opened.
+    A session opens as its overview with links to its trials; several recordings of walks open as one scene
+    with links.
 
     Args:
         names: paths of recordings, and names or folders of sessions; empty is the newest of either.
         runs: the folder of recordings and of the session store.
-        on_damage: is told of each damaged recording of a session, to which the overview does not lead. By
-            default it is logged.
+        on_damage: called for each damaged recording of a session, which gets no link; by default it is
+            logged.
 
-    Raises InputError for a name that is neither and for a damaged recording that is named itself,
-    RecordingError for a viewer that cannot start, and MissingExtraError without Rerun.
+    Raises InputError for an unknown name and for a damaged recording in `names`, RecordingError for a viewer
+    that cannot start, and MissingExtraError without Rerun.
     """
     with scratch_folder() as spare:
         chosen = _find_runs(names, runs)
@@ -194,13 +188,11 @@ def serve_runs(
     """Serve recordings and sessions to browsers on this computer, until a stop is requested.
 
     Args:
-        names: as for `view_runs`.
-        runs: the folder of recordings and of the session store.
-        on_url: called once, with the address that a browser opens.
-        stop_requested: asked ten times a second.
-        on_damage: as for `view_runs`.
+        names, runs, on_damage: as for `view_runs`.
+        on_url: called once, with the address for a browser.
+        stop_requested: called ten times a second.
 
-    Raises what `view_runs` raises.
+    Raises the errors of `view_runs`.
     """
     chosen = _find_runs(names, runs)
     port = free_port()
@@ -222,12 +214,7 @@ def serve_runs(
 def _common_scene(
     chosen: Sequence[Path | StoredSession], folder: Path, base: str = ""
 ) -> tuple[list[Path], Sequence[Path | StoredSession]]:
-    """Write a scene with the walks of several recordings to a folder.
-
-    Returns its files, empty without a scene, and what of the chosen is not in it.
-
-    Raises InputError for a missing or damaged file.
-    """
+    """Scene files of several recordings, empty without one, and the choices outside it."""
     walks = [one for one in chosen if isinstance(one, Path) and one.name != FILE_NAME]
     for walk in walks:
         check_viewable(walk)
@@ -243,7 +230,7 @@ def _common_scene(
 def _serve(
     chosen: Path | StoredSession, files: FileServer, into: Path, on_damage: OnDamage, *, several: bool
 ) -> str:
-    """URL of a recording, or of a session's overview, whose links lead to recordings on the same server."""
+    """URL of a recording, or of a session's overview with links to recordings on the same server."""
     if isinstance(chosen, Path):
         return files.add(into.name, chosen)
     session, folder = chosen
@@ -256,7 +243,7 @@ def _serve(
 
 
 def _sound_ones(recordings: RecordingPaths, on_damage: OnDamage) -> RecordingPaths:
-    """Recordings at which no viewer ends that opens them from an overview."""
+    """Recordings that cannot end a viewer that opens them from an overview."""
     sound: RecordingPaths = {}
     for key, path in recordings.items():
         try:
@@ -273,7 +260,6 @@ def _find_runs(names: Sequence[str], runs: Path) -> list[Path | StoredSession]:
 
 
 def _newest_run(runs: Path) -> Path | StoredSession:
-    """The recording that was written last, or the session that it belongs to."""
     # An overview is written whenever its session is viewed: its time says nothing.
     path = newest_recording(runs, leave_out=FILE_NAME)
     name = path.parent.name
@@ -308,10 +294,7 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
 def _current_overview(
     session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
 ) -> Path:
-    """Write the overview again: a session that was cut off, or still runs, left an old one or none.
-
-    It goes to the spare folder where that of the session takes nothing.
-    """
+    """Rewrite the overview, which may be old or missing; in the spare folder if the other is read-only."""
     found = recordings_of(session, folder)
     sound = _sound_ones(found, on_damage)
     try:

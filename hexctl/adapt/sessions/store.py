@@ -1,7 +1,7 @@
 """Sessions on disk: a folder each, with a file to which every event adds a line.
 
-A line is on the disk before the next trial begins. A process that is killed loses at most the line that it
-was writing, which the next one replaces. A damaged line is left out, the others are read.
+A line is on the disk before the next trial begins. A killed process loses at most the line that it was
+writing, which the next one replaces. A damaged line is left out.
 """
 
 import fcntl
@@ -61,13 +61,10 @@ class StoreError(HexctlError, OSError):
 
 
 class SessionStore:
-    """Writes the sessions of a folder; the recordings of a session lie in its folder too."""
+    """Writes the sessions of a folder, which also holds their recordings."""
 
     def __init__(self, folder: Path) -> None:
-        """Open a folder, which is made if there is none.
-
-        Raises InputError for a folder that cannot be used.
-        """
+        """Open or make a folder; raises InputError for one that cannot be used."""
         self.folder = folder
         self._locks: dict[str, int] = {}
         self._failures: dict[str, str] = {}
@@ -81,9 +78,8 @@ class SessionStore:
         """Add a session with a new name, on the disk when this returns.
 
         Args:
-            spec: of the session.
-            holder: keeps the session held until it is closed, as `held` does. No other process can continue
-                or delete the session before that. Without one, nothing holds it.
+            holder: keeps other processes from continuing or deleting the session until it is closed, as
+                `held` does; None holds nothing.
 
         Raises StoreError when the disk refuses.
         """
@@ -109,14 +105,13 @@ class SessionStore:
     def held(self, name: str) -> Iterator[None]:
         """Keep other processes from continuing a session meanwhile; the lock of a killed holder is released.
 
-        Raises InputError for a name that is not in the folder, or when another process holds it.
+        Raises InputError for an unknown name, or when another process holds it.
         """
         with _locked(name, self.folder) as lock, self._holding(name, lock):
             yield
 
     @contextmanager
     def _holding(self, name: str, lock: int) -> Iterator[None]:
-        """Note that this store holds the lock of a session."""
         self._locks[name] = lock
         try:
             yield
@@ -138,17 +133,11 @@ class SessionStore:
         take_in(session, walk, optimizer_state)
 
     def keep(self, session: Session) -> None:
-        """Store the spec of a session and how it ended, on the disk when this returns.
-
-        Raises StoreError as `add` does.
-        """
+        """Store a session's spec and end, on the disk when this returns; raises StoreError as `add` does."""
         self._append(session, "its end", standing_line(session))
 
     def folder_of(self, name: str) -> Path:
-        """Folder of a session and its recordings.
-
-        Raises InputError for a name that leads anywhere else.
-        """
+        """Folder of a session and its recordings; raises InputError for a name that leads elsewhere."""
         if not is_folder_name(name):
             raise InputError(
                 f"{argument('session')}: got {name!r}; allowed: the name of a folder in {self.folder}/"
@@ -162,7 +151,6 @@ class SessionStore:
                 raise _moved(session.name)
 
     def _made_folder(self, stem: str) -> str:
-        """Name of a new folder."""
         name, numbers = stem, count(2)
         while True:
             try:
@@ -173,7 +161,7 @@ class SessionStore:
                 return name
 
     def _append(self, session: Session, what: str, line: bytes) -> None:
-        """Add a line to what a session has stored, in place of a line that was cut off."""
+        """Add a line to a session's file, replacing an incomplete one."""
         name = session.name
         with _opened(self.folder / name / FILE_NAME, name) as file:
             self._check_held(name, file)
@@ -219,7 +207,7 @@ class SessionStore:
 
 
 def _write(file: int, data: bytes) -> None:
-    """Write bytes at the end of a file, on the disk when this returns."""
+    """Append bytes, on the disk when this returns."""
     while data:
         data = data[os.write(file, data) :]
     os.fsync(file)
@@ -243,7 +231,6 @@ def _opened(path: Path, name: str) -> Iterator[int]:
 
 
 def _moved(name: str) -> StoreError:
-    """Error for a session whose file is not the one that was written to."""
     return StoreError(
         f"session {name}: its file {FILE_NAME} was deleted, moved or replaced; move it back and resume the "
         "session, or begin a new one"
@@ -252,7 +239,7 @@ def _moved(name: str) -> StoreError:
 
 @contextmanager
 def _made(path: Path, content: bytes) -> Iterator[int]:
-    """Descriptor of a new file, on the disk and locked before anyone can find it by its name."""
+    """Descriptor of a new file, on the disk and locked before its name is visible."""
     with ExitStack() as stack:
         with replacing(path) as draft:
             draft.write_bytes(content)
@@ -263,21 +250,18 @@ def _made(path: Path, content: bytes) -> Iterator[int]:
 
 
 def is_folder_name(name: str) -> bool:
-    """Whether a name is that of one folder beside others: it leads nowhere else."""
+    """Whether a name is that of a single folder, without a path."""
     one = name not in ("", ".", "..") and not set("/\\") & set(name) and printable(name) == name
     return one and len(name.encode("utf-8")) <= MOST_NAME_BYTES
 
 
 def stored_names(folder: Path) -> list[str]:
-    """Names of all sessions in a folder, newest last, without making or writing anything.
-
-    Raises StoreError for a folder that cannot be read.
-    """
+    """Names of all sessions in a folder, newest last, without writing; StoreError if it cannot be read."""
     return [name for name in _found(folder) if is_folder_name(name)]
 
 
 def _found(folder: Path) -> list[str]:
-    """Names of folders with the file of a session, also those that cannot be typed, newest last."""
+    """Names of folders with a session's file, newest last, also names that cannot be typed."""
     try:
         names = os.listdir(folder)
     except FileNotFoundError:
@@ -291,7 +275,7 @@ def _found(folder: Path) -> list[str]:
 
 
 def _age(folder: Path, name: str) -> tuple[str, list[str | int]]:
-    """Order of sessions: when they were created, then their names, with numbers as such."""
+    """Order of sessions: by creation, then by name, with numbers as such."""
     try:
         head = _CREATED.match(_first_bytes(folder / name / FILE_NAME))
     except OSError:
@@ -310,7 +294,6 @@ def _first_bytes(path: Path) -> bytes:
 
 @contextmanager
 def _locked(name: str, folder: Path) -> Iterator[int]:
-    """Descriptor of a session's file, with its lock; raises as `SessionStore.held` does."""
     _check_there(name, folder)
     with _opened(folder / name / FILE_NAME, name) as file:
         if not _lock(file):
@@ -331,17 +314,16 @@ def _log_damage(error: StoreError) -> None:
     _LOG.warning("%s", error)
 
 
-#: Is told of damage, which is left out.
+#: Called for damage, which is left out.
 OnDamage = Callable[[StoreError], object]
 
 
 def list_sessions(folder: Path | str = RUNS, *, on_damage: OnDamage = _log_damage) -> list[Session]:
-    """All sessions of a folder with their trials, newest last; empty if there are none.
+    """All sessions of a folder with their trials, newest last; nothing is written.
 
     Args:
-        folder: where the sessions lie; nothing is written to it.
-        on_damage: is called for each session that cannot be read, which is left out, and for damaged lines
-            of the others. By default it is logged.
+        on_damage: called for each session that cannot be read, which is left out, and for damaged lines; by
+            default they are logged.
 
     Raises StoreError for a folder that cannot be read.
     """
@@ -357,7 +339,7 @@ def list_sessions(folder: Path | str = RUNS, *, on_damage: OnDamage = _log_damag
 def load_session(name: str, folder: Path | str = RUNS, *, on_damage: OnDamage = _log_damage) -> Session:
     """Session of a folder with its trials; `on_damage` is called for damaged lines, which are left out.
 
-    Raises InputError for a name that is not there, StoreError for a session that cannot be read.
+    Raises InputError for an unknown name, StoreError for a session that cannot be read.
     """
     check_type(name, str, "session", "the name of a session")
     _check_there(name, Path(folder))
@@ -365,7 +347,6 @@ def load_session(name: str, folder: Path | str = RUNS, *, on_damage: OnDamage = 
 
 
 def _check_there(name: str, folder: Path) -> None:
-    """Raise InputError for a name that is not among the sessions of a folder."""
     names = stored_names(folder)
     if name in names:
         return
@@ -380,7 +361,6 @@ def _check_there(name: str, folder: Path) -> None:
 
 
 def _loaded(name: str, folder: Path, on_damage: OnDamage) -> Session:
-    """Session of a folder; raises StoreError for one that cannot be read."""
     try:
         if not is_folder_name(name):
             raise ValueError("its name cannot be typed; rename its folder")
@@ -400,11 +380,9 @@ def _loaded(name: str, folder: Path, on_damage: OnDamage) -> Session:
 def delete_session(name: str, folder: Path | str = RUNS) -> None:
     """Delete a session, damaged or not, and its recordings.
 
-    Nothing outside of the session's own folder is deleted: if hexctl has not made its name, or its folder is
-    a link to another one, the recordings stay.
-
-    Raises InputError for a name that is not there, or a session that another process is running, StoreError
-    when the disk refuses.
+    Nothing outside of its folder is deleted: if hexctl did not make its name, or the folder is a link,
+    recordings stay. Raises InputError for an unknown name, or a session that another process is running,
+    StoreError when the disk refuses.
     """
     folder = Path(folder)
     _check_there(name, folder)

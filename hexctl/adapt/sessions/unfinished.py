@@ -1,6 +1,6 @@
-"""The recording that a session is writing: what a killed process left is removed when it is resumed.
+"""Removes the incomplete recording of a killed process when its session is resumed.
 
-A note in the session's folder names the file and its inode, so that no other file is ever removed.
+A note in the session's folder names the file and its inode: no other file is ever removed.
 """
 
 import os
@@ -24,7 +24,7 @@ _NAME = re.compile(r"(trial-\d{3,}|baseline-[a-z]+)(-\d+)?\.rrd")
 
 @contextmanager
 def unfinished(path: Path) -> Iterator[None]:
-    """Note that a new recording is being written, as long as the block runs; call `note_created` in it."""
+    """Note that a recording is being written in this block, in which `note_created` is called."""
     _write(path.with_name(NOTE), path.name)
     try:
         yield
@@ -34,16 +34,13 @@ def unfinished(path: Path) -> Iterator[None]:
 
 
 def note_created(path: Path) -> None:
-    """Add to the note which file the recording is."""
+    """Add the recording's file to the note."""
     with suppress(OSError):  # it was deleted already
         _write(path.with_name(NOTE), f"{path.name} {path.stat().st_ino}")
 
 
 def remove_unfinished(folder: Path, session: Session) -> Path | None:
-    """Remove the recording of a trial that was killed, which will be walked again; the file, or None.
-
-    The session must be held: no other process is writing it.
-    """
+    """Remove the recording of a killed trial of a session that must be held; the file, or None."""
     try:
         name, inode = _noted(folder)
         path = folder / name
@@ -68,7 +65,7 @@ def _noted(folder: Path) -> tuple[str, int]:
 
 
 def _write(note: Path, content: str) -> None:
-    """Write a note; one that is a link would make a file anywhere."""
+    """Write a note, not through a link, which could lead anywhere."""
     with suppress(OSError):  # the walk matters more; a disk that is full is reported for its recording
         note.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(

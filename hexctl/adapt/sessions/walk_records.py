@@ -1,4 +1,4 @@
-"""Walks of a session as they are stored: trials, the baseline, and walks that confirm a gait."""
+"""Stored walks of a session: trials, the baseline, and confirmations of a gait."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,7 +61,6 @@ class _Settled(_Expected):
 
 
 def _as(model: type[BaseModel]) -> AfterValidator:
-    """Check for values that a model has to take; they stay as they are."""
 
     def checked(values: dict[str, Any]) -> dict[str, Any]:
         model.model_validate(values, strict=True)
@@ -82,18 +81,18 @@ _Point = Annotated[list[Annotated[float, Field(allow_inf_nan=True)]], Field(min_
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class WalkRecord:
-    """A walk of a session, as it is stored.
+    """A stored walk of a session.
 
     Attributes:
         slots: of its gait.
         score: by the session's objective; `INVALID_SCORE` for an invalid walk.
-        outcome: its result, as `TrialResult.to_dict` writes it; `result` reads it.
+        outcome: its result, as `TrialResult.to_dict` writes it.
         path_m: progress and signed deviation along the walk, five points a second.
         recording: path of the recording, or None.
-        wanted_trim_deg: trim with which it would have ended on its line; None where it did not hold its
-            heading, or is not valid.
-        wanted_turn_trim_deg_s: likewise the turn that a walk in open loop wants, where it was trimmed.
-        margin_m: smallest static stability margin of its gait over a cycle; None where it is not known.
+        wanted_trim_deg: trim with which it would have ended on its line; None without a held heading, or if
+            invalid.
+        wanted_turn_trim_deg_s: turn with which a trimmed open-loop walk would have; else None.
+        margin_m: minimum static stability margin of its gait over a cycle; None if unknown.
     """
 
     slots: Annotated[tuple[int, ...], Field(min_length=N_LEGS, max_length=N_LEGS)]
@@ -107,7 +106,7 @@ class WalkRecord:
 
     @property
     def result(self) -> TrialResult:
-        """Result of the walk as it is stored: with five points of the path a second, and its end."""
+        """Result of the stored walk: with five points of the path a second, and its end."""
         distance_m, signed_m = self.outcome["distance_m"], self.outcome["deviation_m"]["signed"]
         points = list(self.path_m)
         if distance_m is not None and signed_m is not None:
@@ -123,7 +122,6 @@ class WalkRecord:
         return self._in_words()
 
     def _in_words(self, *names: str) -> str:
-        """Names of the walk, its gait, and what came of it, on one line."""
         distance_m = self.outcome.get("distance_m")
         facts = [
             *names,
@@ -135,14 +133,13 @@ class WalkRecord:
         return f"{type(self).__name__}({', '.join(facts)})"
 
     def recording_in(self, folder: Path) -> Path | None:
-        """Its recording in the folder of its session, there or not; None where it was not recorded.
+        """Path of its recording in the folder of its session, existing or not; None without one.
 
-        A store may have been moved since, or be another person's: of the stored path only the name counts.
+        Only the name of the stored path counts: a store may have been moved, or come from another person.
         """
         return folder / Path(self.recording).name if self.recording else None
 
     def _measured_json(self) -> dict[str, Any]:
-        """Outcome, in the order in which tables have it."""
         outcome = self.outcome
         return {
             "slots": list(self.slots),
@@ -158,13 +155,9 @@ class WalkRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TrialRecord(WalkRecord):
-    """One trial of a session, a `WalkRecord` with more.
+    """One trial of a session; index 1 is the first, `confirms` marks a repeat of the best gait.
 
-    Attributes:
-        index: 1 for the first trial.
-        code: the gait tried.
-        confirms: True for a repeat of the best gait.
-        expected: what the optimizer expected of the trial, as `Prediction.as_json` says, or None.
+    `expected` is the optimizer's prediction, as of `Prediction.as_json`, or None.
     """
 
     index: Annotated[int, Field(ge=1)]
@@ -174,7 +167,7 @@ class TrialRecord(WalkRecord):
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """Name in messages."""
         return f"trial {self.index}"
 
     def __repr__(self) -> str:
@@ -194,8 +187,7 @@ class TrialRecord(WalkRecord):
         }
 
 
-#: Gaits that a robot would walk with anyway: the one that stands safest with the leg failed, its default one,
-#: and the tripod.
+#: The robot's usual gaits: the most stable one with the leg failed, its default one, and the tripod.
 BASELINE_GAITS = (AUTO, "demo", "tripod")
 
 #: The index of a baseline: it comes before the first trial.
@@ -204,11 +196,9 @@ BASELINE_INDEX = 0
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class BaselineRecord(WalkRecord):
-    """A `WalkRecord` of a gait that the robot would use anyway; no trial, and no optimizer is told of it.
+    """A walk with a usual gait such as `demo`, before the trials.
 
-    Attributes:
-        gait: its name, such as `demo`.
-        code: its code; None where it is not one of the session's gaits.
+    `code` is None outside the session's gaits.
     """
 
     gait: str
@@ -216,7 +206,7 @@ class BaselineRecord(WalkRecord):
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """Name in messages."""
         return f"the baseline {self.gait}"
 
     def __repr__(self) -> str:
@@ -237,19 +227,14 @@ class BaselineRecord(WalkRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ConfirmationRecord(WalkRecord):
-    """A `WalkRecord` of a gait at a finer time step, in the same world; no trial.
-
-    Attributes:
-        code: of the gait; None where it is not one of the session's gaits.
-        time_step_s: of the physics.
-    """
+    """A walk of a gait at a finer time step, no trial; `code` is None outside the session's gaits."""
 
     code: int | None
     time_step_s: Annotated[float, Field(gt=0)]
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """Name in messages."""
         return f"the confirmation of gait {self.code}"
 
     def as_json(self) -> dict[str, Any]:

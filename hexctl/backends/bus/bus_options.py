@@ -1,4 +1,4 @@
-"""Options of the commands about servos on a bus: where the bus is, and what is asked of its servos."""
+"""Options of the commands about servos on a bus."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +30,7 @@ def parse_bauds(text: str) -> int | str:
 
 @dataclass(frozen=True, slots=True)
 class BusAddress:
-    """Where servos answer: driver, serial device, and bits per second."""
+    """Driver, serial device and bits per second of a bus."""
 
     driver: BusDriver
     path: str
@@ -39,7 +39,7 @@ class BusAddress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOptions:
-    """Where a bus of servos is; the section `servos` of a robot file has what is not given."""
+    """Address of a bus; the section `servos` of a robot file completes it."""
 
     PANEL: ClassVar = "Bus"
 
@@ -59,7 +59,7 @@ class BusOptions:
         check_fields(self)
 
     def address(self) -> BusAddress:
-        """Return where the bus is: as given, else by the robot file, else as usual for the driver.
+        """Return the address from the options, the robot file, or the driver's defaults, in this order.
 
         Raises InputError without a driver or a port, and for a robot file with hobby servos.
         """
@@ -104,7 +104,7 @@ class BusOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanOptions(BusOptions):
-    """Where a bus is whose servos are not known yet."""
+    """Address of a bus with unknown servos."""
 
     bauds: Annotated[int | str | None, Typed(flag="baud", parse=parse_bauds)] = None
     """Bits per second, 1200..4500000, or all: every usual baud rate of the driver, one after the other.
@@ -124,7 +124,7 @@ class ScanOptions(BusOptions):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentificationOptions(BusOptions):
-    """Where a bus is whose servos are to be assigned to joints, and where the result goes."""
+    """Address of a bus whose servos are to be assigned to joints, and the output file."""
 
     output: str | Path | None = None
     """New file for the section servos of a robot file. The same command continues an unfinished one.
@@ -145,7 +145,7 @@ class IdentificationOptions(BusOptions):
             )
 
     def unreported_model(self, driver: str) -> str | None:
-        """Return the model of servos that do not report theirs: as given, else of the robot file.
+        """Return the model, from the option or the robot file, of servos that do not report theirs.
 
         Raises InputError for a model of servos that report theirs.
         """

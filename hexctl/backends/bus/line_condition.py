@@ -1,7 +1,7 @@
-"""Why servos on a bus are not heard or lose their torque: too little voltage, or a bad cable.
+"""Diagnosis of bad communication or lost torque on a bus: low voltage, or a bad cable.
 
-A brown-out is many servos with little voltage at once, which restart without torque, some without their id. A
-bad cable or noise is answers that are damaged or missing while the voltage is good, often those of one leg.
+In a brown-out many servos report low voltage and restart without torque, some without their id. A bad cable
+or noise damages answers while the voltage is good, often those of one leg.
 """
 
 from collections.abc import Collection, Sequence
@@ -40,29 +40,27 @@ REMEMBERS_S, DRAINS_S = 10.0, 60.0
 #: A figure in a warning is replaced when it differs by more than this factor.
 CHANGED = 1.5
 
-#: Lowest voltages at which models work (data sheets), by the beginning of their names; the STS3215 is sold
-#: for 7.4 V and for 12 V.
+#: Minimum voltages of models (data sheets), by prefix; the STS3215 is sold for 7.4 V and for 12 V.
 _LEAST_V = {"ax": 9.0, "xl320": 6.0, "xl330": 3.7, "xl430": 6.5, "xm430": 10.0, "sts": 4.0, "scs": 4.8}
 _LEAST_OTHER_V = 6.0
 
 
 @dataclass(slots=True)
 class _Answers:
-    """Answers of one servo: share of its recent questions without a complete one, and how many were asked."""
+    """Share of a servo's recent questions without a complete answer, and their number."""
 
     damaged: float = 0.0
     asked: int = 0
     missed: int = 0  # in a row
 
     def note(self, damaged: bool) -> None:
-        """Note how a question was answered."""
         self.asked += 1
         weight = max(1 / self.asked, 1 / WINDOW)
         self.damaged += weight * (float(damaged) - self.damaged)
 
 
 class AnswerShares:
-    """Recent shares of the questions to each joint's servo without a complete answer; arrays are (18,)."""
+    """Recent shares of questions without a complete answer, by joint, (18,)."""
 
     def __init__(self) -> None:
         self._joints = [_Answers() for _ in range(N_JOINTS)]
@@ -78,9 +76,9 @@ class AnswerShares:
         return np.array([float(each.asked) for each in self._joints])
 
     def take(self, asked: Sequence[int], heard: Collection[int]) -> None:
-        """Take which joints were asked, and which of them were heard.
+        """Count which joints were asked, and which of them answered.
 
-        Questions without an answer count once an answer comes: a servo that is silent has no bad answers.
+        Questions without an answer count once an answer comes: a silent servo has no bad answers.
         """
         for joint in asked:
             answers = self._joints[joint]
@@ -94,7 +92,7 @@ class AnswerShares:
 
 
 class LineCondition:
-    """What can be said of the line and the supply of servos on a bus."""
+    """Warnings about the line and the supply of a bus."""
 
     def __init__(self, servos: BusMap, shares: AnswerShares, *, time: TimeSource = WALL_TIME) -> None:
         self._map, self._shares, self._time = servos, shares, time
@@ -105,13 +103,7 @@ class LineCondition:
         self._said: dict[int, float] = {}  # shares that were said, by joint; -1 for all
 
     def warnings(self, servos: ServoReadings, limp: BoolArray, mute: BoolArray) -> list[str]:
-        """What is wrong with line and supply, in words that stay the same while nothing new is known.
-
-        Args:
-            servos: newest readings.
-            limp: joints whose servos have lost their torque, (18,).
-            mute: joints whose servos are silent, (18,).
-        """
+        """Warnings, unchanged while nothing changes; `limp` and `mute` are joints, (18,)."""
         now_s = self._time.now()
         low = self._low(servos.voltages_v, now_s)
         if np.count_nonzero(low) >= SEVERAL:
@@ -127,7 +119,6 @@ class LineCondition:
         return self._damaged(mute)
 
     def _low(self, voltages_v: FloatArray, now_s: float) -> BoolArray:
-        """Which servos have too little voltage, (18,); learns what is usual."""
         known = np.isfinite(voltages_v)
         if not known.any():
             return known
@@ -167,7 +158,7 @@ class LineCondition:
         ]
 
     def _figure(self, joint: int, share: float) -> float:
-        """The share that is said: the one before, as long as it is about right."""
+        """Share to report: the previous one while it is about right."""
         said = self._said.get(joint)
         return share if said is None or not said / CHANGED <= share <= said * CHANGED else said
 

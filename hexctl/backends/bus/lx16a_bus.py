@@ -1,8 +1,8 @@
-"""A bus of LX-16A servos and their kin: slow, so that not all is sent and asked in each control period.
+"""Bus of LX-16A servos and compatible ones.
 
-At 115200 baud a move is 0.9 ms and a reading 1.2 ms, so that not all fits into 20 ms. Moves go to joints
-whose goals changed, at most `MOST_MOVES` in a period and those first that wait longest; positions are asked
-one by one in the time that is left.
+At 115200 baud a move takes 0.9 ms and a reading 1.2 ms: not all fit into 20 ms. At most `MOST_MOVES` moves
+per period go to changed goals, the longest waiting first. The remaining time is used for positions, one by
+one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,10 +43,9 @@ OTHERS = (lx.READ_VOLTAGE, lx.READ_TEMPERATURE, lx.READ_LOAD)
 class Lx16aBus(ServoBus):
     """LX-16A, LX-224 and HTS-35H servos on one line.
 
-    Goals are clipped to the limits that are stored in each servo, beyond which it would unload. A servo that
-    unloads by itself gets no goals any more, and its reports say that it is limp. A move has the time that
-    its joint needs from where the move before has come to; while answers are lost also from where it is if
-    the moves before were lost too, as no servo confirms one.
+    Goals are clipped to the limits stored in each servo, beyond which it would unload. A servo that unloads
+    by itself gets no more goals. No servo confirms a move: its duration starts from the expected end of the
+    one before, and while answers are lost also from the position if those moves were lost.
     """
 
     mute_s: ClassVar[float] = 1.5
@@ -76,7 +75,7 @@ class Lx16aBus(ServoBus):
         self._others: dict[tuple[int, int], float] = {}  # by servo and command, not reported yet
 
     def find(self) -> BoolArray:
-        """Which servos answer, (n,), with their voltages and temperatures for the first reports."""
+        """Which servos answer, (n,); keeps their voltages and temperatures for the first reports."""
         found = super().find()
         self._silent = ~found
         for place in np.flatnonzero(found).tolist():
@@ -85,7 +84,7 @@ class Lx16aBus(ServoBus):
         return found
 
     def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
-        """Whether a servo holds its goal, or None without an answer."""
+        """Whether a servo holds its goal; None without an answer."""
         answer = self._ask(place, lx.READ_LOAD, tries=tries)
         if answer is None:
             return None
@@ -93,7 +92,7 @@ class Lx16aBus(ServoBus):
         return bool(answer[0])
 
     def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
-        """Switch the torque of some servos, until each says that it is, up to `TRIES` times."""
+        """Switch the torque of some servos until each confirms, up to `TRIES` times."""
         left = list(self._every if places is None else places)
         if not on:
             self._goals = None
@@ -106,10 +105,7 @@ class Lx16aBus(ServoBus):
                 return
 
     def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
-        """The goal is sent in front of the torque and behind it: unloaded servos may not take moves.
-
-        A servo moves to its limit from beyond it as fast as it can: one that is far beyond is left limp.
-        """
+        """Send goals before and after the torque, as unloaded servos may ignore moves; skip `_beyond`."""
         self._on[self._beyond] = False
         chosen = np.flatnonzero(which).tolist()
         for place in chosen:
@@ -121,12 +117,12 @@ class Lx16aBus(ServoBus):
         return np.array([bool(which[place] and self.torque(place)) for place in self._every])
 
     def _send_goals(self, goals: FloatArray) -> None:
-        """Take goals: those that changed are sent now, or half of them a period later."""
+        """Send changed goals now, or half of them a period later."""
         self._goals, self._wrote = goals, True
         self._send_moves()
 
     def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
-        """Reports of the next few servos, as many as answer in the time that is left; one at the least."""
+        """Reports of the next servos that fit into the remaining time, at least one."""
         if not self._wrote:
             self._send_moves()
         self._wrote = False
@@ -145,11 +141,11 @@ class Lx16aBus(ServoBus):
                 return reports
 
     def end_watchdog(self, places: Sequence[int] | None = None) -> None:
-        """Send goals that still wait; these servos have no watchdog."""
+        """Send waiting goals; these servos have no watchdog."""
         self._send_moves()
 
     def _send_moves(self) -> None:
-        """Move places whose goals have changed, those first that wait longest, and one of the others."""
+        """Move the servos with changed goals, the longest waiting first, and one of the others."""
         self._began_s = now_s = self._time.now()
         if self._goals is None:
             return
@@ -178,7 +174,7 @@ class Lx16aBus(ServoBus):
             self._line.write(b"".join(moves))
 
     def _needed_ms(self, goals: FloatArray, at_s: FloatArray) -> FloatArray:
-        """Time that each servo needs to its goal at its greatest speed, wherever it is at a time, (n,)."""
+        """Time of each servo to its goal at maximum speed, from any of its possible positions, (n,)."""
         lossy = self._silent | (at_s - self._missed_at_s <= LOSSY_S)
         if_lost = np.where(lossy, [self._sent, self._from, self._read, *self._earlier], np.nan)
         maybe_at = np.vstack([self._come_to(at_s), if_lost])
@@ -186,7 +182,7 @@ class Lx16aBus(ServoBus):
         return np.asarray(np.ceil(np.round(1000 * farthest / self.speeds, 6)))
 
     def _come_to(self, at_s: FloatArray) -> FloatArray:
-        """How far the moves have come at times, (n,), in counts; NaN if none is known."""
+        """Expected counts of the moves at times, (n,); NaN if unknown."""
         done = np.clip((at_s - self._sent_at_s) / self._takes_s, 0.0, 1.0)
         return np.asarray(
             np.where(np.isnan(self._sent), self._from, self._from + done * (self._sent - self._from))
@@ -195,7 +191,6 @@ class Lx16aBus(ServoBus):
     def _note_moves(
         self, chosen: list[int], goals: FloatArray, times_ms: FloatArray, at_s: FloatArray
     ) -> None:
-        """Note that some servos are told to move to their goals; what is not known of before has ended."""
         here = self._come_to(at_s)
         here = np.where(np.isnan(here), goals, here)
         new = [place for place in chosen if goals[place] != self._sent[place]]
@@ -238,7 +233,6 @@ class Lx16aBus(ServoBus):
             self._on[place], self._limp[place] = False, True
 
     def _ask(self, place: int, command: int, *, tries: int = 1) -> bytes | None:
-        """Parameters that a servo answers to a command, or None if it does not."""
         for _ in range(tries):
             answer = self._packets.ask(self.ids[place], command)
             if answer is not None:

@@ -1,7 +1,7 @@
-"""Commands of LewanSoul's (Hiwonder's) bus servos: LX-16A, LX-224, HTS-35H.
+"""Commands of LewanSoul (Hiwonder) bus servos: LX-16A, LX-224, HTS-35H.
 
-Numbers are little-endian. What writes is not answered; an answer repeats the command that asked, which has no
-parameters (LewanSoul Bus Servo Communication Protocol).
+Numbers are little-endian. Writes are not answered; an answer repeats its command, which has no parameters
+(LewanSoul Bus Servo Communication Protocol).
 """
 
 from hexctl.backends.bus.packets import SumPackets
@@ -48,5 +48,5 @@ def load(servo_id: int, *, on: bool) -> bytes:
 
 
 def number(parameters: bytes) -> int:
-    """Number in the parameters of an answer; two bytes are signed, as positions are."""
+    """Number in the parameters of an answer; two bytes are signed."""
     return int.from_bytes(parameters, "little", signed=len(parameters) == 2)

@@ -1,4 +1,4 @@
-"""One LX-16A servo or one of its kin on a line, which report no model."""
+"""One LX-16A servo or a compatible one, which report no model."""
 
 from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
@@ -11,10 +11,10 @@ FACTORY_MOST_C = 85
 
 
 class Lx16aServo(Servo):
-    """One servo: its torque cannot be limited, and each move has its time."""
+    """One servo without a torque limit; each move has a duration."""
 
     def look(self) -> FoundServo:
-        """What it is, and how it is."""
+        """Identity and readings of the servo."""
         position, millivolts = self.position(), self.number(lx.READ_VOLTAGE)
         return FoundServo(
             servo_id=self.servo_id,
@@ -28,21 +28,21 @@ class Lx16aServo(Servo):
         )
 
     def number(self, command: int) -> float | None:
-        """Number that it answers to a command that asks, or None without an answer."""
+        """Number that answers a reading command; None without an answer."""
         answer = self._ask(command)
         return None if answer is None else float(lx.number(answer))
 
     def position(self) -> float | None:
-        """Count at which it is."""
+        """Position in counts."""
         return self.number(lx.READ_POSITION)
 
     def torque(self, *, tries: int = TRIES) -> bool | None:
-        """Whether its torque is on, or None without an answer."""
+        """Whether its torque is on; None without an answer."""
         answer = self._ask(lx.READ_LOAD, tries=tries)
         return None if answer is None else bool(answer[0])
 
     def set_torque(self, *, on: bool) -> bool:
-        """Switch the torque, until the servo says that it is."""
+        """Switch the torque until the servo confirms it."""
         for _ in range(TRIES):
             self._packets.line.write(lx.load(self.servo_id, on=on))
             if self.torque() is on:
@@ -55,14 +55,13 @@ class Lx16aServo(Servo):
         return ""
 
     def settings(self) -> ServoSettings:
-        """Its stored limits, those of its model if they are none, and what differs from the factory."""
+        """Stored limits, or those of its model without any, and differences to the factory settings."""
         least, most = self._pair(lx.READ_LIMITS) or (0, 0)
         if not self.type.least <= least < most <= self.type.most:
             least, most = self.type.least, self.type.most
         return ServoSettings(refusal="", notes=tuple(self._notes()), least=least, most=most)
 
     def _notes(self) -> list[str]:
-        """What is worth knowing of the temperature and the voltages at which it lets go."""
         notes = []
         most_c = self._twice(lambda: self.number(lx.READ_MOST_TEMPERATURE)) or FACTORY_MOST_C
         if most_c > FACTORY_MOST_C:
@@ -74,7 +73,6 @@ class Lx16aServo(Servo):
         return notes
 
     def _pair(self, command: int) -> tuple[int, int] | None:
-        """Two numbers that were answered alike twice in a row, or None."""
         stored = self._twice(lambda: self._ask(command))
         return None if stored is None else (lx.number(stored[:2]), lx.number(stored[2:]))
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from hexctl.backends.bus.packets import PacketFormat, PacketStream, StatusPacket
 from hexctl.backends.bus.serial_line import UNUSED_ID, SerialLine
 
-#: How long an answer may take besides its time on the wire: least, and at first. Adapters deliver late,
-#: FTDI's by 16 ms if their timer cannot be set.
+#: Least and first time for an answer besides its time on the wire.
+#:
+#: FTDI adapters may deliver 16 ms late.
 LEAST_TIMEOUT_S, FIRST_TIMEOUT_S = 0.004, 0.034
 
 #: How many times the delay of the answers so far is waited for, and the share of each answer in that.
@@ -22,7 +23,7 @@ ANSWER_BYTES = 24
 
 @dataclass(frozen=True, slots=True)
 class _Missed:
-    """A request whose answer did not come in time: parameters of that, and until when it may still come."""
+    """A request without an answer in time: its parameters, and until when the answer may still come."""
 
     request: bytes
     size: int | None
@@ -30,16 +31,10 @@ class _Missed:
 
 
 class PacketLine:
-    """Packets of one protocol on a line. Its methods raise OSError when the port has gone.
+    """Packets of one protocol on an open line. Its methods raise OSError when the port is lost.
 
-    Args:
-        line: open.
-        packets: format of the servos' packets.
-        timeout_s: how long an answer may take at first.
-        adapts: whether the timeout follows how late the last answer that came to each packet is.
-
-    Attributes:
-        timeout_s: how long an answer may take now, besides its time on the wire.
+    `timeout_s` is the time for an answer besides its time on the wire; with `adapts` it follows the last
+    delays.
     """
 
     def __init__(
@@ -68,10 +63,9 @@ class PacketLine:
     def ask(
         self, servo_id: int, instruction: int, parameters: bytes = b"", *, tries: int = 1
     ) -> StatusPacket | None:
-        """Answer of one servo, or None if it gives none in some tries.
+        """Answer of one servo; None without one in some tries.
 
-        Most answers do not say what they answer: one that is as long as another that was missed, and may
-        still come, is waited for until that cannot come any more.
+        Most answers do not name their question: it waits while a missed answer of equal length may come.
         """
         request = self.packets.instruction(servo_id, instruction, parameters)
         size = self.packets.answer_size(instruction, parameters)
@@ -89,7 +83,7 @@ class PacketLine:
         return None
 
     def _wait_for_late(self, servo_id: int, request: bytes, size: int | None) -> None:
-        """Let an answer pass that might be taken for the one to another request."""
+        """Discard an answer that could be mistaken for the one to another request."""
         missed = self._missed.get(servo_id)
         if missed is None or missed.request == request or self.packets.names_question:
             return
@@ -100,13 +94,7 @@ class PacketLine:
         del self._missed[servo_id]
 
     def transact(self, request: bytes, asked: Collection[int], wire_s: float) -> list[StatusPacket]:
-        """Answers to a packet.
-
-        Args:
-            request: the packet.
-            asked: ids of the servos that are to answer; it is over once all have.
-            wire_s: how long packet and answers take on the wire.
-        """
+        """Answers of the `asked` ids to a packet; `wire_s` is the time of all of them on the wire."""
         line, stream = self.line, self._stream
         if line.discard():  # too late for the packet before
             self._wait_longer()
@@ -143,7 +131,7 @@ class PacketLine:
         self.timeout_s = min(2 * self.timeout_s, self._most_timeout_s)
 
     def outwait(self) -> None:
-        """Drop an answer that is late, unless it says to which question it belongs."""
+        """Drop a late answer, unless it names its question."""
         if self.packets.names_question:
             return
         deadline_s = self.line.time.now() + self._most_timeout_s
@@ -152,5 +140,5 @@ class PacketLine:
         self._stream.finish()
 
     def learn_echo(self) -> None:
-        """Ask an id that no servo has, and see whether that comes back."""
+        """Ping an unused id to learn whether the adapter echoes."""
         self.line.learn_echo(self.packets.instruction(UNUSED_ID, self.packets.probe), FIRST_TIMEOUT_S)

@@ -3,7 +3,7 @@
 1.0: FF FF id length instruction parameters sum; length = parameters + 2, sum = ~(all after the header) & FF.
 LewanSoul: 55 55 id length command parameters sum; length = parameters + 3, the same sum.
 2.0: FF FF FD 00 id length(2) instruction parameters crc(2); length = parameters + 3, FD stuffed after each
-FF FF FD in the parameters. A status packet has the error in front of its parameters (ROBOTIS e-Manual).
+FF FF FD in the parameters. A status packet has the error before its parameters (ROBOTIS e-Manual).
 """
 
 from abc import ABC, abstractmethod
@@ -26,7 +26,7 @@ Packet = tuple[int, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
-    """What a servo answers, with its error byte."""
+    """Answer of a servo, with its error byte."""
 
     servo_id: int
     error: int
@@ -34,12 +34,12 @@ class StatusPacket:
 
 
 class PacketFormat(ABC):
-    """How packets of a protocol are written and found again in a stream of bytes.
+    """Encoder and decoder of a protocol's packets.
 
     Attributes:
         width: bytes of an address or a size in parameters.
-        probe: instruction that every servo answers and that changes nothing.
-        names_question: whether an answer says which instruction it answers.
+        probe: instruction that every servo answers without any change.
+        names_question: whether an answer names its instruction.
     """
 
     width = 1
@@ -51,15 +51,15 @@ class PacketFormat(ABC):
         """Packet that instructs a servo."""
 
     def status(self, servo_id: int, error: int, parameters: bytes = b"") -> bytes:
-        """Packet with which a servo answers."""
+        """Packet of a servo's answer."""
         return self.instruction(servo_id, error, parameters)
 
     def status_size(self, parameters: int) -> int:
-        """Bytes of an answer with a number of parameters, without stuffing."""
+        """Bytes of an answer with this number of parameters, without stuffing."""
         return len(self.status(0, 0, bytes(parameters)))
 
     def size(self, packet: Packet) -> int:
-        """Bytes of a packet as it is written."""
+        """Bytes of an encoded packet."""
         return len(self.instruction(*packet))
 
     def answer_size(self, instruction: int, parameters: bytes) -> int | None:
@@ -69,11 +69,11 @@ class PacketFormat(ABC):
         return {PING: 0, WRITE: 0, REBOOT: 0}.get(instruction)
 
     def answers(self, request: bytes, answer: StatusPacket) -> bool:
-        """Whether an answer is one to a request, as far as it says."""
+        """Whether an answer may be one to the request."""
         return True
 
     def place(self, address: int, size: int) -> bytes:
-        """Parameters that name some bytes of a servo's memory."""
+        """Parameters that address some bytes of a servo's memory."""
         return address.to_bytes(self.width, "little") + size.to_bytes(self.width, "little")
 
     def placed(self, parameters: bytes) -> tuple[int, int, bytes]:
@@ -84,14 +84,13 @@ class PacketFormat(ABC):
 
     @abstractmethod
     def take(self, data: bytes) -> tuple[Packet | None, int]:
-        """First packet in bytes, and how many bytes are done with.
+        """First packet, and the number of bytes to discard.
 
-        Without a complete packet it is None, with the bytes in front of anything that may become one. Garbage
-        is skipped a byte at a time, so that a packet behind it is found.
+        Without a complete packet it is None. Garbage is skipped a byte at a time to find a packet behind it.
         """
 
     def as_status(self, packet: Packet) -> StatusPacket | None:
-        """Answer that a packet is, or None for an instruction."""
+        """The packet as an answer; None for an instruction."""
         return StatusPacket(*packet)
 
 
@@ -99,10 +98,8 @@ class SumPackets(PacketFormat):
     """Packets with a sum: those of protocol 1.0, and LewanSoul's.
 
     Args:
-        header: two bytes.
         counted: bytes besides the parameters that the length counts.
-        most_parameters: longest parameters.
-        most_id: highest id.
+        most_parameters: maximum number of parameters.
         answers: parameters of the answer by instruction, if answers repeat the instruction.
     """
 
@@ -125,7 +122,7 @@ class SumPackets(PacketFormat):
         return self._header + body + bytes([_sum(body)])
 
     def size(self, packet: Packet) -> int:
-        """Bytes of a packet; each answer of a poll is measured."""
+        """Bytes of an encoded packet, without encoding it: polls measure each answer."""
         return 6 + len(packet[2])
 
     def answer_size(self, instruction: int, parameters: bytes) -> int | None:
@@ -135,7 +132,7 @@ class SumPackets(PacketFormat):
         return self._sizes.get(instruction)
 
     def answers(self, request: bytes, answer: StatusPacket) -> bool:
-        """Whether an answer is one to a request, as far as it says."""
+        """Whether an answer may be one to the request."""
         if self._sizes is None:
             return True
         return answer.error == request[4] and len(answer.parameters) == self._sizes.get(answer.error)
@@ -179,7 +176,7 @@ class Protocol2(PacketFormat):
         return 3 if instruction == PING else super().answer_size(instruction, parameters)
 
     def take(self, data: bytes) -> tuple[Packet | None, int]:
-        """First packet in bytes; of an answer the error comes first of its parameters."""
+        """First packet in bytes; the error of an answer is its first parameter."""
         start = data.find(self._HEADER)
         while start >= 0:
             if len(data) < start + 7:
@@ -196,7 +193,7 @@ class Protocol2(PacketFormat):
         return None, len(data) - _begun(data, self._HEADER)
 
     def as_status(self, packet: Packet) -> StatusPacket | None:
-        """Answer that a packet is, or None for an instruction."""
+        """The packet as an answer; None for an instruction."""
         servo_id, code, parameters = packet
         answers = code == STATUS and parameters
         return StatusPacket(servo_id, parameters[0], parameters[1:]) if answers else None
@@ -207,11 +204,7 @@ PROTOCOLS: dict[int, PacketFormat] = {1: SumPackets(b"\xff\xff", counted=2), 2: 
 
 
 class PacketStream:
-    """Finds the answers of servos in what comes on a line.
-
-    Attributes:
-        garbled: bytes so far that belonged to no packet.
-    """
+    """Finds the answers of servos in received bytes; `garbled` counts bytes outside packets."""
 
     def __init__(self, packets: PacketFormat) -> None:
         self._packets = packets
@@ -219,7 +212,7 @@ class PacketStream:
         self.garbled = 0
 
     def feed(self, data: bytes) -> list[StatusPacket]:
-        """Answers that are complete with some more bytes."""
+        """Answers that are complete with these bytes."""
         self._data += data
         found: list[StatusPacket] = []
         while True:
@@ -233,7 +226,7 @@ class PacketStream:
                 found.append(answer)
 
     def finish(self) -> list[StatusPacket]:
-        """Answers behind the beginning of a packet whose end does not come; nothing is left then."""
+        """Remaining answers, behind a packet that never ends."""
         found: list[StatusPacket] = []
         while self._data:
             self._data, self.garbled = self._data[1:], self.garbled + 1
@@ -246,7 +239,7 @@ def _sum(body: bytes) -> int:
 
 
 def _begun(data: bytes, header: bytes) -> int:
-    """How many bytes at the end may begin a header."""
+    """Number of bytes at the end that may begin a header."""
     return next((n for n in range(len(header) - 1, 0, -1) if data.endswith(header[:n])), 0)
 
 

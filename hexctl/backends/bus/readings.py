@@ -1,4 +1,4 @@
-"""Readings of the servos on a bus: the newest of each joint, as far as it can be believed."""
+"""Plausible readings of the servos on a bus."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -9,14 +9,13 @@ import numpy as np
 from hexctl.backends.bus.servo_bus import Report, ServoBus
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 
-#: A reading that differs by more than a joint can is believed when this many in a row agree, and one that
-#: follows on none when two do.
+#: Readings in a row that must agree to be believed after an implausible jump, and as the first ones.
 AGREEING, AGREEING_AT_FIRST = 3, 2
 
 #: Polls of all servos after which positions that do not agree are left.
 MOST_POLLS = 6
 
-#: How many times its greatest speed a joint may seem to have, and how far it may seem to jump besides.
+#: Plausible multiple of a joint's maximum speed, and an additional plausible jump.
 SPEED_TIMES, JUMP_DEG = 2.0, 4.0
 
 #: How far readings of other quantities that agree may differ, in V and degrees Celsius.
@@ -25,11 +24,9 @@ VOLTAGE_V, TEMPERATURE_C = 1.5, 5.0
 
 @dataclass(slots=True)
 class _Quantity:
-    """One quantity that a servo reports: its newest value that is believed, and one that is in doubt.
+    """Newest believed value of one quantity, and one in doubt with the number of agreeing values, `times`.
 
-    Attributes:
-        follows: whether the next value has to follow on the believed one.
-        times: values in a row that agree with the one in doubt.
+    `follows` is whether the next value must follow on the believed one.
     """
 
     value: float = math.nan
@@ -38,10 +35,7 @@ class _Quantity:
     times: int = 0
 
     def take(self, value: float, reach: float) -> bool:
-        """Take a value within reach of the one before, or with which as many as it takes agree.
-
-        One that follows on none has to agree with the one that was read before it. Whether it was taken.
-        """
+        """Whether the value was taken: it is within reach of the believed one, or enough readings agree."""
         self.times = self.times + 1 if abs(value - self.doubted) <= reach else 1
         near = self.follows and abs(value - self.value) <= reach
         if near or self.times >= (AGREEING if self.follows else AGREEING_AT_FIRST):
@@ -52,23 +46,14 @@ class _Quantity:
         return False
 
     def forget_doubt(self) -> None:
-        """Let the next value agree with none."""
         self.doubted, self.times = math.nan, 0
 
 
 class BelievedReadings:
-    """Newest plausible readings of each joint; arrays are (18,).
+    """Newest plausible readings of each joint; arrays are (18,), maximum speeds in counts per second.
 
-    Single bytes that are wrong pass a checksum now and then: a position, voltage or temperature that cannot
-    have come about so fast counts once three in a row agree. The first of each, a position from which a
-    robot begins to move or a temperature that stops it, counts once two agree.
-
-    Args:
-        speeds: greatest of the joints, in counts per second.
-        counts_per_deg: of the servos.
-
-    Attributes:
-        implausible: readings so far that were not believed.
+    Wrong bytes sometimes pass a checksum. An implausible jump of a position, voltage or temperature counts
+    once three readings in a row agree, a first reading once two agree. `implausible` counts the others.
     """
 
     def __init__(self, speeds: FloatArray, counts_per_deg: FloatArray) -> None:
@@ -90,7 +75,7 @@ class BelievedReadings:
 
     @property
     def trusted(self) -> BoolArray:
-        """Whether the position of each joint follows on others."""
+        """Whether the position of each joint is confirmed by earlier ones."""
         return np.array([each.follows for each in self._positions])
 
     @property
@@ -113,14 +98,14 @@ class BelievedReadings:
             self._errors[joint] = report.error
 
     def distrust(self) -> None:
-        """Accept any first position of each joint again: joints were moved by hand meanwhile."""
+        """Forget the positions: joints may have been moved by hand."""
         for position in self._positions:
             position.follows = False
         for each in (*self._positions, *self._voltages, *self._temperatures):
             each.forget_doubt()
 
     def servos(self, now_s: float) -> ServoReadings:
-        """Readings with the ages of the positions, which are believed ones, at a time."""
+        """Readings with the ages of the believed positions."""
         return ServoReadings(
             ages_s=now_s - np.array(self._measured_at_s),
             efforts=np.array(self._efforts),
@@ -131,7 +116,6 @@ class BelievedReadings:
         )
 
     def _believe(self, quantity: _Quantity, value: float, reach: float) -> bool:
-        """Whether a value was taken; NaN is one that was not read this time."""
         if math.isnan(value):
             return False
         follows, taken = quantity.follows, quantity.take(value, reach)
@@ -144,7 +128,7 @@ def _values(quantities: Sequence[_Quantity]) -> FloatArray:
 
 
 def polls(bus: ServoBus, readings: BelievedReadings) -> Iterator[list[Report]]:
-    """Reports of all servos, again and again until the positions of those that answer are trusted."""
+    """Reports of all servos, repeatedly, until the positions of those that answer are trusted."""
     answering: set[int] = set()
     for _ in range(MOST_POLLS):
         reports = bus.poll_all()

@@ -1,4 +1,4 @@
-"""A bus of servos with registers, Dynamixel and Feetech: what one thread asks them and tells them."""
+"""A bus of Dynamixel or Feetech servos, which have registers."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -24,7 +24,7 @@ ALERT_S = 1.0
 
 
 class RegisterBus(ServoBus):
-    """Servos of one table of registers on one line."""
+    """Servos with one table of registers on one line."""
 
     servos: Sequence[RegisterServo]
 
@@ -38,10 +38,10 @@ class RegisterBus(ServoBus):
         self._next = 0
 
     def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
-        """Whether a servo holds its goal, or None without an answer.
+        """Whether a servo holds its goal; None without an answer.
 
-        One whose torque limit is 0, as AX servos have it after an overload, holds nothing; it is asked for
-        that if it complains.
+        AX servos set their torque limit to 0 after an overload and then hold nothing; it is read if they
+        complain.
         """
         on = super().torque(place, tries=tries)
         if on and (tries > 1 or self._errors[place]):
@@ -51,8 +51,8 @@ class RegisterBus(ServoBus):
     def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
         """Switch the torque of some servos, and their watchdogs if they have one.
 
-        No servo answers the packet for all: torque that is off is read back, and sent again if it did not
-        arrive. Torque that is on is read back by `hold`.
+        No servo answers a broadcast: torque off is read back and sent again if necessary; `hold` reads torque
+        on back.
         """
         left = list(self._every if places is None else places)
         self._write_all(self.table.torque, float(on), left)
@@ -68,10 +68,7 @@ class RegisterBus(ServoBus):
             self._write_all(self.table.torque, 0.0, left)
 
     def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
-        """Goals and torques are read back, and written again if they did not arrive.
-
-        A limit of the torque that an overload has left at 0 is renewed.
-        """
+        """Write goals and torques until they read back; renew torque limits that an overload has set to 0."""
         holds: BoolArray = np.zeros(len(self.ids), dtype=bool)
         for place in np.flatnonzero(which).tolist():
             self.servos[place].renew_torque_limit()
@@ -89,13 +86,13 @@ class RegisterBus(ServoBus):
         return holds
 
     def renew_watchdog(self, places: Sequence[int] | None = None) -> None:
-        """Let silence be a failure from now on, also if it has been one: goals are taken again."""
+        """Treat silence as a failure from now on; expired watchdogs end."""
         if self.table.watchdog is not None:
             self.end_watchdog(places)
             self._write_all(self.table.watchdog, float(WATCHDOG_20MS), places)
 
     def end_watchdog(self, places: Sequence[int] | None = None) -> None:
-        """Let silence be no failure any more."""
+        """Stop the watchdogs."""
         if self.table.watchdog is not None:
             self._write_all(self.table.watchdog, 0.0, places)
 
@@ -103,7 +100,7 @@ class RegisterBus(ServoBus):
         self._sync_write(self.table.goal, goals, np.flatnonzero(np.isfinite(goals)).tolist())
 
     def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
-        """Reports of all servos, or of the next few, asked one by one until something else is to be sent."""
+        """Reports of all servos, or one by one of the next few until `until` is true."""
         reports: list[Report] = []
         if self.table.sync_read:
             reports = self._ask_reports(self._every)
@@ -117,7 +114,7 @@ class RegisterBus(ServoBus):
         return reports
 
     def _ask_reports(self, places: Sequence[int]) -> list[Report]:
-        """Reports of some servos, which answer one packet together if they can."""
+        """Reports of some servos, by one sync read if they can."""
         if not places:
             return []
         packets, (first, size) = self._packets.packets, self.table.block
@@ -149,7 +146,6 @@ class RegisterBus(ServoBus):
         )
 
     def _complaint(self, place: int, error: int) -> str:
-        """What a servo complains of, with the goals that end at its limits."""
         self._errors[place] = error
         words = self.table.complaint(error)
         if self.table.hardware_error is None or not words:
@@ -159,7 +155,7 @@ class RegisterBus(ServoBus):
         return ", ".join(filter(None, (words, self._complaint_of_limits(place))))
 
     def _ask_for_an_alert(self) -> None:
-        """Ask one of the servos that raise their alert for the reason, each once in a while."""
+        """Ask one of the alerted servos for the reason, each at intervals."""
         now_s = self._time.now()
         for place, (asked_at_s, words) in self._alerts.items():
             if asked_at_s < now_s - ALERT_S:

@@ -1,4 +1,4 @@
-"""One servo with registers on a line, Dynamixel or Feetech: its memory, and what of it matters."""
+"""One Dynamixel or Feetech servo on a line, by its registers."""
 
 import math
 
@@ -25,15 +25,7 @@ LIKELY_MODELS = {("dynamixel", 2): "xl430-w250", ("dynamixel", 1): "ax12a", ("fe
 
 
 class RegisterServo(Servo):
-    """Memory of one servo.
-
-    Args:
-        packets: of its protocol, on an open line.
-        servo_id: that it answers to.
-        model: whose registers it has.
-        number: model number that it reported, if it was asked.
-        known: whether that is the number of the model.
-    """
+    """Memory of one servo; `number` is the model number that it reported, `known` if it is the model's."""
 
     def __init__(
         self,
@@ -50,7 +42,7 @@ class RegisterServo(Servo):
         self._before: dict[Register, float] = {}
 
     def raw(self, register: Register | None, *, tries: int = TRIES) -> int | None:
-        """Raw number in a register; None without an answer, and for no register."""
+        """Raw number in a register; None without an answer or a register."""
         if register is None:
             return None
         asked = self._packets.packets.place(register.address, register.size)
@@ -63,24 +55,21 @@ class RegisterServo(Servo):
         return None
 
     def sure(self, register: Register | None) -> int | None:
-        """Raw number that was read twice in a row; None if that does not come."""
+        """Raw number that was read twice in a row; None if reads differ."""
         return self._twice(lambda: self.raw(register))
 
     def value(self, register: Register | None, *, tries: int = TRIES) -> float | None:
-        """Number in a register in its unit; None without an answer, and for no register."""
+        """Number in a register in its unit; None without an answer or a register."""
         raw = self.raw(register, tries=tries)
         return None if raw is None or register is None else register.value(raw)
 
     def sure_value(self, register: Register | None) -> float | None:
-        """Number in its unit that was read twice in a row, as `sure`."""
+        """Number in its unit that was read twice in a row."""
         raw = self.sure(register)
         return None if raw is None or register is None else register.value(raw)
 
     def write(self, register: Register, value: float, *, tries: int = TRIES) -> str:
-        """Write a number in its unit; empty if the servo took it, else why it did not.
-
-        An instruction that arrived damaged is sent again; what a servo refuses is not.
-        """
+        """Write a number in its unit, again if damaged; empty if the servo took it, else the reason."""
         address = register.address.to_bytes(self._packets.packets.width, "little")
         data, said = address + self.table.packed(register, value), SILENT
         for _ in range(tries):
@@ -93,10 +82,7 @@ class RegisterServo(Servo):
         return said
 
     def change(self, register: Register, value: float) -> str:
-        """Write a number if it is another, and read it back; empty if it is as wanted, else why not.
-
-        Some servos drop what they do not take without a word, and some answers are lost.
-        """
+        """Write a number if it differs, and read it back: servos drop some. Empty, or the reason."""
         if self.sure(register) == register.raw(value):
             return ""
         said = self.write(register, value)
@@ -106,11 +92,11 @@ class RegisterServo(Servo):
         return said or (SILENT if after is None else f"it keeps {after}")
 
     def model_number(self) -> int | None:
-        """Model number that it reports, or None without an answer."""
+        """Reported model number; None without an answer."""
         return self.sure(self.table.model)
 
     def look(self) -> FoundServo:
-        """What it is, and how it is."""
+        """Identity and readings of the servo."""
         report = self._report()
         data, error = (None, "") if report is None else report
         if self.table.hardware_error is not None and error:
@@ -134,16 +120,16 @@ class RegisterServo(Servo):
         )
 
     def position(self) -> float | None:
-        """Count at which it is."""
+        """Position in counts."""
         return self.value(self.table.position)
 
     def torque(self, *, tries: int = TRIES) -> bool | None:
-        """Whether its torque is on, or None without an answer."""
+        """Whether its torque is on; None without an answer."""
         raw = self.raw(self.table.torque, tries=tries)
         return None if raw is None else raw == 1
 
     def set_torque(self, *, on: bool) -> bool:
-        """Switch the torque; an expired watchdog ends, and a torque limit of 0 is renewed."""
+        """Switch the torque; ends an expired watchdog and renews a torque limit of 0."""
         if on:
             if self.table.watchdog is not None:
                 self.write(self.table.watchdog, 0)
@@ -155,10 +141,9 @@ class RegisterServo(Servo):
         return self.write(self.table.goal, round(count))
 
     def set_up(self) -> list[str]:
-        """Set it up while it has no torque: answers without delay, position mode; notes on what was changed.
+        """Set up a servo without torque: immediate answers, position mode; the result is notes on changes.
 
-        Settings that are kept without power are written only if they have to change. They are kept from
-        being saved if the servo has a lock.
+        Permanent settings are written only if they differ, and not saved if the servo has a lock.
         """
         table, notes = self.table, []
         if self.sure(table.unlock) == 0:
@@ -175,7 +160,7 @@ class RegisterServo(Servo):
         return notes
 
     def settings(self) -> ServoSettings:
-        """What is stored in it, as far as it says."""
+        """Stored settings, as far as they can be read."""
         least, most = self.sure_value(self.table.least), self.sure_value(self.table.most)
         unlimited = least is None or most is None or not least < most
         return ServoSettings(
@@ -186,12 +171,12 @@ class RegisterServo(Servo):
         )
 
     def hardware_error(self) -> str:
-        """Why it has let go, in words; empty for none and if it does not say."""
+        """Reason of a torque loss, in words; empty if none is reported."""
         bits = self.sure(self.table.hardware_error)
         return "" if bits is None else bit_words(self.table.hardware_errors, bits)
 
     def renew_torque_limit(self) -> None:
-        """Give it its greatest torque if its limit is 0, as AX servos have it after an overload."""
+        """Set a torque limit of 0 to the maximum; AX servos have 0 after an overload."""
         limit, greatest = self.table.torque_limit, self.table.max_torque
         if limit is None or greatest is None or self.sure(limit) != 0:
             return
@@ -199,7 +184,7 @@ class RegisterServo(Servo):
             self.change(limit, most)
 
     def soften(self) -> str:
-        """Limit its torque and its speed."""
+        """Limit its torque and speed; empty if it did, else the reason."""
         refusals = []
         for register, value in ((self.table.soft_torque, SOFT_TORQUE), (self.table.speed, SOFT_DEG_S)):
             before = self.value(register)
@@ -212,20 +197,20 @@ class RegisterServo(Servo):
         return ", ".join(filter(None, refusals))
 
     def restore(self) -> None:
-        """Give it back the torque and the speed that it had."""
+        """Restore its torque and speed."""
         for register, value in self._before.items():
             self.change(register, value)
         self._before.clear()
 
     def set_id(self, servo_id: int) -> str:
-        """Let it answer to another id: unlocked for it if there is a lock."""
+        """Set another id, unlocked for it if there is a lock; empty, or the reason."""
         self._lock(open_=True)
         said = super().set_id(servo_id)
         self._lock(open_=False)
         return said
 
     def reboot(self) -> None:
-        """Let it start again, without torque; those of protocol 2 can."""
+        """Restart a servo of protocol 2, without torque."""
         if self.table.protocol == 2:
             self._packets.ask(self.servo_id, REBOOT)
 
@@ -237,7 +222,6 @@ class RegisterServo(Servo):
             self.write(self.table.unlock, 0 if open_ else 1)
 
     def _report(self) -> tuple[bytes, str] | None:
-        """Bytes of a report, and what the servo complains of; None without an answer."""
         first, size = self.table.block
         asked = self._packets.packets.place(first, size)
         for _ in range(TRIES):
@@ -247,7 +231,7 @@ class RegisterServo(Servo):
         return None
 
     def _refusal(self, least: float | None, most: float | None) -> str:
-        """Why it would not steer for its goals as they are meant; empty if it does."""
+        """Why it would not follow position goals; empty if it does."""
         table = self.table
         if not self._known:
             return f"its model number {self._number} is not known"
@@ -282,7 +266,6 @@ class RegisterServo(Servo):
         return notes
 
     def _overload_notes(self) -> list[str]:
-        """What is said of a servo that protects itself less from an overload than from the factory."""
         overload = self.table.overload
         if overload is None:
             return []
@@ -295,7 +278,7 @@ class RegisterServo(Servo):
 
 
 def register_servo(packets: PacketLine, driver: str, servo_id: int, protocol: int) -> RegisterServo:
-    """Servo of a driver with an id, asked for its model; the likely one if its number is not known."""
+    """Servo with this id, by its reported model; the likely model if the number is unknown."""
     likely = RegisterServo(packets, servo_id, SERVO_TYPES[LIKELY_MODELS[driver, protocol]])
     number = likely.raw(likely.table.model)
     if number is not None:

@@ -1,4 +1,4 @@
-"""Registers of servo families: where goals, positions and settings are, and what their numbers mean."""
+"""Registers of servo families: addresses, sizes and units."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -13,13 +13,9 @@ _SIGN_BITS = {"bit10": 1 << 10, "bit15": 1 << 15}
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One number in a servo's memory.
+    """One number in a servo's memory: `size` in bytes, 1, 2 or 4.
 
-    Attributes:
-        address: of its first byte.
-        size: in bytes, 1, 2 or 4.
-        sign: how it is signed.
-        scale: unit per count: counts of position, shares of the greatest effort, A, V or degrees Celsius.
+    `scale` is the unit per count: counts of position, shares of the maximum effort, A, V or degrees Celsius.
     """
 
     address: int
@@ -28,7 +24,7 @@ class Register:
     scale: float = 1.0
 
     def value(self, raw: int) -> float:
-        """Number of raw, unsigned bits, in its unit."""
+        """Number in its unit, of raw, unsigned bits."""
         flag = _SIGN_BITS.get(self.sign, 0)
         if flag:
             raw = -(raw & (flag - 1)) if raw & flag else raw & (flag - 1)
@@ -48,13 +44,9 @@ class Register:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OverloadRegisters:
-    """Registers of what a servo does after an overload, and their values from the factory.
+    """Registers of the reaction to an overload, and their factory values.
 
-    Attributes:
-        load: share of its greatest effort that is an overload.
-        time_s: how long that may last, in s.
-        torque: share of its torque that it gives then.
-        factory: of the three, in that order.
+    `load` is the share of the maximum effort that is an overload, `torque` the share of the torque after it.
     """
 
     load: Register
@@ -70,9 +62,9 @@ class OverloadRegisters:
 
 @dataclass(frozen=True, kw_only=True)
 class RegisterTable:
-    """Registers of servos that one program can treat alike; None for those that a servo does not have.
+    """Registers of compatible servos; None for those that a servo does not have.
 
-    Units are counts, shares of the greatest effort or torque, A, V and degrees Celsius.
+    Units are counts, shares of the maximum effort or torque, A, V and degrees Celsius.
     """
 
     protocol: int
@@ -112,12 +104,12 @@ class RegisterTable:
 
     @cached_property
     def reported(self) -> tuple[Register | None, ...]:
-        """Registers of position, effort, current, voltage and temperature; None for those it has not."""
+        """Registers of position, effort, current, voltage and temperature; None for missing ones."""
         return (self.position, self.effort, self.current, self.voltage, self.temperature)
 
     @cached_property
     def reports(self) -> tuple[Register, ...]:
-        """Registers that are read in every report of a servo."""
+        """Registers in every report of a servo."""
         return tuple(each for each in self.reported if each is not None)
 
     @cached_property
@@ -128,7 +120,6 @@ class RegisterTable:
 
     @cached_property
     def _parts(self) -> tuple[tuple[Register, slice] | None, ...]:
-        """Each register of a report, with its bytes in it."""
         starts = [None if each is None else each.address - self.block[0] for each in self.reported]
         return tuple(
             None if each is None or start is None else (each, slice(start, start + each.size))
@@ -136,7 +127,7 @@ class RegisterTable:
         )
 
     def numbers(self, report: bytes) -> list[float]:
-        """Position, effort, current, voltage and temperature in the bytes of a report; NaN without one."""
+        """Position, effort, current, voltage and temperature in a report; NaN for missing ones."""
         order, nan = self.byte_order, float("nan")
         return [
             nan if part is None else part[0].value(int.from_bytes(report[part[1]], order))
@@ -148,11 +139,11 @@ class RegisterTable:
         return register.raw(value).to_bytes(register.size, self.byte_order)
 
     def complaint(self, error: int) -> str:
-        """What an error byte says of the servo, in few words; empty for nothing."""
+        """Complaint in an error byte; empty for none."""
         return bit_words(self.errors, error) if error else ""
 
     def refusal(self, error: int) -> str:
-        """Why an instruction was not carried out, by the error byte of its answer; empty where it was."""
+        """Reason in an error byte why an instruction was refused; empty for none."""
         if self.protocol == 1:
             return bit_words(self.refusals, error)
         code = error & 0x7F
@@ -160,7 +151,7 @@ class RegisterTable:
 
 
 def bit_words(words: Mapping[int, str], bits: int) -> str:
-    """Words of the bits that are set, with commas; empty for none."""
+    """Words of the set bits, with commas; empty for none."""
     return ", ".join(each for bit, each in words.items() if bits >> bit & 1)
 
 

@@ -1,4 +1,4 @@
-"""The serial line of a bus: one adapter, half duplex, of which one thread writes and reads."""
+"""The serial line of a bus: one half-duplex adapter, used by one thread."""
 
 import contextlib
 import errno
@@ -26,12 +26,11 @@ UNUSED_ID = 253
 
 
 class SerialLine:
-    """An open serial device; its adapter may echo what is sent, which is cut out.
+    """An open serial device, without the echo of its adapter.
 
     Attributes:
-        echoes: whether the adapter sends back what is written, as some half-duplex adapters do.
-        free_s: when the wire has carried all that was written.
-        time: where all times on the line come from.
+        echoes: whether the adapter returns what is written, as some half-duplex adapters do.
+        free_s: when the wire has carried everything written.
 
     Raises RobotFaultError when the device cannot be opened.
     """
@@ -50,7 +49,7 @@ class SerialLine:
         self.discard()
 
     def write(self, packet: bytes, *, timeout_s: float = 0.02) -> None:
-        """Send a packet whole; raises OSError when the device has gone or takes nothing."""
+        """Send a complete packet; raises OSError when the device is lost or blocked."""
         if self.echoes:
             self._last = packet
             if self._damaged is None:
@@ -87,16 +86,16 @@ class SerialLine:
         return data
 
     def discard(self) -> bool:
-        """Drop what has come so far; whether there was anything but the echo of what was sent."""
+        """Drop received bytes; whether there were any except echoes."""
         came = False
         while data := self._take(0.0):
             came = bool(self._without_echo(data)) or came
         return came
 
     def learn_echo(self, ping: bytes, timeout_s: float) -> None:
-        """Send a packet that no servo answers, and see whether it comes back.
+        """Send a packet that no servo answers, and check whether it returns.
 
-        The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
+        The answer of a servo may equal its ping, with an error in place of the instruction.
         """
         self.echoes = False
         for _ in range(ECHO_TRIES):
@@ -116,15 +115,11 @@ class SerialLine:
         self._device.close()
 
     def wire_s(self, count: int) -> float:
-        """How long bytes take on the wire: ten bits each."""
+        """Time of bytes on the wire: ten bits each."""
         return 10.0 * count / self.baud
 
     def _without_echo(self, data: bytes) -> bytes:
-        """Cut what was sent from what has come.
-
-        An echo that differs was damaged on the line. What counts then begins behind the echo of the last
-        packet: a request that passes for its own answer would be believed.
-        """
+        """Bytes without the echo; after a damaged echo only those behind the last packet's echo."""
         if self._damaged is not None:
             self._damaged += data
             _, found, behind = self._damaged.partition(self._last)
@@ -141,10 +136,7 @@ class SerialLine:
 
 
 def open_device(path: str, baud: int) -> Any:
-    """Open a serial device for this program only, as pyserial's `Serial`.
-
-    Raises RobotFaultError that says what to check.
-    """
+    """Open a serial device exclusively, as pyserial's `Serial`; raises RobotFaultError with advice."""
     import serial
 
     try:
@@ -169,7 +161,7 @@ def open_device(path: str, baud: int) -> Any:
 
 
 def holder_of(path: str) -> str | None:
-    """Program that has a device open, with its process number, as far as this user may see it; else None."""
+    """Program that has a device open, with its process id, if visible to this user; else None."""
     device = os.path.realpath(path)
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) == os.getpid():
@@ -182,7 +174,6 @@ def holder_of(path: str) -> str | None:
 
 
 def _program(words: list[str]) -> str:
-    """Name of a program by the words that began it: `hexctl serve` where it is that."""
     if any("hexctl.server.keeper" in word for word in words):
         return "the keeper of a `hexctl serve`"
     names = [Path(word).name for word in words if word]

@@ -1,4 +1,4 @@
-"""One servo on a bus by its id, whatever it speaks: what it is, how it is, its settings, torque and goal."""
+"""One servo on a bus by its id, of any protocol."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -16,13 +16,12 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundServo:
-    """A servo that answers.
+    """A servo that answers; None for unknown values.
 
     Attributes:
-        model: name of its model, or None for one that is not known.
-        position: in counts, or None.
-        load: share of its greatest effort, signed, or None if it reports none.
-        error: what it complains of; empty for nothing.
+        position: in counts.
+        load: share of its maximum effort, signed.
+        error: its complaint; empty for none.
     """
 
     servo_id: int
@@ -44,7 +43,7 @@ class FoundServo:
         return None if known is None else abs(known)
 
     def to_json(self) -> dict[str, object]:
-        """JSON values; the id as `id`, and the voltage and temperature in V and degrees Celsius."""
+        """JSON values; the id as `id`, voltage in V, temperature in degrees Celsius."""
         return {
             "id": self.servo_id,
             "model": self.model,
@@ -60,13 +59,10 @@ class FoundServo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoSettings:
-    """What is stored in a servo and matters before it moves.
+    """Stored settings that matter before a servo moves.
 
-    Attributes:
-        refusal: why it must not be moved; empty if it may be.
-        notes: what is worth knowing.
-        least: lowest goal that it takes, in counts; -inf if it does not say.
-        most: highest goal that it takes, in counts; inf if it does not say.
+    `refusal` is why it must not be moved; empty if it may be. `least` and `most` limit goals, in counts;
+    infinite if unknown.
     """
 
     refusal: str
@@ -76,67 +72,61 @@ class ServoSettings:
 
 
 class Servo(ABC):
-    """One servo by its id. Its methods raise OSError when the port has gone.
-
-    Args:
-        packets: of its protocol, on an open line.
-        servo_id: that it answers to.
-        model: its model, or the likely one if it does not say.
-    """
+    """One servo of a known or likely model, by its id. Its methods raise OSError when the port is lost."""
 
     def __init__(self, packets: PacketLine, servo_id: int, model: ServoType) -> None:
         self._packets, self.servo_id, self.type = packets, servo_id, model
 
     def answers(self, *, tries: int = TRIES) -> bool:
-        """Whether it answers at all."""
+        """Whether it answers."""
         return self._packets.ask(self.servo_id, self._packets.packets.probe, tries=tries) is not None
 
     def model_number(self) -> int | None:
-        """Model number that it reports, or None."""
+        """Reported model number, or None."""
         return None
 
     @abstractmethod
     def look(self) -> FoundServo:
-        """What it is, and how it is."""
+        """Identity and readings of the servo."""
 
     @abstractmethod
     def position(self) -> float | None:
-        """Count at which it is, or None without an answer."""
+        """Position in counts; None without an answer."""
 
     @abstractmethod
     def torque(self, *, tries: int = TRIES) -> bool | None:
-        """Whether its torque is on, or None without an answer."""
+        """Whether its torque is on; None without an answer."""
 
     @abstractmethod
     def set_torque(self, *, on: bool) -> bool:
-        """Switch the torque; whether it is then as wanted, as the servo says."""
+        """Switch the torque; whether the servo confirms it."""
 
     @abstractmethod
     def go(self, count: float) -> str:
-        """Set the goal; empty if the servo took it, or does not say, else why not."""
+        """Set the goal; empty if accepted or not acknowledged, else the reason."""
 
     @abstractmethod
     def settings(self) -> ServoSettings:
-        """What is stored in it, as far as it says."""
+        """Stored settings, as far as they can be read."""
 
     def limits(self) -> tuple[float, float]:
-        """Lowest and highest goal that it takes, in counts, of those that its model has."""
+        """Lowest and highest goal in counts, within those of its model."""
         stored = self.settings()
         return max(stored.least, self.type.least), min(stored.most, self.type.most)
 
     def set_up(self) -> list[str]:
-        """Set it up while it has no torque, if its family has anything to set; notes on what was changed."""
+        """Set up the servo while it has no torque; the result is notes on changes."""
         return []
 
     def soften(self) -> str:
-        """Limit its torque and its speed, if it can, until `restore`; empty if it did, else why not."""
+        """Limit its torque and speed, if possible, until `restore`; empty, or the reason of failure."""
         return ""
 
     def restore(self) -> None:  # noqa: B027  not every servo can be softened
-        """Give it back the torque and the speed that it had before `soften`."""
+        """Restore the torque and speed from before `soften`."""
 
     def set_id(self, servo_id: int) -> str:
-        """Let it answer to another id, for good, without torque; empty if it took it, else why not."""
+        """Set another id permanently, without torque; empty if accepted, else the reason."""
         self.set_torque(on=False)
         said = self._write_id(servo_id)
         before, self.servo_id = self.servo_id, servo_id
@@ -146,17 +136,14 @@ class Servo(ABC):
         return said or "it does not answer to it"
 
     def reboot(self) -> None:  # noqa: B027  not every servo can
-        """Let it start again if it can, without torque."""
+        """Restart without torque, if possible."""
 
     @abstractmethod
     def _write_id(self, servo_id: int) -> str:
-        """Tell it another id; why it refused it, as far as it says."""
+        """Set another id; the reason if refused."""
 
     def _twice(self, read: Callable[[], Answer | None]) -> Answer | None:
-        """What was read twice in a row, for what is decided by it; None if that does not come.
-
-        Most answers say neither their address nor their question: one that is late passes for another.
-        """
+        """Value that was read twice in a row, else None: a late answer to another question looks alike."""
         before = read()
         for _ in range(TRIES):
             if before is None:

@@ -1,4 +1,4 @@
-"""A bus of servos by their ids, as the thread that owns it uses it, whatever they speak.
+"""A bus of servos by their ids, of any protocol, used by the thread that owns it.
 
 Arrays are by servo, in the order of the ids, (n,). A bus does not know which servo moves which joint.
 """
@@ -16,8 +16,9 @@ from hexctl.backends.bus.servo import TRIES, Servo, ServoSettings
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.types import BoolArray, FloatArray
 
-#: A servo that stands beyond its stored limits by no more than this holds at the limit; one that is farther
-#: away would be driven there at full speed, and gets no torque.
+#: Maximum distance beyond its stored limits at which a servo gets torque.
+#:
+#: Farther out it would rush back.
 BEYOND_DEG = 2.0
 
 #: Warning in place of one that names many mute servos.
@@ -26,14 +27,13 @@ MANY_MUTE = "mute: servos of more than two legs"
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What one servo reports.
+    """Report of one servo.
 
     Attributes:
-        place: of the servo among those of the bus.
-        at_s: when its answer came.
+        place: index of the servo on the bus.
         position: in counts.
-        effort: share of its greatest, or NaN.
-        error: what it complains of; empty for nothing.
+        effort: share of its maximum, or NaN.
+        error: its complaint; empty for none.
     """
 
     place: int
@@ -51,12 +51,9 @@ class BusCounters:
     """Counts of a bus since it was opened.
 
     Attributes:
-        writes: packets with targets.
-        reports: reports of servos.
-        missed: reports that were asked for and did not come.
-        garbled: bytes that belonged to no packet.
+        missed: requested reports that did not arrive.
+        garbled: bytes outside packets.
         implausible: positions that were not believed.
-        reopened: times that the port came back.
         shares: of damaged answers, by servo.
     """
 
@@ -73,20 +70,14 @@ class ServoBus(ABC):
     """Servos on one line.
 
     Nothing moves before `set_torque` or `hold`. One thread at a time may use it; every method raises OSError
-    when the port has gone.
-
-    Args:
-        packets: of the servos' protocol, on an open line.
-        models: of the servos, by id.
+    when the port is lost.
 
     Attributes:
-        mute_s: a servo that was not heard for this long is mute.
-        stale_s: a servo without a believed position for this long was not measured with the others.
-        reports_limp: whether its reports complain of servos that have lost their torque.
-        lowest: limits stored in the servos, at which goals end, in counts, (n,); none before `settings`.
-        highest: the others.
-        speeds: greatest of the servos, (n,), in counts per second, for goals that are sent with a time; no
-            limit until they are set.
+        mute_s: silence after which a servo is mute.
+        stale_s: age of a believed position after which a servo was not measured with the others.
+        reports_limp: whether its reports complain of lost torque.
+        lowest, highest: stored limits of goals, in counts, (n,); none before `settings`.
+        speeds: maximum of the servos, (n,), in counts per second, for timed moves; infinite until set.
     """
 
     mute_s: ClassVar[float] = 0.5
@@ -110,29 +101,29 @@ class ServoBus(ABC):
         return np.array([servo.answers() for servo in self.servos])
 
     def servo(self, servo_id: int, model: ServoType) -> Servo:
-        """Any other servo on the line by its id, of the same family."""
+        """Another servo of the same family on the line."""
         return type(self.servos[0])(self._packets, servo_id, model)
 
     def settings(self, which: BoolArray) -> dict[int, ServoSettings]:
-        """What is stored in some servos, (n,), by place; goals end at their limits from now on."""
+        """Stored settings of some servos, (n,), by index; goals end at their limits from now on."""
         stored = {place: self.servos[place].settings() for place in np.flatnonzero(which).tolist()}
         for place, settings in stored.items():
             self.lowest[place], self.highest[place] = settings.least, settings.most
         return stored
 
     def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
-        """Whether a servo holds its goal, or None without an answer."""
+        """Whether a servo holds its goal; None without an answer."""
         return self.servos[place].torque(tries=tries)
 
     @abstractmethod
     def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
-        """Switch the torque of some servos, of all by default; torque off is sent until they say so."""
+        """Switch the torque of some servos, by default all; torque off is sent until confirmed."""
 
     def hold(self, counts: FloatArray, which: BoolArray) -> BoolArray:
-        """Switch the torque of some servos on, (n,), each with its goal where it is, counts (n,).
+        """Switch the torque of some servos on, (n,), with goals at their positions, counts (n,).
 
-        One that stands beyond its stored limits by more than `BEYOND_DEG` gets no goal and no torque, and its
-        reports complain of that. Which servos hold then, (n,), as they say.
+        A servo more than `BEYOND_DEG` outside its stored limits gets no torque, and its reports complain of
+        that. The result is which servos confirm that they hold, (n,).
         """
         here = self._within_limits(counts)
         beyond = np.abs(counts - np.clip(counts, self.lowest, self.highest)) > self._reach
@@ -141,13 +132,10 @@ class ServoBus(ABC):
 
     @abstractmethod
     def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
-        """Switch the torque of some servos on, (n,), with their goals at counts (n,); which hold then."""
+        """Switch the torque of some servos on, (n,), with goals at counts (n,); which hold then."""
 
     def write_goals(self, counts: FloatArray) -> None:
-        """Send goals in counts, (n,), as many as a control period carries; none if it is NaN.
-
-        They end at the stored limits.
-        """
+        """Send goals in counts, (n,), clipped to the stored limits; NaN sends none."""
         goals = self._within_limits(counts)
         self._clipped = np.abs(np.rint(counts) - goals) > 0
         self._counters.writes += 1
@@ -159,10 +147,10 @@ class ServoBus(ABC):
 
     @abstractmethod
     def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
-        """Reports of all servos, or of the next few, asked one by one until something else is to be sent."""
+        """Reports of all servos, or one by one of the next few until `until` is true."""
 
     def poll_all(self) -> list[Report]:
-        """Reports of all servos, each asked as often as it takes, up to `TRIES` times."""
+        """Reports of all servos, each asked up to `TRIES` times."""
         found: dict[int, Report] = {}
         for _ in range(TRIES):
             missing = [place for place in self._every if place not in found]
@@ -174,10 +162,10 @@ class ServoBus(ABC):
         """Reports of some servos, each asked once."""
 
     def renew_watchdog(self, places: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
-        """Let silence be a failure from now on, also if it has been one: goals are taken again."""
+        """Treat silence as a failure from now on; expired watchdogs end."""
 
     def end_watchdog(self, places: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
-        """Let silence be no failure any more."""
+        """Stop the watchdogs."""
 
     def close(self) -> None:
         """Close the line."""
@@ -193,7 +181,7 @@ class ServoBus(ABC):
         self._counters.garbled = self._packets.garbled
 
     def _complaint_of_limits(self, place: int) -> str:
-        """What is said of a servo that stands, or whose goal is, beyond its stored limits; empty for none."""
+        """Complaint of a servo outside its stored limits, or with such a goal; empty for none."""
         if not (self._beyond[place] or self._clipped[place]):
             return ""
         limits = f"{self.lowest[place]:.0f} to {self.highest[place]:.0f} stored in the servo"

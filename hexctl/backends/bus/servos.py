@@ -1,4 +1,4 @@
-"""Leg servos on a bus, as `LegServos`, and the thread that owns the bus."""
+"""Leg servos on a bus, and the thread that owns the bus."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -39,12 +39,7 @@ HOT_C = 65.0
 def parse_bus_port(
     text: str | None, baud: int | None = None, *, driver: str = "dynamixel"
 ) -> tuple[str, int]:
-    """Device and baud of a text such as `/dev/ttyUSB0:1000000`.
-
-    Args:
-        text: of the port; without a baud it has that of the robot file.
-        baud: of the robot file, or None.
-        driver: whose usual baud it is where neither says one.
+    """Device and baud of a text such as `/dev/ttyUSB0:1000000`; else `baud`, else the driver's usual one.
 
     Raises InputError without a port, and for an invalid baud.
     """
@@ -68,13 +63,10 @@ def parse_bus_port(
 
 
 class BusThread(PortThread[ServoBus]):
-    """Runs a bus: servos that report where they are, and hold there before they follow.
+    """Owns a bus of servos that report positions, and hold there before they follow.
 
-    Args:
-        speeds: greatest of the joints, (18,), in counts per second.
-
-    Attributes:
-        limp: joints whose servos were to hold and do not, (18,).
+    `speeds` are maximum, (18,), in counts per second; `limp` are joints whose servos should hold and do not,
+    (18,).
     """
 
     def __init__(
@@ -95,13 +87,13 @@ class BusThread(PortThread[ServoBus]):
         self._held: BoolArray = np.zeros(len(speeds), dtype=bool)
 
     def start(self, *, on: bool = False) -> None:
-        """Begin; servos that hold already, `on`, approach the first targets from where they are."""
+        """Start; servos that hold already, `on`, approach the first targets from their positions."""
         self._sent = self._readings.positions if on else None
         self._held = np.isfinite(self._readings.positions)
         super().start(on=on)
 
     def newest(self) -> tuple[FloatArray, ServoReadings, FloatArray]:
-        """Newest positions in counts, what the servos report, and how long each was silent in s, (18,)."""
+        """Newest positions in counts, readings, and how long each servo was silent in s, (18,)."""
         with self._lock:
             now_s = self._time.now()
             readings = self._readings
@@ -136,7 +128,7 @@ class BusThread(PortThread[ServoBus]):
         self._device.end_watchdog()
 
     def _hold_where_it_is(self) -> None:
-        """Switch the torque on with each goal where its joint is now, so that nothing jumps."""
+        """Switch the torque on with each goal at the joint's position, so that nothing jumps."""
         with self._lock:
             self._readings.distrust()
         begun_s = self._time.now()
@@ -151,7 +143,7 @@ class BusThread(PortThread[ServoBus]):
         self._sent = np.where(known, here, np.nan)
 
     def _check_torque(self) -> None:
-        """Ask one joint after the other whether it still holds: servos trip, and restart without torque."""
+        """Ask one joint after the other whether it holds: servos trip, and restart without torque."""
         if not self.on or self._device.reports_limp:
             return
         self._asked = (self._asked + 1) % len(self.limp)
@@ -170,17 +162,13 @@ class BusThread(PortThread[ServoBus]):
 class BusServos(PortServos[BusMap, BusThread, BusCounters]):
     """Eighteen servos on a serial bus.
 
-    A thread of its own owns the port: `read` gives what it heard last, with the age of each joint, `write`
-    leaves the goals that it sends next, and neither waits for the bus. Nothing moves, and no torque is
-    switched, before the first `write`; then each servo holds where it is before it follows. After `close` the
-    robot holds its pose. Servos that do not answer are named in `warnings`; a joint that is not heard is
-    where it was heard last, or else told to be.
+    A thread owns the port, and neither `read` nor `write` waits for it. No torque is switched before the
+    first `write`; then each servo holds its position before it follows. After `close` the robot holds its
+    pose. Servos without an answer are named in `warnings`; a silent joint has its last position, else its
+    target.
 
     Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
-        bus_map: which servo moves which joint, and how.
-        port: serial device.
-        baud: bits per second; usual for the driver unless given.
+        baud: bits per second; the driver's usual one unless given.
         clock: a wall clock unless given.
     """
 
@@ -204,7 +192,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     @property
     def holds(self) -> bool:
-        """Whether any servo holds, as far as is known."""
+        """Whether any servo is known to hold."""
         return self._thread is not None and (self._thread.on or self._held)
 
     def disable_torque(self) -> bool:
@@ -213,11 +201,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return super().disable_torque()
 
     def _started(self) -> BusThread:
-        """The thread of a bus whose servos were asked where they are.
-
-        Raises RobotFaultError that says what to check: no port, no servo, or servos of more than two legs
-        missing; OSError when the port has gone.
-        """
+        """Start the thread; raises RobotFaultError if servos of all or of more than two legs are missing."""
         bus = self._open(first=True)
         readings = BelievedReadings(self._speeds, self._map.per_deg)
         try:
@@ -235,7 +219,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return thread
 
     def _open(self, *, first: bool = False) -> ServoBus:
-        """Bus on the opened port, on which enough servos have answered; first, with no unexpected ids."""
+        """Open the port and find enough servos; on the first call, without unexpected ids."""
         line = SerialLine(self._place, self._baud, time=self._clock.time)
         try:
             bus = bus_of(self._map, line, self.counters)
@@ -271,7 +255,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
                 )
 
     def _model_advice(self, number: int | None) -> str:
-        """What the robot file should say where a servo reports a model number."""
         names = [
             each.name
             for each in SERVO_TYPES.values()
@@ -283,7 +266,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return f"it is of the model {which}: `model: {names[0]}` in the robot file"
 
     def _set_up(self, bus: ServoBus, joints: BoolArray) -> list[str]:
-        """Set up the servos of some joints, (18,), that have no torque; notes on what was changed."""
+        """Set up the servos of some joints, (18,), that have no torque; notes on changes."""
         return [
             f"{note}: {self._name(joint)}"
             for joint in np.flatnonzero(joints).tolist()
@@ -291,10 +274,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         ]
 
     def _stored(self, bus: ServoBus, joints: BoolArray) -> list[str]:
-        """Notes on what is stored in the servos of some joints, (18,).
-
-        Raises RobotFaultError for a servo that would not steer for its goals as they are meant.
-        """
+        """Notes on stored settings; raises RobotFaultError for a servo that would not follow goals."""
         notes = []
         for joint, stored in bus.settings(joints).items():
             if stored.refusal:
@@ -314,7 +294,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     @staticmethod
     def _on(bus: ServoBus, found: BoolArray) -> BoolArray:
-        """Which servos hold already, (18,); one that does not say counts as one."""
+        """Which servos hold already, (18,); unknown counts as holding."""
         return np.array([bool(found[joint] and bus.torque(joint) is not False) for joint in range(N_JOINTS)])
 
     def _state(self, thread: BusThread) -> RobotState:
@@ -351,7 +331,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return None
 
     def _warnings(self, servos: ServoReadings, silences_s: FloatArray, limp: BoolArray) -> tuple[str, ...]:
-        """What is wrong with single servos, by how long each was silent, (18,), and which are limp, (18,)."""
+        """Warnings about single servos, by their silences and which are limp, (18,)."""
         warnings = [*self._notes]
         if limp.any():
             warnings.append(f"no torque: {self._map.names(limp)}")

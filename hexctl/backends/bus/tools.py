@@ -1,4 +1,4 @@
-"""Tools on a bus by the ids of its servos: scan, a new id, ids that a robot file does not have, a lost id."""
+"""Tools on a bus by servo ids: scan, change an id, check ids, adopt a servo that has lost its id."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -60,7 +60,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Adoption:
-    """A servo that was given back the id of its joint, 0..17, and where that stands if the servo said."""
+    """A servo that got back the id of its joint, 0..17, and its angle if it reported one."""
 
     joint: int
     angle_deg: float | None
@@ -81,7 +81,7 @@ def bus_of(servos: BusMap, line: SerialLine, counters: BusCounters) -> ServoBus:
 
 @contextmanager
 def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
-    """A line that is open meanwhile; raises RobotFaultError when it cannot be opened, or goes."""
+    """Open a line for a while; raises RobotFaultError when it cannot be opened, or is lost."""
     line = SerialLine(path, baud)
     try:
         yield line
@@ -92,26 +92,26 @@ def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
 
 
 def tool_line(line: SerialLine, driver: str, protocol: int) -> PacketLine:
-    """Packets of a driver's protocol on a line whose servos are not known; learns whether it echoes."""
+    """Packets on a line with unknown servos; learns whether the adapter echoes."""
     packets = PacketLine(line, packets_of(driver, protocol), timeout_s=TIMEOUT_S, adapts=False)
     packets.learn_echo()
     return packets
 
 
 def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -> Servo:
-    """One servo of a driver; a servo with registers is asked for its model."""
+    """One servo of a driver; one with registers is asked for its model."""
     if driver == "lx16a":
         return Lx16aServo(packets, servo_id, SERVO_TYPES["lx16a"])
     return register_servo(packets, driver, servo_id, protocol)
 
 
 def answering_ids(packets: PacketLine, ids: Sequence[int], *, tries: int = 1) -> list[int]:
-    """Those of some ids to which servos answer, each asked as often as it takes."""
+    """The ids that answer, each asked up to `tries` times."""
     return [each for each in ids if packets.ask(each, packets.packets.probe, tries=tries) is not None]
 
 
 def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
-    """Servo with an id on an open line, in any of its driver's protocols; None if none answers."""
+    """Servo with this id, in any protocol of the driver; None if none answers."""
     check_driver(driver)
     for protocol in PROTOCOLS_OF[driver]:
         packets = tool_line(line, driver, protocol)
@@ -121,7 +121,7 @@ def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
 
 
 def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
-    """Servo with an id on an open line; raises RobotFaultError if none answers."""
+    """Servo with this id; raises RobotFaultError if none answers."""
     servo = find_servo(line, driver, servo_id)
     if servo is None:
         raise RobotFaultError(
@@ -132,7 +132,7 @@ def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
 
 
 def check_driver(driver: str) -> None:
-    """Raise InputError for a driver that there is not."""
+    """Raise InputError for an unknown driver."""
     if driver not in PROTOCOLS_OF:
         raise InputError(f"{argument('driver')}: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
 
@@ -148,10 +148,10 @@ def scan_bus(
 
     Args:
         driver: `dynamixel`, `feetech` or `lx16a`.
-        bauds: bits per second, one after the other.
+        bauds: bits per second, tried in this order.
         progress: called before each question.
 
-    Raises InputError for another driver, RobotFaultError for a port that cannot be opened or goes.
+    Raises InputError for another driver, RobotFaultError for a port that cannot be opened or is lost.
     """
     check_driver(driver)
     protocols = PROTOCOLS_OF[driver]
@@ -180,7 +180,7 @@ def _look_at(
 
 
 def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
-    """What is said when a scan found no servo."""
+    """Message for a scan without a servo."""
     tried = " or ".join(str(baud) for baud in bauds)
     others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
     usual = f"; --baud all also asks at {', '.join(others)}" if others else ""
@@ -192,7 +192,7 @@ def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
 def set_servo_id(
     path: str, driver: str, baud: int, new_id: int, *, progress: Progress = lambda _asked, _of: None
 ) -> FoundServo:
-    """Give the one servo on a bus another id, and look at it under that.
+    """Change the id of the only servo on a bus, and read it under the new one.
 
     Raises InputError unless exactly one servo answers, RobotFaultError when it does not take the id.
     """
@@ -222,7 +222,7 @@ def _give_id(servo: Servo, new_id: int) -> FoundServo:
 
 
 def _ids_by_broadcast(path: str, baud: int) -> list[int]:
-    """Ids of the servos of `lx16a` that answer when all are asked: complete only if there is one."""
+    """Ids of `lx16a` servos that answer a broadcast: complete only if there is one."""
     ids: set[int] = set()
     with opened_line(path, baud) as line:
         packets = tool_line(line, "lx16a", 1)
@@ -237,13 +237,13 @@ def _ids_by_broadcast(path: str, baud: int) -> list[int]:
 
 
 def joint_of(servos: BusMap, servo_id: int) -> str | None:
-    """Name of the joint to which an id belongs, or None."""
+    """Name of the joint with this id, or None."""
     joints = np.flatnonzero(servos.ids == servo_id).tolist()
     return JOINT_NAMES[joints[0]] if joints else None
 
 
 def id_differences(servos: BusMap, answering: Collection[int]) -> list[str]:
-    """How the ids that answer on a bus differ from those of the joints; empty if they do not."""
+    """Differences between the ids that answer and those of the joints."""
     missing = ~np.isin(servos.ids, list(answering))
     others = [str(each) for each in answering if joint_of(servos, each) is None]
     notes = [f"no answer: {servos.names(missing)}"] if missing.any() else []
@@ -251,17 +251,17 @@ def id_differences(servos: BusMap, answering: Collection[int]) -> list[str]:
 
 
 def ids_around(servos: BusMap) -> list[int]:
-    """Ids of no joint that are as near to those of the joints as `MARGIN`, and the factory's."""
+    """Ids of no joint within `MARGIN` of those of the joints, and the factory's."""
     used = set(servos.ids.tolist())
     near = range(min(used) - MARGIN, max(used) + MARGIN + 1)
     return [each for each in IDS if each not in used and (each in near or each == FACTORY_ID)]
 
 
 def check_no_unexpected_ids(line: SerialLine, servos: BusMap, found: BoolArray) -> None:
-    """Raise RobotFaultError if a servo does not answer and one with an id of no joint does.
+    """Raise RobotFaultError if a joint's servo is missing and an id of no joint answers.
 
-    A walk by such a file would move other joints than it means. Only if a servo is missing are ids asked,
-    those around the joints' and the factory's. The one servo that may have lost its id is none of them.
+    With such a robot file a walk would move the wrong joints. Ids near those of the joints and the factory's
+    are asked, without the only servo that may have lost its id.
     """
     if found.all():
         return
@@ -281,7 +281,7 @@ def check_no_unexpected_ids(line: SerialLine, servos: BusMap, found: BoolArray) 
 
 
 def lost_id_notes(bus: ServoBus, servos: BusMap, found: BoolArray) -> tuple[str, ...]:
-    """What is said at connect if a joint's servo is missing and one answers to the factory's id."""
+    """Notes at connect if a joint's servo is missing and one answers to the factory's id."""
     joint = _adoptable(servos, found)
     if joint is None:
         return ()
@@ -296,10 +296,10 @@ def lost_id_notes(bus: ServoBus, servos: BusMap, found: BoolArray) -> tuple[str,
 
 
 def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
-    """Give the servo with the factory's id the id of the only joint whose servo is missing.
+    """Give the servo with the factory's id the id of the only missing joint.
 
-    It is limp then, and restarted if it can be. Raises RobotFaultError unless exactly one is missing, and if
-    what answers to the factory's id is another model, or stands where the joint cannot.
+    It is limp then, and restarted if possible. Raises RobotFaultError unless exactly one is missing, and for
+    another model or an angle that the joint cannot have.
     """
     if FACTORY_ID in servos.ids.tolist():
         joint = servos.names(servos.ids == FACTORY_ID)
@@ -330,7 +330,7 @@ def _adoptable(servos: BusMap, found: BoolArray) -> int | None:
 
 
 def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, FoundServo]:
-    """Servo with the factory's id, and how it is; raises RobotFaultError unless it may be a joint's."""
+    """Servo with the factory's id, and its readings; raises RobotFaultError unless it may be a joint's."""
     servo = find_servo(line, servos.driver, FACTORY_ID)
     name = servos.names(np.arange(N_JOINTS) == joint)
     if servo is None:
@@ -347,7 +347,7 @@ def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, Fo
 
 
 def _angle_deg(robot: Robot, servos: BusMap, joint: int, seen: FoundServo) -> float | None:
-    """Where a joint stands by a servo's position; raises RobotFaultError if it cannot stand there."""
+    """Angle of a joint by its servo's position; raises RobotFaultError if the joint cannot have it."""
     if seen.position is None:
         return None
     angle_deg = float(np.degrees(servos.angles_rad(np.full(N_JOINTS, float(seen.position)))[joint]))

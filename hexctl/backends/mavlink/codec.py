@@ -1,4 +1,4 @@
-"""Encoding, decoding and signing of MAVLink 2 frames; knows no port and no robot."""
+"""Encoding, decoding and signing of MAVLink 2 frames."""
 
 import hashlib
 import hmac
@@ -54,12 +54,9 @@ class Frame:
 class Codec:
     """Encoder and decoder of one end.
 
-    MAVLink 1 is not understood. A frame whose checksum is wrong costs only its first byte, so that garbage in
-    front of a good frame does not swallow it. With a key, frames are signed and unsigned ones
-    refused; without one, signed frames are.
-
-    Attributes:
-        malformed: runs of undecodable bytes so far, and frames that were damaged or not signed with the key.
+    MAVLink 1 is not understood. A wrong checksum costs only the first byte: garbage cannot hide a good frame.
+    With a key, unsigned frames are refused; without one, signed frames are. `malformed` counts runs of
+    undecodable bytes, and frames that were damaged or not signed with the key.
     """
 
     def __init__(self, system: int, component: int, *, signing_key: bytes | None = None) -> None:
@@ -85,13 +82,7 @@ class Codec:
         return frame
 
     def decode(self, data: bytes, *, whole: bool) -> list[Frame]:
-        """The messages in received bytes.
-
-        Args:
-            data: the bytes, arbitrary.
-            whole: True for a datagram, which holds whole frames only; False for a stream, whose last frame
-                may continue in the next bytes.
-        """
+        """The messages in received bytes; `whole` for a datagram of complete frames, False for a stream."""
         if whole:
             self._in_garbage = False
         self._waiting += data
@@ -102,7 +93,7 @@ class Codec:
         return frames
 
     def _scan(self, data: bytearray) -> tuple[list[Frame], int]:
-        """The frames in bytes, and where the last unfinished one begins."""
+        """Frames, and where the last unfinished one begins."""
         frames: list[Frame] = []
         at = 0
         while True:
@@ -125,7 +116,6 @@ class Codec:
                 at += length
 
     def _garbage(self) -> None:
-        """Count a run of undecodable bytes, once."""
         self.malformed += 0 if self._in_garbage else 1
         self._in_garbage = True
 
@@ -143,7 +133,7 @@ class Codec:
 
 
 def _frame_length(data: bytearray, at: int) -> int | None:
-    """Length of the frame that begins here, None while it is unknown, 0 if none begins here."""
+    """Length of the frame that begins here, None while unknown, 0 if none begins here."""
     if len(data) < at + 3:
         return None
     payload, flags = data[at + 1], data[at + 2]
@@ -159,12 +149,11 @@ def _stamp_now() -> int:
 class _Mavlink(common.MAVLink):  # type: ignore[misc]  # pymavlink has no types
     """pymavlink's protocol with one vulnerability closed.
 
-    pymavlink takes over the time stamp of a frame before it checks the signature: one forged frame from the
-    far future locks out the owner of the key.
+    pymavlink accepts the time stamp of a frame before it checks the signature: one forged frame from the far
+    future locks out the owner of the key.
     """
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:  # noqa: N803
-        """Whether a frame is signed with the key and newer than all before it on its stream."""
         signing = self.signing
         signature = hashlib.sha256(signing.secret_key + msgbuf[:-6]).digest()[:6]
         if not hmac.compare_digest(signature, bytes(msgbuf[-6:])):
@@ -182,7 +171,7 @@ class _Mavlink(common.MAVLink):  # type: ignore[misc]  # pymavlink has no types
 def read_signing_key(folder: Path | None) -> bytes | None:
     """The signing key in a folder, or None without a folder.
 
-    The file holds 32 bytes, or the 64 hexadecimal digits of them. Raises InputError for anything else.
+    The file holds 32 bytes, or their 64 hexadecimal digits. Raises InputError for anything else.
     """
     if folder is None:
         return None
@@ -211,9 +200,9 @@ def read_signing_key(folder: Path | None) -> bytes | None:
 
 
 def write_signing_key(folder: Path) -> Path:
-    """Write a new key to a folder, readable for its owner only; the result is its file.
+    """Write a new key to a folder, readable only by its owner; the result is its file.
 
-    Raises InputError where there is one already, or it cannot be written.
+    Raises InputError if one exists already, or it cannot be written.
     """
     path = folder / KEY_FILE
     try:

@@ -33,8 +33,8 @@ ERROR_TEXT_S = 2.0
 #: Where between two states of the board the ticks of this end fall: as far from both as possible.
 PHASE = 0.5
 
-#: After so long without a write the board may hold the pose before the next one, and for so long heartbeats
-#: then tell it that this end is there: it takes the first overrides for late ones otherwise.
+#: After this silence a board may hold before the next override, and heartbeats announce this end for so
+#: long: otherwise it takes the first overrides for late ones.
 PAUSE_S, RESUMES_S = 0.1, 0.4
 
 
@@ -42,11 +42,10 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
     """Client of a servo board.
 
     Each `write` sends one RC_CHANNELS_OVERRIDE in whole microseconds, after the pulse limits. States are an
-    echo unless the board reports measured positions. `read` gives one snapshot per tick; its age grows while
-    the board is silent, which the guard judges. After `close` the board holds the pose.
+    echo unless the board measures positions; their age grows while it is silent. After `close` the board
+    holds the pose.
 
     Args:
-        servo_map: conversion between joint angles and pulses.
         port: `udpout:HOST:PORT`, `udpin:HOST:PORT`, or a serial device.
         clock: a wall clock in phase with the board unless given.
         signing_key: 32 bytes that sign all frames, or None.
@@ -76,7 +75,6 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         self._written_at_s = self._resumed_at_s = -math.inf
 
     def _open_all(self, opening: ExitStack) -> None:
-        """Open the port, and wait for the heartbeat of the board and its servo positions."""
         port = open_port(self._address, text=self._port_text)
         opening.callback(port.close)
         codec = Codec(
@@ -105,7 +103,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         self._send(mavlink_messages.override(pulses, self._peer.system, self._peer.component))
 
     def _resumes(self) -> bool:
-        """Whether a write follows a pause, or has followed one of late; notes the write."""
+        """Whether a write follows a recent pause; notes the write."""
         now_s = self._clock.time.now()
         if now_s - self._written_at_s > PAUSE_S:
             self._resumed_at_s = now_s
@@ -146,7 +144,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         )
 
     def _await_outputs(self) -> None:
-        """Wait for the servo positions of the board, and put the ticks of this end between its states."""
+        """Wait for the board's servo positions, and put the ticks of this end between its states."""
 
         def first_outputs() -> Stamped | None:
             self._check_port()
@@ -185,11 +183,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         )
 
     def _positions(self, outputs: mavlink_messages.Outputs, *, measured: bool) -> FloatArray:
-        """Joint angles of the outputs of the board.
-
-        The position of a servo without feedback that is not driven is unknown: its last target counts, and
-        before the first one the stance.
-        """
+        """Joint angles; a servo without feedback that is not driven has its last target, else the stance."""
         told = self._map.to_rad(outputs.pulses_us)
         unknown = np.isnan(told)
         if not measured:

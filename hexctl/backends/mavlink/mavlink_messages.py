@@ -1,10 +1,9 @@
-"""MAVLink messages between a controller and a servo board, as values; no port, no thread.
+"""MAVLink messages between a controller and a servo board, as values.
 
-Received numbers are checked here: a message with values that are not finite or impossible is refused.
+Messages with non-finite or impossible numbers are refused.
 
 MAVLink has a north-east-down world and a forward-right-down body; hexctl has z up and y left (REP 103). Both
-pairs share their x axis and differ by half a turn about it, so the same map leads both ways: y and z of a
-vector change sign, and so do y and z of a quaternion; roll stays, pitch and yaw change sign.
+differ by half a turn about x: y and z of vectors and quaternions change sign in both directions.
 """
 
 import math
@@ -37,8 +36,7 @@ STANDBY, ACTIVE, CRITICAL, EMERGENCY, POWEROFF = (
     common.MAV_STATE_POWEROFF,
 )
 
-#: Values of an override: leave the channel as it is; release it (channels 1..8, and 9..18, where 0 means
-#: "not commanded").
+#: Override values: ignore the channel, or release it (1..8, and 9..18, for which 0 is "not commanded").
 IGNORE_US, RELEASE_LOW_US, RELEASE_HIGH_US = 65535, 0, 65534
 FIRST_HIGH = 8
 
@@ -66,12 +64,9 @@ FLIP_QUATERNION = np.array([1.0, 1.0, -1.0, -1.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outputs(ArrayFields):
-    """Channels reported by a board.
+    """Channels reported by a board, (18,): pulses, and whether they are driven.
 
-    Attributes:
-        pulses_us: by channel, (18,).
-        active: which channels are driven, (18,).
-        board_ms: time of the board, as `milliseconds` has it; 0 is unknown.
+    `board_ms` is the time of the board modulo 2^32; 0 is unknown.
     """
 
     pulses_us: FloatArray
@@ -81,7 +76,7 @@ class Outputs(ArrayFields):
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """Battery reported by a board: voltage and share left, 0 to 1; None where unknown."""
+    """Battery reported by a board: voltage and share left, 0 to 1; None if unknown."""
 
     voltage_v: float | None
     share: float | None
@@ -101,7 +96,7 @@ def milliseconds(time_s: float) -> int:
 
 
 def age_s(echoed_ms: int, now_s: float) -> float:
-    """Age of a time that `milliseconds` gave and a message has echoed; infinite for 0, which is none."""
+    """Age of an echoed `milliseconds` time; infinite for 0, which is no time."""
     return ((milliseconds(now_s) - echoed_ms) & U32) / 1e3 if echoed_ms else math.inf
 
 
@@ -134,10 +129,7 @@ def channels_of(message: Any) -> list[int]:
 
 
 def outputs_of(message: Any) -> Outputs:
-    """The channels of an ACTUATOR_OUTPUT_STATUS.
-
-    Raises MessageError for an active channel with an impossible pulse.
-    """
+    """The channels of an ACTUATOR_OUTPUT_STATUS; raises MessageError for an impossible active pulse."""
     pulses = np.array(message.actuator[:N_JOINTS], dtype=float)
     active = np.array([message.active >> channel & 1 for channel in range(N_JOINTS)], dtype=bool)
     plausible = (pulses >= LEAST_US) & (pulses <= MOST_US)  # false for nan too
@@ -147,10 +139,7 @@ def outputs_of(message: Any) -> Outputs:
 
 
 def orientation_of(message: Any) -> FloatArray:
-    """The orientation, REP 103, of an ATTITUDE or ATTITUDE_QUATERNION, (w, x, y, z).
-
-    Raises MessageError for an invalid orientation.
-    """
+    """Orientation, REP 103, (w, x, y, z), of an ATTITUDE or ATTITUDE_QUATERNION; MessageError if invalid."""
     if message.get_type() == "ATTITUDE":
         return flipped_quaternion(
             quaternion_of_euler(
@@ -161,20 +150,14 @@ def orientation_of(message: Any) -> FloatArray:
 
 
 def position_of(message: Any) -> FloatArray:
-    """The position, z up, of a LOCAL_POSITION_NED, (3,) in m.
-
-    Raises MessageError for a position that is not finite.
-    """
+    """Position, z up, (3,) in m, of a LOCAL_POSITION_NED; raises MessageError if not finite."""
     return flipped_vector(
         np.array([_finite(value, "LOCAL_POSITION_NED") for value in (message.x, message.y, message.z)])
     )
 
 
 def pose_of(message: Any) -> Pose:
-    """The pose of an ODOMETRY.
-
-    Raises MessageError for another frame than x forward, z down, and for values that are not finite.
-    """
+    """The pose of an ODOMETRY; MessageError unless it is finite, in a frame x forward, z down."""
     if message.frame_id not in ODOMETRY_FRAMES:
         raise MessageError(f"ODOMETRY: got frame {message.frame_id}; allowed: {ODOMETRY_FRAMES}")
     position = np.array([_finite(value, "ODOMETRY") for value in (message.x, message.y, message.z)])
@@ -206,7 +189,6 @@ def _finite(value: float, what: str) -> float:
 
 
 def _unit(components: list[float], what: str) -> FloatArray:
-    """An orientation of length 1, converted to REP 103."""
     quaternion = np.array(components, dtype=float)
     length = float(np.linalg.norm(quaternion))
     if not abs(length - 1) < QUATERNION_SLACK:  # false for nan too

@@ -1,4 +1,4 @@
-"""Ports for MAVLink frames: UDP, serial, pseudo-terminal; addresses, sequence numbers, the link."""
+"""Ports for MAVLink frames: UDP, serial, pseudo-terminal; sequence numbers and link counters."""
 
 import ipaddress
 import os
@@ -42,18 +42,15 @@ MODULUS = 256
 #: A sender that was silent for this long may have restarted: its next number is not compared.
 FORGET_AFTER_S = 0.5
 
-#: Addresses with sequence numbers of their own; more only occur in a flood.
+#: Maximum addresses with separate sequence numbers; more only occur in a flood.
 MOST_ADDRESSES = 64
 
 
 @dataclass(frozen=True, slots=True)
 class PortAddress:
-    """Address of a port.
+    """Address of a port: host and UDP port, or device and baud rate.
 
-    Attributes:
-        kind: `udpin` waits for peers, `udpout` sends first, `serial` is a device.
-        place: host name or address, or path of the device.
-        number: UDP port, or baud rate.
+    `kind` is `udpin`, which waits for peers, `udpout`, which sends first, or `serial`.
     """
 
     kind: Literal["udpin", "udpout", "serial"]
@@ -72,10 +69,7 @@ class PortAddress:
 
 
 def parse_port(text: str) -> PortAddress:
-    """The address of a text such as `udpout:HOST:PORT` or `/dev/ttyACM0:115200`.
-
-    Raises InputError for anything else.
-    """
+    """Address of `udpout:HOST:PORT`, `/dev/ttyACM0:115200` ...; raises InputError for anything else."""
     udp = re.fullmatch(r"(udpin|udpout):(\[[0-9a-fA-F:]+\]|[^:\s]+):([0-9]{1,5})", text)
     if udp and 0 < int(udp[3]) < 65536:
         kind: Literal["udpin", "udpout"] = "udpin" if udp[1] == "udpin" else "udpout"
@@ -102,11 +96,9 @@ def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool,
 
 
 class Port(ABC):
-    """An opened port.
+    """An opened port; with `datagrams` it receives complete frames and their senders.
 
-    Attributes:
-        datagrams: True where whole frames are received, with the address of the sender.
-        dropped: frames so far that could not be sent: the port was full, or no peer was there.
+    `dropped` are frames that could not be sent: the port was full, or without a peer.
     """
 
     datagrams = False
@@ -116,14 +108,11 @@ class Port(ABC):
 
     @abstractmethod
     def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
-        """Received bytes with their senders, after waiting up to `timeout_s` for the first.
-
-        Raises OSError when the port has gone.
-        """
+        """Received bytes with their senders, within `timeout_s`; raises OSError when the port is lost."""
 
     @abstractmethod
     def send(self, frame: bytes, to: Address) -> None:
-        """Send a frame, or drop and count it; raises OSError when the port has gone."""
+        """Send a frame, or drop and count it; raises OSError when the port is lost."""
 
     @abstractmethod
     def close(self) -> None:
@@ -207,7 +196,7 @@ class StreamPort(Port):
         return [(data, None)]
 
     def send(self, frame: bytes, to: Address) -> None:
-        """Send a frame; one that does not fit is dropped whole, never torn."""
+        """Send a complete frame, or drop it."""
         self._unsent = self._written(self._unsent)
         if self._unsent:
             self.dropped += 1
@@ -232,10 +221,7 @@ class StreamPort(Port):
 
 
 def open_port(address: PortAddress, *, text: str) -> Port:
-    """Open a port; `text` is how the user wrote it.
-
-    Raises RobotFaultError that says what to check.
-    """
+    """Open a port; `text` is the user's. Raises RobotFaultError with advice."""
     if address.kind == "serial":
         return _open_serial(address)
     try:
@@ -264,12 +250,7 @@ def _open_serial(address: PortAddress) -> StreamPort:
 
 @dataclass(slots=True)
 class SequenceCount:
-    """Counts lost and reordered frames of one sender by their sequence numbers.
-
-    Attributes:
-        lost: frames that never arrived.
-        out_of_order: frames that arrived after a later one, or twice.
-    """
+    """Counts lost, and late or repeated (`out_of_order`) frames of one sender by their sequence numbers."""
 
     lost: int = 0
     out_of_order: int = 0
@@ -277,10 +258,10 @@ class SequenceCount:
     _at_s: float = 0.0
 
     def in_order(self, number: int, at_s: float) -> bool:
-        """Whether a frame is newer than all before it; frames missing in between are counted.
+        """Whether a frame is newer than all before it; counts frames missing in between.
 
-        Numbers count modulo 256: up to 127 ahead is later, everything else is earlier. A longer gap cannot
-        be told from fewer losses.
+        Numbers count modulo 256: up to 127 ahead is later, everything else is earlier. Longer gaps look
+        shorter.
         """
         newest, silent_s = self._newest, at_s - self._at_s
         ahead = 1 if newest is None or silent_s > FORGET_AFTER_S else (number - newest) % MODULUS
@@ -296,12 +277,7 @@ class SequenceCount:
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A received frame.
-
-    Attributes:
-        sender: address that it was received from, None on a stream.
-        at_s: when it arrived.
-    """
+    """A received frame, and the address of its sender, None on a stream."""
 
     frame: Frame
     sender: Address
@@ -313,9 +289,8 @@ class LinkCounters:
     """Counters of a link.
 
     Attributes:
-        received: messages of the board.
         lost: messages of the board that never arrived, by their sequence numbers.
-        out_of_order: messages that arrived after a later one, or twice; they are not used.
+        out_of_order: late or repeated messages; they are not used.
         refused: messages with impossible values.
         foreign: messages of other systems.
         malformed: runs of undecodable bytes: noise, MAVLink 1, unsigned frames, another dialect.
@@ -334,7 +309,7 @@ class LinkCounters:
 
 
 class MavlinkLink:
-    """A port with a codec: messages out, frames in; sends from any thread, receives on one."""
+    """A port with a codec; sends from any thread, receives on one."""
 
     def __init__(self, port: Port, codec: Codec, *, time: TimeSource = WALL_TIME) -> None:
         self._port, self._codec, self.time = port, codec, time
@@ -353,7 +328,7 @@ class MavlinkLink:
         return self._port.dropped
 
     def send(self, message: Any, to: Address = None) -> None:
-        """Send a message, or drop it if the port is full; raises OSError when the port has gone."""
+        """Send a message, or drop it if the port is full; raises OSError when the port is lost."""
         with self._sending:
             # Each receiver counts lost frames by these numbers, so each address has its own.
             sequence = self._sequences.pop(to, -1) + 1
@@ -364,10 +339,7 @@ class MavlinkLink:
             self._port.send(self._codec.encode(message, sequence), to)
 
     def receive(self, timeout_s: float) -> list[Arrival]:
-        """Frames received, after waiting up to `timeout_s` for the first.
-
-        Raises OSError when the port has gone.
-        """
+        """Frames received within `timeout_s`; raises OSError when the port is lost."""
         arrivals = []
         for data, sender in self._port.receive(timeout_s):
             at_s = self.time.now()

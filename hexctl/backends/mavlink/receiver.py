@@ -1,4 +1,4 @@
-"""The thread that receives from a servo board, and keeps the newest of what it says."""
+"""The thread that receives from a servo board, and keeps its newest messages."""
 
 import threading
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ RECEIVE_TIMEOUT_S = 0.05
 #: Severity of a STATUSTEXT from which it is a fault: error, critical, alert, emergency.
 ERROR_SEVERITY = 3
 
-#: As many frames at once are a flood; the pause after them.
+#: Number of frames together that is a flood; the pause after them.
 MOST_AT_ONCE, FLOODED_S = 32, 0.005
 
 #: Messages that are kept, by kind: name to keep them under, and decoder.
@@ -57,14 +57,10 @@ class Stamped:
 
 
 class Receiver:
-    """Receives from one board between `start` and `stop`, in a thread, and sends it heartbeats.
+    """Receives from one board in a thread, and sends it heartbeats.
 
-    The first system whose heartbeat has the type of a servo board is the board; messages of other systems
-    are counted and dropped.
-
-    Attributes:
-        peer: the board, or None before its first heartbeat.
-        wrong_type: MAV_TYPE of a system that was received but is not a servo board, or None.
+    The first system whose heartbeat has the type of a servo board is `peer`; others are counted and dropped.
+    `wrong_type` is the MAV_TYPE of a received system that is no servo board, or None.
     """
 
     def __init__(self, link: MavlinkLink, counters: LinkCounters) -> None:
@@ -90,7 +86,7 @@ class Receiver:
             self._beat(mavlink_messages.POWEROFF)
 
     def newest(self, name: str) -> Stamped | None:
-        """The newest value kept under a name, or None before the first."""
+        """Newest value with this name, or None before the first."""
         return self._newest.get(name)
 
     def _run(self) -> None:
@@ -122,7 +118,7 @@ class Receiver:
             self.error = error
 
     def heartbeat(self, state: int = mavlink_messages.ACTIVE) -> Any:
-        """Heartbeat that tells the board how old its outputs are that were received last."""
+        """Heartbeat that echoes the age of the board's newest outputs."""
         outputs = self.newest("outputs")
         return mavlink_messages.controller_heartbeat(
             state, board_ms=0 if outputs is None else outputs.value.board_ms

@@ -24,11 +24,7 @@ TIMEOUT_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class I2cMessage:
-    """One message of a transaction.
-
-    Attributes:
-        reads: how many bytes are read; 0 for a message that writes.
-    """
+    """One message of a transaction; `reads` is the number of bytes to read, 0 for a write."""
 
     address: int
     reads: int = 0
@@ -45,7 +41,7 @@ def encode_transaction(messages: Sequence[I2cMessage]) -> bytes:
 
 
 def take_transaction(data: bytes) -> tuple[list[I2cMessage] | None, int]:
-    """First transaction of some bytes, None where it is not whole yet, and how many bytes it takes."""
+    """First transaction, None if incomplete, and the bytes that it takes."""
     if not data:
         return None, 0
     messages, at = [], 1
@@ -64,10 +60,7 @@ def take_transaction(data: bytes) -> tuple[list[I2cMessage] | None, int]:
 
 
 class I2cSocket:
-    """The controller's end, with the methods of `smbus2.SMBus` that are used.
-
-    Raises OSError when nothing listens there.
-    """
+    """The controller's end, with the used methods of `smbus2.SMBus`; OSError if nothing listens there."""
 
     def __init__(self, path: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -107,7 +100,6 @@ class I2cSocket:
             self._socket.close()
 
     def _transfer(self, messages: Sequence[I2cMessage]) -> bytes:
-        """Bytes that were read; raises OSError for a transaction that failed."""
         try:
             self._socket.sendall(encode_transaction(messages))
             code = self._receive(1)[0]

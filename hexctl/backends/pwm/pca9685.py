@@ -1,9 +1,9 @@
 """Two PCA9685 boards on an I2C bus: sixteen pulses each, without feedback, without a watchdog.
 
-Registers after the data sheet of NXP, Rev. 4: MODE1 is 00, MODE2 01, channel n has four bytes from 06 + 4 n
-(ON and OFF, low bits first, 12 bits each; bit 4 of the last one switches it off), the prescaler FE, which is
-only written in sleep: a period takes 4096 (prescale + 1) cycles of the oscillator. Outputs change with the
-end of a message, all that it wrote together. After a loss of power MODE1 is 11: asleep, all channels off.
+Registers (NXP data sheet, Rev. 4): MODE1 is 00, MODE2 01, channel n has four bytes from 06 + 4 n (ON and OFF,
+low bits first, 12 bits each; bit 4 of the last one switches it off), the prescaler FE, writable only in
+sleep: a period takes 4096 (prescale + 1) oscillator cycles. Outputs change together at the end of a message.
+After a loss of power MODE1 is 11: asleep, all channels off.
 """
 
 import errno
@@ -25,8 +25,9 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 MODE1, MODE2, CHANNELS, PRESCALE = 0x00, 0x01, 0x06, 0xFE
 
-#: Bits of MODE1: channels wait for a restart, external clock, auto-increment, sleep. Of MODE2: outputs drive
-#: both ways.
+#: Bits of MODE1: channels wait for a restart, external clock, auto-increment, sleep.
+#:
+#: Of MODE2: push-pull.
 RESTART, EXTERNAL, INCREMENT, SLEEP = 0x80, 0x40, 0x20, 0x10
 DRIVEN = 0x04
 
@@ -50,9 +51,8 @@ STARTS_S = 0.0005
 #: How often a transfer is tried that is not acknowledged, and a register read that is not what it should be.
 TRIES = 3
 
-#: A board that acknowledges nothing for so long, in s, has gone. Until then its outputs repeat what they had,
-#: and what was lost is sent again: if each tenth transfer is lost, one in a thousand fails three times, and a
-#: robot makes hundreds in a second.
+#: Seconds without an acknowledgement after which a board is lost; until then transfers are repeated. At 10 %
+#: loss one in a thousand fails three times, and a robot makes hundreds per second.
 SILENCE_S = 0.1
 
 #: Pulses that no servo has were not meant for one.
@@ -62,7 +62,7 @@ Answer = TypeVar("Answer")
 
 
 class I2cBus(Protocol):
-    """What is used of an I2C bus; `smbus2.SMBus` has it. Every method may raise OSError."""
+    """The used methods of an I2C bus such as `smbus2.SMBus`. Every method may raise OSError."""
 
     def write_byte_data(self, i2c_addr: int, register: int, value: int, /) -> None:
         """Write one byte to a register."""
@@ -75,16 +75,12 @@ class I2cBus(Protocol):
 
 
 def prescale_of(oscillator_mhz: float) -> int:
-    """Prescaler for 50 pulses in a second."""
+    """Prescaler for 50 pulses per second."""
     return round(oscillator_mhz * 1e6 / COUNTS / PULSES_HZ) - 1
 
 
 def channel_bytes(pulse_us: float, count_us: float) -> bytes:
-    """Registers of a channel: a pulse from the begin of the period on, or off for NaN.
-
-    Args:
-        count_us: time of a count.
-    """
+    """Registers of a channel for a pulse from the start of the period, off for NaN; `count_us` per count."""
     if np.isnan(pulse_us):
         return bytes([0, 0, 0, FULL])
     count = min(max(round(pulse_us / count_us), 1), COUNTS - 1)
@@ -92,7 +88,7 @@ def channel_bytes(pulse_us: float, count_us: float) -> bytes:
 
 
 def pulse_of(channel: Sequence[int], count_us: float) -> float:
-    """Pulse in us that the registers of a channel make, or NaN where they make none that a servo has."""
+    """Pulse in us of a channel's registers; NaN if it is no servo pulse."""
     on, off = channel[0] | channel[1] << 8, channel[2] | channel[3] << 8
     if (on | off) & FULL << 8:
         return float("nan")
@@ -101,11 +97,7 @@ def pulse_of(channel: Sequence[int], count_us: float) -> float:
 
 
 class Pca9685Chip:
-    """One board.
-
-    Args:
-        channels: that are used, at least one; those between them keep what they have.
-    """
+    """One board with some used `channels`; those between them keep their pulses."""
 
     def __init__(
         self, bus: I2cBus, address: int, oscillator_mhz: float, channels: Sequence[int], time: TimeSource
@@ -117,10 +109,7 @@ class Pca9685Chip:
         self._image = bytearray(channel_bytes(float("nan"), 1.0) * PCA9685_CHANNELS)
 
     def learn(self) -> FloatArray:
-        """Read the pulses of all channels, (16,) in us, NaN for those that make none.
-
-        They stay as they are with the next `write`.
-        """
+        """Read the pulses of all channels, (16,) in us, NaN for none; the next `write` keeps them."""
         pulses = np.full(PCA9685_CHANNELS, np.nan)
         if self._read_surely(MODE1) & (SLEEP | RESTART):
             return pulses
@@ -135,7 +124,7 @@ class Pca9685Chip:
         return pulses
 
     def set_up(self) -> None:
-        """Let the board run at 50 Hz; its pulses stay, which takes them away for a millisecond at most.
+        """Let the board run at 50 Hz; its pulses stop for a millisecond at most.
 
         Raises RobotFaultError for a board that does not keep its settings.
         """
@@ -155,7 +144,7 @@ class Pca9685Chip:
             raise RobotFaultError(f"{lost}; is it a PCA9685, and does nothing else use it?")
 
     def lost(self) -> str | None:
-        """What shows that the board does not run as it was set up, or None; one wrong reading is none."""
+        """Evidence of lost settings, or None; one wrong reading is none."""
         for _ in range(TRIES):
             mode, prescale = self._read(MODE1), self._read(PRESCALE)
             if mode & MODE1_MASK == INCREMENT and prescale == self._prescale:
@@ -166,11 +155,11 @@ class Pca9685Chip:
         )
 
     def set_pulse(self, channel: int, pulse_us: float) -> None:
-        """Change the pulse of a channel, NaN for none, with the next `send`."""
+        """Change the pulse of a channel, NaN for none, at the next `send`."""
         self._image[WIDTH * channel : WIDTH * (channel + 1)] = channel_bytes(pulse_us, self._count_us)
 
     def send(self) -> None:
-        """Send the pulses of all channels that are used, in one message."""
+        """Send the pulses of all channels in use, in one message."""
         from smbus2 import i2c_msg
 
         part = self._image[WIDTH * self._first : WIDTH * (self._last + 1)]
@@ -187,7 +176,7 @@ class Pca9685Chip:
         return self._try(ask)
 
     def _read_surely(self, register: int) -> int:
-        """Byte that was read twice alike: servos will be told it."""
+        """Byte that was read twice alike: servos will follow it."""
         before = self._read(register)
         for _ in range(TRIES):
             now = self._read(register)
@@ -200,7 +189,7 @@ class Pca9685Chip:
         self._try(lambda: self._bus.write_byte_data(self.address, register, value))
 
     def _try(self, transfer: Callable[[], Answer]) -> Answer:
-        """Transfer, again if it is not acknowledged; raises OSError that names the board."""
+        """Transfer, and retry without an acknowledgement; raises OSError that names the board."""
         for tries in range(TRIES):
             try:
                 return transfer()
@@ -215,11 +204,11 @@ class Pca9685:
     """Boards on an open bus, used by one thread.
 
     Args:
-        known: whether the boards were set up before and are to be found as they were; what is not is told
-            by `poll`, until `end` sets it up again.
+        known: whether the boards should still have their settings; `poll` reports a loss until `end` restores
+            them.
         owned: whether closing the boards closes the bus.
 
-    Raises RobotFaultError for boards that do not keep their settings, OSError where none answers.
+    Raises RobotFaultError for boards that do not keep their settings, OSError if none answers.
     """
 
     def __init__(
@@ -249,24 +238,24 @@ class Pca9685:
                 chip.lost()  # an answer is enough
 
     def commanded_us(self) -> FloatArray:
-        """Pulses of each joint, (18,), that the boards make, NaN where none."""
+        """Pulses of each joint, (18,), that the boards make, NaN for none."""
         pulses = {board: chip.learn() for board, chip in self._chips.items()}
         return np.array([pulses[board][channel] for board, channel in self._places])
 
     def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
-        """Send pulses: there is nothing to switch on besides."""
+        """Send pulses; no power switch is needed."""
         self.write(pulses_us, on)
 
     def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
-        """Send pulses of each joint, (18,), to the servos that are on, one message for each board.
+        """Send pulses of each joint, (18,), to the servos that are on.
 
-        One that a board does not acknowledge is sent again by `poll`; OSError after `SILENCE_S` of that.
+        `poll` repeats messages without an acknowledgement; OSError after `SILENCE_S` of that.
         """
         self._set(pulses_us, on)
         self._each(self._send)
 
     def end(self) -> None:
-        """Let all servos go limp; boards that have lost their settings get them again."""
+        """Let all servos go limp; restores lost settings."""
 
         def set_up(chip: Pca9685Chip) -> None:
             if chip.lost() is not None:
@@ -278,7 +267,7 @@ class Pca9685:
             self._each(do)
 
     def poll(self) -> BoardReport | None:
-        """Whether the boards run as they were set up; None where one did not acknowledge just now."""
+        """Whether the boards keep their settings; None if one did not acknowledge."""
         lost: list[str | None] = []
 
         def look(chip: Pca9685Chip) -> None:
@@ -304,7 +293,7 @@ class Pca9685:
             self._unsent.add(chip.address)
 
     def _answers(self, chip: Pca9685Chip, do: Callable[[Pca9685Chip], None]) -> bool:
-        """Do something with a board; return whether it answered. Raises OSError after `SILENCE_S` without."""
+        """Whether the board answered a transfer; raises OSError after `SILENCE_S` of silence."""
         try:
             do(chip)
         except OSError:
@@ -316,13 +305,13 @@ class Pca9685:
         return True
 
     def close(self) -> None:
-        """Close the bus, unless it is another's; the boards repeat the last pulses."""
+        """Close an owned bus; the boards repeat the last pulses."""
         if self._owned:
             close: Callable[[], None] = getattr(self._bus, "close", lambda: None)
             close()
 
     def _each(self, do: Callable[[Pca9685Chip], None]) -> None:
-        """Do something with each board, also when that failed with another."""
+        """Call a function for each board, even after errors."""
         errors = []
         for chip in self._chips.values():
             try:
@@ -336,10 +325,7 @@ class Pca9685:
 class Pca9685Servos(PwmServos):
     """Eighteen hobby servos on two PCA9685 boards.
 
-    Args:
-        pwm_map: which output moves which joint, addresses and oscillators.
-        place: number of the I2C bus, its device, or the socket of simulated boards.
-        i2c: an open bus in place of that; it stays open.
+    `place` is the I2C bus's number, its device, or the socket of simulated boards; a given `i2c` stays open.
     """
 
     def __init__(
@@ -388,7 +374,7 @@ class Pca9685Servos(PwmServos):
 
 
 def open_i2c(place: str) -> I2cBus:
-    """Open I2C bus of a number, a device or the socket of simulated boards.
+    """Open the I2C bus of a number, a device or the socket of simulated boards.
 
     Raises MissingExtraError without smbus2, RobotFaultError for a bus that cannot be opened.
     """

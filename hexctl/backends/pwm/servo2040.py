@@ -1,12 +1,12 @@
 """Pimoroni's servo2040 with the Chica firmware: 18 pulses, six touch inputs, current, voltage and a relay.
 
-A command byte has bit 7, all others have not; values are 14 bits in two bytes, low bits first.
+Only command bytes have bit 7 set; values are 14 bits in two bytes, low bits first.
 
     SET: D3 start count (lo7 hi7)*count, no reply
     GET: C7 start count, answered by the same three bytes and (lo7 hi7)*count
 
-The fork github.com/olli-io/hexapod-servo2040-driver ends its replies with a checksum, XOR of all before with
-bit 7 set, gives current and voltage in hundredths, and switches itself off at an overcurrent.
+The fork github.com/olli-io/hexapod-servo2040-driver appends a checksum to replies, the XOR with bit 7 set,
+gives current and voltage in hundredths, and switches itself off at an overcurrent.
 """
 
 from collections.abc import Sequence
@@ -49,12 +49,12 @@ NEVER_US = (0, 1500)
 
 
 def set_frame(start: int, values: Sequence[int]) -> bytes:
-    """Frame that sets values from an index on."""
+    """Frame that sets consecutive values."""
     return bytes([SET, start, len(values)]) + encoded(values)
 
 
 def get_frame(start: int, count: int) -> bytes:
-    """Frame that asks for some values from an index on."""
+    """Frame that asks for consecutive values."""
     return bytes([GET, start, count])
 
 
@@ -69,7 +69,7 @@ def decoded(data: bytes) -> list[int]:
 
 
 def checksum(data: bytes) -> int:
-    """Last byte of the fork's replies, after the bytes given."""
+    """Checksum of the fork's reply."""
     total = 0
     for byte in data:
         total ^= byte
@@ -77,14 +77,7 @@ def checksum(data: bytes) -> int:
 
 
 def find_reply(data: bytes, start: int, count: int, *, checked: bool) -> list[int] | None:
-    """Values of a whole reply among some bytes, or None.
-
-    Args:
-        data: what has come since the request.
-        start: index of the first value asked for.
-        count: values asked for.
-        checked: whether a checksum ends the reply.
-    """
+    """Values of a complete reply from index `start`, or None; `checked` expects a checksum."""
     head, size = get_frame(start, count), 3 + 2 * count
     at = data.find(head)
     while at >= 0:
@@ -97,10 +90,7 @@ def find_reply(data: bytes, start: int, count: int, *, checked: bool) -> list[in
 
 
 class Servo2040:
-    """The board on an open line, used by one thread.
-
-    Raises RobotFaultError when nothing answers as the firmware does.
-    """
+    """The board on an open line, used by one thread; raises RobotFaultError without its firmware."""
 
     def __init__(self, line: SerialLine, pwm_map: PwmMap) -> None:
         self._line, self._map = line, pwm_map
@@ -113,9 +103,9 @@ class Servo2040:
             self.end()
 
     def commanded_us(self) -> FloatArray:
-        """Pulses of each joint, (18,), that the board was last told; NaN for a board just switched on.
+        """Last commanded pulses of each joint, (18,); NaN for a board just switched on.
 
-        Raises TimeoutError for a board that does not say.
+        Raises TimeoutError for a board without an answer.
         """
         values = self._ask(0, N_JOINTS, tries=TRIES)
         if values is None:
@@ -126,9 +116,9 @@ class Servo2040:
         return np.where(pulses > 0, pulses, np.nan)
 
     def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
-        """Stage a whole pose, then switch the relay on: servos without a pulse would turn to 1500 us.
+        """Stage a complete pose, then switch the relay on: servos without a pulse would turn to 1500 us.
 
-        The relay switches all servos on; those that are to wait are off again within a pulse or two.
+        The relay switches all servos on; waiting ones are off again within a pulse or two.
         """
         self.write(pulses_us, np.ones(N_JOINTS, dtype=bool))
         self._line.write(set_frame(RELAY, [1]))
@@ -146,7 +136,7 @@ class Servo2040:
         self._line.write(set_frame(RELAY, [0]))
 
     def poll(self) -> BoardReport | None:
-        """Contacts, current, voltage and fault, or None without a whole answer."""
+        """Contacts, current, voltage and fault; None without a complete answer."""
         values = self._ask(TOUCH, self._asked)
         if values is None or max(values[:N_LEGS]) > MOST_TOUCH:
             return None
@@ -171,7 +161,7 @@ class Servo2040:
         return None if values is None else _trip(values[0])
 
     def _is_fork(self) -> bool:
-        """Ask for the voltage, and see whether a checksum ends the reply."""
+        """Whether a checksum ends the reply to a request for the voltage."""
         request = get_frame(VOLTAGE, 1)
         for _ in range(TRIES):
             self._line.discard()
@@ -207,7 +197,7 @@ class Servo2040:
 
 
 class Servo2040Servos(PwmServos):
-    """Eighteen hobby servos on a servo2040, with foot contacts; their place is a serial device."""
+    """Eighteen hobby servos on a servo2040 at a serial device, with foot contacts."""
 
     def _open(self) -> Servo2040:
         line = SerialLine(self._place, BAUD, time=self._clock.time)

@@ -1,4 +1,4 @@
-"""Hobby servos on a board, as `LegServos`, and the thread that owns the board."""
+"""Hobby servos on a board, and the thread that owns the board."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -19,20 +19,13 @@ from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray, RobotState
 #: A board that has not answered for this long is mute.
 MUTE_S = 0.5
 
-#: Time between the powering of two legs: a hobby servo turns by 60 degrees in 0.15 to 0.2 s, and draws its
-#: stall current meanwhile.
+#: Time between powering two legs: a hobby servo draws stall current for 60 degrees, 0.15 to 0.2 s.
 LEG_PAUSE_S = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoardReport:
-    """What a board tells of itself.
-
-    Attributes:
-        at_s: when.
-        contacts: which feet touch the floor, (6,), or None for a board without inputs.
-        fault: why the board has switched its servos off, or None.
-    """
+    """Report of a board: `contacts` of the feet, (6,), None without inputs; `fault` if its servos are off."""
 
     at_s: float
     contacts: BoolArray | None = None
@@ -43,14 +36,7 @@ class BoardReport:
 
 @dataclass(slots=True)
 class PwmCounters:
-    """Counts of a board since it was made.
-
-    Attributes:
-        writes: poses sent.
-        reports: of the board.
-        missed: reports that did not come, or not whole.
-        reopened: times that a port that had gone was opened again.
-    """
+    """Counts of a board since it was made; `writes` are poses, `missed` missing or incomplete reports."""
 
     writes: int = 0
     reports: int = 0
@@ -59,13 +45,13 @@ class PwmCounters:
 
 
 class PwmBoard(Protocol):
-    """A board on an open port, used by one thread; every method may raise OSError when the port has gone."""
+    """A board on an open port, used by one thread; methods raise OSError when the port is lost."""
 
     def commanded_us(self) -> FloatArray:
-        """Pulses of each joint, (18,), that the board was last told; NaN where it was told none."""
+        """Last commanded pulses of each joint, (18,); NaN for none."""
 
     def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
-        """Power some servos, (18,), with the pulses of their joints, (18,), from the first one on."""
+        """Power some servos, (18,), with the pulses of their joints, (18,)."""
 
     def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
         """Send pulses of each joint, (18,), to the servos that are on, (18,); the others are limp."""
@@ -74,24 +60,23 @@ class PwmBoard(Protocol):
         """Let all servos go limp."""
 
     def poll(self) -> BoardReport | None:
-        """What the board tells, or None where it does not answer."""
+        """Report of the board, or None without an answer."""
 
     def close(self) -> None:
         """Close the port; the servos keep their pulses."""
 
 
 class BoardThread(PortThread[PwmBoard]):
-    """Runs a board, whose servos turn to the first pulses from wherever they are, at full speed.
+    """Owns a board whose servos turn to the first pulses from unknown angles at full speed.
 
-    So legs are powered one after the other, at the pose that was left first; newer targets wait until all are
-    on, and are then approached no faster than joints turn. Joints of which the board was told pulses before
-    hold already, as far as anybody knows, and stay on.
+    Therefore legs are powered one after the other, at the first pose; newer targets wait until all are on,
+    and are then approached at the speed of the joints. Joints that already had pulses stay on.
 
     Args:
-        speeds: greatest of the joints, (18,), in microseconds of pulse per second.
+        speeds: maximum of the joints, (18,), in microseconds of pulse per second.
 
     Attributes:
-        told_us: pulses that the board was last told, (18,), NaN where it was told none.
+        told_us: last commanded pulses, (18,), NaN for none.
         powered: servos that have pulses, (18,).
     """
 
@@ -117,7 +102,7 @@ class BoardThread(PortThread[PwmBoard]):
         return self.newest.fault is None
 
     def _must_release(self) -> bool:
-        """A board that has tripped is armed by it."""
+        """Releasing arms a board that has tripped."""
         return self.newest.fault is not None
 
     def _follow(self, targets: FloatArray) -> FloatArray:
@@ -164,7 +149,7 @@ class BoardThread(PortThread[PwmBoard]):
             self.powered = np.zeros_like(self.powered)
 
     def _finish(self) -> None:
-        """Send the pose that was left last: the servos are to keep it."""
+        """Send the last pose: the servos are to keep it."""
         targets = self._targets
         while targets is not None and self._may_follow():
             self._sent = self._follow(targets)
@@ -175,12 +160,11 @@ class BoardThread(PortThread[PwmBoard]):
 
 
 class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
-    """Eighteen hobby servos without feedback: a joint is taken to be where the board was told to turn it.
+    """Eighteen hobby servos without feedback: a joint is assumed to be at its target.
 
-    A thread of its own owns the port: neither `read` nor `write` waits for it. Nothing is powered before the
-    first `write`; the servos then turn to that pose at full speed, from wherever they are, leg by leg. Where
-    the board was told a pose by an earlier program, states begin with it, and no leg is switched off. After
-    `close` the servos keep their pulses.
+    A thread owns the port, and neither `read` nor `write` waits for it. Nothing is powered before the first
+    `write`; the servos then turn to that pose at full speed, leg by leg. If an earlier program left a pose on
+    the board, states begin with it, and no leg is switched off. After `close` the servos keep their pulses.
     """
 
     what = "the servo board"
@@ -192,7 +176,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
 
     @abstractmethod
     def _open(self) -> PwmBoard:
-        """The board, found; raises RobotFaultError or OSError where there is none."""
+        """The board; raises RobotFaultError or OSError if there is none."""
 
     def _started(self) -> BoardThread:
         board, time = self._open(), self._clock.time

@@ -1,4 +1,4 @@
-"""From joint targets to actuator commands: loss, delay, calibration errors, backlash, jammed joints."""
+"""From joint targets to actuator commands."""
 
 import math
 from collections import deque
@@ -12,14 +12,14 @@ from hexctl.types import BoolArray, FloatArray, leg_slice
 
 
 class ActuatorModel:
-    """From joint targets to actuator commands: loss, delay, calibration error, backlash and jammed joints.
+    """Applies loss, delay, calibration error, backlash and jammed joints to targets of one or n robots.
 
-    For one robot, or for n robots together. Backlash is a hysteresis: the shaft stands still until the servo
-    has crossed the play, and then follows it half the play behind.
+    Backlash is a hysteresis: the shaft waits until the servo has crossed the play, then follows half the play
+    behind.
 
     Attributes:
         plain: whether targets reach the actuators unchanged.
-        asked_rad: what the servos were asked for last, leading shape + (18,), as far as one is jammed.
+        asked_rad: last targets of the servos, leading shape + (18,), except jammed ones.
     """
 
     def __init__(
@@ -30,9 +30,9 @@ class ActuatorModel:
         late_rad: Sequence[FloatArray],
         jammed_at_rad: FloatArray,
     ) -> None:
-        """Begin with the targets heard last, given shaft angles and the delayed targets, oldest first.
+        """Set the last targets, shaft angles, and the delayed targets, oldest first.
 
-        `jammed_at_rad`, leading shape + (18,), is what the jammed joints hold; NaN for joints that obey.
+        `jammed_at_rad`, leading shape + (18,), is the angle of jammed joints; NaN for joints that obey.
         """
         self._simulation = simulation
         self._heard_rad = heard_rad
@@ -60,7 +60,7 @@ class ActuatorModel:
     ) -> Self:
         """The model of a robot that has stood in its stance for longer than the delay.
 
-        `jammed_at_rad`, (18,), is what joints hold where they are jammed; None for the stance.
+        `jammed_at_rad`, (18,), is the angle of jammed joints; None for the stance.
         """
         late_rad = [stance_rad] * simulation.world.delay_ticks
         at_rad = stance_rad if jammed_at_rad is None else jammed_at_rad
@@ -68,17 +68,14 @@ class ActuatorModel:
         return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, late_rad, held_rad)
 
     def copies(self, n: int) -> "ActuatorModel":
-        """The model of n robots in the state of this one; it takes targets (n, 18)."""
+        """Model of n robots in this state, for targets (n, 18)."""
         late_rad = [np.tile(joint_positions_rad, (n, 1)) for joint_positions_rad in self._late_rad]
         heard_rad, shaft_rad = np.tile(self._heard_rad, (n, 1)), np.tile(self._shaft_rad, (n, 1))
         jammed_at_rad = np.tile(self._jammed_at_rad, (n, 1))
         return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad, jammed_at_rad)
 
     def leg_changed(self, leg: int, now_rad: FloatArray, commanded_rad: FloatArray) -> None:
-        """Jam joints of a leg that failed or healed, at angles of leading shape + (18,); free its others.
-
-        `commanded_rad` are the actuator commands in force, of the same shape.
-        """
+        """Jam or free joints of a leg; angles and actuator commands have the leading shape + (18,)."""
         if self.plain:
             np.copyto(self.asked_rad, commanded_rad)
         joints = leg_slice(leg)
@@ -88,7 +85,7 @@ class ActuatorModel:
         self._jam(jammed_at_rad)
 
     def drive(self, joint_positions_rad: FloatArray, lost: bool = False) -> FloatArray:
-        """Actuator commands of one tick for its joint targets, (18,) or (n, 18), which may be lost."""
+        """Actuator commands of one tick for joint targets, (18,) or (n, 18), which may be lost."""
         if lost:
             joint_positions_rad = self._heard_rad
         elif self._simulation.world.lost_commands:

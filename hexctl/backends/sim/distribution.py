@@ -10,12 +10,10 @@ from hexctl.types import FloatArray
 
 
 class Distribution(BaseModel):
-    """Distribution of one randomized quantity.
+    """Distribution of one randomized quantity between `low` and `high`.
 
-    Attributes:
-        low: lower bound; for `normal`, two standard deviations below the mean.
-        high: upper bound; for `normal`, two standard deviations above the mean.
-        scale: `even` is uniform between the bounds, `log` uniform over ratios, `normal` a Gaussian.
+    `scale` is `even` (uniform), `log` (uniform over ratios), or `normal`, with the bounds at two standard
+    deviations.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -1,4 +1,4 @@
-"""dm_control, imported in one place and without looking for a display."""
+"""dm_control, imported without a display."""
 
 import os
 

@@ -16,11 +16,11 @@ LEAST_BACK_EMF = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTorques(ArrayFields):
-    """Torques that the servos of simulated robots apply to the joints, averaged over a control period.
+    """Torques of the servos on the joints of simulated robots, averaged over a control period.
 
-    A servo applies MuJoCo's actuator force less its back-EMF, which the simulation has as damping of the
-    joint. Friction and damping of its gears act behind it and are not subtracted. Joints of a missing leg
-    have none. The servo of a stuck joint pushes against the jam: stiffness times error, up to its limit.
+    A servo applies MuJoCo's actuator force less its back-EMF, which is simulated as joint damping. Friction
+    and damping of its gears are not subtracted. Joints of a missing leg have no torque. A stuck joint's servo
+    pushes against the jam: stiffness times error, up to its limit.
 
     Attributes:
         steps: steps of the physics in a control period.
@@ -40,7 +40,7 @@ class JointTorques(ArrayFields):
 
     @classmethod
     def of(cls, simulation: Simulation) -> Self:
-        """Those of a simulation as it is now; its failed legs may change them."""
+        """Torques of a simulation; its failed legs may change them."""
         failed = simulation.failed
         driven, stuck = failed.driven, failed.stiff
         damping = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:])
@@ -66,15 +66,9 @@ class JointTorques(ArrayFields):
     def applied(
         self, forces_nm: FloatArray, qvel: FloatArray, qpos: FloatArray, asked_rad: FloatArray
     ) -> FloatArray:
-        """Torques over the last period, a new array of leading shape + (18,).
+        """Torques over the last period, leading shape + (18,), with the speed at its end.
 
-        The speed of its end stands for that of the period.
-
-        Args:
-            forces_nm: as `forces_in` has them.
-            qvel: MuJoCo's velocities, leading shape + (24,).
-            qpos: MuJoCo's positions, leading shape + (25,).
-            asked_rad: angles that the servos were asked for, leading shape + (18,).
+        Shapes are leading shape + (24,) of `qvel`, (25,) of `qpos` and (18,) of the servos' targets.
         """
         torques: FloatArray = np.add.reduce(forces_nm, axis=-1)
         torques /= self.steps

@@ -1,4 +1,4 @@
-"""Failures that families of worlds draw: which leg fails, when, how, and whether it heals."""
+"""Random failures in families of worlds: which leg, when, how, and whether it heals."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any, TypeVar
@@ -23,19 +23,17 @@ Leg = Annotated[int, Field(ge=1, le=N_LEGS, strict=True)]
 
 
 class DrawnFailure(BaseModel):
-    """A failure that comes to a leg during a walk, drawn for each member of a family.
+    """A failure during a walk, drawn for each member of a family.
 
-    A joint that sticks does so where it is, so that the time of the failure draws its angle as well.
+    A sticking joint sticks at its current angle, which thus depends on the time.
 
     Attributes:
-        at_s: when, in seconds since the walk began.
-        legs: of which one fails, each as likely as any other.
-        failure: how, in the words of `parse_kind`, each as likely as any other; a word that is given twice
-            is twice as likely.
-        torque_share: part of its torque that a `weak` leg or joint keeps whose word has no number.
-        heals_after_s: how long after its failure the leg is whole again, a control period or more; None
-            where it stays as it is.
-        share: share of the members to which this failure comes.
+        at_s: in seconds since the walk began.
+        legs: of which one fails, with equal probabilities.
+        failure: words of `parse_kind`, with equal probabilities; a repeated word is more likely.
+        torque_share: part of its torque that a `weak` leg or joint keeps if its word has no number.
+        heals_after_s: time from failure to healing, a control period or more; None for no healing.
+        share: share of the members with this failure.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -67,7 +65,6 @@ class DrawnFailure(BaseModel):
 
     @model_validator(mode="after")
     def _within(self) -> "DrawnFailure":
-        """Refuse distributions whose ends are no times or no shares."""
         bounds = {
             "at_s": (self.at_s, 0.0, np.inf, "0 s or more"),
             "torque_share": (self.torque_share, 0.0, 1.0, "0 to 1"),
@@ -87,12 +84,7 @@ class DrawnFailure(BaseModel):
         return self
 
     def drawn(self, shares: FloatArray, whole: Sequence[int]) -> tuple[FailureEvent, ...]:
-        """The failure of one member, and the leg's healing; neither where it does not come to it.
-
-        Args:
-            shares: shares 0..1 of its distributions, (COLUMNS,).
-            whole: the legs that no earlier failure has.
-        """
+        """Failure and healing, if any, of one member by shares 0..1, (COLUMNS,); `whole` are intact legs."""
         comes, at, leg_at, how, torque, healing = shares.tolist()
         if comes >= self.share and self.share < 1:
             return ()
@@ -110,11 +102,10 @@ class DrawnFailure(BaseModel):
 
 
 def draw_failures(draws: Sequence[DrawnFailure], shares: FloatArray) -> dict[str, Any]:
-    """What a world file says of the failures of one member: `failures` and `healings`, where there are any.
+    """The keys `failures` and `healings` of one member's world, if there are any.
 
     Args:
-        draws: of the family, in its order.
-        shares: shares 0..1 of their distributions, (COLUMNS * draws or more,).
+        shares: shares 0..1 of the distributions, (COLUMNS * draws or more,).
     """
     whole = list(range(1, N_LEGS + 1))
     events: list[FailureEvent] = []

@@ -1,4 +1,4 @@
-"""Flaws of a simulated robot's sensors: noise, drift, and what they show wrongly for a time."""
+"""Flaws of a simulated robot's sensors: noise, drift, and temporary faults."""
 
 from typing import Annotated, Self
 
@@ -40,14 +40,14 @@ JUMP_M = (0.0, 1.0, 0.0)
 
 
 class SensorFaults(Section):
-    """What the sensors of position and yaw show wrongly, in times of the simulation's clock.
+    """Temporary faults of position and yaw, in times of the simulation's clock.
 
     Attributes:
-        yaw_drift_deg_per_min: drift of the yaw, counter-clockwise from the start on.
-        pose_frozen_s: intervals in which position and orientation stay what they were when each began; where
-            intervals overlap, the one that began last counts.
+        yaw_drift_deg_per_min: drift of the yaw, counter-clockwise from the start.
+        pose_frozen_s: intervals in which the pose keeps its value from their beginning; the last one begun
+            counts.
         position_jump_s: intervals in which the position is off.
-        position_jump_m: by how much, along the axes of the world; a metre to the left unless given.
+        position_jump_m: offset along the axes of the world; a metre to the left unless given.
     """
 
     yaw_drift_deg_per_min: Annotated[Number, Field(ge=-3600, le=3600, allow_inf_nan=False)] = 0.0
@@ -57,7 +57,6 @@ class SensorFaults(Section):
 
     @model_validator(mode="after")
     def _jumps(self) -> Self:
-        """Raise ValueError for a jump without a time, and for times without a jump: neither does anything."""
         jump_m = ", ".join(f"{part:g}" for part in self.position_jump_m)
         if self.position_jump_m != JUMP_M and not self.position_jump_s:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""What a simulated robot measures: errors, age and losses."""
+"""Measurements of a simulated robot: errors, age and losses."""
 
 import copy
 import math
@@ -24,7 +24,7 @@ class Noise:
     """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same."""
 
     def __init__(self, sigma: SensorNoise, seed: int, trial: int = 0) -> None:
-        # A stream of its own beside those of the bumps and of the joint offsets.
+        # A separate stream from those of the bumps and of the joint offsets.
         self._stream = np.random.default_rng([seed, 2, trial])
         self._scale = np.array(
             [math.radians(sigma.joint_deg)] * N_JOINTS
@@ -71,13 +71,13 @@ class FaultyPose:
     def seen(
         self, position: FloatArray, quaternion: FloatArray, stamp_s: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Positions (..., 3) and orientations (..., 4) that are shown of those at a time."""
+        """Displayed positions (..., 3) and orientations (..., 4) of the true ones at a time."""
         faults = self._faults
         if faults.yaw_drift_deg_per_min:
             quaternion = turned(quaternion, math.radians(faults.yaw_drift_deg_per_min) * stamp_s / 60)
         if _holding(faults.position_jump_s, stamp_s):
             position = position + np.array(faults.position_jump_m)
-        # Each interval that holds now has the pose of its own beginning.
+        # Each current interval has the pose of its beginning.
         now = _holding(faults.pose_frozen_s, stamp_s)
         self._frozen = {interval: self._frozen.get(interval, (position, quaternion)) for interval in now}
         if not now:
@@ -91,7 +91,7 @@ def _holding(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tu
 
 
 class Losses:
-    """A seeded stream of which control periods lose something, drawn once per tick."""
+    """A seeded stream of lost control periods, drawn once per tick."""
 
     def __init__(self, share: float, stream: Sequence[int]) -> None:
         self._stream = np.random.default_rng(list(stream))
@@ -100,13 +100,13 @@ class Losses:
 
     @classmethod
     def of_commands(cls, world: World, seed: int, trial: int = 0) -> Self:
-        """Which periods lose their command."""
-        # Streams of their own: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
+        """Periods with a lost command."""
+        # Separate streams: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
         return cls(world.lost_commands, (seed, 3, trial))
 
     @classmethod
     def of_poses(cls, world: World, seed: int, trial: int = 0) -> Self:
-        """Which periods lose their pose."""
+        """Periods with a lost pose."""
         return cls(world.lost_poses, (seed, 5, trial))
 
     def draw(self) -> None:
@@ -117,7 +117,7 @@ class Losses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot(ArrayFields):
-    """What is measured at one moment.
+    """Measurements of one moment.
 
     Attributes:
         qpos: base position, base quaternion and 18 joints, leading shape + (25,).
@@ -136,14 +136,14 @@ class Snapshot(ArrayFields):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorMemory(ArrayFields):
-    """Views of MuJoCo's own memory, which every step fills anew; leading shape () or (n,).
+    """Views of MuJoCo's own memory, updated by each step; leading shape () or (n,).
 
     Attributes:
         qpos: positions, leading shape + (25,).
         qvel: velocities, leading shape + (24,).
         touch: foot forces, leading shape + (6,).
         forces_nm: of the actuators in the last steps, as `JointTorques.forces_in` has them.
-        asked_rad: what the servos were asked for, leading shape + (18,); of the actuator model.
+        asked_rad: targets of the servos, leading shape + (18,); of the actuator model.
     """
 
     qpos: FloatArray
@@ -154,21 +154,21 @@ class SensorMemory(ArrayFields):
 
     @classmethod
     def of(cls, torques: JointTorques, view: Callable[[str], FloatArray], asked_rad: FloatArray) -> Self:
-        """Views from what gives those of `MjData` by their names."""
+        """Views from a function that returns those of `MjData` by name."""
         forces_nm = torques.forces_in(view("history"))
         return cls(view("qpos"), view("qvel"), view("sensordata")[..., TOUCH], forces_nm, asked_rad)
 
 
 @dataclass(slots=True, eq=False)
 class Sensors:
-    """Sensors of one simulated robot, or of n copies of one: what they measure, and their flaws.
+    """Sensors of one simulated robot, or of n copies of one, with their flaws.
 
     Attributes:
-        torques: how forces of actuators become torques of joints; a leg that fails changes it.
+        torques: a leg that fails changes it.
         offsets_rad: calibration errors of the joints, (18,).
         age_s: of a state when it is read.
-        steps_after: steps of the physics that follow the moment of measurement within a tick.
-        late: states on their way, the oldest first, which is read; None if they have no age.
+        steps_after: steps of the physics between the measurement and the end of a tick.
+        late: delayed states, the oldest first, which is read; None without delay.
     """
 
     memory: SensorMemory
@@ -192,7 +192,7 @@ class Sensors:
         seed: int,
         trial: int,
     ) -> Self:
-        """Sensors of a robot in a world, whose noise and losses a seed and the number of a trial draw."""
+        """Sensors of a robot in a world; seed and trial number determine noise and losses."""
         noise, pose_loss = Noise(world.sensor_noise, seed, trial), Losses.of_poses(world, seed, trial)
         sensors = cls(memory, torques, offsets_rad, noise, FaultyPose(world.sensor_faults), pose_loss)
         if world.latency_steps:
@@ -202,7 +202,7 @@ class Sensors:
         return sensors
 
     def copies(self, memory: SensorMemory, n: int) -> "Sensors":
-        """Sensors of n robots in the state of this one, with the same errors and losses to come."""
+        """Sensors of n robots in this state, with the same future errors and losses."""
         late = None if self.late is None else deque([one.copies(n) for one in self.late], self.late.maxlen)
         return replace(
             self,
@@ -214,7 +214,7 @@ class Sensors:
         )
 
     def keep(self) -> None:
-        """Measure what is read later, once per tick."""
+        """Measure a state for later reads, once per tick."""
         if self.late is not None:
             self.late.append(self._measured())
 

@@ -1,4 +1,4 @@
-"""The simulated robot as LegServos, and its clock."""
+"""The simulated robot as leg servos, and its clock."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -26,7 +26,8 @@ from hexctl.types import JointTargets, RobotState
 class SimClock(Clock):
     """Advances by stepping the physics: one control period per tick.
 
-    With a pace clock each step waits for the wall, whose overruns it counts; the simulation never skips.
+    With a pace clock each step waits for the wall clock, whose overruns it counts; the simulation never
+    skips.
     """
 
     def __init__(self, step: Callable[[], None], pace: WallClock | None = None) -> None:
@@ -41,11 +42,11 @@ class SimClock(Clock):
 
     @property
     def due_in_s(self) -> float:
-        """How long the pace will wait before the next step; 0 without one."""
+        """Wait of the pace before the next step; 0 without one."""
         return 0.0 if self._pace is None else self._pace.due_in_s
 
     def pause(self) -> None:
-        """Count no overruns of the pace for the time until the next tick."""
+        """Count no overruns of the pace until the next tick."""
         if self._pace is not None:
             self._pace.pause()
 
@@ -65,21 +66,19 @@ class SimClock(Clock):
 
 
 class SimServos(OwnServos):
-    """A MuJoCo hexapod in a world, with a failed leg if one is given.
+    """A MuJoCo hexapod in a world, with or without failed legs.
 
     Deterministic for the same robot, world, failure, seed, trial and library versions.
 
     Args:
-        robot: the robot, or the name or path of its file.
         world: a World, or the name or path of one, such as `slippery` or `randomised:7`; flat unless given.
-        failure: the failed leg, or None; the attribute is what breaks, also where an `unknown` one is given.
-        seed: draws the bumps and calibration errors of the world, what an `unknown` failure breaks, and with
-            `trial` the sensor noise.
-        trial: number of the trial.
-        facing_rad: yaw in which the robot is put down.
+        failure: the failed leg, or None; the attribute is the drawn failure if it is `unknown`.
+        seed: draws the bumps and calibration errors of the world, an `unknown` failure, and with `trial` the
+            sensor noise.
+        facing_rad: initial yaw.
         realtime: pace the clock with wall time; otherwise the physics runs as fast as it can.
-        events: failures to come, and legs that heal, counted from `walk_begins`, besides those of the world.
-        further_failures: those of other legs besides `failure`; the attribute is what breaks.
+        events: scheduled failures and healings, counted from `walk_begins`, besides those of the world.
+        further_failures: those of other legs; the attribute holds the drawn ones.
     """
 
     def __init__(
@@ -117,15 +116,12 @@ class SimServos(OwnServos):
 
     @property
     def simulation(self) -> Self:
-        """The servos themselves: they know what only a simulation does."""
+        """The servos themselves."""
         return self
 
     @property
     def compiled(self) -> Simulation:
-        """The compiled simulation.
-
-        Raises RobotFaultError before `connect`.
-        """
+        """The compiled simulation; raises RobotFaultError before `connect`."""
         check_connected(self._compiled is not None, "the simulated robot")
         assert self._compiled is not None  # noqa: S101  narrows the type after the check
         return self._compiled
@@ -165,7 +161,7 @@ class SimServos(OwnServos):
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """The failures in force now, by leg; before `connect` those that it begins with."""
+        """Current failures, by leg; before `connect` those at the start."""
         if self._compiled is None:
             return self._first_failures
         by_leg = self._compiled.failed.by_leg
@@ -176,14 +172,14 @@ class SimServos(OwnServos):
         return each_failure((*each_failure(self.failure), *self.further_failures))
 
     def walk_begins(self) -> None:
-        """Count the times of the events from the next control period on."""
+        """Set the zero of event times to the next control period."""
         self._to_come = FailuresToCome(self.events, self._clock.period_s)
 
     def change_leg(self, leg: int, failure: Failure | None) -> None:
-        """Let a leg fail now, or be whole again for None: before the next step of the physics.
+        """Let a leg fail, or heal for None, before the next step of the physics.
 
-        A joint that sticks does so where it is, and a leg that locks keeps the targets that it was sent last.
-        Raises RobotFaultError before `connect`, InputError for a failure of another leg or an `unknown` one.
+        A joint sticks at its current angle, and a leg locks at its last targets. Raises RobotFaultError
+        before `connect`, InputError for a failure of another leg or an `unknown` one.
         """
         compiled, limp = self.compiled, self._limp
         FailureEvent(at_s=0.0, leg=leg, failure=failure)  # refuses what cannot be
@@ -226,7 +222,6 @@ class SimServos(OwnServos):
             del self._qpos, self._ctrl, self._warnings, self.sensors, self._springs
 
     def _keep_springs(self) -> None:
-        """Note the stiffness of the servos, views of the model beside copies."""
         model = self.compiled.physics.model
         self._springs = [
             (values, values.copy()) for values in (model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1])
@@ -249,10 +244,7 @@ class SimServos(OwnServos):
         self.loss.draw()
 
     def _advance(self, physics: Any, steps: int) -> None:
-        """Step the physics: MuJoCo alone, as the `step` of dm_control takes 7 us more.
-
-        Raises SimulationDivergedError for a new warning.
-        """
+        """Step without dm_control's `step`, which takes 7 us more; raises SimulationDivergedError."""
         before = self._warnings.tolist()
         mujoco.mj_step(physics.model.ptr, physics.data.ptr, steps)
         if self._warnings.tolist() != before:

@@ -18,7 +18,7 @@ from hexctl.types import FloatArray, RobotState
 
 
 def batch_layout(servos: SimServos) -> tuple[object, ...]:
-    """What simulations must have in common to be stepped together: ticks, delays and sizes of the model."""
+    """Ticks, delays and model sizes, which must be equal in simulations that are stepped together."""
     model, world = servos.compiled.physics.model.ptr, servos.world
     sizes = [getattr(model, name) for name in dir(model) if name.startswith("n") and name != "names"]
     counts = tuple(size for size in sizes if isinstance(size, int))
@@ -26,18 +26,17 @@ def batch_layout(servos: SimServos) -> tuple[object, ...]:
 
 
 class SimBatch:
-    """Copies of connected simulations as they stand now: same model, same state, same noise to come.
+    """Copies of connected simulations: same model, same state, same future noise.
 
-    A copy that is stepped with the same targets as its original gives the same states to the last bit.
+    A copy that is stepped with the same targets as its original gives bit-identical states.
 
     Args:
-        servos: the simulation; or several of one `batch_layout`, in worlds and with failures of their own.
-        n: number of copies; or of each simulation, whose rows follow one another.
+        servos: one simulation, or several of the same `batch_layout`, with separate worlds and failures.
+        n: copies of each simulation, in consecutive rows.
         threads: threads that simulate; 0 uses all cores.
 
-    Attributes:
-        running: which simulations are still stepped, (n,); one that diverges drops out by itself, and a
-            caller may clear others. The state of one that has dropped out means nothing.
+    Attributes: running: which simulations are still stepped, (n,); diverged ones are not, and a caller may
+    clear others. States of the others are invalid.
     """
 
     def __init__(
@@ -48,7 +47,7 @@ class SimBatch:
         models = [one.compiled.physics.model.ptr for one in each]
         self._batch = Batch(models[0], sum(counts), threads)
         if len(models) > 1 or any(one.events for one in each):
-            # Models of their own: an event changes that of its simulation.
+            # Separate models: an event changes that of its simulation.
             self._batch.set_models(np.repeat(np.array(models, dtype=object), counts).tolist())
         stops = np.cumsum(counts).tolist()
         rows = [slice(stop - count, stop) for stop, count in zip(stops, counts, strict=True)]
@@ -71,7 +70,6 @@ class SimBatch:
             part.draw()
 
     def _step(self, nstep: int) -> None:
-        """Step every running simulation; one that diverges no longer runs."""
         if not self.running.any():
             return
         everyone = self.running.all()
@@ -84,13 +82,13 @@ class SimBatch:
 
     @property
     def true_pose(self) -> TruePose:
-        """Positions (n, 3) and orientations (n, 4) of the bases as they are."""
+        """Current positions (n, 3) and orientations (n, 4) of the bases."""
         return self._qpos[:, :3], self._qpos[:, 3:FIRST_JOINT]
 
     def read(self) -> RobotState:
         """States after the last tick, with the worlds' sensor noise; arrays of leading shape (n,).
 
-        Where some robots measure no pose in this tick, theirs is NaN; the time is that of the first one.
+        Robots without a pose in this tick have NaN; the time is that of the first one.
         """
         states = [part.read() for part in self._copies]
         return states[0] if len(states) == 1 else _together(states)
@@ -102,7 +100,7 @@ class SimBatch:
 
 
 class _Copies:
-    """Copies of one simulation in some rows of a batch: what they measure, and how they are driven."""
+    """Copies of one simulation in some rows of a batch."""
 
     def __init__(self, servos: SimServos, batch: Any, rows: slice) -> None:
         self.rows, n = rows, rows.stop - rows.start
@@ -119,7 +117,7 @@ class _Copies:
         self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
 
     def let_fail(self) -> None:
-        """Let legs fail or heal whose time has come; the walk begins with the second control period."""
+        """Apply due failures and healings; the walk begins with the second control period."""
         for event in self._to_come.due():
             self._simulation.failed.change(event.leg, event.failure)
             self.sensors.torques = JointTorques.of(self._simulation)
@@ -127,17 +125,14 @@ class _Copies:
             self._actuators.leg_changed(event.leg, held, self._ctrl)
 
     def draw(self) -> None:
-        """Draw what is random in the next tick."""
         self.sensors.draw()
         self._loss.draw()
         self._ticks += 1
 
     def read(self) -> RobotState:
-        """States after the last tick, with the world's sensor noise."""
         return self.sensors.read((self._start_index + self._ticks) * self._period_s)
 
     def drive(self, joint_positions_rad: FloatArray) -> FloatArray:
-        """Actuator commands of this tick for joint targets."""
         return self._actuators.drive(joint_positions_rad, self._loss.lost)
 
 
@@ -160,7 +155,7 @@ def _together(states: Sequence[RobotState]) -> RobotState:
 def _stacked(
     parts: Sequence[FloatArray | None], states: Sequence[RobotState], width: int
 ) -> FloatArray | None:
-    """Rows of several simulations, NaN where one has none; None where none has."""
+    """Rows of several simulations, NaN for missing ones; None if all are missing."""
     if all(part is None for part in parts):
         return None
     counts = [len(state.joint_positions_rad) for state in states]

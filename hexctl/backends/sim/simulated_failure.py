@@ -1,4 +1,4 @@
-"""Failed legs in the compiled model: their torques, their jammed joints, or the legs themselves."""
+"""Failed legs in the compiled model: torques, jammed joints, or missing legs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,14 +41,9 @@ _CHANGED = (
 
 
 class FailedLegs:
-    """The failed legs of a compiled simulation. They may fail and heal while it runs.
-
-    Attributes:
-        jammed: joints that hold an angle regardless of their targets, (18,).
-    """
+    """Failed legs of a simulation, changeable while it runs; `jammed` joints ignore their targets, (18,)."""
 
     def __init__(self, physics: Any, robot: Robot) -> None:
-        """Take the model of a whole robot."""
         self._model, self._robot = physics.model.ptr, robot
         self._whole = {name: getattr(self._model, name).copy() for name in _CHANGED}
         self._parts = {leg: _parts_of(physics.model, leg) for leg in range(1, N_LEGS + 1)}
@@ -57,7 +52,7 @@ class FailedLegs:
 
     @property
     def stiff(self) -> BoolArray:
-        """Joints that are jammed where they are, (18,); the other jammed ones hold targets."""
+        """Joints jammed at their angles, (18,); other jammed joints hold targets."""
         stiff = np.zeros(N_JOINTS, dtype=bool)
         for failure in self.by_leg.values():
             if failure.kind == "stuck":
@@ -66,13 +61,13 @@ class FailedLegs:
 
     @property
     def servo_springs(self) -> tuple[FloatArray, FloatArray]:
-        """Stiffness and torque limit of the servos of the whole robot, (18,) each."""
+        """Stiffness and torque limit of the intact robot's servos, (18,) each."""
         limits = np.abs(self._whole["actuator_forcerange"]).max(axis=-1)
         return self._whole["actuator_gainprm"][:, 0], limits
 
     @property
     def driven(self) -> BoolArray:
-        """Joints with a servo that drives them, (18,); not those of missing legs."""
+        """Joints driven by a servo, (18,); not those of missing legs."""
         driven = np.ones(N_JOINTS, dtype=bool)
         for failure in self.by_leg.values():
             if failure.kind == "missing":
@@ -80,12 +75,9 @@ class FailedLegs:
         return driven
 
     def change(self, leg: int, failure: Failure | None, scratch: Any = None) -> None:
-        """Let a leg fail, or be whole again for None; the other legs stay as they are.
+        """Let a leg, 1..6, fail, or heal for None; the other legs stay as they are.
 
-        Args:
-            leg: 1..6.
-            failure: how; None for a leg that is whole.
-            scratch: MjData of the model that may be overwritten; None makes one where it is needed.
+        `scratch` is MjData of the model that may be overwritten; None makes one if needed.
         """
         for name, values in self._whole.items():
             getattr(self._model, name)[:] = values
@@ -117,7 +109,7 @@ class FailedLegs:
         self._model.actuator_forcerange[joint] *= JAM_STIFFNESS
 
     def _scale_torque(self, joints: tuple[int, ...], fraction: float) -> None:
-        """Scale all torques of servos, their back-EMF too; the friction of the gears stays."""
+        """Scale all torques of servos, with their back-EMF; the friction of the gears stays."""
         model = self._model
         for joint in joints:
             lost = (1 - fraction) * self._robot.back_emf_nm_s_per_rad[joint]
@@ -126,7 +118,6 @@ class FailedLegs:
                 array[joint] *= fraction
 
     def _remove(self, leg: int) -> None:
-        """Remove the contacts of a leg and almost all of its mass."""
         model, parts = self._model, self._parts[leg]
         model.geom_conaffinity[parts.geoms] = 0
         # Nothing is as deep in the floor as this margin asks for.
@@ -151,18 +142,17 @@ def _parts_of(model: Any, leg: int) -> _Parts:
 
 
 class FailuresToCome:
-    """Failures that are still to come in a walk, and legs that are to heal.
+    """Scheduled failures and healings of a walk.
 
     Args:
-        events: in the order of their times.
-        period_s: control period; an event takes effect at the beginning of the one that its time is in.
+        events: in the order of their times; one takes effect at the beginning of its control period.
     """
 
     def __init__(self, events: Sequence[FailureEvent], period_s: float) -> None:
         self._events, self._period_s, self._step = list(events), period_s, -1
 
     def due(self) -> list[FailureEvent]:
-        """What happens now; asked before each control period, from the one at whose end the walk begins."""
+        """Due events, asked before each control period from the one at whose end the walk begins."""
         if not self._events:
             return []
         now_s = self._step * self._period_s
@@ -175,12 +165,10 @@ class FailuresToCome:
 
 
 def held_rad(failed: FailedLegs, qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
-    """Angles at which joints that jam now are held, leading shape + (18,).
+    """Angles of joints that jam now, leading shape + (18,).
 
-    Args:
-        failed: the legs after the failure.
-        qpos: leading shape + (25,); stuck joints stay where they are.
-        ctrl: leading shape + (18,); locked ones hold what they were commanded last.
+    Stuck joints keep those in `qpos`, leading shape + (25,), locked ones their last commands, leading shape +
+    (18,).
     """
     return np.where(failed.stiff, qpos[..., -N_JOINTS:], ctrl)
 
@@ -197,7 +185,7 @@ def check_stuck_angle(robot: Robot, failure: Failure) -> None:
 
 
 def jammed_angles_rad(robot: Robot, failures: Failures) -> FloatArray:
-    """Angles that the jammed joints of a robot with failed legs hold from the beginning, (18,)."""
+    """Angles of jammed joints at the beginning, (18,)."""
     angles_rad: FloatArray = robot.stance_angles_rad.copy()
     for failure in each_failure(failures):
         if failure.kind == "stuck":
@@ -206,5 +194,4 @@ def jammed_angles_rad(robot: Robot, failures: Failures) -> FloatArray:
 
 
 def _belongs_to(name: str, leg: int) -> bool:
-    """Whether a compiled name, robot/leg/part, belongs to leg 1..6."""
     return name.split("/")[1:2] == [f"leg{leg}"]

@@ -1,4 +1,4 @@
-"""The simulated model: robot, world and failure compiled into one dm_control Physics in its start state."""
+"""Compiles robot, world and failure into one dm_control Physics in its start state."""
 
 import math
 from collections.abc import Sequence
@@ -52,10 +52,7 @@ class Simulation(ArrayFields):
 def make_simulation(
     robot: Robot, world: World, failure: Failures = None, seed: int = 0, facing_rad: float = 0.0
 ) -> Simulation:
-    """The simulation of a robot that stands in a world, with failed legs if any are given.
-
-    `facing_rad` is the yaw in which the robot is put down.
-    """
+    """Simulation of a robot that stands in a world, with initial yaw `facing_rad` and failed legs, if any."""
     floor = make_floor(world, seed)
     body = make_body(robot)
     _stretch_tibias(body, world)
@@ -83,7 +80,7 @@ def make_simulation(
 
 
 def _load_trunk(body: Any, robot: Robot, world: World) -> None:
-    """Change and shift the mass of the trunk; its shape stays where it is."""
+    """Change and shift the mass of the trunk, not its shape."""
     if not world.added_mass_share and not any(world.body_mass_shift_m):
         return
     mass_kg = robot.body.mass_kg + world.added_mass_share * robot.mass_kg
@@ -92,7 +89,7 @@ def _load_trunk(body: Any, robot: Robot, world: World) -> None:
         raise InputError(
             f"added_mass_share: got {world.added_mass_share:g}; allowed for {robot.name}: above {least:.3g}"
         )
-    # A solid beside the trunk's own carries the mass.
+    # A second solid carries the mass.
     solid = body.find("geom", "mass") or body.find("geom", "trunk")
     at = np.zeros(3) if solid.pos is None else np.array(solid.pos)
     trunk, at = body.find("body", "trunk"), at + world.body_mass_shift_m
@@ -107,12 +104,10 @@ def _load_payload(body: Any, world: World) -> None:
 
 
 def _add_mass(body: Any, name: str, mass_kg: float, **solid: Any) -> None:
-    """Add a solid without contact to a body, which carries a mass."""
     body.add("geom", name=name, mass=mass_kg, **solid, **NO_CONTACT)
 
 
 def _stretch_tibias(body: Any, world: World) -> None:
-    """Make the tibias longer or shorter than the robot file has them; their mass stays where it is."""
     for leg, error in enumerate(per_leg(world.tibia_error).tolist(), start=1):
         if error:
             tibia = body.find("geom", f"leg{leg}/tibia")
@@ -122,10 +117,10 @@ def _stretch_tibias(body: Any, world: World) -> None:
 
 
 def _lay_grain(root: Any, body: Any, world: World, missing_legs: Sequence[int]) -> None:
-    """Give the feet another friction along the world's y axis than along its x axis.
+    """Give the feet different friction along the world's y axis, the first tangential axis of contacts.
 
-    A contact's first tangential axis is the y axis, projected onto the floor, for every contact between a
-    sphere and a plane or a height field; only explicit pairs of geoms have a friction for each axis.
+    It is the y axis projected onto the floor, of a sphere on a plane or height field. Only pairs allow two
+    frictions.
     """
     if world.friction_ratio == 1:
         return
@@ -144,10 +139,7 @@ def _lay_grain(root: Any, body: Any, world: World, missing_legs: Sequence[int]) 
 
 
 def _measure_forces(root: Any, body: Any, world: World) -> None:
-    """Give each actuator a sensor that remembers its force at every step of a control period.
-
-    Targets jump once per period and forces with them, so that a force at any one moment is far from the mean.
-    """
+    """Record forces at every step: they jump once per period, and one moment is far from the mean."""
     for actuator in body.find_all("actuator"):
         root.sensor.add("actuatorfrc", actuator=actuator, nsample=world.steps_per_tick)
 
@@ -191,7 +183,7 @@ def _make_world(world: World, floor: Floor) -> Any:
 
 
 def _check_order(physics: Any) -> None:
-    """Raise unless joints and actuators are leg-major and the feet's sensors last, as arrays expect."""
+    """Raise unless joints and actuators are leg-major and the feet's sensors last."""
     expected = [f"leg{leg}/{kind}" for leg in range(1, N_LEGS + 1) for kind in JOINT_KINDS]
     model = physics.model
     joints = [model.id2name(index, "joint") for index in range(1, N_JOINTS + 1)]
@@ -211,7 +203,6 @@ def _fill_heights(physics: Any, floor: Floor) -> None:
 
 
 def _change_joints(physics: Any, world: World) -> None:
-    """Scale torque limit and stiffness of the servos by the world, and give the joints its friction."""
     model = physics.model
     model.actuator_forcerange[:] *= world.servo_strength
     stiffness = world.servo_stiffness * per_joint(world.joint_stiffness)
@@ -222,7 +213,7 @@ def _change_joints(physics: Any, world: World) -> None:
 
 
 def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, facing_rad: float) -> None:
-    """Put the robot on the floor in its nominal stance; where legs are too long, a little above."""
+    """Put the robot on the floor in its stance; a little above if legs are too long."""
     radius = robot.stance_radius_m + 2 * robot.foot_radius_m
     longest = max(0.0, float(per_leg(world.tibia_error).max())) * float(robot.link_lengths_m[-1])
     height = robot.standing_height_m + longest + max(0.0, floor.highest_near_origin_m(radius))
@@ -238,12 +229,12 @@ def _joint_offsets(world: World, seed: int) -> FloatArray:
     given = world.joint_offset_deg
     if isinstance(given, tuple):
         return np.radians(given)
-    # A stream of its own, so that bumps and offsets do not depend on one another.
+    # A separate stream, so that bumps and offsets do not depend on one another.
     return np.random.default_rng([seed, 1]).normal(scale=np.radians(given), size=N_JOINTS)
 
 
 def _turned(quaternion: FloatArray, yaw_rad: float) -> FloatArray:
-    """An orientation (w, x, y, z) after a turn about the vertical of the body."""
+    """Orientation (w, x, y, z) after a turn about the body's z axis, not the world's."""
     cos, sin = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
     w, x, y, z = quaternion
     return np.array([w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin])
@@ -272,10 +263,7 @@ def make_body(robot: Robot) -> Any:
 
 
 def _place_mass(trunk: Any, body: Body) -> None:
-    """Give the trunk its own centre of mass and inertia, where the robot file has them.
-
-    A solid without contact carries the mass: the trunk's own shape, or the box that has the inertia.
-    """
+    """Set the trunk's mass, centre and inertia of the robot file, on its shape or a box without contact."""
     box_m = body.even_box_m
     if box_m is None and not any(body.com_m):
         return
@@ -321,7 +309,6 @@ def _make_leg(robot: Robot, name: str) -> Any:
 
 
 def _shift_link_mass(link: Any, robot: Robot, index: int) -> None:
-    """Move the mass of a link to its centre of mass, where the robot file has one."""
     if robot.link_coms_m is None:
         return
     shape = link.geom[JOINT_KINDS[index]]

@@ -31,7 +31,7 @@ class Floor(ArrayFields):
     heights_m: FloatArray | None
 
     def highest_near_origin_m(self, radius_m: float) -> float:
-        """Greatest height within a radius of the origin."""
+        """Maximum height within a radius of the origin."""
         if self.heights_m is None:
             return 0.0
         axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)

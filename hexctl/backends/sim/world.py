@@ -19,7 +19,7 @@ from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
 
-#: Greatest calibration error of a joint.
+#: Maximum calibration error of a joint.
 MAX_JOINT_OFFSET_DEG = 45.0
 
 #: Marks a quantity of which a simulation draws with its seed where it is not 0.
@@ -57,47 +57,41 @@ _IN_STEPS = (
 
 
 class World(Section):
-    """Everything about a simulation that is not the robot; the defaults are the flat world.
+    """All parameters of a simulation except the robot; the defaults are the flat world.
 
     Attributes:
         friction: sliding friction between feet and floor.
-        friction_ratio: the feet's friction along the world's y axis, as a multiple of that along its x axis;
-            a floor with a grain, such as wood or carpet. Shanks that touch the floor feel none of it.
+        friction_ratio: the feet's friction along the world's y axis, as a multiple of that along its x axis,
+            as on wood or carpet. Shanks are not affected.
         slope_deg: inclination of the floor.
-        slope_direction_deg: where uphill is, counter-clockwise from the x axis.
+        slope_direction_deg: uphill direction, counter-clockwise from the x axis.
         roughness_m: standard deviation of the floor's height; 0 is an even floor.
         roughness_length_m: typical width of a bump.
         payload_kg: mass carried on the body.
-        payload_position_m: where it sits in the body frame.
-        added_mass_share: mass added to the trunk, as a share of the whole robot's; negative takes away.
-        body_mass_shift_m: how far the trunk's centre of mass lies from where the robot file has it, in the
-            body frame.
-        contact_time_s: time constant in which a contact gives way; longer is a softer floor.
-        friction_cone: how the solver bounds friction; `pyramidal` is quicker, and weaker diagonally: the same
-            walk in another compass direction ends decimetres elsewhere.
-        time_step_s: step of the physics, a whole part of the 20 ms tick.
-        solver_tolerance: of the contact solver. With MuJoCo's 1e-8 what is left of the last iteration depends
-            on the compass direction of a walk, and 2 cm may grow of it in 30 s; with 1e-12, 0.1 mm in most.
-        servo_delay_s: time from a target to the servo that follows it, in whole ticks.
+        payload_position_m: its position in the body frame.
+        added_mass_share: mass added to the trunk, as a share of the complete robot's; negative takes away.
+        body_mass_shift_m: shift of the trunk's centre of mass from the robot file's, in the body frame.
+        contact_time_s: time constant of contacts; longer is a softer floor.
+        friction_cone: `pyramidal` is faster but weaker diagonally: walks depend on their compass direction by
+            decimetres.
+        time_step_s: step of the physics, an integer part of the 20 ms tick.
+        solver_tolerance: of the contact solver. With MuJoCo's 1e-8 walks depend on their compass direction by
+            up to 2 cm in 30 s; with 1e-12, by 0.1 mm in most.
+        servo_delay_s: delay from a target to the servo's motion, in whole ticks.
         servo_backlash_deg: play between a servo and its joint, from stop to stop.
         servo_strength: the servos' torque limit as a fraction of the robot file's.
         servo_stiffness: the servos' stiffness as a multiple of the robot file's.
-        joint_stiffness: stiffness of single joints as multiples of the robot file's, on top of
-            `servo_stiffness`: one number, three for coxa, femur and tibia, or one for each of the 18 joints.
-        joint_friction_nm: dry friction of the joints, likewise; None for the robot file's.
-        tibia_error: how much longer than in the robot file the tibias are, as a share: one number, or one for
-            each leg.
-        joint_offset_deg: calibration error; one number is the standard deviation of errors drawn with the
-            seed, a list of 18 gives each joint its own.
-        sensor_noise: noise of what is measured.
+        joint_stiffness: multiples of `servo_stiffness`: one, three for coxa, femur and tibia, or one per
+            joint.
+        joint_friction_nm: dry friction, in the same form; None for the robot file's.
+        tibia_error: excess length of the tibias, as a share: one number, or one for each leg.
+        joint_offset_deg: calibration error: a standard deviation, or 18 errors.
         state_latency_s: age of a state when it is read; rounded to whole steps of the physics.
-        lost_commands: share of the control periods whose command is lost, drawn with the seed; the servos
-            keep to the one before.
-        lost_poses: share of the control periods in which position and orientation are not measured, likewise.
-        sensor_faults: what sensors show wrongly; left out where a world is written down without any.
-        failures: legs that fail during a walk, such as `5:locked@8`: leg, failure, seconds since the walk
-            began; left out likewise, as is the next.
-        healings: legs that are whole again, such as `5@20`.
+        lost_commands: share of the control periods with a lost command; the servos keep the last one.
+        lost_poses: share of the control periods without position and orientation.
+        sensor_faults: omitted in files if there are none, as are the next two.
+        failures: such as `5:locked@8`: leg, failure, seconds since the walk began.
+        healings: such as `5@20`: leg, seconds since the walk began.
     """
 
     friction: Annotated[Number, Field(gt=0, le=5, allow_inf_nan=False)] = 0.8
@@ -132,7 +126,7 @@ class World(Section):
 
     @property
     def seeded(self) -> bool:
-        """Whether a simulation depends on its seed; a list has a value for each joint, none is drawn."""
+        """Whether a simulation depends on its seed; a list of joint offsets does not."""
         drawn = {name: field for name, field in World.model_fields.items() if DRAWN in field.metadata}
         values = {name: getattr(self, name) for name in drawn}
         return any(
@@ -183,7 +177,7 @@ class World(Section):
 
     @property
     def events(self) -> tuple[FailureEvent, ...]:
-        """Failures that come during a walk, and legs that heal, by time."""
+        """Scheduled failures and healings of a walk, by time."""
         events = (*map(parse_failure_event, self.failures), *map(parse_healing, self.healings))
         return tuple(sorted(events, key=lambda event: event.at_s))
 
@@ -227,7 +221,7 @@ def per_leg(given: float | tuple[float, ...]) -> FloatArray:
 
 
 def _can_be_drawn(key: str) -> bool:
-    """Whether a key of ranges is a quantity without steps, or one joint kind of one for each joint."""
+    """Whether a key of ranges is a continuous quantity, or a joint kind of one."""
     name, dot, kind = key.partition(".")
     if dot:
         return _PARTS.get(name) == N_JOINTS and kind in JOINT_KINDS
@@ -240,12 +234,7 @@ def _parts(key: str) -> int:
 
 
 class Kind(BaseModel):
-    """A subset of the worlds with something in common that no range expresses.
-
-    Attributes:
-        name: name for display.
-        world: values that are the same in all of them, by the keys of a world file.
-    """
+    """A subset of the worlds with common values, by the keys of a world file, that no range expresses."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -262,14 +251,14 @@ class Kind(BaseModel):
 class DomainRandomization(BaseModel):
     """A family of worlds: numbered members of a quasi-random (Sobol) design over distributions.
 
-    Few members cover the ranges well; any aligned block of 2^n members is evenly spread by itself.
+    Any aligned block of 2^n members is evenly spread.
 
     Attributes:
-        seed: scrambles the design; families with the same ranges and other seeds have other members.
+        seed: scrambles the design.
         ranges: the randomized quantities, by the keys of a world file; every element of a list is drawn
-            independently. Of a list of 18 joints a key may name one joint kind: `joint_stiffness.coxa`.
+            independently. A key may name one joint kind: `joint_stiffness.coxa`.
         kinds: subsets to which the members belong in turn; one plain kind unless given.
-        failures: legs that fail in walks of the members, each one drawn anew; later ones have other legs.
+        failures: failures during walks, each of another leg.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -281,7 +270,6 @@ class DomainRandomization(BaseModel):
 
     @model_validator(mode="after")
     def _makes_worlds(self) -> "DomainRandomization":
-        """Refuse ranges whose corners are not valid worlds."""
         self._check_joint_kinds()
         unknown = [key for key in self.ranges if not _can_be_drawn(key)]
         if unknown or not self.kinds:
@@ -295,7 +283,7 @@ class DomainRandomization(BaseModel):
         return self
 
     def _check_joint_kinds(self) -> None:
-        """Refuse a quantity that is drawn as a whole and by joint kind, or lacks kinds without a default."""
+        """Refuse a quantity drawn both complete and by joint kind, or lacking kinds without a default."""
         for name in {key.partition(".")[0] for key in self.ranges if "." in key}:
             keys = [f"{name}.{kind}" for kind in JOINT_KINDS]
             given = [key for key in (name, *keys) if key in self.ranges]
@@ -303,7 +291,6 @@ class DomainRandomization(BaseModel):
                 raise ValueError(f"got {', '.join(given)}; allowed: {name} alone, or {', '.join(keys)}")
 
     def _check_failures(self) -> None:
-        """Refuse failures that find no leg that is whole, and those that kinds set as well."""
         for earlier, draw in enumerate(self.failures):
             if len(draw.legs) <= earlier:
                 raise ValueError(
@@ -362,10 +349,7 @@ class DomainRandomization(BaseModel):
 
 
 def load_randomization(name_or_path: str | Path) -> DomainRandomization:
-    """The family of worlds of a shipped name (`randomised`, `transfer`) or of a YAML file.
-
-    Raises InputError in one line.
-    """
+    """Family of worlds of a shipped name (`randomised`, `transfer`) or a YAML file; raises InputError."""
     path = find_config("worlds", name_or_path)
     content = read_mapping(path)
     if not is_family(content):
@@ -380,7 +364,7 @@ DEFAULT_WORLD = "flat"
 def load_world(name_or_path: str | Path = DEFAULT_WORLD) -> World:
     """The world of a shipped name, of a YAML file, or a member of a family, such as `randomised:7`.
 
-    A file may set one key only; the rest is the flat world's. Raises InputError in one line.
+    Missing keys have the flat world's values. Raises InputError.
     """
     allowed = "a name, the path of a YAML file, or a member of a family, such as 'randomised:7'"
     check_type(name_or_path, (str, Path), "world", allowed)
@@ -401,7 +385,7 @@ def load_world(name_or_path: str | Path = DEFAULT_WORLD) -> World:
 
 
 def as_world(world: World | str | Path | None) -> World:
-    """The world given, the one of a name or path, or the flat world for None.
+    """The given world, the one of a name or path, or the flat world for None.
 
     Raises InputError for a world that cannot be loaded, WrongTypeError for any other type.
     """

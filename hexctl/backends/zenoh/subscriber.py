@@ -1,4 +1,4 @@
-"""State subscriber: the latest messages of a served robot, put together into robot states."""
+"""State subscriber: assembles robot states from the latest messages of a served robot."""
 
 import math
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ SUBSCRIBED = ("joint_states", "odom", "battery", "status")
 #: How long a robot may take to send its first state.
 FIRST_STATE_TIMEOUT_S = 3.0
 
-#: A robot that has said nothing for this long has gone; long before, the guard has stopped for an old state.
+#: Silence after which a robot is lost; long before, the guard has stopped for an old state.
 GONE_AFTER_S = 5.0
 
 #: A pose this much older than the joint state is not used.
@@ -40,11 +40,7 @@ PLAIN_TAG = StateTag(
 
 @dataclass(frozen=True, slots=True)
 class StampedSample:
-    """A received message.
-
-    Attributes:
-        at_s: when it arrived.
-    """
+    """A received message and its arrival time."""
 
     payload: bytes
     attachment: bytes | None
@@ -52,14 +48,14 @@ class StampedSample:
 
 
 class LatestValues:
-    """Keeps the newest sample of each kind; callbacks only store, and replace what was never read."""
+    """Keeps the newest sample of each kind."""
 
     def __init__(self, time: TimeSource = WALL_TIME) -> None:
         self.time = time
         self._newest: dict[str, StampedSample] = {}
 
     def put(self, kind: str, sample: Any) -> None:
-        """Keep a Zenoh sample as the newest of its kind."""
+        """Replace the sample of its kind."""
         attachment = None if sample.attachment is None else bytes(sample.attachment)
         self._newest[kind] = StampedSample(bytes(sample.payload), attachment, self.time.now())
 
@@ -73,11 +69,7 @@ class LatestValues:
 
 
 class StateSubscriber:
-    """Subscribes to the messages of a served robot and puts robot states together from them.
-
-    Args:
-        plain: True for a robot that sends no tags.
-    """
+    """Assembles robot states from the messages of a served robot; a `plain` one sends no tags."""
 
     def __init__(self, keys: KeyMap, latest: LatestValues, *, plain: bool = False) -> None:
         self._keys, self._latest, self._plain = keys, latest, plain
@@ -98,40 +90,34 @@ class StateSubscriber:
             session.declare_subscriber(getattr(self._keys, kind), partial(self._latest.put, kind))
 
     def forget(self, after: int = 0) -> None:
-        """Discard everything received so far, and states up to a number, which may still come."""
+        """Discard everything received so far, and later states up to a number."""
         self._after = after
         self._latest.clear()
 
     @property
     def heard_at_s(self) -> float:
-        """When the newest state arrived; minus infinity before the first."""
+        """Arrival time of the newest state; minus infinity before the first."""
         sample = self._latest.newest("joint_states")
         return -math.inf if sample is None else sample.at_s
 
     def wait_for_first_s(self) -> float:
-        """Arrival time of the first state, after waiting for it.
-
-        Raises RobotFaultError when none arrives.
-        """
+        """Wait for the first state; its arrival time. Raises RobotFaultError if none arrives."""
         message = f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
         time = self._latest.time
         return wait_for(self._first, FIRST_STATE_TIMEOUT_S, message, poll_s=0.001, time=time).at_s
 
     def _first(self) -> StampedSample | None:
-        """The newest state, None while it is one of those that are discarded."""
+        """The newest state; None if it is discarded."""
         sample = self._latest.newest("joint_states")
         if sample is None or not self._after:
             return sample
-        with suppress(MessageError):  # one that is invalid is told when it is read
+        with suppress(MessageError):  # an invalid one is reported when it is read
             if StateTag.unpacked(sample.attachment or b"").sequence <= self._after:
                 return None
         return sample
 
     def newest(self, clock_s: float) -> RobotState:
-        """The newest state.
-
-        Args:
-            clock_s: the time now, on the clock of the state's stamp.
+        """The newest state; `clock_s` is the current time on the clock of its stamp.
 
         Raises RobotFaultError for a robot that is silent or sends invalid states.
         """
@@ -171,7 +157,7 @@ class StateSubscriber:
 
     @property
     def failures(self) -> tuple[Failure, ...] | None:
-        """Failures in force in a simulation at the other end, by leg, as it told last; None for a robot."""
+        """Last reported failures of a remote simulation, by leg; None for a robot."""
         self._take_status()
         return self._failures
 
@@ -189,13 +175,12 @@ class StateSubscriber:
         self._warnings = tuple(map(str, warnings)) if isinstance(warnings, list) else ()
 
     def _servos_at(self, now_s: float) -> ServoReadings | None:
-        """What was told last of single servos, with their ages at a time."""
         if self._servos is None or self._status_of is None:
             return None
         return replace(self._servos.copy(), ages_s=self._servos.ages_s + (now_s - self._status_of.at_s))
 
     def _pose(self, state_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
-        """The newest pose; None once states keep arriving without it, but not while everything is silent."""
+        """The newest pose; None once states keep arriving without it, but not in silence."""
         sample = self._latest.newest("odom")
         if sample is None or state_at_s - sample.at_s > STALE_POSE_S:
             return None, None
@@ -213,12 +198,12 @@ class StateSubscriber:
 
 
 def _told(text: str | None) -> str | None:
-    """A text of the robot with what is unprintable escaped."""
+    """Reported text with unprintable characters escaped."""
     return None if text is None else printable(text)
 
 
 def _failures_of(status: Mapping[str, Any]) -> tuple[Failure, ...] | None:
-    """Failures that a status tells, such as `5:limp`; None where it tells none or is not understood."""
+    """Failures in a status, such as `5:limp`; None without any or if invalid."""
     texts = status.get("failures")
     if not isinstance(texts, list):
         return None
@@ -229,7 +214,6 @@ def _failures_of(status: Mapping[str, Any]) -> tuple[Failure, ...] | None:
 
 
 def _servos_of(status: Mapping[str, Any]) -> ServoReadings | None:
-    """What a status tells of single servos; None where it tells nothing or is not understood."""
     try:
         return ServoReadings.from_json(status["servos"])
     except (KeyError, TypeError, ValueError):

@@ -48,9 +48,8 @@ LEASES_S = (0.1, 600.0)
 #: How long a robot may take to describe itself.
 DESCRIBE_TIMEOUT_S = 3.0
 
-#: How long an answer about the lease is waited for before the request is sent again: on a link that loses
-#: messages one comes through before the robot takes silence for a failure. At the end a third of the lease is
-#: waited, for links that are slow.
+#: Intervals of repeated lease requests: on lossy links an answer arrives before the robot expires. Slow links
+#: get a third of the lease at the end.
 RESEND_S = (0.03, 0.03, 0.05, 0.1)
 
 #: How long the reason for a lost lease may take to arrive.
@@ -69,12 +68,7 @@ def ask(
     *,
     timeout_s: float = ANSWER_TIMEOUT_S,
 ) -> list[dict[str, Any]]:
-    """Answers of the robots at a key, one JSON object each; empty if none answers.
-
-    Args:
-        key: one key, or a key expression.
-        content: payload of the query, or None.
-    """
+    """Answers of the robots at a key or key expression, one JSON object each; empty if none answers."""
     payload = None if content is None else encode_json(content)
     answers = []
     for reply in session.get(key, payload=payload, timeout=timeout_s):
@@ -94,10 +88,7 @@ def ask_until(
     timeout_s: float,
     silence: str,
 ) -> list[dict[str, Any]]:
-    """Repeat a query until a robot answers: it may be starting just now.
-
-    Raises RobotFaultError with the text `silence` when none answers within the time.
-    """
+    """Repeat a query, as the robot may be starting; raises RobotFaultError with `silence` if none answers."""
     once_s = min(ANSWER_TIMEOUT_S, timeout_s)
     return wait_for(lambda: ask(session, key, content, timeout_s=once_s), timeout_s, silence, poll_s=0.05)
 
@@ -108,10 +99,7 @@ def owner_name() -> str:
 
 
 def granted(answer: Mapping[str, Any]) -> tuple[bytes, int, float]:
-    """Identifier, number and duration in s of the lease that an answer grants.
-
-    Raises RobotFaultError for an answer that grants none that could be held.
-    """
+    """Identifier, number and duration in s of a granted lease; raises RobotFaultError if it is invalid."""
     text, sequence = answer.get("lease"), answer.get("sequence")
     duration_s: Any = answer.get("duration_s")
     if (
@@ -130,7 +118,7 @@ def granted(answer: Mapping[str, Any]) -> tuple[bytes, int, float]:
 
 
 def state_before(answer: Mapping[str, Any]) -> int:
-    """Number of the newest state before a lease was granted; 0 if it is not a number."""
+    """Number of the newest state before the lease; 0 if invalid."""
     state = answer.get("state")
     return state if type(state) is int and state > 0 else 0
 
@@ -138,10 +126,7 @@ def state_before(answer: Mapping[str, Any]) -> int:
 class LeaseClient:
     """Holds the lease of a robot from `acquire` to `release`, renewing it at a third of its time.
 
-    Attributes:
-        after_state: number of the newest state before it was granted.
-        lost: why the lease is gone, or None while it is in force.
-        lost_at_s: when it was lost.
+    `after_state` is the number of the newest state before the lease, `lost` why it is lost, or None.
     """
 
     def __init__(
@@ -153,12 +138,9 @@ class LeaseClient:
         clear: str = CLEAR_COMMAND,
         time: TimeSource = WALL_TIME,
     ) -> None:
-        """Hold nothing yet.
+        """Create a client without a lease; `clear` is the command that ends a stop, for messages.
 
-        Args:
-            heard_at_s: when the robot was heard last otherwise: one that is heard has not gone, though
-                answers get lost.
-            clear: command that ends a stop of that robot, which refusals name.
+        `heard_at_s` is the last sign of life of the robot: lost answers do not mean that it is gone.
         """
         self._clear, self._time = clear, time
         self._session, self._key, self._heard_at_s = session, key, heard_at_s
@@ -171,10 +153,7 @@ class LeaseClient:
         self._renewal: threading.Thread | None = None
 
     def acquire(self) -> None:
-        """Take the lease.
-
-        Raises RobotFaultError that says who holds the robot, or why it gives none.
-        """
+        """Take the lease; raises RobotFaultError that names its holder or the reason of a refusal."""
         answer = self._query_lease()
         self.lease_id, self.sequence, self._duration_s = granted(answer)
         self.after_state = state_before(answer)
@@ -182,7 +161,6 @@ class LeaseClient:
         self._renewal.start()
 
     def _query_lease(self) -> dict[str, Any]:
-        """Answer of the robot to a request for the lease; raises RobotFaultError for a refusal."""
         wanted = {"op": "acquire", "owner": owner_name()}
         refusal = ""
 
@@ -203,11 +181,11 @@ class LeaseClient:
         return wait_for(granted, ACQUIRE_TIMEOUT_S, lambda: refusal, poll_s=0.2)
 
     def pause_watchdog(self, after: int) -> None:
-        """Tell the robot that no command is due after one, by its number, until the next one."""
+        """Announce that after command number `after` none is due until the next one."""
         self._request("rest", after=after)
 
     def release(self) -> None:
-        """Give the lease back, if it is still in force."""
+        """Return the lease if it is valid."""
         self._released.set()
         if self._renewal is not None:
             self._time.join(self._renewal)
@@ -215,7 +193,7 @@ class LeaseClient:
                 self._request("release")
 
     def _renew(self) -> None:
-        """Renew until released; a robot that does not answer for the duration of the lease has gone."""
+        """Renew until released; a robot silent for the duration of the lease is lost."""
         heard_s = self._time.now()
         pause_s = self._duration_s / 3
         while not self._time.wait(self._released, pause_s) and self.lost is None:
@@ -231,7 +209,7 @@ class LeaseClient:
                 self.lost = f"the robot has not answered for {silent_s:.1f} s"
 
     def _request(self, op: str, **words: Any) -> dict[str, Any] | None:
-        """Answer to a request about the lease, which is sent until it is answered; None without one."""
+        """Repeat a request about the lease until it is answered; None without an answer."""
         content = {"op": op, "lease": self.lease_id.hex(), **words}
         soon_s = [min(resend_s, self._duration_s / 10) for resend_s in RESEND_S]
         for timeout_s in (*soon_s, self._duration_s / 3):
@@ -248,13 +226,11 @@ class ZenohServos(TickedServos):
     """Client of a robot that `hexctl serve` puts on the network.
 
     Connecting compares the robot descriptions of both ends and takes the lease; closing releases it. The
-    clock is the wall clock of this end. `read` gives the newest state that arrived before the tick.
+    clock is the local wall clock. `read` gives the newest state that arrived before the tick.
 
     Args:
-        robot: the robot expected at the other end, or the name or path of its file.
-        link: endpoint, credentials and names of the link.
-        latest: where received messages are kept; a new one unless given.
-        time: of this end.
+        robot: the expected robot, or the name or path of its file.
+        latest: storage of received messages; a new one unless given.
     """
 
     what = "the robot on the network"
@@ -284,19 +260,16 @@ class ZenohServos(TickedServos):
 
     @property
     def remote(self) -> Self:
-        """The servos themselves: they know what the server at the other end reports."""
+        """The servos themselves."""
         return self
 
     @property
     def failures(self) -> tuple[Failure, ...] | None:
-        """Failures in force in a simulation at the other end, as reported last; None for a robot."""
+        """Last reported failures of a remote simulation, by leg; None for a robot."""
         return None if self._opened is None else self._subscriber.failures
 
     def _open_all(self, opening: ExitStack) -> None:
-        """Open the link, verify the robot, take its lease and wait for its first state.
-
-        Raises InputError for a link that is not allowed, otherwise RobotFaultError with what to check.
-        """
+        """Connect. Raises InputError for a link that is not allowed, else RobotFaultError with advice."""
         prepare_codec()
         session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
         if not self._link.plain:
@@ -344,7 +317,7 @@ class ZenohServos(TickedServos):
         return targets
 
     def pause_watchdog(self) -> None:
-        """Tell the robot that no command is due until the next one."""
+        """Announce that no command is due until the next one."""
         if self._opened is not None and self._lease is not None:
             self._lease.pause_watchdog(self._sequence)
 
@@ -384,10 +357,7 @@ class ZenohServos(TickedServos):
         return sorted(names - {self._robot.name})
 
     def _check_ours(self, state: RobotState) -> None:
-        """Raise RobotFaultError when the lease is lost.
-
-        A stop revokes the lease too, and says more: states that report it may still be on their way.
-        """
+        """Raise RobotFaultError when the lease is lost; a state with the reason, a stop, may still arrive."""
         lease = self._lease
         if lease is None or lease.lost is None or state.stopped is not None:
             return
@@ -407,7 +377,7 @@ class ZenohServos(TickedServos):
 
 @contextmanager
 def subscribe_states(link: Link) -> Iterator[tuple[Robot, StateSubscriber]]:
-    """Robot at a link and a subscriber of its states, without commanding it, until the block ends.
+    """Robot at a link and a subscriber of its states, without commands, until the block ends.
 
     Raises RobotFaultError when no robot answers or it sends no state.
     """
