@@ -3,6 +3,7 @@
 import os
 import re
 import threading
+import time
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -55,7 +56,7 @@ class StopOrder:
     """
 
     def __init__(self) -> None:
-        self.wanted = threading.Event()
+        self.wanted, self.pressed_s = threading.Event(), 0.0
         self._claim = NewClaim()
         self._lock = threading.Lock()
 
@@ -66,6 +67,8 @@ class StopOrder:
 
     def press(self) -> None:
         """Want a stop; never waits."""
+        if not self.wanted.is_set():
+            self.pressed_s = time.monotonic()
         self.wanted.set()
         self._claim.keep()
 

@@ -6,7 +6,6 @@ import select
 import socket
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -65,7 +64,7 @@ class DatagramStop:
     def __init__(self, link: Link, order: StopOrder, see: Callable[[Sighting], None]) -> None:
         self._link, self._order, self._see = link, order, see
         self._epoch: bytes | None = None
-        self._asked: deque[bytes] = deque(maxlen=MOST_ASKED)  # nonces without an answer
+        self._asked: dict[bytes, float] = {}  # nonces without an answer
         self._secret = b""
         self._ended = False
         self._wake_read, self._wake_write = socket.socketpair()
@@ -77,6 +76,7 @@ class DatagramStop:
         self._thread = threading.Thread(target=self._run, name="stop by datagram", daemon=True)
         self.trouble: str | None = None
         self.obeyed: bytes | None = None
+        self._obeyed_s = -math.inf  # when the last answer of a robot that obeyed was asked for
 
     def begin(self) -> None:
         """Start the thread once; a bad secret or address is trouble, not an error."""
@@ -174,10 +174,13 @@ class DatagramStop:
 
     def _next_datagram(self) -> bytes:
         nonce = secrets.token_bytes(NONCE_BYTES)
-        self._asked.append(nonce)
+        while len(self._asked) >= MOST_ASKED:
+            del self._asked[next(iter(self._asked))]
+        self._asked[nonce] = time.monotonic()
         datagram = StopDatagram(kind=Kind.ASK, nonce=nonce)
         request = self._order.request
-        if self._order.wanted.is_set() and self.obeyed != request and self._epoch is not None:
+        obeys = self.obeyed == request and self._obeyed_s >= self._order.pressed_s
+        if self._order.wanted.is_set() and not obeys and self._epoch is not None:
             datagram = StopDatagram(kind=Kind.STOP, nonce=nonce, epoch=self._epoch, request=request)
         return datagram.packed(self._secret)
 
@@ -197,26 +200,26 @@ class DatagramStop:
 
     def _take(self, data: bytes) -> bool:
         """Take an answer; return whether the robot can now be stopped."""
-        with suppress(HexctlError, ValueError):
+        with suppress(HexctlError, KeyError):
             answer = StopDatagram.unpacked(data, self._secret)
             if answer.kind is not Kind.STATE:
                 raise MessageError("datagram: got a question; allowed: an answer")
-            self._asked.remove(answer.nonce)  # each answer counts once
+            asked_s = self._asked.pop(answer.nonce)  # each answer counts once
             self._heard_s = time.monotonic()
             new_epoch, self._epoch = answer.epoch != self._epoch, answer.epoch
             if self.obeyed is not None and (new_epoch or not answer.stopped):
                 self._order.cleared(self.obeyed)
                 self.obeyed = None
             if answer.stopped and answer.request == self._order.request:
-                self.obeyed = answer.request
-            self._see(_sighting(answer))
+                self.obeyed, self._obeyed_s = answer.request, asked_s
+            self._see(_sighting(answer, asked_s))
             return new_epoch and self._order.wanted.is_set() and self.obeyed is None
         return False
 
 
-def _sighting(answer: StopDatagram) -> Sighting:
+def _sighting(answer: StopDatagram, asked_s: float) -> Sighting:
     return Sighting(
-        at_s=time.monotonic(),
+        at_s=asked_s,
         stopped=printable(answer.reason) if answer.stopped else None,
         stop_id=answer.stop_id.hex() if answer.stopped else None,
         at_rest=answer.at_rest,

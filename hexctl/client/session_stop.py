@@ -9,7 +9,7 @@ from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import Sighting
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.wire.links import Link
-from hexctl.wire.stop import LIFTED_BY_LEASE
+from hexctl.wire.stop import LIFTED_BY_LEASE, TOO_MANY
 
 if TYPE_CHECKING:
     from hexctl.client.remote import RemoteRobots
@@ -39,7 +39,6 @@ class SessionStop:
         self._due = threading.Event()
         self._ends = self._all_stay = False
         self._known: set[str] = set()  # robots that have to stop
-        self._stop_ids: dict[bytes, set[str]] = {}  # by name of the last stop
         self.error: HexctlError | None = None
         self.answers: list[dict[str, Any]] = []
         self.obeyed: bytes | None = None
@@ -98,15 +97,10 @@ class SessionStop:
                 self._pause(WATCH_PERIOD_S if self._order.wanted.is_set() else ASK_PERIOD_S)
 
     def _stop(self, robots: "RemoteRobots") -> None:
-        """Ask all robots to stop; a new id under the same name means that the stop was cleared meanwhile."""
-        request, told = self._order.request, self._stop_ids
+        """Ask all robots to stop; a repeated request renews nothing."""
+        request = self._order.request
         answers = robots.stop(request.hex())
-        if request in told and not _stop_ids(answers) <= told[request]:
-            self._order.cleared(request)
-            request = self._order.request
-            answers = robots.stop(request.hex())
-        self._stop_ids, self.obeyed = {request: _stop_ids(answers)}, request
-        names = _names(answers)
+        self.obeyed, names = request, _names(answers)
         self._known |= names
         self.answers = [one for one in self.answers if not _names([one]) & names] + answers
 
@@ -118,14 +112,15 @@ class SessionStop:
             self.error = RobotFaultError(f"no robot answers at {self._link.endpoint}; is hexctl serve there?")
             return
         moving = _names([one for one in statuses if not _stays(one)])
-        if self.obeyed is not None and moving & _names(self.answers):
+        cleared = moving | _names([one for one in statuses if self._lost_claim(one)])
+        if self.obeyed is not None and cleared & _names(self.answers):
             self._order.cleared(self.obeyed)
             self.obeyed = None
         self._known = self._known | _names(statuses) if pressed else _names(statuses)
         stopped = [status.get("stopped") for status in statuses]
         left = self._known - _names(statuses) | moving
         stays = not left
-        self._all_stay = stays and bool(self.answers) and self._known <= _names(self.answers)
+        self._all_stay = stays and self.obeyed is not None and self._known <= _names(self.answers)
         self.error = None
         if self.answers and left:
             self.error = RobotFaultError(f"asked to stop, and not seen stopped: {', '.join(sorted(left))}")
@@ -143,6 +138,14 @@ class SessionStop:
             )
         )
 
+    def _lost_claim(self, status: dict[str, Any]) -> bool:
+        """Whether the stop of a status is another than that which was asked for: it was cleared meanwhile."""
+        stop = status.get("stop")
+        claims = stop.get("claims") if isinstance(stop, dict) else None
+        if not isinstance(claims, list) or TOO_MANY in claims or self.obeyed is None:
+            return False
+        return self.obeyed.hex() not in claims
+
     def _pause(self, duration_s: float) -> None:
         self._due.wait(duration_s)
         self._due.clear()
@@ -155,10 +158,6 @@ def _stays(status: dict[str, Any]) -> bool:
 def _cleared(statuses: list[dict[str, Any]]) -> tuple[str, str] | None:
     cleared = (one for status in statuses if isinstance(one := status.get("cleared"), dict))
     return next(((str(one.get("id")), str(one.get("by"))) for one in cleared), None)
-
-
-def _stop_ids(answers: list[dict[str, Any]]) -> set[str]:
-    return {str(answer.get("stop_id")) for answer in answers}
 
 
 def _names(messages: list[dict[str, Any]]) -> set[str]:

@@ -122,7 +122,7 @@ class ReadyStop:
         Endpoint.parse(self._link.endpoint)
         self._order, self._stays, self._confirmed = StopOrder(), stays, threading.Event()
         self._lock = threading.Lock()  # guards the sightings of both ways
-        self._pressed_s = self._begun_s = 0.0
+        self._begun_s = 0.0
         self._seen: dict[str, Sighting] = {}
         self._rested: dict[str, float] = {}
         self._first_stop_s: float | None = None
@@ -140,7 +140,7 @@ class ReadyStop:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End; without `stays`, wait for the confirmation of a press."""
-        if not self._stays and self._pressed_s:
+        if not self._stays and self._order.pressed_s:
             self._confirmed.wait(END_S)
             self._order.wait_kept(KEY_WRITE_S)
         self._session.end()
@@ -165,10 +165,10 @@ class ReadyStop:
 
     def press(self) -> None:
         """Stop the robot by all ways; thread-safe, never waits."""
-        if not self._order.wanted.is_set():
-            self._pressed_s = time.monotonic()
-            self._confirmed.clear()
-        self._order.press()
+        with self._lock:
+            if not self._order.wanted.is_set():
+                self._confirmed.clear()
+            self._order.press()
         self._datagrams.wake()
         self._session.wake()
 
@@ -180,7 +180,7 @@ class ReadyStop:
     @property
     def trouble(self) -> str | None:
         """Why the robot has not confirmed the last press, or None."""
-        if self._confirmed.is_set() or not 0 < self._pressed_s < time.monotonic() - CONFIRM_S:
+        if self._confirmed.is_set() or not 0 < self._order.pressed_s < time.monotonic() - CONFIRM_S:
             return None
         why = self.reach.trouble or "it has not stopped"
         return f"the stop is not confirmed by the robot at {self._link.endpoint}: {why}"
@@ -249,7 +249,7 @@ class ReadyStop:
             return
         if self._first_stop_s is None:
             self._first_stop_s = time.monotonic()
-        if before is not None and before.at_s >= self._pressed_s:  # one alone may have been asked for before
+        if sighting.at_s >= self._order.pressed_s:
             self._confirmed.set()
             if not self._stays and (way == "session" or not self._session.opened):
                 self._order.wanted.clear()  # not while a session may still add the requester
@@ -272,7 +272,7 @@ class ReadyStop:
         )
 
     def _raise_if_late(self) -> None:
-        passed_s = time.monotonic() - max(self._pressed_s, self._begun_s)
+        passed_s = time.monotonic() - max(self._order.pressed_s, self._begun_s)
         if self._first_stop_s is None:
             failed = self._session.ended and self._session.error is not None
             if (failed and passed_s > DATAGRAM_S) or passed_s > REACH_S:
@@ -304,8 +304,8 @@ class ReadyStop:
             kept=newest.kept,
             robot=newest.robot,
             ways=tuple(sorted(stops)),
-            took_s=self._first_stop_s - self._pressed_s,
-            rested_s=max(0.0, rested_s - self._pressed_s),
+            took_s=self._first_stop_s - self._order.pressed_s,
+            rested_s=max(0.0, rested_s - self._order.pressed_s),
             answers=tuple(self._session.answers),
             echoed=newest.echoed,
         )

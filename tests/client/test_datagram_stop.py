@@ -13,7 +13,7 @@ from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
 from hexctl.wire.stop import OTHERS_HOLD_S
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, StopDatagram
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram
 from hexctl.wire.stop_secret import SECRET_FILE
 from tests.many_files import many_open_files
 from tests.server.processes import free_port
@@ -130,6 +130,35 @@ def test_a_stop_that_is_made_again_after_a_clear_is_claimed_again() -> None:
     assert again is not None
     assert again.claims == (order.request.hex(),)
     assert again.repeats == 1, "it holds longer"
+
+
+def test_an_answer_of_before_a_press_stops_no_press_from_being_sent() -> None:
+    bench, order, seen = Bench(), StopOrder(), list[Sighting]()
+    way = DatagramStop(bench.link, order, seen.append)
+
+    def exchanged() -> StopDatagram:
+        asked = way._next_datagram()
+        way._take(bench.stop_socket.answer(asked) or b"")
+        return StopDatagram.unpacked(asked, b"")
+
+    exchanged()
+    order.press()
+    assert exchanged().kind is Kind.STOP
+    order.wanted.clear()
+    late = bench.stop_socket.answer(way._next_datagram()) or b""
+    first = bench.latch.current()
+    assert first is not None
+    assert bench.latch.clear(first.stop_id, first.since_s + OTHERS_HOLD_S) is None
+    order.press()
+    way._take(late)
+    assert seen[-1].stopped == "estop"
+    assert seen[-1].at_s < order.pressed_s, "it was asked for before the press"
+    for _ in range(2):  # the first is of an epoch that has ended
+        assert exchanged().kind is Kind.STOP
+    again = bench.latch.current()
+    assert again is not None
+    assert again.claims == (order.request.hex(),) != first.claims
+    way.end()
 
 
 def test_a_folder_without_the_secret_and_quic_are_trouble(tmp_path: Path) -> None:

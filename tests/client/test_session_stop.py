@@ -65,7 +65,7 @@ class OnTheLink:
     silent: bool = False
     asked: int = 0
     requests: list[str] = field(default_factory=list)
-    stops: int = 0
+    claims: list[str] = field(default_factory=list)
 
     def answer(self, key: str, content: dict[str, Any]) -> dict[str, Any] | None:
         """Answer to a query at a key."""
@@ -75,11 +75,17 @@ class OnTheLink:
             self.asked += 1
             if self.asked <= self.deaf:
                 return None
-            self.stops += self.stopped is None
-            self.stopped = "estop"
+            if self.stopped is None:
+                self.claims.clear()
+            if content["request"] not in self.requests:  # one that is repeated claims nothing
+                self.claims.append(content["request"])
             self.requests.append(content["request"])
-            return {"robot": self.name, "stopped": self.stopped, "stop_id": str(self.stops)}
-        return {"status": {"robot": self.name, "stopped": self.stopped, "at_rest": self.at_rest}}
+            self.stopped = "estop"
+            return {"robot": self.name, "stopped": self.stopped}
+        stop = {"claims": list(self.claims)} if self.stopped is not None else None
+        return {
+            "status": {"robot": self.name, "stopped": self.stopped, "at_rest": self.at_rest, "stop": stop}
+        }
 
 
 class SharedSession:
@@ -163,10 +169,23 @@ def test_a_stop_that_was_cleared_between_two_looks_is_claimed_again(monkeypatch:
         assert sees(seen, "estop")
         order.wanted.clear()
         assert sees(seen, "estop")
-        ant.stopped, way._all_stay = None, False
+        ant.claims[:], ant.stopped = ["0" * 16], "estop"  # cleared, and stopped by another client
+        order.press()
+        assert comes_true(lambda: len(set(ant.requests)) == 2, 10.0)
+        assert sees(seen, "estop")
+    assert way.obeyed == order.request
+
+
+def test_robots_that_answer_late_or_that_others_stop_too_cost_no_claims(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ant, ben = OnTheLink("ant"), OnTheLink("ben", deaf=5)
+    with asking(monkeypatch, ant, ben) as (_, order, seen):
         order.press()
         assert sees(seen, "estop")
-    assert len(set(ant.requests)) == 2
+        ant.claims.append("0" * 16)
+        assert sees(seen, "estop", looks=10)
+    assert set(ant.requests) == set(ben.requests) == {order.request.hex()}
 
 
 def test_a_robot_that_falls_silent_is_not_taken_for_stopped(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -129,9 +129,9 @@ def test_what_was_asked_before_a_press_does_not_confirm_it() -> None:
     ready = ReadyStop(connect=f"tcp/127.0.0.1:{free_port()}", stays=False)
     try:
         ready._datagrams.obeyed = b"\0" * 8  # a stop of before, which has been cleared since
-        ready._see("datagram", seen(time.monotonic()))
+        asked_s = time.monotonic()
         ready.press()
-        ready._see("datagram", seen(time.monotonic()))
+        ready._see("datagram", seen(asked_s))
         assert ready._order.wanted.is_set(), "the stop goes on being sent"
         ready._see("datagram", seen(time.monotonic()))
         assert not ready._order.wanted.is_set()

@@ -403,9 +403,7 @@ def _less_lines(session: Session) -> list[str]:
     caveats = dict.fromkeys(trial.outcome.get("hold_caveat") for trial in session.trials)
     lines = [f"walks held less than {session.spec.hold}: {caveat}" for caveat in caveats if caveat]
     if lines and session.spec.optimizer == TRIM:
-        lines[-1] += (
-            "; without a yaw, --optimizer trim --hold none learns a turn from the ends alone"
-        )
+        lines[-1] += "; without a yaw, --optimizer trim --hold none learns a turn from the ends alone"
     return lines
 
 

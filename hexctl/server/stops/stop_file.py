@@ -4,12 +4,14 @@ The file is opened at the start and overwritten in place, in one block. A stop i
 without free descriptors or disk space, and an interrupted write leaves an unreadable file.
 """
 
+import errno
 import fcntl
 import hashlib
 import os
 import re
 import threading
 import time
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -94,9 +96,9 @@ class StopFile:
         self.found: str | None = None
         self._robot, self._where = robot, where
         self._asked_only, self._clear = asked_only, clear
+        self._lock: int | None = None
         self._descriptor: int | None = None
-        self._of_another = False
-        self._wanted: Stop | None = None
+        self._wanted: KeptStop | None = None
         self._stop_on_disk: str | None = None
         self._due, self._ended = threading.Event(), False
         self._writer: threading.Thread | None = None
@@ -104,23 +106,27 @@ class StopFile:
     def load(self) -> KeptStop | None:
         """The stored stop, or None; also tests whether the file can be written.
 
-        An unreadable or invalid file is a stop too. A file that another running server has locked belongs to
-        another robot of this name, and is ignored.
+        An unreadable or invalid file is a stop too. A file that another running server has locked may be that
+        of another robot of this name: its stop is in force here, and only that server writes it.
         """
         kept, unread = self._read()
+        self._wanted, self._stop_on_disk = kept, None if kept is None else kept.stop_id
+        self.found = None if kept is None else str(kept) if unread is None else unread
         try:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._own()
             if unread is None:
                 self._open(kept)
         except BlockingIOError:
-            self._of_another = True
-            self.trouble = f"{self.path} is that of another {self._robot}, served now; rename one of them"
-            return None
+            self.trouble = self._of_another
+            self._begin_to_write()  # once the other server has ended
         except OSError as error:
-            self.trouble = f"{self.path.parent} may not be written ({error.strerror})"
-        self._stop_on_disk = None if kept is None else kept.stop_id
-        self.found = None if kept is None else str(kept) if unread is None else unread
+            self.trouble = f"{self.path} cannot be written ({error.strerror})"
         return kept
+
+    @property
+    def _of_another(self) -> str:
+        return f"{self.path} is that of another {self._robot} that is served now; rename one of them"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -133,10 +139,10 @@ class StopFile:
 
     def keep(self, stop: Stop | None) -> None:
         """Queue a stop, or its absence (None), for writing; never waits."""
-        if self._of_another:
-            return
         kept = stop is not None and (not self._asked_only or stop.by is not None or stop.reason == ESTOP)
-        self._wanted = stop if kept else None
+        self._wanted = self._content_of(stop) if kept and stop is not None else None
+        if self._wanted is None and self._lock is None:
+            self._stop_on_disk = None  # cleared here, and not by the server that wrote it
         if self._writer is None and (self._wanted is not None or self._stop_on_disk is not None):
             self._begin_to_write()
         self._due.set()
@@ -151,9 +157,10 @@ class StopFile:
         self._due.set()
         if self._writer is not None:
             self._writer.join(WRITE_TIMEOUT_S)
-        if self._descriptor is not None and (self._writer is None or not self._writer.is_alive()):
-            os.close(self._descriptor)
-            self._descriptor = None
+        if self._writer is None or not self._writer.is_alive():
+            for descriptor in filter(None, (self._descriptor, self._lock)):
+                os.close(descriptor)
+            self._descriptor = self._lock = None
 
     def _read(self) -> tuple[KeptStop | None, str | None]:
         try:
@@ -169,17 +176,28 @@ class StopFile:
             why = "it is not a stop file"
         return self._content(ESTOP, new_stop_id()), f"{self.path} cannot be read: {why}"
 
+    def _own(self) -> None:
+        """Lock the file for this server; raises BlockingIOError while another server has it, or its stop."""
+        if self._lock is not None:
+            return
+        descriptor = os.open(self.path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            found, _ = self._read()
+            if found is not None and found.stop_id != self._stop_on_disk and self.trouble is not None:
+                raise BlockingIOError(errno.EAGAIN, "it has the stop of another server", str(self.path))
+        except BlockingIOError:
+            os.close(descriptor)
+            raise
+        except OSError:  # a file system without locks
+            pass
+        self._lock = descriptor
+
     def _open(self, content: KeptStop | None) -> None:
         """Keep the file open, created with `content` if missing; raises OSError."""
         if not self.path.exists():
             atomic_write(self.path, _block(content).decode())
-        descriptor = os.open(self.path, os.O_RDWR)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(descriptor)
-            raise
-        self._descriptor = descriptor
+        self._descriptor = os.open(self.path, os.O_RDWR)
 
     def _begin_to_write(self) -> None:
         """A thread that cannot start is trouble, but does not prevent the stop."""
@@ -197,7 +215,11 @@ class StopFile:
             self._due.clear()
             wanted = self._wanted
             try:
-                self._put(None if wanted is None else self._content_of(wanted))
+                self._own()
+                if wanted is not None or self._stop_on_disk is not None:
+                    self._put(wanted)
+            except BlockingIOError:
+                self.trouble = self._of_another
             except OSError as error:
                 self.trouble = f"{self.path} cannot be written ({error.strerror})"
             else:
@@ -206,14 +228,17 @@ class StopFile:
 
     def _put(self, content: KeptStop | None) -> None:
         """Overwrite the file, or recreate a removed or invalid one; raises OSError."""
-        if self._descriptor is None or os.fstat(self._descriptor).st_nlink == 0:
-            self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            atomic_write(self.path, _block(content).decode())
-            self._descriptor = None
-            self._open(content)
+        if self._descriptor is not None and os.fstat(self._descriptor).st_nlink > 0:
+            os.pwrite(self._descriptor, _block(content), 0)
+            os.fsync(self._descriptor)
             return
-        os.pwrite(self._descriptor, _block(content), 0)
-        os.fsync(self._descriptor)
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+        self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        atomic_write(self.path, _block(content).decode())
+        with suppress(OSError):  # it is on the disk; the next write may replace it likewise
+            self._open(content)
 
     def _content_of(self, stop: Stop) -> KeptStop:
         reason = ESTOP if self._asked_only else stop.reason  # a simulation stands after a restart

@@ -59,7 +59,7 @@ def test_a_stop_is_there_after_a_restart_with_its_id_until_it_is_cleared(tmp_pat
 
     guard, latch, file = begun(tmp_path / "state")
     assert guard.stopped is None
-    assert list((tmp_path / "state").iterdir()) == [file.path]
+    assert {path.suffix for path in (tmp_path / "state").iterdir()} == {".json", ".lock"}
 
 
 def test_who_asked_for_a_stop_is_kept_with_it(tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_what_is_no_plain_file_is_a_stop_until_it_is_cleared(
     assert stop is not None
     assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
     assert begun(tmp_path)[0].stopped is None
-    assert list(tmp_path.iterdir()) == [file.path]
+    assert {path.suffix for path in tmp_path.iterdir()} == {".json", ".lock"}
 
 
 def test_a_folder_that_is_a_link_to_nothing_is_a_stop(tmp_path: Path) -> None:
@@ -241,7 +241,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 def test_a_stop_is_kept_although_all_descriptors_are_taken(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", NO_DESCRIPTOR, str(tmp_path)], check=False, timeout=120)
-    assert [path.suffix for path in tmp_path.iterdir()] == [".json"]
+    assert {path.suffix for path in tmp_path.iterdir()} == {".json", ".lock"}
     _, latch, _ = begun(tmp_path)
     assert latch.current() is not None
     latch.close()
@@ -263,25 +263,71 @@ def test_robots_have_files_of_their_own_by_name_backend_and_place(tmp_path: Path
     assert {path.parent for path in paths} == {tmp_path}
 
 
-def test_two_robots_of_one_name_do_not_share_a_stop_and_the_second_says_that_it_keeps_none(
-    tmp_path: Path,
-) -> None:
+def served_beside(folder: Path, where: str = "/dev/ttyUSB1") -> tuple[Guard, StopLatch, StopFile]:
+    """A second server of the same robot name, while the first one runs."""
+    guard = connected()[0]
+    file = StopFile("ant", "feetech", where, folder=folder)
+    return guard, StopLatch(guard, file), file
+
+
+def cleared(latch: StopLatch) -> None:
+    stop = latch.current()
+    assert stop is not None
+    assert latch.clear(stop.stop_id, stop.since_s + 10 * HOLD_S) is None
+
+
+def test_a_second_server_of_one_name_is_stopped_too_and_takes_nothing_from_the_first(tmp_path: Path) -> None:
     _, latch, file = begun(tmp_path, where="/dev/ttyUSB0")
     stop = latch.stop()
     assert comes_true(lambda: file.keeps(stop), 10.0)
-    second = StopFile("ant", "feetech", "/dev/ttyUSB1", folder=tmp_path)
-    guard = connected()[0]
-    other = StopLatch(guard, second)
-    assert guard.stopped is None
-    assert "will not survive a restart" in second.warnings[0]
-    stopped = other.stop()
-    assert not comes_true(lambda: second.keeps(stopped), 1.0)
-    assert "rename one of them" in str(second.trouble)
-    assert other.clear(stopped.stop_id, stopped.since_s + HOLD_S) is None
-    other.close()
+    guard, other, second = served_beside(tmp_path)
+    assert guard.stopped == "estop", "it may be the same robot, whose server is ending"
+    assert "ant at /dev/ttyUSB0" in second.warnings[0]
+    assert "will not survive a restart" in second.warnings[1]
+    cleared(other)
+    assert other.stop() is not None
+    assert not comes_true(lambda: second.keeps(other.current()), 1.5)  # type: ignore[arg-type]
+    cleared(other)
     guard, latch, _ = begun(tmp_path, where="/dev/ttyUSB0")
     assert guard.stopped == "estop"
     assert latch.current().stop_id == stop.stop_id  # type: ignore[union-attr]
+    other.close()
+
+
+@pytest.mark.parametrize("harm", ["damaged", "removed"])
+def test_a_second_server_of_one_name_overwrites_no_stop_of_a_file_that_was_harmed(
+    tmp_path: Path, harm: str
+) -> None:
+    _, _, file = begun(tmp_path)
+    if harm == "damaged":
+        file.path.write_bytes(b"no stop")
+        _, latch, file = begun(tmp_path)
+        cleared(latch)
+    else:
+        file.path.unlink()
+        latch = begun(tmp_path)[1]
+        file.path.unlink()
+    _, other, _ = served_beside(tmp_path)
+    kept = _BEGUN[0].stop()
+    assert comes_true(lambda: _BEGUN[0].now()[1], 10.0)
+    if other.current() is not None:
+        cleared(other)
+    assert not comes_true(lambda: not _BEGUN[0].now()[1], 1.5)
+    assert begun(tmp_path)[1].current().stop_id == kept.stop_id  # type: ignore[union-attr]
+    other.close()
+
+
+def test_a_server_that_starts_while_the_one_before_ends_is_stopped_and_keeps_the_stop(tmp_path: Path) -> None:
+    _, latch, file = begun(tmp_path)
+    stop = latch.stop()
+    assert comes_true(lambda: file.keeps(stop), 10.0)
+    guard, after, second = served_beside(tmp_path, "/dev/ttyACM0")
+    assert guard.stopped == "estop"
+    latch.close()
+    assert comes_true(lambda: second.trouble is None, 10.0)
+    cleared(after)
+    after.close()
+    assert begun(tmp_path)[0].stopped is None
 
 
 def test_a_file_that_is_removed_meanwhile_is_made_anew(tmp_path: Path) -> None:
