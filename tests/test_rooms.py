@@ -11,14 +11,14 @@ CEILINGS = {
     "backends": 9_590,
     "cli": 6_740,
     "client": 1_090,
-    "control": 11_330,
+    "control": 11_350,
     "demo": 260,
     "doctor": 570,
     "export": 1_990,
     "gait": 650,
-    "ik": 1_140,
+    "ik": 1_150,
     "recording": 4_430,
-    "robot": 4_320,
+    "robot": 4_340,
     "runs": 1_020,
     "server": 4_040,
     "simulators": 2_250,
@@ -26,7 +26,7 @@ CEILINGS = {
     "teleop": 1_790,
     "testing": 560,
     "vision": 6_410,
-    "wire": 2_900,
+    "wire": 2_910,
 }
 
 

@@ -134,7 +134,14 @@ class Guard(ServosWrapper):
         expiry_s: float = EXPIRY_S,
         tilt_of: Callable[[RobotState], FloatArray | None] = base_orientation,
     ) -> None:
-        """Guard servos; `expiry_s` limits the age of commands and states, and silence. Raises InputError."""
+        """Guard servos.
+
+        Args:
+            expiry_s: maximum age of commands and states, and maximum silence of a controller.
+            tilt_of: orientation (4,) by which falls of the state that was just read are judged, or None.
+
+        Raises InputError for an expiry that is not above 0 and up to `MAX_EXPIRY_S`.
+        """
         check_type(expiry_s, float, "expiry")
         if not 0 < expiry_s <= MAX_EXPIRY_S:
             raise InputError(f"expiry: got {expiry_s:g} s; allowed: above 0 up to {MAX_EXPIRY_S:g} s")
@@ -221,7 +228,10 @@ class Guard(ServosWrapper):
         return self._pass(targets)
 
     def write_while_timed_out(self, targets: JointTargets) -> JointTargets:
-        """Write as `write` does, but also with expired commands or hot servos: to sit down."""
+        """Write as `write` does, but also with expired commands or hot servos: to sit down.
+
+        Raises EStopError for any other stop.
+        """
         if self.stopped not in (None, "expired") and not self.hot:
             raise EStopError(f"stopped: {reason_in_words(self.stopped)}; the robot holds its pose")
         return self._pass(targets)

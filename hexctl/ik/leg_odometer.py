@@ -49,7 +49,10 @@ class LegOdometer:
     def update(
         self, at_s: float, joint_positions_rad: FloatArray, foot_contacts: BoolArray | None = None
     ) -> LegStep | None:
-        """Motion since the state before; None for the first state, an old one, and NaN angles."""
+        """Motion of the body since the state before; None for the first state, an old one, and NaN angles.
+
+        Angles are (18,), contacts (6,) where they are known; `at_s` is the time of the measurement.
+        """
         last = self._last
         late = last is not None and at_s <= last[0]
         if late or not np.isfinite(joint_positions_rad).all():
@@ -72,5 +75,8 @@ class LegOdometer:
         return LegStep(before_s, at_s, motion, after_m, after_m - before_m, moved.up_body[1])
 
     def see(self, at_s: float, pose: FloatArray) -> None:
-        """Take a pose, x and y in m and yaw in rad, up to a second old, to detect a lost leg."""
+        """Take a pose, (3,), to detect a leg that carries nothing: x, y in m and yaw in rad, in a fixed frame.
+
+        Its time is on the clock of the states, up to a second ago.
+        """
         self._watch.see(at_s, pose, self.told)

@@ -104,7 +104,7 @@ def lean_and_forces(
 ) -> tuple[FloatArray, FloatArray]:
     """Slopes of the body, lower ahead and on the left, (..., 2), and foot forces in N, (..., 6).
 
-    To first order: the geometry is that of the targets, and links have no weight.
+    To first order: the geometry is that of the targets, and links have no weight. `carries` is (..., 6).
     """
     stiffness = robot.stiffness_nm_per_rad.reshape(N_LEGS, JOINTS_PER_LEG)
     points = link_points_body(robot, joint_targets_rad)

@@ -78,7 +78,8 @@ def foot_heights_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArr
 def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
     """Points of the body frame, leading shape + (N, 3) in m, in the world frame.
 
-    With the quaternion (w, q), leading shape + (4,): p_world = position + p + 2 w (q x p) + 2 q x (q x p).
+    With the quaternion (w, q), which is (w, x, y, z), leading shape + (4,), and the position in m:
+    p_world = position + p + 2 w (q x p) + 2 q x (q x p).
     """
     w, axis = quaternion_world[..., np.newaxis, :1], quaternion_world[..., np.newaxis, 1:]
     twice = 2 * np.cross(axis, points_body)
@@ -112,7 +113,10 @@ def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support
 
 
 def margins_at_m(feet: FloatArray, standing: BoolArray, points: FloatArray) -> FloatArray:
-    """Stability margins of points (points, 2) over the same feet, faster than by `support`."""
+    """Stability margins in m of points, (points, 2) in m, over the same feet; faster than `support`.
+
+    Feet are leading shape + (6, 2) in m, `standing` leading shape + (6,), margins (points,) + leading shape.
+    """
     outer, sides, lengths = _sides(feet, standing)
     lengths = np.maximum(lengths, SAME_PLACE_M)
     # The distance of a point from a side is linear in it: from the origin, less the point along the normal.

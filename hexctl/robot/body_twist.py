@@ -26,7 +26,10 @@ class BodyTwist:
         self._poses: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
     def of(self, at_s: float, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
-        """Velocity in m/s and angular velocity in rad/s in the body's frame, (6,); 0 after a gap."""
+        """Velocity in m/s and angular velocity in rad/s in the body's frame, (6,); 0 after a gap.
+
+        The quaternion is (w, x, y, z); the position is in m.
+        """
         poses = self._poses
         if poses and not 0 <= at_s - poses[-1][0] <= MOST_S:
             poses.clear()
@@ -44,7 +47,10 @@ class BodyTwist:
 def body_twists(
     times_s: FloatArray, positions_world: FloatArray, quaternions_world: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocities and angular velocities (N, 3) in m/s and rad/s, by central differences of N poses."""
+    """Velocities and angular velocities (N, 3) in m/s and rad/s, by central differences of N poses.
+
+    Times ascend, N is 2 or more; quaternions are (w, x, y, z), (N, 4), of either sign.
+    """
     q = quaternions_world.copy()
     flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=-1) < 0, -1.0, 1.0))
     q[1:] *= flips[:, np.newaxis]

@@ -21,7 +21,10 @@ class LinkSchema(BaseModel):
 
 
 def read_link_file(name_or_path: str) -> dict[str, Any]:
-    """The `Link` fields of a file; relative credentials start at its folder. Raises InputError."""
+    """The `Link` fields of a file; relative credentials start at its folder.
+
+    Raises InputError for a missing file and an invalid key or value.
+    """
     path = find_config("links", name_or_path)
     said = validate(LinkSchema, read_mapping(path), path).model_dump(exclude_unset=True)
     if said.get("credentials") is not None:

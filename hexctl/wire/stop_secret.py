@@ -22,7 +22,10 @@ HOLDERS = (Role.ROBOT, Role.CONTROLLER)
 
 
 def write_stop_secret(folder: Path) -> list[Path]:
-    """Create a secret in a folder of `hexctl keys new`; return its files. Raises InputError."""
+    """Create a secret in a folder of `hexctl keys new`; return its files.
+
+    Raises InputError if there is one already, if an end is missing, or if the folder is not writable.
+    """
     places = [folder / role.value for role in HOLDERS]
     for place in places:
         if not place.is_dir():

@@ -253,7 +253,10 @@ def decode_positions(payload: bytes) -> FloatArray:
 
 
 def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
-    """Joint angles like `decode_positions`, and torques, (18,) in N m; None unless all are finite."""
+    """Joint angles like `decode_positions`, and torques, (18,) in N m; None unless all are finite.
+
+    Raises MessageError as `decode_positions` does.
+    """
     torques: FloatArray | None = None
     if (numbers := _joint_message(efforts=False).decode(payload)) is not None:
         positions = numbers

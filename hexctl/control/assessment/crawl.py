@@ -47,7 +47,7 @@ REACH_POINTS = 24
 
 
 def gait_without(robot: Robot, gait: Gait, *, heading_rad: float, legs: tuple[int, ...]) -> Gait:
-    """The most stable gait with legs 1..6 carrying nothing and tucked, otherwise as `gait`.
+    """The most stable gait with some legs tucked, otherwise as `gait`; the heading is in the body frame.
 
     It is a code for one lost leg, or if the code leans by at most `CODE_LEAN`; otherwise a crawl.
     """

@@ -53,7 +53,10 @@ SAME_MARGIN_M = 1e-6
 def static_margins_m(
     robot: Robot, slots: Sequence[Slots], *, heading_rad: float, failure: Failures = None
 ) -> FloatArray:
-    """Smallest and mean static margin of gaits over their cycle, (gaits, 2) in m; limp legs do not carry."""
+    """Smallest and mean static margin of gaits over their cycle, (gaits, 2) in m; limp legs do not carry.
+
+    The heading is the direction of travel in the body frame.
+    """
     phases = (np.array(slots) - 1) / N_LEGS
     stances = {one.leg: one.kind == "locked" for one in each_failure(failure)}
     feet, standing = feet_over_cycle(robot, phases, heading_rad=heading_rad, stances=stances)

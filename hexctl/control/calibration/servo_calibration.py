@@ -107,7 +107,10 @@ def _calibrated(backend: str, options: BackendOptions) -> Any:
 
 
 def chosen_joints(text: str | None) -> list[int]:
-    """The joints, 0..17, of a text such as `leg1_coxa,leg3`; all for None. Raises InputError."""
+    """The joints, 0..17, of a text such as `leg1_coxa,leg3`; all for None.
+
+    Raises InputError for an unknown name.
+    """
     if text is None:
         return list(range(len(JOINT_NAMES)))
     chosen: set[int] = set()

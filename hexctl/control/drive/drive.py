@@ -206,7 +206,10 @@ class Drive:
 
     @gait.setter
     def gait(self, gait: str | int | Sequence[int] | Gait) -> None:
-        """Change the gait in stride; only a `Gait` changes the posture too. Raises InputError."""
+        """Change the gait in stride; only a `Gait` changes the posture too.
+
+        Raises InputError unless it is a gait of the robot.
+        """
         new = self._gait_of(gait)
         if not isinstance(gait, Gait):
             new = replace(new, posture=self._gait.posture)

@@ -48,7 +48,10 @@ class VelocityHold:
     def update(
         self, dt_s: float, state: RobotState, wanted: FloatArray, commanded: FloatArray, most: FloatArray
     ) -> FloatArray:
-        """The velocity to command, (3,), if the legs walk `commanded`; 0 resets the reference."""
+        """Velocity to command, (3,): forward and left in m/s, turn in rad/s, as are all velocities here.
+
+        `commanded` is what the legs walk now, `most` the maximum; a `wanted` of 0 resets the reference.
+        """
         yaw, position = self._measured(dt_s, state)
         if not wanted.any() or yaw is None:
             self.forget()

@@ -35,7 +35,10 @@ class VelocityLimits(ArrayFields):
         return _limits(robot, plain)
 
     def limited(self, velocity: FloatArray, failed_legs: Sequence[int] = ()) -> FloatArray:
-        """Velocity (forward, left, turn) within the limits; shares of travel and turn add up to 1."""
+        """Velocity, (3,), within the limits, its direction kept: forward and left in m/s, turn in rad/s.
+
+        The shares of travel and turn in their maxima add up to 1 at most.
+        """
         rows = list(failed_legs) or [0]
         speed_m_s = math.hypot(velocity[0], velocity[1])
         most_m_s = self._speed_m_s(math.atan2(velocity[1], velocity[0]), rows)

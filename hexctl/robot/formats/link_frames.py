@@ -25,7 +25,10 @@ FOOT_LINKS = tuple(f"leg{leg}_foot" for leg in range(1, N_LEGS + 1))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkTransforms(ArrayFields):
-    """Poses of N links in the frames of their parents: origins (N, 3), orientations ... + (N, 4)."""
+    """Poses of N links in the frames of their parents.
+
+    Origins are in m, (N, 3), and orientations (w, x, y, z), leading shape + (N, 4).
+    """
 
     parents: tuple[str, ...]
     children: tuple[str, ...]

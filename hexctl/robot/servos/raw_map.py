@@ -167,7 +167,11 @@ def joint_value(section: ServosSection, joint: int, key: str, default: Any) -> A
 def calibration_of(
     section: ServosSection, unit: str, least: Sequence[float], most: Sequence[float]
 ) -> dict[str, FloatArray]:
-    """Signs, offsets and limits in `us` or `counts`, by field of `RawMap`; raises InputError."""
+    """Signs, offsets and limits in `us` or `counts`, by field of `RawMap`.
+
+    `least` and `most` are the raw ranges, (18,), where the section has no limits. Raises InputError for
+    limits that leave no travel.
+    """
     keys = LIMIT_KEYS[unit]
     columns = {"signs": ("sign", [1.0] * N_JOINTS), "offsets_deg": ("offset_deg", [0.0] * N_JOINTS)} | {
         "least": (keys[0], least),

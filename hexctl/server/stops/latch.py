@@ -111,7 +111,7 @@ class StopLatch:
         """Let the robot move again; return None, or why not, in which case nothing has changed.
 
         A stop for silence (`expired`) needs no id. Without the keys of all claims a stop holds longer. `at_s`
-        is by the guard's clock.
+        is by `guard.clock.time`.
         """
         with self._lock:
             stop = self._noticed()
