@@ -75,7 +75,7 @@ class LegOdometer:
         return LegStep(before_s, at_s, motion, after_m, after_m - before_m, moved.up_body[1])
 
     def see(self, at_s: float, pose: FloatArray) -> None:
-        """Take a pose, (3,), to detect a leg that carries nothing: x, y in m and yaw in rad, in a fixed frame.
+        """Take a pose, (3,), to detect a leg that carries nothing: x, y in m and yaw in rad, any fixed frame.
 
         Its time is on the clock of the states, up to a second ago.
         """
