@@ -22,7 +22,7 @@ from hexctl.palette import BEST_COLOR, LINE_COLOR, hex_color
 from hexctl.robot.loader import load_robot
 from hexctl.study.figure_style import label_axes, new_figure
 from hexctl.study.landscape import Landscape, LandscapeSpec
-from hexctl.study.transfer_searches import walk_of
+from hexctl.study.transfer.transfer_searches import walk_of
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import evaluate
 

@@ -27,8 +27,8 @@ from hexctl.control.log import TickLog
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import Motion
 from hexctl.server.service import serve
+from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.planned_study import planned_study
-from hexctl.study.study_plan import StudyPlan
 
 ROOT = Path(__file__).parents[1]
 

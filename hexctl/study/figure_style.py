@@ -14,7 +14,7 @@ from hexctl.palette import (
     OTHER_OPTIMIZER_DASHES,
     hex_color,
 )
-from hexctl.study.evidence import EARLY_M, LATE_M
+from hexctl.study.paper.evidence import EARLY_M, LATE_M
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,16 +12,6 @@ from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation
 from hexctl.options import Typed
 from hexctl.palette import REMEDY_COLORS, hex_color
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.study.evidence import (
-    Bar,
-    clustered_error,
-    cm,
-    cm_with_error,
-    judged_bars,
-    limit_text,
-    share_text,
-    share_with_error,
-)
 from hexctl.study.experiment import Drawing, plain
 from hexctl.study.figure_style import grid_of, label_axes, new_figure
 from hexctl.study.frames import where
@@ -36,6 +26,16 @@ from hexctl.study.held_out_experiment import (
     worlds_text,
 )
 from hexctl.study.hold_walks import Hold, HoldCase, HoldPlace
+from hexctl.study.paper.evidence import (
+    Bar,
+    clustered_error,
+    cm,
+    cm_with_error,
+    judged_bars,
+    limit_text,
+    share_text,
+    share_with_error,
+)
 from hexctl.study.plan import check_walkable
 from hexctl.study.report_page import Table, markdown
 from hexctl.study.walk_cache import ENDED

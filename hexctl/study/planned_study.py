@@ -19,14 +19,14 @@ from hexctl.study import hold_plan
 from hexctl.study.experiment import Experiment, Result
 from hexctl.study.held_out_experiment import HeldOutExperiment
 from hexctl.study.hold_plan import HoldPlan
-from hexctl.study.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of
+from hexctl.study.paper.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of
+from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.plan import PlannedWork
 from hexctl.study.recovery import recovery_plan
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.study_options import HOLD, MATRIX, PAPER, RECOVERY, TRANSFER, StudyOptions
-from hexctl.study.study_plan import StudyPlan
-from hexctl.study.transfer_plan import TransferPlan
-from hexctl.study.transfer_settings import UNSEEN, find_transfer_prior
+from hexctl.study.transfer.transfer_plan import TransferPlan
+from hexctl.study.transfer.transfer_settings import UNSEEN, find_transfer_prior
 
 Planned = PlannedWork[Result[Any]]
 

@@ -38,7 +38,7 @@ from hexctl.robot.failure_grammar import parse_coming_kind, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.held_out import FAILURES, members
 from hexctl.study.plan import Plan, check_families
-from hexctl.study.prior_building import TIME_STEP_S, begin_build, coarse_world
+from hexctl.study.priors.prior_building import TIME_STEP_S, begin_build, coarse_world
 from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import WalkCache, Walked
@@ -211,7 +211,7 @@ def build_repertoire(
 ) -> Repertoire:
     """Simulate the candidates of all situations in the worlds of a plan, and write the repertoire to a file.
 
-    Arguments and errors are those of `hexctl.study.prior_building.build_prior`.
+    Arguments and errors are those of `hexctl.study.priors.prior_building.build_prior`.
     """
     cache = cache or WalkCache()
     begin_build(plan, path, SUFFIX, cache, jobs)

@@ -3,7 +3,7 @@
 import pytest
 
 from hexctl.study.landscape import Landscape
-from hexctl.study.transfer_plan import TransferFound
+from hexctl.study.transfer.transfer_plan import TransferFound
 from tests.study.made_up_transfer import MODEL, found_in, in_the_model, plan
 
 

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.world import World
-from hexctl.study.claims import claims_of
-from hexctl.study.evidence import StudyUncertainty
 from hexctl.study.frames import where
 from hexctl.study.landscape import (
     NUMBERS,
     Landscape,
     LandscapeSpec,
 )
-from hexctl.study.searches import Findings, search_all
-from hexctl.study.study_plan import StudyPlan
+from hexctl.study.paper.claims import claims_of
+from hexctl.study.paper.evidence import StudyUncertainty
+from hexctl.study.paper.searches import Findings, search_all
+from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.types import FloatArray
 from tests.robots import shipped
 

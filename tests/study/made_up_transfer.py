@@ -9,9 +9,9 @@ from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
-from hexctl.study.transfer_plan import TransferFound, TransferPlan
-from hexctl.study.transfer_searches import search_worlds
-from hexctl.study.transfer_settings import EARLY
+from hexctl.study.transfer.transfer_plan import TransferFound, TransferPlan
+from hexctl.study.transfer.transfer_searches import search_worlds
+from hexctl.study.transfer.transfer_settings import EARLY
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of
 from tests.robots import shipped

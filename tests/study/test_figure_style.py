@@ -4,7 +4,7 @@ import pytest
 
 from hexctl.palette import OPTIMIZER_COLORS, OTHER_OPTIMIZER_COLORS, hex_color
 from hexctl.study.figure_style import line_of
-from hexctl.study.study_figures import means_figure
+from hexctl.study.paper.study_figures import means_figure
 from tests.study.made_up import made_up_findings, spread_out
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.study.hold_plan import FIRST_WORLD
-from hexctl.study.transfer_settings import FIRST_WORLD as FIRST_TRANSFER_WORLD
-from hexctl.study.transfer_settings import MAX_WORLDS
+from hexctl.study.transfer.transfer_settings import FIRST_WORLD as FIRST_TRANSFER_WORLD
+from hexctl.study.transfer.transfer_settings import MAX_WORLDS
 from tests.robots import shipped
 from tests.study.made_up_holds import plan
 

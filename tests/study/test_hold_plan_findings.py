@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.study.evidence import clustered_error
 from hexctl.study.held_out import INTACT
 from hexctl.study.hold_plan import HoldPlan, statistics
 from hexctl.study.hold_walks import HoldCase
+from hexctl.study.paper.evidence import clustered_error
 from tests.robots import shipped
 from tests.study.made_up_holds import made_up_walks, plan, rows, rows_of, walk
 

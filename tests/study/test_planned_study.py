@@ -8,10 +8,10 @@ import pytest
 from hexctl.backends.sim.world import load_world
 from hexctl.errors import InputError
 from hexctl.study.hold_plan import HoldPlan
+from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.planned_study import planned_study
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.study_options import StudyOptions
-from hexctl.study.study_plan import StudyPlan
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
 

@@ -12,7 +12,7 @@ from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_typed
 from hexctl.errors import InputError
-from hexctl.study.prior_options import OF_PRIOR, PriorOptions
+from hexctl.study.priors.prior_options import OF_PRIOR, PriorOptions
 
 prior = Commands(
     help="Make and show priors: what hexctl adapt believes before its first trial.", no_args_is_help=True
@@ -27,7 +27,7 @@ def build(asked: dict[str, Any], context: typer.Context, as_json: JsonOption = F
     On two cores a leg and world take about 20 seconds. Gaits walked are kept under runs/study-cache; Ctrl-C,
     then the same command continues. hexctl adapt finds the prior by itself.
     """
-    from hexctl.study.planned_prior import planned_prior
+    from hexctl.study.priors.planned_prior import planned_prior
 
     # Settings are those of priors: a repertoire ignores them, and refuses only typed options.
     unused = [name for name in OF_PRIOR if asked["repertoire"] and not is_typed(context, name)]

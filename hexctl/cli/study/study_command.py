@@ -27,8 +27,8 @@ def study(asked: dict[str, Any], as_json: JsonOption = False) -> None:
 
 
 def _not_judged(options: StudyOptions) -> Iterator[str]:
-    from hexctl.study.evidence import JUDGED_FROM_S, LATE, too_short
-    from hexctl.study.study_plan import StudyPlan
+    from hexctl.study.paper.evidence import JUDGED_FROM_S, LATE, too_short
+    from hexctl.study.paper.study_plan import StudyPlan
 
     if reason := too_short(options.duration_s):
         yield f"hexctl: distances will not be judged: {reason} (--duration {JUDGED_FROM_S:g})"

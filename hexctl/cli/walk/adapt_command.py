@@ -131,7 +131,7 @@ def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.search import new_spec
         from hexctl.cli.prompts import check_answerable
-        from hexctl.study.prior_building import how_to_build_prior
+        from hexctl.study.priors.prior_building import how_to_build_prior
 
         spec = new_spec(**asked, folder=runs_folder(), note=_note, advice=how_to_build_prior)
         if spec.ask:

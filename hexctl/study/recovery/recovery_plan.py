@@ -14,7 +14,6 @@ from hexctl.control.trial_plan import DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.options import Range, Typed
 from hexctl.robot.failure_grammar import parse_coming_kind
-from hexctl.study.evidence import Bar
 from hexctl.study.experiment import Drawing, plain
 from hexctl.study.frames import where
 from hexctl.study.held_out import FAILURES, INTACT, with_sensors
@@ -22,6 +21,7 @@ from hexctl.study.held_out_experiment import (
     Columns,
     HeldOutExperiment,
 )
+from hexctl.study.paper.evidence import Bar
 from hexctl.study.plan import check_each, check_families, check_setting, check_walkable
 from hexctl.study.recovery import recovery_report as report
 from hexctl.study.recovery.episodes import AUTO_GAIT, RecoveryCase, RecoveryPlace

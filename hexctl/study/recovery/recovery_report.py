@@ -8,16 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.palette import OTHER_REMEDY_COLORS, REMEDY_COLORS, hex_color
-from hexctl.study.evidence import (
-    Bar,
-    cm,
-    cm_with_error,
-    judged_bars,
-    limit_text,
-    share_text,
-    share_with_error,
-    wilson_interval,
-)
 from hexctl.study.frames import where
 from hexctl.study.held_out_experiment import (
     Columns,
@@ -27,6 +17,16 @@ from hexctl.study.held_out_experiment import (
     mean_with_error,
     percentile,
     worlds_text,
+)
+from hexctl.study.paper.evidence import (
+    Bar,
+    cm,
+    cm_with_error,
+    judged_bars,
+    limit_text,
+    share_text,
+    share_with_error,
+    wilson_interval,
 )
 from hexctl.study.recovery.methods import NOTHING, TOLD, method_of
 from hexctl.study.report_page import Table

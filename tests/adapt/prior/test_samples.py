@@ -27,7 +27,7 @@ from hexctl.control.batch import run_sim_trials
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.errors import InputError
 from hexctl.study.landscape import LandscapeSpec
-from hexctl.study.prior_building import deflection_of
+from hexctl.study.priors.prior_building import deflection_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, made_up_score_prior, shown_of
 from tests.robots import ROBOT_NAMES, shipped

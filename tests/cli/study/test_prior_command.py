@@ -17,7 +17,7 @@ from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.robot.failure import Failure
-from hexctl.study.prior_building import PriorPlan
+from hexctl.study.priors.prior_building import PriorPlan
 from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
 from tests.robots import shipped
@@ -499,7 +499,7 @@ def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
         plans.append(plan)
         save_prior(made_up_score_prior(plan.key, plan.legs, plan.worlds), path)
 
-    monkeypatch.setattr("hexctl.study.planned_prior.build_prior", built_at_once)
+    monkeypatch.setattr("hexctl.study.priors.planned_prior.build_prior", built_at_once)
     for hold in ("line", "heading"):
         assert exit_code(["prior", "build", "--hold", hold, "--legs", "2", "--worlds", "2"]) == 0
     found = [(plan.hold, plan.self_rotation, plan.posture) for plan in plans]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.study.evidence import clustered_error
+from hexctl.study.paper.evidence import clustered_error
 from hexctl.study.recovery.recovery_plan import HEXAHEAL, SECOND
 from hexctl.study.recovery.recovery_report import divisions
 from tests.robots import shipped

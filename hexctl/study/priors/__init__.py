@@ -1,0 +1,1 @@
+"""Building of priors from many simulated worlds."""

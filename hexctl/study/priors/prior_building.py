@@ -1,0 +1,359 @@
+"""Priors built from landscapes in many plausible worlds."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+
+from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior, check_place, save_prior
+from hexctl.adapt.prior.prior_files import SUFFIX
+from hexctl.adapt.stance import stance_deflection_rad
+from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
+from hexctl.control.assessment.static_stability import usual_posture
+from hexctl.control.guard import Guard
+from hexctl.control.trial_plan import SelfRotation, TrialPlan
+from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument
+from hexctl.gait.gait import make_gait
+from hexctl.options import Range, options_of
+from hexctl.robot.failure import UNKNOWN
+from hexctl.robot.failure_grammar import parse_kind
+from hexctl.robot.loader import load_robot
+from hexctl.robot.model import Robot
+from hexctl.study.landscape import Landscape, LandscapeSpec
+from hexctl.study.plan import LandscapePlan, Plan, check_families, check_legs, check_setting, check_walks
+from hexctl.study.priors.prior_options import PRIOR_DURATION_S, PriorHold, PriorOptions
+from hexctl.study.study_options import ALL_LEGS
+from hexctl.study.versions import code_versions
+from hexctl.study.walk_cache import WalkCache
+from hexctl.study.walking import Progress, Silent, check_jobs, evaluate
+from hexctl.types import N_JOINTS, N_LEGS, FloatArray
+
+if TYPE_CHECKING:
+    from hexctl.adapt.sessions.session_spec import SessionSpec
+
+#: Each leg has its own block of worlds, so that six legs see six times as many; each block is evenly spread.
+WORLDS_PER_LEG = 1024
+
+#: By how much self-rotations miss their goal, in degrees. In simulation that is below 0.1; the yaw that a
+#: real robot estimates over a turn is good to about half a degree.
+MISS_DEG = Distribution(low=-1.0, high=1.0, scale="normal")
+
+#: Step of the physics where the family sets none: half the computing time of 2 ms. Ends of walks of `ant`
+#: move by 7 cm (rms over 12 worlds of `randomised`), where they differ by 81 cm between worlds.
+TIME_STEP_S = 0.004
+
+#: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
+WHOLE_S = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorPlan(LandscapePlan):
+    """Settings of one prior.
+
+    Attributes:
+        failure: in the words of `parse_kind`; with `unknown` each world draws what breaks.
+        hold: what the walks hold by feedback, with another than `none` the prior is of their
+            scores.
+        posture: of the gaits, one of `hexctl.control.assessment.static_stability.POSTURES`; None is the one
+            that sessions under the hold have.
+    """
+
+    robot: Robot
+    family: DomainRandomization
+    worlds: Annotated[int, Range(low=2, high=WORLDS_PER_LEG, whole=True)] = 16
+    legs: tuple[int, ...] = ALL_LEGS
+    failure: str = "locked"
+    self_rotation: SelfRotation = "rear"
+    duration_s: Annotated[float, PRIOR_DURATION_S] = 30.0
+    hold: PriorHold = "none"
+    posture: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.posture is None:
+            object.__setattr__(self, "posture", usual_posture(self.hold))
+        check_families({"one in which legs fail": self.family}, "family")
+
+    def specs(self) -> list[LandscapeSpec]:
+        """Landscapes to simulate, world by world, so that any beginning of the list covers all legs.
+
+        The robot is put down as its self-rotation would leave it, with a small random miss.
+        """
+        by_leg = [self._specs_of(leg) for leg in self.legs]
+        return [specs[index] for index in range(self.worlds) for specs in by_leg]
+
+    def _specs_of(self, leg: int) -> list[LandscapeSpec]:
+        first = (leg - 1) * WORLDS_PER_LEG
+        members = enumerate(self.family.members(first, self.worlds), first)
+        worlds = [coarse_world(self.family, number, world) for number, world in members]
+        misses_deg = self.family.spare(MISS_DEG, first, self.worlds).tolist()
+        return [
+            LandscapeSpec(
+                robot=self.robot,
+                world=world,
+                leg=leg,
+                self_rotation=self.self_rotation,
+                duration_s=self.duration_s,
+                failure=self.failure,
+                seed=first + index if world.seeded or self.failure == UNKNOWN else 0,
+                placed=True,
+                miss_rad=math.radians(miss_deg) if self.self_rotation != "none" else 0.0,
+                place=f"world {index + 1}",
+                hold=self.hold,
+                posture=self.posture or "stance",
+            )
+            for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
+        ]
+
+    def trial_plan(self) -> TrialPlan:
+        """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""
+        failure = parse_kind(self.legs[0], self.failure)
+        return TrialPlan(
+            gait=make_gait(self.robot, "demo"),
+            duration_s=self.duration_s,
+            belief=failure,
+            self_rotation=self.self_rotation,
+            hold=self.hold,
+        )
+
+    @property
+    def key(self) -> PriorKey:
+        """Key of the prior."""
+        key = PriorKey.of(self.robot, self.trial_plan())
+        return replace(key, posture=self.posture or "stance")
+
+    def check(self) -> None:
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        super().check()
+        check_legs(self.legs)
+        whole = in_whole_steps(self.duration_s)
+        allowed = f"{PRIOR_DURATION_S.low:g} s or more, in steps of {WHOLE_S:g} s"
+        check_setting("duration_s", f"{self.duration_s:g}", whole, allowed)
+        # Whether the gaits can be walked does not depend on the world.
+        check_walks(replace(self, worlds=2).specs()[: len(self.legs)])
+
+
+def coarse_world(family: DomainRandomization, number: int, world: World) -> World:
+    """Return a member of a family with the prior's time step, unless its kind sets one."""
+    if "time_step_s" in family.kind(number).world:
+        return world
+    return world.model_copy(update={"time_step_s": TIME_STEP_S})
+
+
+def begin_build(plan: Plan, path: Path, suffix: str, cache: WalkCache, jobs: int | None) -> None:
+    """Check everything that can be checked before walks are simulated for a file.
+
+    Raises InputError for a plan, a path or a number of jobs that cannot be used, CacheError and errors of
+    `check_place` when the disk refuses a file.
+    """
+    check_jobs(jobs)
+    plan.check()
+    if path.suffix != suffix or path.is_dir():
+        raise InputError(f"{argument('out')}: got {path}; allowed: a file whose name ends in {suffix}")
+    cache.probe()
+    check_place(path)
+
+
+def build_prior(
+    plan: PriorPlan,
+    path: Path,
+    *,
+    cache: WalkCache | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> Prior | ScorePrior:
+    """Simulate all gaits in the worlds of a plan, and write the prior to a file.
+
+    It is a `Prior` of where open-loop walks end, and a `ScorePrior` under a hold. Simulated gaits are saved
+    while this runs: a call that was interrupted is continued by the next one.
+
+    Args:
+        plan: robot, failure and worlds.
+        path: of the file, ending in `.npz`; an existing file is replaced.
+        cache: earlier walks; None is the one of the command line, `runs/study-cache`.
+        jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
+        dask: address of a Dask scheduler whose workers simulate; None simulates here.
+        progress: observer.
+
+    Raises InputError for a plan, a path or an address that cannot be used, ArchiveFileError or CacheError
+    when the disk refuses a file.
+    """
+    cache, progress = cache or WalkCache(), progress or Silent()
+    begin_build(plan, path, SUFFIX, cache, jobs)
+    landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
+    prior: Prior | ScorePrior
+    if plan.hold == "none":
+        progress.stage("stances", len(landscapes))
+        prior = prior_of(plan, landscapes, deflections_of(plan, progress.step))
+    else:
+        prior = score_prior_of(plan, landscapes)
+    save_prior(prior, path)
+    return prior
+
+
+def prior_file_name(plan: PriorPlan, family: str) -> str:
+    """Name of a prior's file by robot, failure and trial, and by legs and worlds where not the usual ones.
+
+    `family` is the name of the plan's family of worlds, or the path of its file.
+    """
+    parts = [plan.robot.name, plan.failure.replace(":", "-"), plan.self_rotation, f"{plan.duration_s:g}s"]
+    if plan.hold != "none":
+        parts.append(plan.hold)
+    if plan.posture != usual_posture(plan.hold):
+        parts.append(str(plan.posture))
+    if len(plan.legs) < N_LEGS:
+        parts.append("leg" + "".join(str(leg) for leg in plan.legs))
+    if family != "randomised":
+        parts.append(Path(family).stem)
+    return "-".join(parts) + SUFFIX
+
+
+def in_whole_steps(duration_s: float) -> bool:
+    """Whether a finite duration is a multiple of `WHOLE_S`."""
+    return abs(duration_s / WHOLE_S - round(duration_s / WHOLE_S)) < 1e-9
+
+
+def deflection_of(spec: LandscapeSpec) -> FloatArray:
+    """Static deflection of the joints in the stance of a landscape, rad, (18,); NaN when the robot falls."""
+    trial = replace(spec, placed=False, miss_rad=0.0).trial(spec.codes[0])
+    try:
+        with Guard(trial.servos()) as servos:
+            deflection_rad = stance_deflection_rad(servos, trial.plan)
+    except (EStopError, SimulationDivergedError):
+        deflection_rad = None
+    return np.full(N_JOINTS, np.nan) if deflection_rad is None else deflection_rad
+
+
+def deflections_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None) -> FloatArray:
+    """Static deflections of the joints in all worlds of a prior, rad, (legs, worlds, 18).
+
+    `on_stance` is called after each of them.
+    """
+
+    def one(spec: LandscapeSpec) -> FloatArray:
+        deflection_rad = deflection_of(spec)
+        on_stance()
+        return deflection_rad
+
+    specs = plan.specs()
+    return np.array([[one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
+
+
+def _by_leg(plan: PriorPlan, landscapes: Sequence[Landscape], values: Callable[[Landscape], Any]) -> Any:
+    """Values of each landscape, (legs, worlds, ...)."""
+    return np.array([[values(one) for one in landscapes if one.spec.leg == leg] for leg in plan.legs])
+
+
+def prior_of(
+    plan: PriorPlan, landscapes: Sequence[Landscape], deflections_rad: FloatArray | None = None
+) -> Prior:
+    """Prior of a plan.
+
+    Args:
+        plan: its settings.
+        landscapes: complete and in the order of `plan.specs()`.
+        deflections_rad: static deflections in the stance, (legs, worlds, 18), if known.
+    """
+    paths = _by_leg(plan, landscapes, checkpoints_of)
+    yaws = _by_leg(plan, landscapes, lambda one: one.number("yaw_change_rad"))
+    return Prior(
+        key=plan.key,
+        legs=plan.legs,
+        origin=_origin(plan),
+        signed_m=paths[..., 1],
+        progress_m=paths[..., 0],
+        yaw_rad=np.where(np.isfinite(paths[..., -1, 0]), yaws, np.nan),
+        sag_rad=deflections_rad,
+    )
+
+
+def score_prior_of(plan: PriorPlan, landscapes: Sequence[Landscape]) -> ScorePrior:
+    """Prior of a plan under a hold; landscapes are complete and in the order of `plan.specs()`."""
+    return ScorePrior(
+        key=plan.key,
+        legs=plan.legs,
+        origin=_origin(plan),
+        log_scores=_by_leg(plan, landscapes, log_scores_of),
+        valid=_by_leg(plan, landscapes, lambda one: one.valid),
+    )
+
+
+def log_scores_of(landscape: Landscape) -> FloatArray:
+    """Logarithm of the scores of every gait, by the objectives of `SCORES`, (gaits, 4).
+
+    NaN for a walk that did not last to its end or made no way.
+    """
+    distance_m = landscape.number("distance_m")
+    walked = np.isin(landscape.status, ("ok", "no_progress")) & (distance_m > 0)
+    scores = np.stack(
+        [
+            landscape.spec.duration_s / np.where(walked, distance_m, np.nan),
+            *(landscape.number(name) for name in ("cost_of_transport", "tilt_deg", "steadiness")),
+        ],
+        axis=-1,
+    )
+    return np.log(np.where(walked[:, np.newaxis] & (scores > 0), scores, np.nan))
+
+
+def checkpoints_of(landscape: Landscape) -> FloatArray:
+    """Progress and signed deviation of every gait at the checkpoints, in m, (gaits, CHECKPOINTS, 2)."""
+    points = landscape.paths_m.shape[1]
+    rows = np.rint(np.arange(1, CHECKPOINTS + 1) * points / CHECKPOINTS).astype(int) - 1
+    return np.asarray(landscape.paths_m[:, rows], dtype=float)
+
+
+def _origin(plan: PriorPlan) -> dict[str, Any]:
+    return {
+        "family": plan.family.model_dump(mode="json"),
+        "worlds": plan.worlds,
+        "time_step_s": TIME_STEP_S,
+        "code": code_versions(),
+    }
+
+
+def how_to_build_prior(spec: "SessionSpec") -> str:
+    """Command that builds a prior for a session's trials, as the end of a sentence.
+
+    Empty if none can be built: for other objectives and headings, short walks, failures with details.
+    """
+    hold = "line" if spec.hold == "auto" else spec.hold
+    objectives = ("final",) if hold == "none" else SCORES
+    if spec.objective not in objectives or spec.heading_rad or not _can_be_built(spec, hold):
+        return ""
+    values = {
+        "robot": spec.robot,
+        "failure": str(spec.broken),
+        "hold": hold,
+        "self_rotation": spec.self_rotation,
+        "duration_s": spec.duration_s,
+    }
+    usual = {option.name: option.default for option in options_of(PriorOptions)}
+    usual["self_rotation"] = "none" if hold == "line" else "rear"
+    flags = {option.name: option.flag for option in options_of(PriorOptions)}
+    words = [f" --{flags[name]} {_word(value)}" for name, value in values.items() if value != usual[name]]
+    return f"; this makes one: hexctl prior build{''.join(words)}"
+
+
+def _word(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+def _can_be_built(spec: "SessionSpec", hold: str) -> bool:
+    """Whether a prior for the trials of a session can be built."""
+    try:
+        PriorPlan(
+            robot=load_robot(spec.robot),
+            family=load_randomization("randomised"),
+            failure=str(spec.broken),
+            self_rotation=spec.self_rotation,
+            duration_s=spec.duration_s,
+            hold=hold,  # type: ignore[arg-type]
+        ).check()
+    except InputError:
+        return False
+    return True

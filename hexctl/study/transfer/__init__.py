@@ -1,0 +1,1 @@
+"""Searches on robots that differ from the simulation."""
