@@ -39,6 +39,7 @@ class SessionStop:
         self._due = threading.Event()
         self._ends = self._all_stay = False
         self._known: set[str] = set()  # robots that have to stop
+        self._claimed: set[tuple[str, bytes]] = set()  # robots and claims that their status has had
         self.error: HexctlError | None = None
         self.answers: list[dict[str, Any]] = []
         self.obeyed: bytes | None = None
@@ -139,12 +140,15 @@ class SessionStop:
         )
 
     def _lost_claim(self, status: dict[str, Any]) -> bool:
-        """Whether the stop of a status is another than that which was asked for: it was cleared meanwhile."""
+        """Whether the stop of a robot no longer has the claim that it had: it was cleared meanwhile."""
         stop = status.get("stop")
         claims = stop.get("claims") if isinstance(stop, dict) else None
-        if not isinstance(claims, list) or TOO_MANY in claims or self.obeyed is None:
+        if not isinstance(claims, list) or self.obeyed is None:
             return False
-        return self.obeyed.hex() not in claims
+        claimed = str(status.get("robot")), self.obeyed
+        if self.obeyed.hex() in claims:
+            self._claimed.add(claimed)
+        return claimed in self._claimed and self.obeyed.hex() not in claims and TOO_MANY not in claims
 
     def _pause(self, duration_s: float) -> None:
         self._due.wait(duration_s)

@@ -15,7 +15,7 @@ from hexctl.study.paper.study_report import assumptions
 from hexctl.study.report_page import markdown
 from tests.robots import shipped
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 
 
 def test_the_page_has_the_table_of_the_report() -> None:
