@@ -22,7 +22,7 @@ CEILINGS = {
     "runs": 1_020,
     "server": 4_040,
     "simulators": 2_250,
-    "study": 8_460,
+    "study": 8_350,
     "teleop": 1_790,
     "testing": 560,
     "vision": 6_410,

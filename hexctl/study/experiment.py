@@ -1,4 +1,4 @@
-"""One experiment: cases are walked, each gives a row, rows are summed up, and a report shows them."""
+"""Experiments: simulate walks, summarise them and write a report."""
 
 import json
 import time
@@ -28,7 +28,7 @@ FoundT = TypeVar("FoundT")
 
 @dataclass(kw_only=True)
 class Work:
-    """On what an experiment runs, and how long its parts took."""
+    """Cache, computers and observer of an experiment, and how long its parts took."""
 
     cache: WalkCache
     jobs: int | None = None
@@ -57,9 +57,9 @@ class Drawing:
     """A figure of a report.
 
     Attributes:
-        name: name of its file, without the ending.
-        draw: draws it; None if there is nothing to show.
-        here: how to read it.
+        name: of its file, without the suffix.
+        draw: returns None if there is nothing to show.
+        here: how to read the figure.
         paper: what the paper shows there.
     """
 
@@ -101,7 +101,7 @@ class Result(Generic[FoundT]):
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment(Plan, Generic[FoundT]):
-    """Settings of an experiment, and what becomes of its walks."""
+    """Settings of an experiment, with its statistics and report."""
 
     #: Name of its files, file of its report, title and heading of that.
     NAME: ClassVar[str]
@@ -111,7 +111,7 @@ class Experiment(Plan, Generic[FoundT]):
 
     @abstractmethod
     def find(self, work: Work) -> FoundT:
-        """Walk all cases and sum them up."""
+        """Simulate all walks and summarise them."""
 
     @abstractmethod
     def numbers(self, found: FoundT, /) -> dict[str, Any]:
@@ -146,20 +146,18 @@ class Experiment(Plan, Generic[FoundT]):
         dask: str | None = None,
         progress: Progress | None = None,
     ) -> Result[FoundT]:
-        """Walk all cases, write report, figures, tables and a JSON file of the results.
+        """Simulate all walks, and write report, figures, tables and a JSON file of the results.
 
-        Walks are saved while this runs: a call that was interrupted is continued by the next one.
+        Finished walks are saved: the next call continues an interrupted one.
 
         Args:
-            folder: for the report: new, empty, or with an earlier report of this kind, which is replaced.
-            cache: earlier walks; None is the one of the command line, `runs/study-cache`. Measurements of the
-                simulation's uncertainty are read from the folder around it.
-            jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
+            folder: new, empty, or with an earlier report of this kind, which is replaced.
+            cache: None is `runs/study-cache`. The folder that contains it has the measured uncertainties.
+            jobs: threads; None is all cores here, one for each chunk on a Dask worker.
             dask: address of a Dask scheduler whose workers simulate; None simulates here.
-            progress: observer.
 
         Raises InputError for a plan, a folder or an address that cannot be used, MissingExtraError without
-        the extra `study`, CacheError when walks cannot be saved; all but the last before anything runs.
+        the extra `study`, CacheError if walks cannot be saved; all but the last before anything runs.
         """
         folder, cache = Path(folder), cache or WalkCache()
         work = Work(cache=cache, jobs=jobs, dask=dask, progress=progress or Silent())
@@ -179,7 +177,7 @@ class Experiment(Plan, Generic[FoundT]):
         return result
 
     def write(self, found: FoundT, folder: Path, progress: Progress | None = None) -> Path:
-        """Write tables, figures and the page into a folder; returns the path of the page."""
+        """Write tables, figures and the page into a folder; return the path of the page."""
         tables = self.tables(found)
         for name, table in tables.items():
             table.to_parquet(folder / f"{name}.parquet", index=False)
@@ -196,7 +194,6 @@ class Experiment(Plan, Generic[FoundT]):
 
 
 def _draw(drawings: Sequence[Drawing], folder: Path, progress: Progress) -> dict[str, Picture]:
-    """Write the figures that there are as SVG; pictures of them for the page."""
     progress.stage("figures", len(drawings))
     pictures = {}
     for drawing in drawings:

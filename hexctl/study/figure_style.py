@@ -1,4 +1,4 @@
-"""What all figures share: matplotlib without a window, colours, saving."""
+"""Shared parts of figures: matplotlib without a window, colours, saving."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -105,7 +105,7 @@ def grid_of(count: int) -> tuple[int, int]:
 
 
 def save_figure(figure: "Figure", folder: Path, name: str) -> Path:
-    """Write a figure as NAME.svg; path of the file."""
+    """Write a figure as NAME.svg and return the path."""
     import matplotlib as mpl
 
     path = folder / f"{name}.svg"

@@ -1,4 +1,4 @@
-"""What all experiments do with their data frames."""
+"""Helpers for the data frames of experiments."""
 
 import math
 from typing import TYPE_CHECKING, Any

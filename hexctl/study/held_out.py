@@ -1,4 +1,4 @@
-"""Held-out worlds: robots in members of families of worlds that nothing was built with."""
+"""Held-out worlds: robots in worlds that nothing was developed with."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -9,10 +9,10 @@ from hexctl.robot.model import Robot
 from hexctl.study.walk_cache import CaseT, Place, WalkT
 from hexctl.types import JOINT_KINDS
 
-#: Failure of a robot with six good legs.
+#: Failure of an intact robot.
 INTACT = "intact"
 
-#: Default failures in mid-walk, of legs and of single joints.
+#: Default failures during a walk, of legs and of single joints.
 FAILURES = (
     "locked",
     "limp",

@@ -33,10 +33,7 @@ Columns = Mapping[str, Callable[[Record], str]]
 
 
 def frame_of(walked: Walked, walks: Sequence[Sequence[Any]]) -> "DataFrame":
-    """Return a row for each walk: the columns of its place, its case and its outcome.
-
-    Column `place` is the name of the world, by which standard errors are clustered.
-    """
+    """Return a row for each walk. Column `place` is the world, by which standard errors are clustered."""
     from pandas import DataFrame
 
     rows = [
@@ -99,8 +96,8 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     """Settings of an experiment whose walks are compared in held-out worlds.
 
     Attributes:
-        failures: how each of the legs fails, as `parse_kind` reads it; intact robots walk as well.
-        exact_sensors: whether worlds keep the sensors that their family gives them, instead of `SENSORS`.
+        failures: of each leg, as `parse_kind` reads them; intact robots walk too.
+        exact_sensors: keep the sensors of the family instead of `SENSORS`.
     """
 
     #: Column by whose values walks are compared, and the columns of the tables, the first one the group.
@@ -130,7 +127,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         check_setting("worlds", self.worlds, self.worlds <= most, f"1..{most}")
 
     def find(self, work: Work) -> "DataFrame":
-        """Walk all cases, a row each."""
+        """Simulate all walks; a row for each."""
         walked = self.walked()
         rows = self.columns(frame_of(walked, work.walk(walked)))
         work.lap("walks")
@@ -153,7 +150,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
 
     @abstractmethod
     def bars(self, rows: "DataFrame") -> list[Bar]:
-        """Return the bars that the walks are to reach."""
+        """Return the bars that the walks have to reach."""
 
     def statistics(self, rows: "DataFrame") -> list[Record]:
         """Return the statistics of each group of walks, for each of the values that are compared."""

@@ -45,16 +45,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-#: Earlier members of the families were used while this comparison was built.
+#: Earlier worlds of the families were used to develop this comparison.
 FIRST_WORLD = 250
 
 #: Default family of worlds.
 FAMILY = "transfer"
 
-#: The family of worlds with robots as they are built, in which intact robots are judged.
+#: Family of worlds with robots as built, in which intact robots are judged.
 REAL = "real"
 
-#: Share of walks that may make no progress.
+#: Maximum share of walks without progress.
 NO_PROGRESS = 0.03
 
 #: Holds in the words of the report, and their colours.
@@ -86,7 +86,7 @@ def statistics(rows: "DataFrame") -> Record:
 
 
 def _over_open(rows: "DataFrame") -> tuple[float, float]:
-    """Progress over that in open loop, of the walks that have both, and its standard error over worlds."""
+    """Progress relative to open loop, of walks that have both, and its standard error over worlds."""
     known = rows.assign(progress_m=rows["speed"] * rows["ideal_distance_m"])
     known = known[known["progress_m"].notna() & known["open_m"].notna()]
     progress_m, open_m = known["progress_m"].to_numpy(), known["open_m"].to_numpy()
@@ -98,7 +98,6 @@ def _over_open(rows: "DataFrame") -> tuple[float, float]:
 
 
 def _count(name: str) -> Any:
-    """Text of a number of walks and their share."""
     return lambda one: f"{one[name]} ({share_text(one[name] / one['walks'])})" if one[name] else "0"
 
 
@@ -124,8 +123,8 @@ class HoldPlan(HeldOutExperiment):
 
     Attributes:
         self_rotation: direction of the failed leg during the walk. With `auto`, it points to the rear under
-            the hold `heading` and stays in place under the others, as `hexctl run --gait auto` does. Walks
-            in open loop then have the gait of those that hold the line.
+            `heading`, and the robot does not turn under the others, as in `hexctl run --gait auto`. Walks in
+            open loop then have the gait of those that hold the line.
     """
 
     NAME: ClassVar[str] = "holds"
@@ -171,9 +170,9 @@ class HoldPlan(HeldOutExperiment):
 
     @staticmethod
     def columns(rows: "DataFrame") -> "DataFrame":
-        """Return walks with their final deviation and speed, NaN if they did not end on their feet.
+        """Return walks with final deviation and speed, NaN if they did not end on their feet.
 
-        Column `open_m` is the progress of the same walk in open loop, NaN if that was not walked.
+        Column `open_m` is the progress of the same walk in open loop, NaN without one.
         """
         ended = rows["status"].isin(ENDED)
         rows = rows.assign(
@@ -197,7 +196,7 @@ class HoldPlan(HeldOutExperiment):
         yield from groups(floor, columns | {"floor": "floor"})
 
     def bars(self, rows: "DataFrame") -> list[Bar]:
-        """Return the bars that walks are to reach; none is judged on walks that are too short."""
+        """Return the bars that walks have to reach; none is judged on walks that are too short."""
         line, heading = (where(rows, hold=hold) for hold in ("line", "heading"))
         bars: list[Bar] = []
         if len(line):
@@ -252,7 +251,6 @@ class HoldPlan(HeldOutExperiment):
 
 
 def _line_bars(rows: "DataFrame") -> Iterator[Bar]:
-    """Bars of walks of a failed leg that hold their line."""
     found = statistics(rows)
     final = "of the final deviation"
     yield _length("line_mean", f"pose: mean {final}", found["mean_m"], 0.006, 0.003)
@@ -283,7 +281,7 @@ def _line_bars(rows: "DataFrame") -> Iterator[Bar]:
 
 
 def _length(name: str, what: str, value_m: float, most_m: float, stretch_m: float | None = None) -> Bar:
-    """Bar of a length with an upper limit; NaN misses it."""
+    """Bar with an upper limit; NaN misses it."""
     stretch = "" if stretch_m is None else f" (stretch: {limit_text(stretch_m)})"
     asked = f"{what} at most {limit_text(most_m)}{stretch}"
     return Bar(name=name, asked=asked, measured=cm(value_m), holds=bool(value_m <= most_m))
@@ -295,7 +293,7 @@ def _at_least(name: str, what: str, value: float, least: float) -> Bar:
 
 
 def _figure(holds: Sequence[str], each: Sequence[tuple[str, "DataFrame"]], title: str) -> "Figure":
-    """Draw the distributions of the final deviation: a panel for each group of walks, a row for each hold."""
+    """Draw distributions of the final deviation: a panel for each group of walks, a row for each hold."""
     across, columns = grid_of(len(each))
     wide, high = (9.0, 0.9 + 1.1 * len(holds)) if len(each) == 1 else (5.2, 0.7 + 0.8 * len(holds))
     figure, panels = new_figure(across, columns, (wide * columns, high * across))

@@ -1,4 +1,4 @@
-"""The compared walks: one robot in one world, what fails and what is held in each walk, and its outcome."""
+"""Walks of the comparison of holds: robot, world, failure, hold and outcome."""
 
 import math
 from collections.abc import Hashable
@@ -26,7 +26,7 @@ class HoldCase:
 
     Attributes:
         leg: failed leg, 1..6; 0 for an intact robot.
-        failure: failure of the leg, as `parse_kind` reads it; `intact` without one.
+        failure: as `parse_kind` reads it; `intact` without one.
     """
 
     leg: int
@@ -44,7 +44,7 @@ class HoldWalk:
     """Outcome of one walk; deviations are those of the simulation's true pose, NaN if unknown.
 
     Attributes:
-        body_raise: raise of the body, as a fraction of the robot's size.
+        body_raise: as a fraction of the robot's size.
         why: why it was stopped, or the likely cause of a walk without progress.
         signed_m: deviation at the end, positive to the left.
         ideal_distance_m: progress of a robot whose feet do not slip.
@@ -101,11 +101,7 @@ def _known(value: float | None) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
-    """A robot in a world.
-
-    Attributes:
-        self_rotation: direction of the failed leg during the walk, as in `HoldPlan`.
-    """
+    """A robot in a world; `self_rotation` is that of `HoldPlan`."""
 
     WALK: ClassVar[type[HoldWalk]] = HoldWalk
 
@@ -148,5 +144,5 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
         return SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.number)
 
 
-#: Gaits by robot and plan: they are the same in all worlds.
+#: Gaits depend on robot and plan, not on the world.
 _gait_of = cache(stable_gait)

@@ -108,7 +108,7 @@ def check_walks(specs: Iterable[LandscapeSpec]) -> None:
 
 
 def _items(plan: Any) -> Iterable[tuple[str, type, Iterable[object]]]:
-    """Name, type of the items, and items of each field that is a tuple or mapping."""
+    """Name, item type and items of each field that is a tuple or mapping."""
     hints = get_type_hints(type(plan))
     for field in fields(plan):
         kind, value = hints[field.name], getattr(plan, field.name)
@@ -125,7 +125,7 @@ class PlannedWork(Generic[ResultT]):
 
     Attributes:
         plan: a `Plan`, such as a `StudyPlan` or a `PriorPlan`.
-        begin: runs the plan, with a `cache` and a `progress`, and returns the result.
+        begin: runs the plan with a `cache` and a `progress`.
     """
 
     plan: Any
@@ -136,14 +136,13 @@ class PlannedWork(Generic[ResultT]):
         return cache.count(self.plan.walked())
 
     def run(self, *, cache: WalkCache | None = None, progress: Progress | None = None) -> ResultT:
-        """Simulate what the cache lacks, and return the result.
+        """Simulate the walks that the cache lacks, and return the result.
 
-        Walks are saved while this runs: a call that was interrupted is continued by the next one.
+        Finished walks are saved: the next call continues an interrupted one.
 
         Args:
-            cache: earlier walks; None is the one of the command line, `runs/study-cache`.
-            progress: observer.
+            cache: None is `runs/study-cache`.
 
-        Raises what `hexctl.study.experiment.Experiment.run` raises.
+        Raises the errors of `hexctl.study.experiment.Experiment.run`.
         """
         return self.begin(cache=cache, progress=progress)

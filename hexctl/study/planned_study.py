@@ -32,15 +32,14 @@ Planned = PlannedWork[Result[Any]]
 
 
 def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned:
-    """Plan the study that options ask for; its `run` simulates it and writes the report.
+    """Plan a study; its `run` simulates it and writes the report.
 
         result = planned_study(StudyOptions(hold=True, legs=(2,), worlds=1)).run()
 
     Args:
-        options: what is asked for.
-        runs: folder of the report and of priors that were built; None is that of the settings, `runs`.
+        runs: folder of reports and of built priors; None is that of the settings, `runs`.
 
-    Raises InputError for a robot, a world, a family or a prior that there is not.
+    Raises InputError for an unknown robot, world, family or prior.
     """
     check_type(options, StudyOptions, "options")
     runs = find_settings().runs if runs is None else runs
@@ -69,7 +68,6 @@ def _transfer(options: StudyOptions, runs: Path) -> TransferPlan:
 
 
 def _prior(options: StudyOptions, robot: Robot, runs: Path) -> Prior:
-    """Prior that a file has, or that is found for the trials of a transfer benchmark."""
     if options.prior not in (None, "auto"):
         return load_prior(Path(str(options.prior)))
     legs, failure = tuple(options.legs), options.failure or "locked"
@@ -102,7 +100,7 @@ _PLANS: dict[str, Callable[[StudyOptions, Path], Experiment[Any]]] = {
 def _held_out(
     options: StudyOptions, plan: type[HeldOutExperiment], families: Sequence[str]
 ) -> dict[str, Any]:
-    """Values of the fields of an experiment in held-out worlds."""
+    """Fields of an experiment in held-out worlds, by name."""
     values = _values(options, plan)
     if options.failure is not None:
         values["failures"] = listed(options.failure)
@@ -113,7 +111,7 @@ def _held_out(
 
 
 def _values(options: StudyOptions, plan: Any) -> dict[str, Any]:
-    """Options that a plan has by the same name; for those that are None its own defaults hold."""
+    """Options that a plan has by the same name, without those that are None."""
     names = {field.name for field in fields(plan)} - {"robot", "world", "prior"}
     values = {field.name: getattr(options, field.name) for field in fields(options) if field.name in names}
     return {
@@ -124,12 +122,11 @@ def _values(options: StudyOptions, plan: Any) -> dict[str, Any]:
 
 
 def _several(text: str | None, default: Sequence[str]) -> tuple[str, ...]:
-    """Names of a text with commas, or the default ones."""
     return tuple(default) if text is None else listed(text)
 
 
 def _family(name: str) -> DomainRandomization:
-    """Family of worlds of a name; raises InputError for any other world."""
+    """Family of worlds by name; raises InputError for any other world."""
     try:
         return load_randomization(name)
     except InputError as error:

@@ -45,13 +45,13 @@ from hexctl.study.walk_cache import WalkCache, Walked
 from hexctl.study.walking import Progress, walk_all
 from hexctl.types import N_LEGS
 
-#: Members of the families from this one on are walked.
+#: Number of the first world of each family.
 FIRST_WORLD = 100
 
-#: How many, at most: no benchmark uses them.
+#: Maximum number of worlds; no benchmark uses these.
 MOST_WORLDS = 16
 
-#: Most next codes: two legs leave 24, of which one is the safest, and as many are drawn.
+#: Maximum of next codes: two failed legs leave 24 codes, one is the safest, and as many are drawn.
 MOST_CODES = 11
 
 #: How both legs of a pair fail.
@@ -63,9 +63,8 @@ class RepertoirePlan(Plan):
     """Settings of one repertoire.
 
     Attributes:
-        families: of plausible worlds, by name.
-        failures: of single legs, in the words of `parse_kind`.
-        codes: how many next codes by the static margin are candidates, and as many drawn at random, as a
+        failures: of single legs, as `parse_kind` reads them.
+        codes: number of next codes by static margin that are candidates. As many are drawn at random, as a
             check of that ranking.
     """
 
@@ -131,7 +130,7 @@ class RepertoirePlan(Plan):
 
     @cached_property
     def cases(self) -> tuple[RepertoireCase, ...]:
-        """What is walked in each of the worlds, situation by situation."""
+        """Return what is walked in each of the worlds, situation by situation."""
         return tuple(
             RepertoireCase(failures=texts_of(failures), heading_deg=heading_deg, candidate=candidate)
             for failures, heading_deg in self.situations
@@ -151,7 +150,6 @@ class RepertoirePlan(Plan):
         return tuple(found.values())
 
     def _gaits(self, failures: Sequence[Failure], heading_rad: float) -> Iterator[tuple[str, Gait]]:
-        """Names and gaits that come into question."""
         legs = tuple(one.leg for one in failures)
         raised = replace(self.gait, posture=Posture(body_raise=STAND_UP))
         safest = gait_without(self.robot, raised, heading_rad=heading_rad, legs=legs)
@@ -190,7 +188,7 @@ class RepertoirePlan(Plan):
 
 
 def _key_deg(heading_deg: float) -> float:
-    """A direction as a key: -180 and 180 are the same, and rounding is none."""
+    """Direction in degrees as a key: rounded, and equal for -180 and 180."""
     return round(heading_deg % 360.0, 3) % 360.0
 
 

@@ -25,7 +25,7 @@ TOGETHER = 8
 #: When the gait changes, and the failure comes before it at the latest and the earliest, in cycles.
 CHANGE_CYCLES, ALARM_CYCLES, PHASES_CYCLES = 2.6, 0.4, 1.0
 
-#: From when after the change on the speed is measured, and for how long, in cycles.
+#: Delay from the change to the measurement of the speed, and its duration, in cycles.
 SETTLES_CYCLES, MEASURED_CYCLES = 2.0, 3.0
 
 
@@ -45,8 +45,7 @@ class RepertoireCase:
     """One walk under some conditions.
 
     Attributes:
-        failures: leg and words of each failure, such as `5:stuck:femur`.
-        candidate: gait and posture that the robot changes to.
+        failures: leg and failure of each, such as `5:stuck:femur`.
     """
 
     failures: tuple[str, ...]
@@ -56,13 +55,12 @@ class RepertoireCase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CandidateWalk:
-    """The outcome of one walk; NaN where it is not known.
+    """The outcome of one walk; NaN if not known.
 
     Attributes:
-        case: what failed, and how the robot walked on.
-        speed: along the line while it was measured, as a share of what was commanded before the failure; NaN
+        speed: along the line while it was measured, as a share of the speed commanded before the failure; NaN
             for a walk that did not end on its feet.
-        cost: of transport of the complete walk.
+        cost: cost of transport of the complete walk.
     """
 
     case: RepertoireCase

@@ -96,10 +96,7 @@ def markdown(table: Table) -> list[str]:
 
 
 def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
-    """HTML text of a page; every text in it is escaped.
-
-    The contents follow the first sections without a title.
-    """
+    """Return a page as HTML, all text escaped; the contents follow the first sections without a title."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

@@ -22,14 +22,14 @@ WORLDS = Range(low=1, high=1000, whole=True)
 
 TIME_STEP_MS = Range(low=0.5, high=5, unit="ms")
 
-#: Length of a tick, of which steps of the physics are whole parts.
+#: Length of a tick; a whole number of physics steps.
 TICK_MS = round(1000 * PERIOD_S)
 
-#: Kinds of studies by the option that asks for each; the paper's experiments are what no option asks for.
+#: Kinds of studies, by the option that selects each; without one it is `PAPER`.
 PAPER, TRANSFER, MATRIX, HOLD, RECOVERY = "paper", "transfer", "matrix", "hold", "recovery"
 ASKED_KINDS = (TRANSFER, MATRIX, HOLD, RECOVERY)
 
-#: Options that not all kinds of studies take, and the kinds that take them.
+#: Kinds of studies that take an option; the options not listed are for all.
 TAKEN_BY = {
     "self_rotation": (PAPER, MATRIX, HOLD),
     "optimizers": (PAPER, TRANSFER, MATRIX),
@@ -61,7 +61,7 @@ def _time_steps(text: str) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComputeOptions:
-    """On what studies and priors are simulated."""
+    """Options for the computation of studies and priors."""
 
     PANEL: ClassVar = "Computer"
 
@@ -74,7 +74,7 @@ class ComputeOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyOptions(ComputeOptions):
-    """What a study is asked for. Its fields are the options of `hexctl study`.
+    """Options of `hexctl study`.
 
     Raises InputError for a value that is not allowed, and for an option of another kind of study.
     """
@@ -197,7 +197,7 @@ class StudyOptions(ComputeOptions):
         return next((kind for kind in ASKED_KINDS if getattr(self, kind)), PAPER)
 
     def _where(self, kinds: Sequence[str]) -> str:
-        """Where an option is allowed that this kind of study does not take."""
+        """Condition under which an option of other kinds of study is allowed."""
         if PAPER in kinds:
             return f"without {argument(self.kind)}"
         return "with " + " or ".join(map(argument, kinds))

@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def code_versions() -> dict[str, str]:
     """Versions of the packages that a landscape depends on, and a digest of the source that simulates it.
 
-    Read once per process: the files are taken to be those that were imported.
+    Read once per process: files are assumed to be those that were imported.
     """
     installed = {package: _version(package) for package in _PACKAGES}
     return {**installed, "landscape": str(LANDSCAPE_VERSION), "source": source_digest()}
@@ -44,8 +44,7 @@ def source_digest(entry: str = ENTRY, root: Path = ROOT) -> str:
 def simulating_sources(entry: str = ENTRY, root: Path = ROOT) -> list[Path]:
     """Files of hexctl that simulate a landscape: a module and everything that it imports, sorted.
 
-    Imports inside functions count, imports for type checkers do not. Recordings, the network, servo boards
-    and the command line are not among the files: no simulation imports them.
+    Imports inside functions count, imports for type checkers do not.
     """
     files: dict[str, Path] = {}
     modules = [entry]
@@ -65,7 +64,7 @@ def _file_of(module: str, root: Path) -> Path | None:
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
-    """Names of hexctl that a module imports: of modules, and of what may be a module."""
+    """Names that a module imports from hexctl: modules, and objects that may be modules."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "hexctl":
             yield str(node.module)

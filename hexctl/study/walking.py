@@ -16,16 +16,16 @@ from hexctl.study.study_options import JOBS
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import Place, WalkCache, Walked, distinct
 
-#: How long a Dask scheduler may take to answer.
+#: Timeout for the answer of a Dask scheduler.
 CONNECT_S = 15
 
 #: How often a chunk whose worker died is given to another worker; after that the chunk counts as the cause.
 RETRIES = 3
 
-#: More places than this are counted, not named one by one.
+#: Above this number, places are counted instead of named.
 MOST_NAMED = 12
 
-#: Threads of `as_finished` have names that begin so.
+#: Prefix of the names of threads of `as_finished`.
 THREADS = "simulate"
 
 
@@ -80,20 +80,16 @@ def walk_all(
     dask: str | None = None,
     progress: Progress | None = None,
 ) -> list[list[Any]]:
-    """Return the walks of each place in the order of its cases; what the cache lacks is simulated.
-
-    When this is interrupted, the chunks that have finished are in the cache, and another call continues from
-    there.
+    """Return the walks of each place in the order of its cases; simulate those that the cache lacks.
 
     Args:
         walked: cases, place by place; equal places may come again with other cases.
-        cache: has earlier walks and gets each chunk as soon as it is done.
-        jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
+        cache: gets each chunk as soon as it is done, so another call continues an interrupted one.
+        jobs: threads; None is all cores here, one for each chunk on a Dask worker.
         dask: address of a Dask scheduler whose workers simulate; None simulates here.
-        progress: observer.
 
-    Raises InputError for an address that does not answer, CacheError when the disk refuses a file,
-    RobotFaultError when a worker runs other code.
+    Raises InputError for an address that does not answer, CacheError if the disk refuses a file,
+    RobotFaultError if a worker runs other code.
     """
     with nullcontext() if dask is None else dask_executor(dask) as executor:
         return _walk_all(walked, cache, executor, jobs, progress or Silent())
@@ -130,7 +126,6 @@ def evaluate(specs: Sequence[LandscapeSpec], cache: WalkCache, **how: Any) -> li
 
 
 def _note_known(walked: Walked, known: dict[str, dict[Any, Any]], progress: Progress) -> None:
-    """Report which places have all their walks in the cache."""
     titles = [place.title for place, cases in walked if set(cases) <= known[place.fingerprint].keys()]
     if len(titles) > MOST_NAMED:
         progress.note(f"{len(titles)} of {len(walked)} sets of walks: from the cache")
@@ -140,7 +135,6 @@ def _note_known(walked: Walked, known: dict[str, dict[Any, Any]], progress: Prog
 
 
 def _chunks(walked: Walked, known: dict[str, dict[Any, Any]]) -> list[_Chunk]:
-    """Chunks of the cases that are not known."""
     return [
         _Chunk(place=place, cases=chunk)
         for place, cases in walked
@@ -152,10 +146,10 @@ Done = TypeVar("Done")
 
 
 def as_finished(walks: Sequence[Callable[[int], Done]], jobs: int | None) -> Iterator[Done]:
-    """What functions return as they finish; left early, those that have begun run on and are dropped.
+    """Yield results as functions finish; if closed early, running functions continue and are dropped.
 
     Args:
-        walks: simulate; each is called with the number of threads that it may use.
+        walks: each is called with the number of threads that it may use.
         jobs: threads that simulate together; None is all cores.
     """
     jobs = jobs or cpu_count() or 1
@@ -181,7 +175,7 @@ def simulating() -> bool:
 def _elsewhere(
     walks: Sequence[Callable[[int], Done]], executor: Executor, jobs: int | None
 ) -> Iterator[Done]:
-    """What picklable functions return as they finish on a cluster, with so many threads each; None is one."""
+    """Yield results of picklable functions as a cluster finishes them; `jobs` threads each, None is one."""
     futures = [executor.submit(_walked_elsewhere, walk, jobs or 1) for walk in walks]
     try:
         for future in as_completed(futures):
@@ -197,7 +191,7 @@ def _elsewhere(
 def dask_executor(address: str) -> Iterator[Executor]:
     """Executor of the Dask scheduler at an address such as `tcp://127.0.0.1:8786`, as a context manager.
 
-    Raises InputError when nothing answers there, MissingExtraError without the package `distributed`.
+    Raises InputError if nothing answers there, MissingExtraError without the package `distributed`.
     """
     with _client(address) as client, client.get_executor(retries=RETRIES, pure=False) as executor:
         yield executor
@@ -222,7 +216,7 @@ def _client(address: str) -> Any:
 
 
 def _walked_elsewhere(walk: Callable[[int], Done], threads: int) -> tuple[dict[str, str], Done]:
-    """What a function returns, and the versions of the code that it ran."""
+    """Versions of the code that a worker runs, and the result of a function."""
     return code_versions(), walk(threads)
 
 

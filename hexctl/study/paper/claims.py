@@ -46,13 +46,13 @@ CONVERGED_M = 0.005
 #: Optimizers are competitive when the worst is this near to the best.
 COMPETITIVE_M = 0.025
 
-#: Share of the total improvement that the first 20 evaluations of a curve that is flat after them make.
+#: Share of the total improvement within the first 20 evaluations, for a curve that is flat after them.
 FAST = 0.8
 
-#: A claim that holds in more than this share of the draws of random numbers says nothing when it holds.
+#: A claim that holds in more than this share of draws of random numbers is no evidence.
 NULL_SHARE = 0.05
 
-#: If no gait is within `LATE_M`, the bar is this much above the best gait that there is.
+#: If no gait is within `LATE_M`, the bar is this much above the best gait.
 LATE_ABOVE_BEST_M = 0.01
 
 
@@ -67,12 +67,10 @@ BAR_COLUMNS = (
 class Searched:
     """Searches by which claims are judged: those of one leg of each experiment, by the paper's count.
 
-    On random numbers no other leg is searched: a mean over the runs of all legs would be compared with means
-    over fewer runs.
+    On random numbers no other leg is searched: means over all legs would be compared with means over fewer.
 
     Attributes:
-        best_m: best scores so far by world, leg and optimizer, a row for each run, a column for each
-            evaluation.
+        best_m: best scores so far, a row for each run (world, leg, optimizer), a column for each evaluation.
     """
 
     findings: Findings
@@ -278,7 +276,7 @@ def claims_of(findings: Findings) -> list[Claim]:
 
 
 def _against_null(claim: Claim, draws: list[bool | None]) -> Claim:
-    """Claim compared with the same rule on random numbers: if it holds on those too, it says nothing."""
+    """Claim that has no evidence if its rule holds on random numbers too."""
     claim = replace(claim, null=f"holds in {draws.count(True)} of {len(draws)} draws")
     if claim.holds and null_share(draws) > NULL_SHARE:
         return replace(claim, holds=None, no_evidence="also holds on random numbers")
@@ -342,7 +340,7 @@ def bars_of(findings: Findings) -> "DataFrame":
 
 
 def missed_lines(findings: Findings) -> Iterator[str]:
-    """Return the optimizers that miss the bar for distances, or that none does."""
+    """Return the optimizers that miss the bar for distances, or that all reach it."""
     rows = [row for row in bars_of(findings).to_dict("records") if (row["count"], row["leg"]) == (FRESH, ALL)]
     judged = [row for row in rows if row["holds"] is not None]
     missed = [row for row in judged if not row["holds"]]

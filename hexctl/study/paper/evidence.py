@@ -23,7 +23,7 @@ from hexctl.robot.model import Robot
 from hexctl.study.report_page import Table
 from hexctl.types import FloatArray
 
-#: After 20 evaluations about 10 cm, after 60 about 2.5 cm, says the paper.
+#: The paper's deviations: about 10 cm after 20 evaluations, about 2.5 cm after 60.
 EARLY, EARLY_M = 20, 0.10
 LATE, LATE_M = 60, 0.025
 
@@ -33,8 +33,7 @@ ABOUT = 0.5
 #: Confidence of the intervals over worlds.
 CONFIDENCE = 0.95
 
-#: Shorter walks are not judged: deviations grow with the time walked, and the distances in claims and bars
-#: are those of walks of this duration.
+#: Shorter walks are not judged: deviations grow with time, and claims and bars are for this duration.
 JUDGED_FROM_S = 30.0
 
 #: Results of `judge`.
@@ -63,7 +62,6 @@ class Measure:
         values: one for each world; NaN if it cannot be judged.
         note: counts behind it, or why it is not judged.
         most: largest possible value, such as 1 for a share.
-        least: smallest possible value.
     """
 
     name: str
@@ -106,8 +104,8 @@ def mean(values: FloatArray) -> float:
 def clustered_error(values: FloatArray, groups: NDArray[Any]) -> FloatArray:
     """Standard error of the mean of values, (n, ...), if groups, (n,), such as worlds, are independent.
 
-    Of N values in W groups, `W / (W - 1)` times the sum of the squares of the groups' residual sums, its root
-    divided by N: the cluster-robust variance of a mean. NaN for fewer than two groups.
+    The cluster-robust error for N values in W groups: sqrt(W / (W - 1) * sum of squares of the groups'
+    residual sums) / N. NaN for fewer than two groups.
     """
     numbers = np.unique(groups)
     if len(numbers) < 2:
@@ -133,9 +131,9 @@ def wilson_interval(count: int, of: int) -> tuple[float, float]:
 
 
 def judge(measure: Measure, tolerance: Tolerance) -> str:
-    """Return the position of a number's interval: within a tolerance, below, above, across its end, unknown.
+    """Return the position of an interval: within a tolerance, below, above, across its limit, or unknown.
 
-    Across is no evidence: worlds like these differ by more than their distance from the limit.
+    Across is no evidence: such worlds differ by more than their distance from the limit.
     """
     if not measure.known.size:
         return UNKNOWN
@@ -189,12 +187,11 @@ class Claim(Verdict):
     """A claim of the paper and the numbers of this study.
 
     Attributes:
-        claim: the paper's statement.
         rule: condition under which it holds here.
-        measured: the numbers, with their intervals if there are several worlds.
+        measured: the numbers, with intervals if there are several worlds.
         beside: result of the random baseline, or another fact for comparison.
         symmetric: which symmetry implies the claim; empty without one.
-        null: result on random numbers; empty if the claim is not compared with any.
+        null: result on random numbers; empty without a comparison.
     """
 
     claim: str
@@ -257,7 +254,7 @@ def cm(value_m: float) -> str:
 
 
 def with_error(value: float, error: float, text: Callable[[float], str] = "{:.2f}".format) -> str:
-    """Text of a value with its standard error, if that is known."""
+    """Text of a value, with its standard error if that is known."""
     return text(value) + (f" ± {text(error)}" if np.isfinite(error) else "")
 
 
@@ -303,7 +300,7 @@ class StudyUncertainty:
     """Uncertainty of the walks of a study by the simulation itself.
 
     Attributes:
-        known: as measured; None if it was not.
+        known: None if it was not measured.
     """
 
     known: SimulationUncertainty | None = None
@@ -349,7 +346,7 @@ class StudyUncertainty:
         return [self.sentence] if self.known is not None or self.duration_s >= JUDGED_FROM_S else []
 
     def beside(self, deviation_m: float) -> str:
-        """Text of the deviation of a single walk with its uncertainty, if that is known."""
+        """Text of the deviation of a single walk, with its uncertainty if that is known."""
         return cm(deviation_m) + ("" if self.known is None else f" ± {cm(self.known.numerical_m)}")
 
     def as_json(self) -> dict[str, Any] | None:

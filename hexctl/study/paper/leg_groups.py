@@ -19,7 +19,7 @@ EVEN = frozenset(
      "servo_backlash_deg", "servo_strength", "servo_stiffness", "roughness_length_m")
 )  # fmt: skip
 
-#: Quantities that `_world_allows` looks at; any other one that differs from the flat world's breaks symmetry.
+#: Quantities that `_world_allows` checks; others that differ from the flat world's break the symmetry.
 EXAMINED = frozenset(
     ("slope_deg", "slope_direction_deg", "roughness_m", "payload_kg", "payload_position_m",
      "body_mass_shift_m")
@@ -29,9 +29,9 @@ EXAMINED = frozenset(
 def symmetries_of(
     robot: Robot, world: World, self_rotation: str, failure: str = "locked"
 ) -> tuple[BodySymmetry, ...]:
-    """Symmetries under which a leg's landscape becomes another leg's, the identity first.
+    """Symmetries that map one leg's landscape to another leg's, the identity first.
 
-    Without self-rotation the direction of travel is fixed in the body, and only what keeps it counts.
+    Without self-rotation the direction of travel is fixed in the body; only symmetries that keep it count.
     """
     return tuple(
         one
@@ -47,8 +47,8 @@ def experiments_of(
 ) -> tuple[tuple[int, ...], ...]:
     """Legs in groups, ascending: the landscapes of a group are one experiment and have one vote.
 
-    A gait that is turned onto another leg begins at another point of its cycle, which moves its end by a
-    centimetre or two; apart from that the landscapes of a group are the same.
+    They differ only by a centimetre or two at the end, because a turned gait begins at another point of
+    its cycle.
     """
     symmetries = symmetries_of(robot, world, self_rotation, failure)
     groups: dict[tuple[int, ...], tuple[int, ...]] = {}
@@ -62,18 +62,15 @@ def experiments_of(
 def is_mirror_of(
     robot: Robot, world: World, leg: int, other: int, self_rotation: str, failure: str = "locked"
 ) -> bool:
-    """Whether the landscape of a leg is the mirror image of another leg's, or of itself.
-
-    In one that is its own, every gait has another one that ends on the other side.
-    """
+    """Whether the landscape of a leg is the mirror image of another leg's, or of itself."""
     symmetries = symmetries_of(robot, world, self_rotation, failure)
     return any(symmetry.mirrored and symmetry.legs[leg - 1] == other for symmetry in symmetries)
 
 
 def image_of(landscape: Landscape, symmetry: BodySymmetry) -> Landscape:
-    """The landscape of the leg that a symmetry puts in the place of another one, with its codes.
+    """Image of a landscape under a symmetry, with the codes of the other leg.
 
-    Deviations and yaw change their sign in a mirror. How far the robot turned before is unknown (NaN).
+    A mirror changes the sign of deviations and yaw. How far the robot turned before is unknown (NaN).
     """
     spec = landscape.spec
     codes = moved_codes(symmetry, spec.leg)[landscape.codes - 1]
@@ -97,8 +94,8 @@ def image_of(landscape: Landscape, symmetry: BodySymmetry) -> Landscape:
 def landscape_by_symmetry(known: Sequence[Landscape], leg: int) -> Landscape:
     """The landscape of a leg among known ones, or the image of one of them.
 
-    `known` are landscapes of one robot, world, failure and self-rotation. Raises KeyError when no symmetry
-    leads to the leg.
+    `known` have the same robot, world, failure and self-rotation. Raises KeyError if no symmetry leads to
+    the leg.
     """
     for landscape in known:
         if landscape.spec.leg == leg:
@@ -118,7 +115,7 @@ def _one_sided(failure: str) -> bool:
 
 
 def _world_allows(world: World, symmetry: BodySymmetry) -> bool:
-    """Whether a symmetry of the robot is one of what it carries, of its servos and of the floor, too."""
+    """Whether a symmetry of the robot is also one of its load, its servos and the floor."""
     plain = World()
     others = [name for name in World.model_fields if name not in EVEN | EXAMINED]
     if any(getattr(world, name) != getattr(plain, name) for name in others):
@@ -132,6 +129,6 @@ def _world_allows(world: World, symmetry: BodySymmetry) -> bool:
 
 
 def _keeps(symmetry: BodySymmetry, x: float, y: float) -> bool:
-    """Whether a point of the body is where it was after mirroring left and right, if so, and the turn."""
+    """Whether a symmetry leaves a point of the body in place."""
     point = np.array([x, y, 0.0])
     return float(np.linalg.norm(symmetry.points(point) - point)) < 1e-9

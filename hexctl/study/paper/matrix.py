@@ -1,4 +1,4 @@
-"""The matrix of verdicts: every claim of the paper under every reading of what the paper leaves open."""
+"""Verdicts on every claim of the paper under every reading of what the paper leaves open."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -30,10 +30,10 @@ WORLDS = ("flat", "slippery", "slope")
 TIME_STEPS_S = (0.002, 0.004)
 ROBOTS = ("ant", "phantomx", "pexod")
 
-#: Worlds of each cell, and gaits that are walked without self-rotation: what they show needs no more.
+#: Worlds of each cell, and gaits that are walked without self-rotation; more would show no more.
 CELL_WORLDS, CELL_GAITS = 3, 40
 
-#: How a verdict without an interval is to be read.
+#: Meaning of a verdict without an interval.
 SINGLE_WORLD = (
     "A verdict in brackets is that of a single world: the number itself decides, and no interval tells by "
     "how much another world would change it."
@@ -42,12 +42,7 @@ SINGLE_WORLD = (
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One setting of the matrix.
-
-    Attributes:
-        title: robot, failure, world and time step as text.
-        plan: the study of it.
-    """
+    """One setting of the matrix; its title names robot, failure, world and time step."""
 
     title: str
     plan: StudySettings
@@ -86,10 +81,7 @@ def cells_of(
     """Cells of a matrix: each failure with the first robot, world and step, and with each other one of them.
 
     Args:
-        robots: models of the robots.
-        worlds: the worlds by name.
-        failures: in the words of `parse_failure`.
-        steps_s: steps of the physics.
+        failures: as `parse_failure` reads them.
         options: further fields of `StudySettings`.
 
     Raises InputError for an empty list, and for a step that a world does not take.
@@ -140,7 +132,7 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
             cell.plan.check()
 
     def find(self, work: Work) -> "DataFrame":
-        """Walk and search all cells; a row for each claim in each."""
+        """Simulate and search all cells; a row for each claim in each."""
         from pandas import DataFrame
 
         landscapes = iter(work.evaluate(self.specs()))
@@ -164,7 +156,6 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
         }
 
     def _table(self, found: "DataFrame") -> Table:
-        """Setting, number of worlds and short verdicts of each cell."""
         verdicts = found.pivot(index="setting", columns="name", values="short")[list(NAMES)]
         rows = [[cell.title, str(cell.plan.worlds), *verdicts.loc[cell.title]] for cell in self.cells]
         return Table(("setting", "worlds", *NAMES), rows)

@@ -23,10 +23,10 @@ from hexctl.types import FloatArray
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Counts of evaluations: each code is paid for once, or repetitions cost an evaluation each (the paper's).
+#: Counts of evaluations: each code costs one evaluation, or repetitions cost one each too (the paper's).
 FRESH, PAPER = "fresh", "paper"
 
-#: How many landscapes of random numbers each landscape is compared with.
+#: Number of landscapes of random numbers that each landscape is compared with.
 NULL_DRAWS = 19
 
 #: Leg of the statistics over all legs.
@@ -47,11 +47,11 @@ def search_landscape(
     """Return the runs of an optimizer that looks up every gait: for each count and seed a row.
 
     Columns: optimizer, count, seed; `own_codes`, the number of distinct codes that the search asked for
-    before it was stuck (0 without the fresh count); `codes`, evaluated one after the other, 0 after the end
-    of a run that had tried all, (budget,); `scores` of these, `INVALID_SCORE` for an invalid gait and after
-    the end; `best_m`, the best score so far in m, NaN before the first valid gait.
+    before it was stuck (0 without the fresh count); `codes`, in order of evaluation, 0 after the end of a
+    run that had tried all, (budget,); `scores` of these, `INVALID_SCORE` for an invalid gait and after the
+    end; `best_m`, the best score so far in m, NaN before the first valid gait.
 
-    `scores` replace those of the landscape. Raises InputError for a landscape that does not hold all gaits.
+    `scores` replace those of the landscape. Raises InputError for a landscape without all gaits.
     """
     space, scores = landscape.spec.space, landscape.scores if scores is None else scores
     if len(scores) != space.size:
@@ -70,7 +70,7 @@ def _run(
 ) -> Row:
     """Codes and scores of one run.
 
-    Codes are paid for one by one, as `hexctl adapt` does; if repetitions count, the size of an ask does not
+    Codes are paid for one by one, as in `hexctl adapt`. If repetitions count, the size of an ask does not
     matter, and a generation at a time is quicker.
     """
     together = POPULATION if paper_count else 1
@@ -102,8 +102,7 @@ def codes_until_stuck(optimizer: str, space: GaitSpace, seed: int, scores: Float
 def curve_of(runs: "DataFrame") -> "DataFrame":
     """Return statistics of the best score so far over some runs, a row for each evaluation, in m.
 
-    A run without a valid gait yet is left out of mean, standard deviation, median and percentiles;
-    `share_of_runs` is the share of the runs that are in them.
+    Runs without a valid gait yet are left out; `share_of_runs` is the share of the others.
     """
     from pandas import DataFrame
 
@@ -122,10 +121,8 @@ class Findings:
         landscapes: by world, leg and self-rotation; world 0 is that of the plan.
         runs: rows of `search_landscape`, with `world`, `leg` and `draw`: 0 for searches in the landscapes,
             other numbers for those in random numbers, see `null_runs`.
-        default_walks: walks with the gaits that the robot would use anyway: leg, gait, status, signed_m,
-            distance_m, final_m.
-        claims: the paper's claims, judged by the results.
-        uncertainty: the simulation's own, of the walks.
+        default_walks: with the gaits that the robot would use without a search. Columns: leg, gait, status,
+            signed_m, distance_m, final_m.
     """
 
     plan: StudySettings
@@ -183,7 +180,7 @@ def search_all(
     """Run every optimizer on every leg, by both counts; `on_leg` is called after each leg.
 
     `landscapes` are those of `plan.specs()`, in their order. In the worlds like the first one and in
-    random numbers, searches are run by the paper's count only.
+    random numbers, searches use only the paper's count.
     """
     from pandas import DataFrame
 
@@ -217,7 +214,6 @@ def _searches(
     counts: Sequence[str],
     scores: FloatArray | None = None,
 ) -> Iterator[Row]:
-    """Runs of some optimizers in one landscape."""
     leg = landscape.spec.leg
     seeds = [plan.seed_of(leg, run, world) for run in range(plan.runs)]
     for name in optimizers:
@@ -226,7 +222,7 @@ def _searches(
 
 
 def _of_all_legs(plan: StudySettings, walked: Sequence[Landscape]) -> dict[tuple[int, str], Landscape]:
-    """Landscapes of all legs, those that were not walked as images of others."""
+    """Landscapes of all legs; those that were not simulated are images of others."""
     return {
         (leg, rotation): landscape_by_symmetry(
             [landscape for landscape in walked if landscape.spec.self_rotation == rotation], leg
@@ -237,9 +233,9 @@ def _of_all_legs(plan: StudySettings, walked: Sequence[Landscape]) -> dict[tuple
 
 
 def null_runs(findings: Findings, draws: int = NULL_DRAWS) -> Iterator[Row]:
-    """Run the heuristics in landscapes of random numbers: the same scores, dealt out to the codes at random.
+    """Run the heuristics in landscapes of random numbers: the same scores, assigned to random codes.
 
-    What a claim says of them is true of any numbers that are as large.
+    A claim that holds there would hold for any numbers of this size.
     """
     random = np.random.default_rng([findings.plan.seed, 120])
     for draw in range(1, draws + 1):

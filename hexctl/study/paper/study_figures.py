@@ -133,7 +133,7 @@ def _points(landscape: Landscape, row: int) -> FloatArray:
 def _draw_paths(
     panel: "Axes", landscape: Landscape, rows: "np.ndarray[Any, Any]", widths: "FloatArray | float"
 ) -> Any:
-    """Draw the paths of some rows, the best on top and invalid ones grey; return what a colour bar needs."""
+    """Draw the paths of some rows, the best on top, invalid ones grey; return what a colour bar needs."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
@@ -168,7 +168,7 @@ def _draw_example(panel: "Axes", landscape: Landscape, row: int) -> None:
 
 
 def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[float, float]:
-    """Width and height of a figure whose panels hold all paths at equal scales, in inches."""
+    """Width and height, in inches, at which all paths fit at equal scales."""
     points = np.concatenate([landscape.paths_m.reshape(-1, 2) for landscape in landscapes])
     points = np.concatenate([np.zeros((1, 2)), points[np.isfinite(points[:, 0])]])
     wide, high = np.ptp(points, axis=0)
@@ -179,7 +179,6 @@ def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[floa
 def _finish_paths(
     figure: "Figure", panels: "list[Axes]", used: int, title: str, *, equal: bool = True
 ) -> None:
-    """Give all panels the line of travel and labels, and by default equal scales."""
     for panel in panels[:used]:
         panel.axhline(0, color=hex_color(LINE_COLOR), linewidth=0.8, zorder=0)
         panel.plot(0, 0, "o", color=hex_color(LINE_COLOR), markersize=4)
@@ -189,7 +188,7 @@ def _finish_paths(
     figure.suptitle(title, fontsize=11, wrap=True)
 
 
-#: Lower end of the scale: less than this says nothing about a robot.
+#: Lower end of the scale; smaller deviations mean nothing for a robot.
 LOW_M = 0.002
 
 
@@ -217,7 +216,7 @@ def convergence_figure(findings: Findings, count: str) -> "Figure":
 
 
 def _draw_defaults(panel: "Axes", findings: Findings, leg: int) -> list[str]:
-    """Draw where the robot's own gaits end, as level lines; a line of text with their values, if any."""
+    """Draw where the robot's own gaits end, as level lines; return their values as text."""
     if findings.default_walks is None:
         return []
     ends = []
@@ -256,7 +255,7 @@ def _mean_curves(findings: Findings, leg: int, count: str) -> "dict[str, Series[
 
 
 def _draw_spread(panel: "Axes", name: str, curve: "DataFrame") -> None:
-    """Shade the range of eight of ten runs; six such bands would hide one another."""
+    """Shade the 10th to 90th percentile of the runs; six such bands would hide one another."""
     label = f"{name}, 10-90 % of the runs"
     panel.fill_between(
         curve.index, curve["p10_m"], curve["p90_m"], color="#000000", alpha=0.08, lw=0, label=label
@@ -264,7 +263,7 @@ def _draw_spread(panel: "Axes", name: str, curve: "DataFrame") -> None:
 
 
 def _mark_stuck(panel: "Axes", name: str, curve: "DataFrame", stuck: float) -> None:
-    """Mark the number of codes after which a search is stuck, on average, and random ones take over."""
+    """Mark the mean number of codes after which a search is stuck and random codes take over."""
     if stuck < len(curve):
         panel.plot(stuck, curve["mean_m"][round(stuck)], "o", color=color_of(name), markersize=4)
 
@@ -278,7 +277,7 @@ def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str
 def verdicts_figure(rows: Sequence[tuple[str, Sequence[str]]], columns: Sequence[str]) -> "Figure":
     """Verdicts as coloured squares: a row for each setting, a column for each claim.
 
-    Those in brackets, which no interval was tested for, are pale.
+    Verdicts in brackets, for which no interval was tested, are pale.
     """
     from matplotlib.figure import Figure
 
@@ -325,7 +324,6 @@ def study_drawings(findings: Findings) -> list[Drawing]:
 
 
 def _all_gaits(findings: Findings, *, turned: bool) -> "Figure | None":
-    """All gaits without or with self-rotation; None with the latter if there is none."""
     if turned and findings.plan.self_rotation == "none":
         return None
     landscape_of = findings.rotated if turned else findings.without

@@ -89,7 +89,6 @@ def study_json(findings: Findings) -> dict[str, Any]:
 
 
 def _curve_json(findings: Findings, optimizer: str, count: str) -> dict[str, Any]:
-    """Mean over legs and runs after some numbers of evaluations."""
     curve = findings.curves[ALL, optimizer, count].loc[_shown(findings)]
     codes = _codes(where(findings.first_runs, optimizer=optimizer, count=count))
     return {
@@ -109,7 +108,7 @@ def _shown(findings: Findings) -> list[int]:
 
 
 def _codes(runs: "DataFrame") -> "DataFrame":
-    """Mean number of codes that the runs of each leg ask for by themselves, and of distinct ones."""
+    """Mean numbers of codes that the runs of each leg ask for by themselves, and of distinct ones."""
     distinct = [np.unique(codes[codes > 0]).size for codes in runs["codes"]]
     counted = runs[["leg"]].assign(own=runs["own_codes"], distinct=distinct)
     return counted.groupby("leg").mean()
@@ -135,7 +134,6 @@ def study_tables(findings: Findings) -> "dict[str, DataFrame]":
 
 
 def _gaits(landscape: Landscape) -> "DataFrame":
-    """Rows of the gaits of a landscape; paths end where the walk ended."""
     from pandas import DataFrame
 
     spec = landscape.spec
@@ -192,7 +190,7 @@ def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Itera
 def assumptions() -> Table:
     """Return what the paper leaves open, and how hexctl reads it.
 
-    The last row has the simulation's uncertainty of `ant` as it ships with hexctl.
+    The last row has the simulation's uncertainty of the shipped `ant`.
     """
     header = ("to decide", "the paper", "hexctl", "read otherwise")
     *rows, last = (list(one.values()) for one in texts("assumptions"))
@@ -200,7 +198,7 @@ def assumptions() -> Table:
 
 
 def _uncertainty_text() -> str:
-    """By how much ends of walks move when they are computed otherwise, from `configs/uncertainty.yaml`."""
+    """Changes of the ends of walks with the numerical settings, from `configs/uncertainty.yaml`."""
     known = known_uncertainty("ant", folder=config_root())
     if known is None:
         return "What another step would change was not measured."
@@ -224,7 +222,6 @@ def _settings(findings: Findings) -> str:
 
 
 def _stuck(findings: Findings) -> str:
-    """After how many codes the searches of this study were stuck."""
     means = {
         name: _codes(where(findings.first_runs, optimizer=name, count=PAPER))["own"]
         for name in findings.heuristics
@@ -236,7 +233,6 @@ def _stuck(findings: Findings) -> str:
 
 
 def _beside(claim: Claim) -> str:
-    """Comparison of a claim: the baseline, symmetries, random numbers."""
     null = f"random numbers: {claim.null}" if claim.null else ""
     symmetric = f"symmetry: {claim.symmetric}" if claim.symmetric else ""
     return "; ".join(text for text in (claim.beside, symmetric, null) if text)
@@ -255,7 +251,6 @@ def _bar_blocks(findings: Findings) -> list[Block]:
 
 
 def _bars(bars: "DataFrame") -> Table:
-    """A row for each optimizer and number of evaluations: all legs together, then each leg."""
     header, rows = ["optimizer", "evaluations", "bar", "mean", "verdict"], []
     for (optimizer, evaluations), some in bars.groupby(["optimizer", "evaluations"], sort=False):
         together, *legs = some.to_dict("records")
@@ -286,7 +281,6 @@ def _landscapes(findings: Findings) -> Table:
 
 
 def _defaults(findings: Findings) -> Table:
-    """The robot's own gaits next to the landscape and the searches of each leg."""
     walks = findings.default_walks
     assert walks is not None  # noqa: S101  there is no such section without them
     after = min(EARLY, findings.plan.budget)
@@ -309,7 +303,6 @@ def default_text(walk: Any) -> str:
 
 
 def _found_text(findings: Findings, leg: int, optimizer: str, after: int) -> str:
-    """Median and best of the runs of a search after a number of evaluations."""
     runs = where(findings.first_runs, leg=leg, optimizer=optimizer, count=FRESH)
     found_m = np.array([best_m[after - 1] for best_m in runs["best_m"]])
     best_m = float(np.nanmin(found_m)) if np.isfinite(found_m).any() else float("nan")
@@ -379,7 +372,6 @@ def _listed(parts: Sequence[str]) -> str:
 
 
 def _best_search(findings: Findings) -> str:
-    """The best search, the random baseline and the best default gait, in one sentence."""
     after = min(EARLY, findings.plan.budget)
     means_m = {name: findings.curves[ALL, name, FRESH]["mean_m"][after] for name in findings.plan.optimizers}
     found = {name: mean_m for name, mean_m in means_m.items() if np.isfinite(mean_m)}
@@ -394,7 +386,7 @@ def _best_search(findings: Findings) -> str:
 
 
 def _without_a_search(findings: Findings) -> list[str]:
-    """Mean deviation with the best default gait; empty if each of them is invalid for some leg."""
+    """Mean deviation with the best default gait; empty if each is invalid for some leg."""
     walks = findings.default_walks
     if walks is None:
         return []

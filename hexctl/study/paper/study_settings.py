@@ -35,18 +35,18 @@ WITH: SelfRotation = "rear"
 MAX_SEED = 10_000
 
 
-#: What the paper leaves open and no leg is favoured by, as factors on the world's own values: floor, servos,
-#: contacts. Neither joint offsets nor a shifted trunk are among them: legs that are one experiment stay one.
+#: Factors on the world's own values that the paper leaves open. Joint offsets and a shifted trunk are not
+#: among them, because they favour legs: legs that are one experiment stay one.
 FACTORS = {
     "friction": Distribution(low=1 / 1.3, high=1.3, scale="log"),
     "servo_stiffness": Distribution(low=1 / 1.3, high=1.3, scale="log"),
     "contact_time_s": Distribution(low=1 / 1.5, high=1.5, scale="log"),
 }
 
-#: Seed of the design, so that the same world always has the same neighbours.
+#: Seed of the design: the same world always has the same neighbours.
 SEED = 13
 
-#: More neighbours than this narrow no interval worth the time.
+#: More worlds narrow the intervals too little for their computing time.
 WORLDS = Range(low=1, high=100, whole=True)
 
 
@@ -57,11 +57,11 @@ class StudySettings(LandscapePlan):
     Attributes:
         optimizers: names as in `hexctl.adapt.optimizers.shipped`.
         runs: seeded runs of each optimizer on each leg.
-        failure: failure of each leg, as `parse_kind` reads it, such as `limp` or `weak:0.5`.
-        self_rotation: self-rotation before the walks that the optimizers search.
+        failure: of each leg, as `parse_kind` reads it, such as `limp` or `weak:0.5`.
+        self_rotation: before the walks that the optimizers search.
         worlds: number of worlds in which claims are judged: `world` and others like it (`nearby_worlds`).
-        by_symmetry: simulate one leg of each experiment (`experiments_of`), and take the others from it; in
-            the worlds like `world` this is always done.
+        by_symmetry: simulate one leg of each experiment (`experiments_of`) and map it to the others. In the
+            worlds like `world` this is always done.
         without_gaits: number of gaits that are walked without self-rotation, drawn from all.
     """
 
@@ -155,8 +155,8 @@ class StudySettings(LandscapePlan):
 def nearby_worlds(world: World, count: int) -> list[World]:
     """The world itself and `count` - 1 others like it.
 
-    The others differ in friction, stiffness of the servos and contact time, by `FACTORS`, in a quasi-random
-    design of which any beginning covers the ranges. Raises InputError for a count outside 1..`WORLDS`.
+    The others differ in friction, servo stiffness and contact time, by `FACTORS`, in a quasi-random
+    design; any first part of it covers the ranges. Raises InputError for a count outside 1..`WORLDS`.
     """
     WORLDS.check(argument("worlds"), count)
     if count == 1:

@@ -28,7 +28,7 @@ from hexctl.study.report_page import texts
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: A side is not judged on fewer valid gaits than this.
+#: Minimum number of valid gaits to judge a side.
 MIN_VALID = 10
 
 #: Share of the gaits that is a tendency to one side; both sides have at least a fifth.
@@ -37,7 +37,7 @@ TENDENCY, BOTH = 0.9, 0.2
 #: Share of the gaits that have to end nearer to the line with self-rotation.
 NEARER = 2 / 3
 
-#: Gaits near the line that the self-rotation has to gain, in the mean over legs: more than none.
+#: Gaits near the line that the self-rotation has to gain, mean over legs: more than none.
 MORE = 0.1
 
 #: Smaller self-rotations are none.
@@ -78,7 +78,6 @@ def valid_left_share(landscape: Landscape) -> float:
 
 
 def _valid_text(landscapes: Sequence[Landscape]) -> str:
-    """Numbers of valid gaits in each world."""
     counts = ", ".join(str(int(one.valid.sum())) for one in landscapes)
     return f"{counts} of {len(landscapes[0].codes)} gaits valid"
 
@@ -94,7 +93,6 @@ def _sides(findings: Findings, legs: Sequence[int], number: Callable[[float], fl
 
 
 def _all_ends(findings: Findings, legs: Sequence[int]) -> str:
-    """Share on the left of all gaits, invalid ones included."""
     shares = [f"leg {leg} {findings.without(leg).left_share:.0%}" for leg in legs]
     return "on the left of all gaits, valid or not: " + (", ".join(shares) or "no such leg")
 
@@ -152,7 +150,7 @@ def rotation_straightens(findings: Findings) -> Claim:
 
 
 def _turning(findings: Findings) -> list[tuple[int, ...]]:
-    """Legs with which the self-rotation turns the robot, in groups that are one experiment without it."""
+    """Legs for which the self-rotation turns the robot, grouped by experiments without self-rotation."""
     plan = findings.plan
     if plan.self_rotation == "none":
         return []
@@ -160,14 +158,13 @@ def _turning(findings: Findings) -> list[tuple[int, ...]]:
 
 
 def _turns(landscape: Landscape) -> bool:
-    """Whether the self-rotation of a landscape turns the robot."""
     spec = landscape.spec
     needed_rad = turn_needed_rad(spec.robot, spec.trial(spec.codes[0]).plan)
     return abs(needed_rad) > TURN_RAD
 
 
 def _pairs(findings: Findings, leg: int, world: int) -> "DataFrame":
-    """Gaits that were walked both ways: scores before the self-rotation and after it, and which is valid."""
+    """Gaits walked without and with self-rotation: scores before and after it, and which are valid."""
     from pandas import DataFrame
 
     before, after = (
@@ -178,7 +175,6 @@ def _pairs(findings: Findings, leg: int, world: int) -> "DataFrame":
 
 
 def _nearer(findings: Findings, group: Sequence[int]) -> Measure:
-    """Share of the pairs of a leg's gaits that end nearer to the line with self-rotation."""
     values, counts = [], []
     for world in findings.worlds:
         pairs = _pairs(findings, group[0], world)
@@ -195,9 +191,9 @@ def experiment_text(group: Sequence[int]) -> str:
 
 
 def rotation_helps(findings: Findings) -> Claim:
-    """Claim about the gaits near the line after the self-rotation, compared with the same gaits without it.
+    """Claim about the gaits near the line with self-rotation, compared with the same gaits without it.
 
-    Some of 120 gaits end near the line by chance: only their number says nothing about the self-rotation.
+    Some of 120 gaits end near the line by chance; only the difference is evidence for the self-rotation.
     """
     enough, more = Tolerance(low=1.0), Tolerance(low=MORE)
     after = [_near(findings, group) for group in findings.experiments]
@@ -220,7 +216,6 @@ def rotation_helps(findings: Findings) -> Claim:
 
 
 def _judge_near(after: Verdict, before: Verdict, gain: Verdict) -> Verdict:
-    """Verdict on the gaits near the line: with self-rotation, without, and on the difference."""
     if gain == Verdict():
         return gain  # No leg turns: nothing was measured.
     if after.holds is not False and before.holds:
@@ -231,7 +226,6 @@ def _judge_near(after: Verdict, before: Verdict, gain: Verdict) -> Verdict:
 
 
 def _near(findings: Findings, group: Sequence[int]) -> Measure:
-    """Number of gaits near the line after the self-rotation."""
     landscapes = [findings.rotated(group[0], world) for world in findings.worlds]
     counts = tuple(float(landscape.within(EARLY_M)) for landscape in landscapes)
     late = ", ".join(str(one.within(LATE_M)) for one in landscapes)
@@ -258,7 +252,7 @@ def _gain(near: Sequence[Sequence[tuple[int, int]]]) -> Measure:
 def expected_within(landscape: Landscape, limit_m: float) -> float:
     """Expected number of valid gaits within a distance of the line, if only chance placed them.
 
-    Half of them end within the median; spread evenly up to it, limit / median of that half are within the
+    Half of them end within the median. If these are spread evenly, limit / median of them are within the
     limit. 0 without a valid gait.
     """
     if not landscape.valid.any():

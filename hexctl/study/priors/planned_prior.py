@@ -20,11 +20,10 @@ Planned = PlannedWork[dict[str, Any]]
 
 
 def planned_prior(options: PriorOptions, *, runs: Path | None = None) -> Planned:
-    """Plan the prior, or the repertoire, that options ask for; its `run` writes the file and describes it.
+    """Plan a prior or a repertoire; its `run` writes the file and describes it.
 
     Args:
-        options: what is asked for.
-        runs: folder of priors and repertoires, unless `out` names a file; None is that of the settings.
+        runs: folder of the file, unless `out` names one; None is that of the settings.
 
     Raises InputError for a robot, a family or a plan that is not allowed.
     """

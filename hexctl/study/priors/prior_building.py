@@ -35,15 +35,15 @@ from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 if TYPE_CHECKING:
     from hexctl.adapt.sessions.session_spec import SessionSpec
 
-#: Each leg has its own block of worlds, so that six legs see six times as many; each block is evenly spread.
+#: Size of each leg's own block of worlds. Six legs see six times as many; each block is evenly spread.
 WORLDS_PER_LEG = 1024
 
 #: By how much self-rotations miss their goal, in degrees. In simulation that is below 0.1; the yaw that a
 #: real robot estimates over a turn is good to about half a degree.
 MISS_DEG = Distribution(low=-1.0, high=1.0, scale="normal")
 
-#: Step of the physics where the family sets none: half the computing time of 2 ms. Ends of walks of `ant`
-#: move by 7 cm (rms over 12 worlds of `randomised`), where they differ by 81 cm between worlds.
+#: Step of the physics if the family sets none: half the computing time of 2 ms. It moves ends of walks of
+#: `ant` by 7 cm (RMS over 12 worlds of `randomised`); between worlds they differ by 81 cm.
 TIME_STEP_S = 0.004
 
 #: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
@@ -55,11 +55,10 @@ class PriorPlan(LandscapePlan):
     """Settings of one prior.
 
     Attributes:
-        failure: in the words of `parse_kind`; with `unknown` each world draws what breaks.
-        hold: what the walks hold by feedback, with another than `none` the prior is of their
-            scores.
-        posture: of the gaits, one of `hexctl.control.assessment.static_stability.POSTURES`; None is the one
-            that sessions under the hold have.
+        failure: as `parse_kind` reads it; with `unknown` each world draws what breaks.
+        hold: what feedback keeps; unless `none`, the prior is one of scores.
+        posture: one of `hexctl.control.assessment.static_stability.POSTURES`; None is that of sessions with
+            this hold.
     """
 
     robot: Robot
@@ -79,7 +78,7 @@ class PriorPlan(LandscapePlan):
         check_families({"one in which legs fail": self.family}, "family")
 
     def specs(self) -> list[LandscapeSpec]:
-        """Landscapes to simulate, world by world, so that any beginning of the list covers all legs.
+        """Landscapes to simulate, world by world; any first part of the list covers all legs.
 
         The robot is put down as its self-rotation would leave it, with a small random miss.
         """
@@ -145,10 +144,10 @@ def coarse_world(family: DomainRandomization, number: int, world: World) -> Worl
 
 
 def begin_build(plan: Plan, path: Path, suffix: str, cache: WalkCache, jobs: int | None) -> None:
-    """Check everything that can be checked before walks are simulated for a file.
+    """Check everything that can be checked before the simulation of walks for a file.
 
     Raises InputError for a plan, a path or a number of jobs that cannot be used, CacheError and errors of
-    `check_place` when the disk refuses a file.
+    `check_place` if the disk refuses a file.
     """
     check_jobs(jobs)
     plan.check()
@@ -169,19 +168,17 @@ def build_prior(
 ) -> Prior | ScorePrior:
     """Simulate all gaits in the worlds of a plan, and write the prior to a file.
 
-    It is a `Prior` of where open-loop walks end, and a `ScorePrior` under a hold. Simulated gaits are saved
-    while this runs: a call that was interrupted is continued by the next one.
+    It is a `Prior` of where open-loop walks end, or a `ScorePrior` under a hold. Finished walks are saved:
+    the next call continues an interrupted one.
 
     Args:
-        plan: robot, failure and worlds.
         path: of the file, ending in `.npz`; an existing file is replaced.
-        cache: earlier walks; None is the one of the command line, `runs/study-cache`.
-        jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
+        cache: None is `runs/study-cache`.
+        jobs: threads; None is all cores here, one for each chunk on a Dask worker.
         dask: address of a Dask scheduler whose workers simulate; None simulates here.
-        progress: observer.
 
     Raises InputError for a plan, a path or an address that cannot be used, ArchiveFileError or CacheError
-    when the disk refuses a file.
+    if the disk refuses a file.
     """
     cache, progress = cache or WalkCache(), progress or Silent()
     begin_build(plan, path, SUFFIX, cache, jobs)
@@ -197,7 +194,7 @@ def build_prior(
 
 
 def prior_file_name(plan: PriorPlan, family: str) -> str:
-    """Name of a prior's file by robot, failure and trial, and by legs and worlds where not the usual ones.
+    """Name of a prior's file by robot, failure and trial, and by legs and worlds if not the usual ones.
 
     `family` is the name of the plan's family of worlds, or the path of its file.
     """
@@ -255,7 +252,6 @@ def prior_of(
     """Prior of a plan.
 
     Args:
-        plan: its settings.
         landscapes: complete and in the order of `plan.specs()`.
         deflections_rad: static deflections in the stance, (legs, worlds, 18), if known.
     """
@@ -286,7 +282,7 @@ def score_prior_of(plan: PriorPlan, landscapes: Sequence[Landscape]) -> ScorePri
 def log_scores_of(landscape: Landscape) -> FloatArray:
     """Logarithm of the scores of every gait, by the objectives of `SCORES`, (gaits, 4).
 
-    NaN for a walk that did not last to its end or made no way.
+    NaN for a walk that ended early or did not get ahead.
     """
     distance_m = landscape.number("distance_m")
     walked = np.isin(landscape.status, ("ok", "no_progress")) & (distance_m > 0)
@@ -344,7 +340,6 @@ def _word(value: object) -> str:
 
 
 def _can_be_built(spec: "SessionSpec", hold: str) -> bool:
-    """Whether a prior for the trials of a session can be built."""
     try:
         PriorPlan(
             robot=load_robot(spec.robot),

@@ -28,15 +28,15 @@ REPERTOIRE = Panel("Repertoire")
 
 
 def _pairs(text: str) -> tuple[str, ...]:
-    """How both legs of pairs fail, from a text with commas; none for `none`."""
+    """Failures of both legs of pairs, from a text with commas; none for `none`."""
     return () if text == "none" else listed(text)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriorOptions(ComputeOptions):
-    """What is asked of a prior or a repertoire. Its fields are the options of `hexctl prior build`.
+    """Options of `hexctl prior build`.
 
-    Raises InputError for a value that is not allowed, and for an option that only the other one takes.
+    Raises InputError for a value that is not allowed, and for an option of the other kind of file.
     """
 
     PANEL: ClassVar = "Prior"

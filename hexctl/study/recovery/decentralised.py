@@ -1,9 +1,9 @@
-"""A walk without a central gait: each leg steps when its own load and its neighbours' load say so.
+"""A walk without a central gait: each leg steps by its own load and its neighbours' load.
 
-The rule is after D. Owaki, M. Goda, S. Miyazawa and A. Ishiguro, "A Minimal Model Describing Hexapedal
-Interlimb Coordination: The Tegotae-Based Approach", Frontiers in Neurorobotics 11:29 (2017). Each leg has a
-phase phi of its own, in the air about pi / 2 and on the floor about 3 pi / 2. On the floor the leg's own load
-N keeps it there, and the mean load of its neighbours lets it lift off:
+After D. Owaki, M. Goda, S. Miyazawa and A. Ishiguro, "A Minimal Model Describing Hexapedal Interlimb
+Coordination: The Tegotae-Based Approach", Frontiers in Neurorobotics 11:29 (2017). The phase phi of a leg is
+about pi / 2 in the air and about 3 pi / 2 on the floor. Its own load N keeps it on the floor, and the mean
+load of its neighbours lets it lift off:
 
     dphi_i / dt = omega - sigma_1 N_i cos(phi_i) + sigma_2 cos(phi_i) mean_{j in L(i)} N_j
 
@@ -24,11 +24,11 @@ from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState
 
-#: sigma_1 and sigma_2, as multiples of omega: of 0.05 to 1 those with which `ant` with a failed leg is
-#: fastest. With 0.3 robots with weak servos lose speed, with 1 all do.
+#: sigma_1 and sigma_2, as multiples of omega: the fastest of 0.05 to 1 for `ant` with a failed leg. With
+#: 0.3 robots with weak servos lose speed, with 1 all do.
 OWN_LOAD, NEIGHBOURS_LOAD = 0.1, 0.1
 
-#: A phase neither stands still for good nor runs faster than this multiple of omega.
+#: Limits of the rate of a phase, as multiples of omega.
 LEAST_RATE, MOST_RATE = 0.0, 2.0
 
 #: Time constant over which loads are averaged, as a share of a cycle.
@@ -39,12 +39,11 @@ CARRYING = 3
 
 
 class DecentralisedWalk(SteeredWalk):
-    """Walks along the line of the trial with phases by load, from those of its gait on.
+    """Walks along the line of the trial; its phases start from those of the gait and follow the loads.
 
-    It believes nothing of its legs. The velocity is that of the law that holds the line.
+    It has no belief about its legs. The velocity is that of the law that holds the line.
 
     Args:
-        start: the robot, or batch of robots, ready to walk.
         hold: `line` or `heading`.
     """
 
@@ -62,7 +61,7 @@ class DecentralisedWalk(SteeredWalk):
             share = 1 - np.exp(-cycles / LOAD_CYCLES)
             self._mean_load = self._mean_load + share * (load - self._mean_load)
         rate = phase_rate(self.leg_phases, self._mean_load)
-        # The pace brings all phases on alike; what is left of the rate is each leg's own.
+        # The pace advances all phases equally; only the rest of the rate is each leg's own.
         self._pattern = replace(self._pattern, phases=self._pattern.phases + cycles * (rate - 1))
         return super().targets_rad(step, state)
 
@@ -80,11 +79,7 @@ def phase_rate(u: FloatArray, load: FloatArray) -> FloatArray:
 
 
 class LegLoads:
-    """Loads of the legs from what is measured.
-
-    Args:
-        robot: its weight, and how far its feet stand from its femur joints.
-    """
+    """Loads of the legs from measured torques or contacts."""
 
     def __init__(self, robot: Robot) -> None:
         points = link_points_body(robot, robot.stance_angles_rad)
@@ -95,7 +90,7 @@ class LegLoads:
     def of(self, state: RobotState) -> FloatArray | None:
         """Loads, 1 for a third of the weight, leading shape + (6,); None if nothing measures them.
 
-        By the torques of the femurs if they are known, else by the contacts of the feet.
+        From the torques of the femurs if known, else from the contacts of the feet.
         """
         if state.joint_torques_nm is not None:
             held_nm = np.maximum(0.0, -state.joint_torques_nm[..., 1::JOINTS_PER_LEG])

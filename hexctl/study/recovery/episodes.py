@@ -27,13 +27,13 @@ from hexctl.types import ArrayFields, FloatArray
 #: The gait that stands safest on six legs.
 AUTO_GAIT = "auto"
 
-#: The later speed is that from so long after the failure on.
+#: The later speed is measured from this time after the failure on.
 LATER_S = 5.0
 
 #: Share of the later speed at which a walk counts as settled.
 SETTLED = 0.9
 
-#: HexaHeal's rule: a walk has recovered if it has so much of the commanded speed over its last seconds.
+#: HexaHeal's rule: a walk has recovered if it has this share of the commanded speed over its last seconds.
 RULE_SHARE, RULE_S = 0.5, 8.0
 
 
@@ -43,10 +43,9 @@ class RecoveryCase:
 
     Attributes:
         legs: those that fail, all in the same way, in this order; none in an intact walk.
-        failure: how, in the words of `parse_kind`; `intact` without any.
-        at_s: when the first fails, since the walk began; in an intact walk the moment from which on it is
-            compared.
-        method: what the robot does about it, as `method_of` has it.
+        failure: as `parse_kind` reads it; `intact` without any.
+        at_s: time of the first failure, since the walk began; in an intact walk the start of the comparison.
+        method: as `method_of` reads it.
         apart_s: time from one leg's failure to that of the next.
     """
 
@@ -72,7 +71,6 @@ class Episode:
     """The outcome of one walk, by the simulation's true pose; NaN if it is not known.
 
     Attributes:
-        case: what failed, and what the robot was to do about it.
         why: why it was stopped, or the likely cause of a walk without progress; None for neither.
         ideal_m_s: speed that is commanded before the failure.
         signed_m: deviation from the original line at the end, positive to the left.
@@ -81,7 +79,7 @@ class Episode:
         after_m_s: speed from `LATER_S` after the failure on.
         last_m_s: speed over the last `RULE_S`.
         settled_s: time from the failure until the mean speed over the cycle about that moment is `SETTLED` of
-            the later one again, after its lowest within `LATER_S`; 0 where it never falls below.
+            the later one again, after its lowest within `LATER_S`; 0 if it never falls below.
         trials: trials that its method made before the walk, to find out how to walk.
     """
 
@@ -314,5 +312,5 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         ]
 
 
-#: Gaits by robot and plan: they are the same in all worlds.
+#: Gaits depend on robot and plan, not on the world.
 _stable_gait = cache(stable_gait)

@@ -31,11 +31,9 @@ class Alarm:
     """A failure that a walk has noticed.
 
     Attributes:
-        at_s: when, since the walk began.
+        at_s: time since the walk began.
         leg: accused leg, 1..6.
-        kind: how it is said to fail.
         joint: the failed joint; None for the entire leg.
-        evidence: what it was noticed by.
     """
 
     at_s: float
@@ -63,7 +61,7 @@ class RecoveryMethod(ABC):
     Custom methods are subclasses with a constructor without arguments, named `package.module:Class`.
 
     Attributes:
-        notices: whether its walks say what they notice (`Controller.noticed_failures`).
+        notices: whether its walks report what they notice (`Controller.noticed_failures`).
         makes_trials: whether it makes trials before its walks.
     """
 
@@ -75,16 +73,15 @@ class RecoveryMethod(ABC):
         return plan
 
     def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> "RecoveryMethod":
-        """The method with what it finds out before some walks, by trials in their worlds; itself for none.
+        """Return the method with the results of trials in the worlds of some walks; itself without trials.
 
         Args:
-            trials: the walks, of which each plan is an object of its own.
-            threads: that simulate.
+            trials: the walks; each needs a plan object of its own.
         """
         return self
 
     def trials_before(self, plan: TrialPlan) -> int:
-        """How many trials it made before the walk of a plan."""
+        """Return the number of trials before the walk of a plan."""
         return 0
 
     @abstractmethod
@@ -94,13 +91,12 @@ class RecoveryMethod(ABC):
         """Controller of a batch of walks, or a function of step and state that returns joint angles.
 
         Args:
-            start: the robots, ready to walk.
-            to_come: what will happen to each of them, which a method that claims to notice must not read.
+            to_come: coming failures of each robot; a method that claims to notice must not read them.
         """
 
 
 class Monitored(RecoveryMethod):
-    """Walks that a monitor watches, and that do what a policy says about the failures it finds."""
+    """Walks with a monitor, and a policy for the failures it finds."""
 
     notices = True
 
@@ -124,12 +120,10 @@ class Told(RecoveryMethod):
 
 
 class ToldWalk(Controller):
-    """Walks of a batch that learn of failures as they come.
+    """Walks of a batch that learn of each failure in its tick.
 
     Args:
-        start: the robots, ready to walk.
-        policy: decides what each does.
-        to_come: failures of each, those of one moment together.
+        to_come: failures of each robot; those of one moment get one response.
     """
 
     def __init__(
@@ -186,7 +180,7 @@ class StopDiagnose(RecoveryMethod):
 
 
 class OpenLoopBest(RecoveryMethod):
-    """The paper's method: for the failed leg, it continues in open loop with the gait that trials have found.
+    """The paper's method: after the failure it continues in open loop with the gait that trials have found.
 
     Args:
         tries: gaits that are tried before each walk.

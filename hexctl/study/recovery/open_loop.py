@@ -13,39 +13,31 @@ from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState
 
-#: Gaits that are tried: what the paper's searches take.
+#: Number of gaits that are tried, as in the paper's searches.
 TRIES = 40
 
-#: A trial is at least so long.
+#: Minimum duration of a trial.
 LEAST_TRIAL_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rehearsal:
-    """What trials have found for one walk.
-
-    Attributes:
-        gait: with which one of them ended nearest its line.
-        trials: how many there were.
-    """
+    """Gait of the trial that ended nearest its line, and the number of trials for one walk."""
 
     gait: Gait
     trials: int
 
 
 def rehearse(trials: Sequence[SimTrial], tries: int, threads: int = 1) -> list[Rehearsal | None]:
-    """Rehearsals of walks in which legs fail; None for those in which none does.
+    """Rehearsals of walks in which legs fail; None for walks without a failure.
 
-    Each gait is tried once, in open loop, in the same world, with the same direction of travel and the legs
-    failed from its first step on, for the time that the walk has left after the failure; of legs that fail in
-    a row all, so that the walk has the gait for them from the first failure on. Which gaits are
-    tried of all the codes for the legs that are left is drawn with the seed of the world. The end is judged
-    as the robot measures it.
+    Each gait is tried once, in open loop, in the same world and direction of travel, for the time that the
+    walk has left after the first failure. All legs that fail in the walk have failed from the first step
+    on. The seed of the world draws the gaits among all codes of the remaining legs. The end is judged as the
+    robot measures it.
 
     Args:
-        trials: the walks.
-        tries: gaits for each; all where there are fewer.
-        threads: that simulate.
+        tries: gaits for each; all if there are fewer.
     """
     tried = [_tries_of(trial, tries) for trial in trials]
     results = iter(run_sim_trials([one for each in tried for one in each], threads))
@@ -71,7 +63,7 @@ def _tries_of(trial: SimTrial, tries: int) -> list[SimTrial]:
 
 
 def _badness(result: TrialResult) -> tuple[int, float]:
-    """Order of trials: those that get ahead on their feet first, by their final deviation."""
+    """Order of trials: first those that progress on their feet, then by final deviation."""
     rank = {"ok": 0, "no_progress": 1}.get(result.status, 2)
     off_m = np.inf if result.deviation is None else result.deviation.final
     return rank, off_m if np.isfinite(off_m) else np.inf
@@ -81,10 +73,9 @@ class OpenLoopFromFailure(SteeredWalk):
     """Walks along its line until it learns of a failure, and from then on in open loop.
 
     Args:
-        start: the batch of robots, ready to walk.
         hold: `line` or `heading`, until then.
         told_s: time at which each learns of it; infinity for never.
-        gaits: with which each walks from then on.
+        gaits: by index of the walk, from then on.
     """
 
     def __init__(
@@ -104,12 +95,11 @@ class OpenLoopFromFailure(SteeredWalk):
         return super().targets_rad(step, state)
 
     def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
-        """Velocity of the law, and that of the gait where the loop is open, (n, 3)."""
+        """Velocity of the law, or that of the gait if the loop is open, (n, 3)."""
         steered = super().wanted(dt_s, step, state)
         return np.where(self._open[:, np.newaxis], self._nominal, steered)
 
     def _leave_line(self, which: BoolArray) -> None:
-        """Open the loop of some walks, and let them glide to the gaits that were found."""
         self._open = self._open | which
         self.glide_to([self._found.get(index, gait) for index, gait in enumerate(self.gaits)], which)
         for index in np.flatnonzero(which).tolist():

@@ -32,7 +32,7 @@ from hexctl.study.study_options import RUNS
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Earlier members of the families were used while monitor, recovery and diagnosis were built.
+#: Earlier worlds were used to develop monitor, recovery and diagnosis.
 FIRST_WORLD = 470
 
 #: Default families of worlds.
@@ -41,8 +41,8 @@ FAMILIES = ("transfer", "real")
 #: Directions of travel, of which each episode has one.
 HEADINGS_DEG = (0.0, 60.0, 145.0, -95.0)
 
-#: `line` is a line walk in held-out worlds. Under `hexaheal`, one leg or two lose their torque after 4 s of
-#: 14 s, on an even floor. Under `second`, one leg does after 8 s of 36 s, and another 10 s later.
+#: `line`: a line walk in held-out worlds. On an even floor, `hexaheal`: one leg or two lose their torque
+#: after 4 s of 14 s, `second`: one leg after 8 s of 36 s, and another 10 s later.
 Protocol = Literal["line", "hexaheal", "second"]
 LINE, HEXAHEAL, SECOND = get_args(Protocol)
 
@@ -58,17 +58,17 @@ COUNTS = {HEXAHEAL: (1, 2), SECOND: (2,)}
 #: Length of the walks under the other protocols, and how their legs fail.
 RULED_S, TORQUE_OFF = {HEXAHEAL: 14.0, SECOND: 36.0}, "limp"
 
-#: Least time that a walk lasts after the failure.
+#: Minimum duration of a walk after the failure.
 LEAST_AFTER_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecoveryPlan(HeldOutExperiment):
-    """Settings of a recovery benchmark. `duration_s` is the length of the walks under the protocol `line`.
+    """Settings of a recovery benchmark. `duration_s` is for walks under the protocol `line`.
 
     Attributes:
         gaits: names of gaits on six legs, or `auto`.
-        methods: reactions to failures, as `method_of` reads them; `nothing` is one of them.
+        methods: as `method_of` reads them; `nothing` is one of them.
         runs: number of runs of each set of legs under `hexaheal` and `second`.
         seed: draws phase and heading of each episode.
     """
@@ -106,7 +106,6 @@ class RecoveryPlan(HeldOutExperiment):
         return walked
 
     def _even(self, protocol: str) -> Iterator[RecoveryPlace]:
-        """Places of the runs on an even floor."""
         flat = load_world("flat")
         world = flat if self.exact_sensors else with_sensors(flat)
         for robot in self.robots:
@@ -135,7 +134,7 @@ class RecoveryPlan(HeldOutExperiment):
     def _set_cases(self, place: RecoveryPlace) -> Iterator[RecoveryCase]:
         """Sets of legs without torque, by each method, straight ahead.
 
-        Each leg and each pair at once, or each pair in a row, in every other run the higher leg first.
+        Each leg and each pair together, or each pair in a row; in every other run the higher leg fails first.
         """
         in_a_row = place.protocol == SECOND
         sets = [legs for count in COUNTS[place.protocol] for legs in combinations(self.legs, count)]
@@ -149,7 +148,7 @@ class RecoveryPlan(HeldOutExperiment):
     def _by_methods(
         self, place: RecoveryPlace, gait: str, legs: tuple[int, ...], failure: str
     ) -> Iterator[RecoveryCase]:
-        """Cases of one failure: its time, within a cycle from the earliest one on, and heading are drawn."""
+        """Cases of one failure; its heading and its time within a cycle from the earliest are drawn."""
         text = f"{place.protocol} {place.family} {legs} {failure}"
         random = np.random.default_rng([self.seed, place.number, crc32(text.encode())])
         at_s = round(FAULT_S[place.protocol] + random.uniform() / place.robot.gait.pace_hz, 2)

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame, Series
 
-#: A failure matters if, with nothing done about it, it changes the end by more than this, or the speed by
-#: more than this share of the intact one.
+#: A failure matters if it changes the end of a walk without a reaction by more than this, or its speed by
+#: more than this share of the intact speed.
 MATTERS_M, MATTERS_SHARE = 0.02, 0.10
 
 #: The method that is judged.
@@ -92,7 +92,6 @@ def compared(rows: "DataFrame") -> "DataFrame":
 
 
 def _matters(rows: "DataFrame") -> "Series[bool]":
-    """Whether each failure changes a walk in which nothing is done about it."""
     slower = (rows["left_after_m_s"] - rows["intact_after_m_s"]).abs()
     return (
         (rows["left_ended"] == False)  # noqa: E712  unknown for intact walks
@@ -183,7 +182,7 @@ def counted(count: int, of: int) -> str:
 
 
 def _if_noticing(text: Any) -> Any:
-    """Text of a cell of a method whose walks notice failures; a dash for others."""
+    """Text of a cell, or a dash for a method that notices no failures."""
     return lambda one: text(one) if method_of(one["method"]).notices else "-"
 
 
@@ -370,7 +369,7 @@ def _rule_bars(rows: "DataFrame") -> Iterator[Bar]:
 
 
 def _second_bars(rows: "DataFrame") -> Iterator[Bar]:
-    """Of the pairs that recover by the oracle, those that recover by themselves."""
+    """Bar of the pairs that recover by themselves, among those that recover by the oracle."""
     second = rows[rows["protocol"] == "second"]
     told, judged = (second[second["method"] == method] for method in (TOLD, JUDGED))
     if not len(told):
@@ -390,7 +389,7 @@ def _second_bars(rows: "DataFrame") -> Iterator[Bar]:
 
 
 def _share_bar(name: str, what: str, count: int, of: int, least: tuple[float, float], enough: int) -> Bar:
-    """Bar of a share that is to be at least so much, with its stretch; not judged on few episodes."""
+    """Bar of a minimum share with its stretch goal; not judged on few episodes."""
     return Bar(
         name=name,
         asked=f"{what}: at least {least[0]:.0%} (stretch: {least[1]:.1%}), of {enough} or more",
@@ -424,7 +423,7 @@ def recovery_figure(methods: Sequence[str], rows: "DataFrame", title: str) -> "F
 
 
 def _spread(panel: "Axes", values: FloatArray, height: float, color: str, label: str | None) -> None:
-    """Draw the mean as a dot, the 1st to the 99th percentile as a line."""
+    """Draw the mean as a dot and the 1st to 99th percentile as a line."""
     values = values[np.isfinite(values)]
     if not values.size:
         return

@@ -19,24 +19,19 @@ from hexctl.control.walks.velocity_walk import MotionWalk
 from hexctl.robot.failure import MOST_FAILED, Failure, NoticedFailure, each_failure, failure_text
 from hexctl.types import BoolArray, FloatArray, RobotState
 
-#: Time to come from the end of the soft stop to the stance and to rest, as before a diagnosis by itself.
+#: Time from the end of the soft stop to rest in the stance, as before a separate diagnosis.
 SETTLE_S = 0.8
 
 
 class StopAndDiagnoseWalk(Controller):
     """Walks one robot until its monitor raises an alarm; stops, makes the standing test, and continues.
 
-    Of the alarm only its time counts: leg and kind of failure are those that the test finds. The walk then
-    starts again, softly, on the original line, with the gait of a policy for these failures. It is watched as
-    before, and stops again for another leg.
-
-    Args:
-        start: the robot, ready to walk.
-        policy: gives the gait for failed legs.
-        probes: of the standing test.
+    The alarm only starts the test; the test finds leg and kind of failure. The walk then starts again,
+    softly, on the original line, with the gait of the policy for these failures. It stops again for another
+    leg.
 
     Attributes:
-        walk: the one before the stop, or the one after it, which knows what the standing tests have found.
+        walk: the current one; after a stop it knows the failures that the standing tests have found.
     """
 
     def __init__(
@@ -75,11 +70,10 @@ class StopAndDiagnoseWalk(Controller):
         return self._given_up
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
-        """Failures that its standing tests found so far."""
+        """Failures that its standing tests have found."""
         return tuple(self._noticed)
 
     def _go_on(self, step: int, state: RobotState) -> None:
-        """Let the next controller lead if the one before it is done."""
         now = self._controller
         if now is self.walk:
             if self._stopping and step >= self._stopped_at + soft_stop_steps(self._start.period_s):
@@ -98,7 +92,6 @@ class StopAndDiagnoseWalk(Controller):
         self._controller, self._first_step = controller, step
 
     def _alarmed(self) -> bool:
-        """Whether the monitor accuses a leg that is not known to have failed."""
         known = {failure.leg for failure in self._failures}
         return any(one.suspicion.leg not in known for one in self.walk.noticed[0])
 
@@ -112,7 +105,6 @@ class StopAndDiagnoseWalk(Controller):
         )
 
     def _judge(self, step: int, found: Diagnosis) -> None:
-        """Believe what a standing test has found."""
         before = {failure.leg for failure in self._failures}
         self._failures = found.failures
         for failure in found.failures:
@@ -128,7 +120,7 @@ class StopAndDiagnoseWalk(Controller):
             )
 
     def _watched_walk(self) -> MonitoredWalk:
-        """A walk from standing, on the original line, with the gait for the legs that are left."""
+        """A walk from standing, on the original line, with the gait for the remaining legs."""
         plan = self._plan
         if self._failures:
             found = self._policy.respond(self._start.robot, plan, self._heading_rad, self._failures)
@@ -141,19 +133,14 @@ class StopAndDiagnoseWalk(Controller):
         return MonitoredWalk(replace(start, plans=(self._told(plan),)), walk, WalkOn())
 
     def _told(self, plan: TrialPlan) -> TrialPlan:
-        """A plan that knows of what was found too, so that the monitor does not watch those legs."""
+        """Plan that includes the found failures, so the monitor does not watch those legs."""
         by_leg = {one.leg: one for one in (*plan.failures, *self._failures)}
         believed = each_failure(tuple(by_leg.values()))[:MOST_FAILED]
         return replace(plan, belief=next(iter(believed), None), further_failures=believed[1:])
 
 
 class EachAlone(Controller):
-    """Leads a batch of robots by controllers for single ones.
-
-    Args:
-        start: the batch, ready to walk.
-        make: makes the controller of one robot.
-    """
+    """Leads a batch of robots by a separate controller for each."""
 
     def __init__(self, start: WalkStart, make: Callable[[WalkStart], Controller]) -> None:
         self._each: list[Controller] = [make(one) for one in starts_alone(start)]
@@ -195,7 +182,7 @@ def starts_alone(start: WalkStart) -> list[WalkStart]:
 
 
 def state_of(state: RobotState, index: int) -> RobotState:
-    """State of one robot of a batch; what was not measured of it, NaN, is None as for a single robot."""
+    """State of one robot of a batch; its unmeasured values, NaN, are None, as for a single robot."""
 
     def of(values: FloatArray | None) -> FloatArray | None:
         return None if values is None or np.isnan(values[index]).any() else values[index]

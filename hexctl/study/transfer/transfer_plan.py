@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-#: Mean deviation over all worlds and legs, the trials within which it is required, and the stretch goal.
+#: Mean deviation over all worlds and legs, the maximum number of trials to reach it, and the stretch goal.
 ASKED = ((EARLY_M, 4, 2), (LATE_M, 12, 6))
 
-#: Most trials that `bayes` may need beyond random search, in any kind of world.
+#: Maximum of trials that `bayes` may need beyond random search, in any kind of world.
 MORE_THAN_RANDOM = 2
 
 #: Required share of outcomes inside their 90 % intervals.
@@ -68,7 +68,6 @@ class TransferFound:
     Attributes:
         runs: a row for each run of a search, see `search_worlds`.
         without: number of landscapes without a valid gait, which are left out.
-        uncertainty: the simulation's own, of the walks.
     """
 
     runs: "DataFrame"
@@ -145,7 +144,7 @@ class TransferPlan(TransferSettings, Experiment[TransferFound]):
             )
 
     def _against_random(self, found: TransferFound) -> Iterator[Bar]:
-        """Compare with random search, kind by kind, if one of both gets within the bound in the budget."""
+        """Compare with random search by kind of world, if one of both reaches the bound within the budget."""
         for kind in found.kinds if BASELINE in self.optimizers else ():
             bayes, random = (curve_of(found.of(name, kind=kind)) for name in (BAYES, BASELINE))
             for bound_m in (EARLY_M, LATE_M):
@@ -229,7 +228,6 @@ class TransferPlan(TransferSettings, Experiment[TransferFound]):
     def _curves_figure(
         self, found: TransferFound, across: str, curve: "Callable[[DataFrame], DataFrame]"
     ) -> "Figure":
-        """Draw mean, median and 90th percentile of all worlds and legs."""
         curves = {name: curve(found.of(name)) for name in self.optimizers}
         floor, _ = floor_m(found.runs)
         panels = {
@@ -239,7 +237,6 @@ class TransferPlan(TransferSettings, Experiment[TransferFound]):
         return _lines_figure(panels, [floor] * 3, (13.0, 4.6), across, f"All worlds and legs, over {across}")
 
     def _kinds_figure(self, found: TransferFound) -> "Figure":
-        """Draw means over trials, one panel for each kind of world."""
         some = {kind: where(found.runs, kind=kind) for kind in found.kinds}
         panels = {
             f"{kind}, {places(runs)} worlds and legs": {

@@ -69,10 +69,7 @@ def make_search(
     samples: Samples,
     deflection_rad: FloatArray | None = None,
 ) -> Optimizer:
-    """Return the search of a run.
-
-    `deflection_rad` is the static deflection of the joints in the stance, for `bayes` with such a prior.
-    """
+    """Return the search of a run; some priors need `deflection_rad`, static and in the stance."""
     spec = landscape.spec
     seed = plan.seed_of(spec, run)
     if optimizer not in PRIORED:
@@ -94,13 +91,16 @@ def make_search(
 def run_course(
     search: Optimizer, landscape: Landscape, budget: int, *, early: bool = False
 ) -> dict[str, Any]:
-    """Run a search that looks up every walk in a landscape; `early` ends walks that have shown enough.
+    """Run a search that looks up every walk in a landscape; `early` cuts walks short that have shown enough.
 
-    Returns `codes`, the gaits walked, in order, fewer than the budget if the search was sure, (T,); `best_m`,
-    the deviation of the best gait after each trial, constant after the last one, that of the worst valid gait
-    before a valid one was found, (budget,); `walked_s`, the time walked, likewise; `held`, for each gait that
-    was walked out for the first time, whether it ended inside its 90 % interval, empty for searches without
-    predictions; and `sure`, whether the search ended because it was sure of its target.
+    Returns:
+        `codes`: the gaits walked, in order, (T,); fewer than the budget if the search was sure.
+        `best_m`: deviation of the best gait after each trial, (budget,), constant after the last one; before
+            a valid gait was found, that of the worst valid gait.
+        `walked_s`: the time walked, likewise.
+        `held`: whether each gait, walked out for the first time, ended inside its 90 % interval; empty for
+            searches without predictions.
+        `sure`: whether the search ended because it was sure of its target.
     """
     codes: list[int] = []
     bests, walked, held = [], [], []
@@ -135,7 +135,7 @@ def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Ob
     path = path[np.isfinite(path[:, 0])].astype(float)
     point_s = PATH_STRIDE * PERIOD_S
     if enough is not None:
-        # A point of the path stands for all ticks up to it, which is all that is asked of them here.
+        # A point of the path stands for all ticks up to it; `enough` needs no more.
         per_look = LOOK_TICKS // PATH_STRIDE
         for points in range(per_look, len(path), per_look):
             if enough(np.repeat(path[:points], PATH_STRIDE, axis=0)):

@@ -28,7 +28,7 @@ from hexctl.types import N_LEGS
 #: The default family of worlds.
 UNSEEN = "transfer"
 
-#: Earlier worlds of the family were used while `bayes` was developed.
+#: Earlier worlds of the family were used to develop `bayes`.
 FIRST_WORLD = 65
 
 MAX_WORLDS = int(WORLDS.high)
@@ -36,7 +36,7 @@ MAX_WORLDS = int(WORLDS.high)
 #: `bayes` with early stopping.
 EARLY = "bayes-early"
 
-#: Optimizers that believe a prior.
+#: Optimizers that use a prior.
 PRIORED = (BAYES, EARLY)
 
 
@@ -49,8 +49,8 @@ class TransferSettings(LandscapePlan):
         optimizers: names as in `hexctl.adapt.optimizers.shipped`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
         target_m: deviation that `bayes` aims at.
-        failure: failure of each leg, as `parse_kind` reads it; with `unknown` each world draws what breaks,
-            and the searches do not know it.
+        failure: of each leg, as `parse_kind` reads it; with `unknown` each world draws what breaks, and the
+            searches do not know it.
         one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.
     """
 
