@@ -91,7 +91,7 @@ lane = $(PYTEST) -n $1 -m "$2 and not soak"; code=$$?; [ $$code -ne 1 ] || { \
 # The tests are compiled beside mypy, once: each worker would do it for itself.
 test: $(INSTALLED)
 	@$(BIN)/pytest --collect-only -q >/dev/null & $(MAKE) --no-print-directory lint; failed=$$?; wait; exit $$failed
-	$(call lane,$(WORKERS),not realtime and not slow)
+	$(call lane,$(WORKERS),not realtime and not slow and not long)
 
 # Everything, and four times the examples of each property.
 test-all: export HYPOTHESIS_PROFILE = thorough

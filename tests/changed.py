@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 
-QUICK = "not soak and not slow and not realtime"
+QUICK = "not soak and not slow and not realtime and not long"
 COMPATIBILITY = Path("tests/test_compatibility.py")
 
 

@@ -1,16 +1,20 @@
 """For all tests: no display, one thread for matrices, hypothesis without deadlines or luck, no priority."""
 
 import os
+import re
 import signal
+from itertools import chain, combinations
 from pathlib import Path
-from typing import Any
 
 import pytest
+from _pytest.mark.expression import Expression
 from hypothesis import settings
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 # As the command line has it; read when NumPy is imported, which is later.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+MARKS = re.compile(r"\bpytest\.mark\.(\w+)\b")
 
 # Programs ignore what their parent ignores: hangups under nohup, Ctrl-C in the background of a script.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -23,33 +27,17 @@ settings.register_profile("thorough", deadline=None, derandomize=True, max_examp
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "local"))
 
 
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Several workers share the tests as `tests.schedule` says."""
-    from tests.schedule import Schedule
-
-    return Schedule(config, log)
-
-
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """A file of which a lane has no test is not imported."""
-    from tests.schedule import may_select
-
+    """A file whose marks leave nothing for this lane is not imported."""
     if not collection_path.name.startswith("test_") or not config.option.markexpr:
         return None
-    file = collection_path.relative_to(config.rootpath).as_posix()
-    return None if may_select(config.option.markexpr, file) else True
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests are marked by their place; on a worker, what takes long comes first."""
-    from tests.schedule import markers_of, ordered
-
-    for item in items:
-        for marker in markers_of(item.nodeid):
-            item.add_marker(marker)
-    if hasattr(config, "workerinput"):
-        items[:] = ordered(items)
+    text = collection_path.read_text(encoding="utf-8")
+    of_all = {mark for line in re.findall(r"^pytestmark = .*$", text, re.M) for mark in MARKS.findall(line)}
+    of_some = sorted(set(MARKS.findall(text)) - of_all)
+    subsets = chain.from_iterable(combinations(of_some, count) for count in range(len(of_some) + 1))
+    lane = Expression.compile(config.option.markexpr)
+    marked = [of_all.union(more) for more in subsets]
+    return None if any(lane.evaluate(lambda name, /, _of=marks, **_: name in _of) for marks in marked) else True
 
 
 @pytest.fixture(autouse=True)

@@ -72,6 +72,7 @@ def test_a_trial_alone(name: str) -> None:
     assert_same(log, TRIALS["logs"][name])
 
 
+@pytest.mark.slow
 def test_trials_in_one_batch() -> None:
     cases = trials.trials()
     turned = cases.pop("turned by an angle")
@@ -108,6 +109,7 @@ def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SESSIONS)
 def test_a_stored_session_is_shown_and_goes_on_as_it_would_have(
     name: str, printed: Printed, tmp_path: Path
@@ -139,6 +141,7 @@ def assert_keeps(now: Any, before: Any, where: str = "") -> None:
         assert now == before, where
 
 
+@pytest.mark.slow
 def test_json_of_the_commands(printed: Printed, tmp_path: Path) -> None:
     for name, line in PRINTED.items():
         assert_keeps(shapes.of_json(printed(line)), SHAPES["json"][name], name)
@@ -151,6 +154,7 @@ def test_json_of_the_commands(printed: Printed, tmp_path: Path) -> None:
         assert_keeps(shapes.of_json(estop), SHAPES["json"]["estop"], "estop")
 
 
+@pytest.mark.slow
 def test_recordings_and_tables(printed: Printed, tmp_path: Path) -> None:
     printed(PRINTED["run"])
     session = printed("adapt --failed-leg 5 --budget 2 --optimizer random --duration 1")

@@ -87,6 +87,7 @@ def test_an_import_loads_nothing_heavy() -> None:
     assert not {"numpy", "mujoco", "rerun", "typer", "pydantic", "zenoh", "pytest", "cv2"} & set(loaded)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "name", "extra"), [("dm_control", "SimServos", "sim"), ("cv2", "vision.RobotCamera", "see")]
 )

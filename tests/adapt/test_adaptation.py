@@ -80,6 +80,7 @@ def to_the_left(result: TrialResult) -> float:
     return result.deviation.signed if result.deviation is not None else 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("landscape")
 def test_a_plot_shows_the_path_of_every_trial() -> None:
     matplotlib.use("Agg")
@@ -94,10 +95,12 @@ def test_the_package_is_callable_and_light() -> None:
     subprocess.run([sys.executable, "-c", LIGHT], check=True)
 
 
+@pytest.mark.slow
 def test_adapting_over_a_link_loads_no_simulation() -> None:
     subprocess.run([sys.executable, "-c", WITHOUT_SIMULATION], check=True)
 
 
+@pytest.mark.slow
 def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> None:
     seen: list[int] = []
     result = hexctl.adapt(
@@ -340,6 +343,7 @@ def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
     assert (result.ended, result.walked) == ("budget", 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["stop", "glide"])
 def test_a_trial_in_which_another_leg_fails_does_not_count(policy: str, tmp_path: Path) -> None:
     world = tmp_path / "breaks.yaml"
@@ -356,6 +360,7 @@ def test_a_trial_in_which_another_leg_fails_does_not_count(policy: str, tmp_path
     assert [trial.valid for trial in resumed.session.trials] == [True]
 
 
+@pytest.mark.slow
 def test_legs_are_not_watched_unless_asked(tmp_path: Path) -> None:
     world = tmp_path / "breaks.yaml"
     world.write_text("failures: ['2:limp@2']\n")
@@ -382,6 +387,7 @@ def test_a_share_of_the_distance_loads_its_world_once(monkeypatch: pytest.Monkey
     assert loaded.call_count == 1
 
 
+@pytest.mark.slow
 def test_a_session_reads_its_prior_once(monkeypatch: pytest.MonkeyPatch) -> None:
     made = mock.Mock()
     monkeypatch.setattr(Prior, "__post_init__", lambda prior: made(prior.key))
@@ -481,6 +487,7 @@ def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.Mo
     assert (result.ended, result.overview, notes[-1]) == ("budget", None, "no overview: no picture")
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_position_is_refused() -> None:
     with pytest.raises(RobotFaultError, match="knows no position"):
         adapt(5, backend="mock", duration_s=0.5, record=False)
@@ -524,6 +531,7 @@ def test_what_must_be_a_function_is_refused_by_name(part: str, tmp_path: Path) -
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_speed_is_searched_with_steered_walks_and_the_session_keeps_its_hold() -> None:
     notes: list[str] = []
     begun = adapt(5, budget=2, duration_s=3.0, objective="speed", record=False, note=notes.append)

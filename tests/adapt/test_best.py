@@ -83,6 +83,7 @@ def test_without_a_hold_it_is_the_straightest(built: Path) -> None:
     assert Run(found.spec).plan.self_rotation == "rear"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot_tells", "rotation"), [("Position", "none"), ("Yaw", "rear")])
 def test_the_best_gait_turns_the_leg_away_as_auto_does_where_the_robot_tells_no_position(
     built: Path, robot_tells: str, rotation: str
@@ -98,6 +99,7 @@ def test_the_spec_of_a_run_takes_the_gait_that_best_stands_for() -> None:
         run(spec())
 
 
+@pytest.mark.slow
 def test_the_shipped_prior_knows_the_fastest_gait_of_ant_with_a_locked_leg(tmp_path: Path) -> None:
     found = best_gait(spec(failure=Failure(leg=2), robot=shipped()), tmp_path)
     assert "ant-locked-none-30s-line.npz" in found.source
@@ -176,6 +178,7 @@ def test_by_a_session_it_is_that_of_the_baseline_where_no_trial_is_better(
     assert change.gait.slots == gait
 
 
+@pytest.mark.slow
 def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path) -> None:
     session = short_session(tmp_path, budget=1, hold="heading", target_m=1.0)
     assert session.best is not None

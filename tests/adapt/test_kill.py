@@ -12,6 +12,8 @@ from hexctl.adapt.trial_loop import AdaptLoop
 from tests.adapt import killing
 from tests.adapt.killing import SPECS_TO_KILL, landscape_of, optimizer_of
 
+pytestmark = pytest.mark.slow
+
 #: Sessions of each optimizer, and how often each session is killed.
 SESSIONS = {"dps": 5, "bayes": 2, "trim": 2}
 KILLS = 4

@@ -32,6 +32,8 @@ from tests.adapt.staying import StayingSim
 from tests.control.posed import FallsAfter, PosedMock
 from tests.robots import shipped
 
+pytestmark = pytest.mark.long
+
 ROBOT = shipped()
 SPACE = GaitSpace((5,))
 PLAN = TrialPlan(gait=make_gait(ROBOT, "demo"), belief=Failure(leg=5), duration_s=12.0)

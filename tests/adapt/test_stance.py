@@ -37,6 +37,7 @@ def test_a_heavier_robot_and_softer_servos_stay_farther_behind() -> None:
     assert np.abs(sag(World(servo_stiffness=0.6))).sum() > 1.1 * plain
 
 
+@pytest.mark.slow
 def test_it_is_the_same_again_and_noise_of_the_sensors_is_averaged_out() -> None:
     noisy = World(sensor_noise=SensorNoise(joint_deg=0.5))
     np.testing.assert_array_equal(sag(noisy), sag(noisy))

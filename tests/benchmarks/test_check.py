@@ -50,6 +50,7 @@ def test_solid_legs_touch_where_others_pass_through() -> None:
     assert legs_in_contact(moved_together(1.0), solid=True) == 0
 
 
+@pytest.mark.slow
 def test_the_defect_of_a_robot_is_found() -> None:
     rows = {row.name: row for row in cause_rows(replace(QUICK, walk_s=15.0))}
     assert rows.keys() == {f"check.causes.{defect}" for defect in DEFECTS}

@@ -12,6 +12,8 @@ from benchmarks.catalogue import BENCHMARKS
 from benchmarks.rows import Row
 from benchmarks.scale import Scale
 
+pytestmark = pytest.mark.long
+
 TINY = Scale(
     rounds=1,
     trial_rounds=1,

@@ -14,6 +14,8 @@ from hexctl.cli import completion
 from hexctl.robot.configs import config_names
 from tests.adapt.walking import SPEC
 
+pytestmark = pytest.mark.long
+
 #: Calls hexctl as its console script does, and says on stderr what it has loaded.
 HEXCTL = """
 import atexit, sys

@@ -23,6 +23,7 @@ def _hexctl(*arguments: str, **more: object) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(command, stderr=subprocess.PIPE, **more)  # type: ignore[call-overload,no-any-return]
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_gone_is_no_error() -> None:
     reading, writing = os.pipe()
     os.close(reading)
@@ -32,6 +33,7 @@ def test_a_reader_that_has_gone_is_no_error() -> None:
     assert process.returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 def test_a_result_that_cannot_be_written_is_a_fault() -> None:
     with open("/dev/full", "wb") as full:

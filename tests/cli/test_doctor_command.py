@@ -8,6 +8,8 @@ import pytest
 
 from hexctl.cli.main import exit_code
 
+pytestmark = pytest.mark.slow
+
 
 def test_it_says_what_there_is_and_what_works(capsys: Any) -> None:
     assert exit_code(["doctor"]) == 0

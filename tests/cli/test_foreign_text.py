@@ -113,6 +113,7 @@ ROBOT_COMMANDS = {
 }
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("command", ROBOT_COMMANDS)
 def test_a_rogue_robot_prints_nothing_but_text(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with rogue(answers()) as endpoint:
@@ -122,6 +123,7 @@ def test_a_rogue_robot_prints_nothing_but_text(command: str, capsys: pytest.Capt
         assert AS_IT_IS in "".join(output.split("\n")).replace("  ", "")
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("name", [HOSTILE, "", "*", "a//b", "$*", "x" * 60_000, 7, None, ["ant"]])
 @pytest.mark.parametrize("command", ["estop --clear", "view", "run --backend zenoh --no-record"])
 def test_a_robot_without_a_name_that_could_be_one_is_a_fault(

@@ -19,6 +19,8 @@ from hexctl.waiting import wait_for
 from tests.cli.terminals import WAIT_S, WITH_TERMINAL, OnTerminal
 from tests.server.processes import free_port
 
+pytestmark = pytest.mark.realtime
+
 
 @contextmanager
 def on_terminal(folder: Path, command: str, *arguments: str) -> Iterator[OnTerminal]:

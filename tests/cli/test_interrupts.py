@@ -9,6 +9,8 @@ import pytest
 
 from hexctl.cli.interrupts import NOT_CONFIRMED
 
+pytestmark = pytest.mark.slow
+
 #: Runs a command, and interrupts it where a module begins to be imported, or has been looked for so often.
 PROGRAM = """
 import os, signal, sys

@@ -63,6 +63,7 @@ def test_importing_hexctl_loads_nothing() -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("blocked", "arguments", "extra"),
     [
@@ -90,6 +91,7 @@ def test_a_missing_extra_is_named(blocked: str, arguments: list[str], extra: str
     assert extra in done.stderr
 
 
+@pytest.mark.slow
 def test_a_robots_computer_needs_no_extras() -> None:
     done = python(
         "import sys\nfor name in ('mujoco', 'dm_control', 'rerun', 'scipy'): sys.modules[name] = None\n"
@@ -305,6 +307,7 @@ def test_a_ctrl_c_after_the_end_of_a_command_is_no_signal_and_no_traceback(last:
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
 
 
+@pytest.mark.slow
 def test_an_interrupted_command_does_not_wait_for_walks_that_were_dropped() -> None:
     program = (
         "import threading\n"

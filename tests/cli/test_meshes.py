@@ -10,6 +10,8 @@ from tests.recording.conftest import ReadBack
 from tests.robot.meshmaking import stl_box
 from tests.robots import edited_file, put
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def robot_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

@@ -309,6 +309,7 @@ def test_help_is_there_whatever_is_wrong(capsys: pytest.CaptureFixture[str]) -> 
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text", ["robot = [", "robt = 1", "connect = true", "keys = 3\n[estop]\nclear = true"]
 )
@@ -354,6 +355,7 @@ def followed(said: str) -> dict[str, set[str]]:
     return {place: set(options.split(", ")) for place, options in lines}
 
 
+@pytest.mark.realtime
 def test_a_process_walks_by_its_settings_and_keeps_runs_where_they_say() -> None:
     write("robot = 'pexod'\nruns = 'out'\nbackend = 'mock'\n[run]\nduration = 0.2\njson = true\n")
     done = hexctl("run", HEXCTL_RUN_GAIT="tripod")
@@ -374,6 +376,7 @@ def test_a_process_walks_by_its_settings_and_keeps_runs_where_they_say() -> None
     assert other.stdout.startswith("ant on mock")
 
 
+@pytest.mark.realtime
 def test_a_process_serves_and_others_find_and_stop_it_by_one_file(folder: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     write(f"robot = 'lukas'\nlisten = '{endpoint}'\nconnect = '{endpoint}'\n[serve]\nbackend = 'mock'\n")

@@ -12,6 +12,8 @@ from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session
 from tests.server.processes import controlling, hexctl, served, stopped_by_session
 
+pytestmark = pytest.mark.realtime
+
 
 def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -23,6 +23,8 @@ from tests.server.processes import Served, controlling, free_port, served, wait_
 from tests.server.processes import hexctl as hexctl_command
 from tests.server.test_link_faults import STILL_ON_A_BUSY_MACHINE_S, stopped
 
+pytestmark = pytest.mark.realtime
+
 
 @contextmanager
 def walking(folder: Path, *options: str) -> Iterator[Served]:

@@ -55,6 +55,7 @@ def assert_same(one: TrialResult, other: TrialResult) -> None:
     assert np.array_equal(one.path_m, other.path_m, equal_nan=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS.keys())
 def test_a_batch_equals_its_single_trials(world: World, ant: Robot) -> None:
     failure = Failure(leg=3)
@@ -88,6 +89,7 @@ DIFFERENT = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", ["none", "heading", "line"])
 def test_trials_of_many_worlds_and_failures_are_stepped_together_and_each_is_as_alone(
     hold: str, ant: Robot, monkeypatch: pytest.MonkeyPatch
@@ -123,6 +125,7 @@ def test_different_lengths_motions_and_paces_in_one_batch(ant: Robot) -> None:
         assert_same(made, alone)
 
 
+@pytest.mark.slow
 def test_results_come_in_the_order_of_the_trials(ant: Robot) -> None:
     trials = [trial(ant, "tripod", heading_rad=heading, duration_s=1.5) for heading in (0.0, 2.0, 0.0, 4.0)]
     trials.append(trial(ant, "tripod", world=World(friction=0.2), duration_s=1.5))
@@ -131,12 +134,14 @@ def test_results_come_in_the_order_of_the_trials(ant: Robot) -> None:
         assert_same(made, alone)
 
 
+@pytest.mark.slow
 def test_one_thread_or_many_make_no_difference(ant: Robot) -> None:
     trials = [trial(ant, code, failure=Failure(leg=5)) for code in ("3", "77")]
     for one, many in zip(run_sim_trials(trials, threads=1), run_sim_trials(trials, threads=2), strict=True):
         assert_same(one, many)
 
 
+@pytest.mark.slow
 def test_trials_travel_between_processes(ant: Robot) -> None:
     trials = [trial(ant, code, failure=Failure(leg=5), duration_s=1.0) for code in ("3", "77")]
     elsewhere = pickle.loads(pickle.dumps(trials))  # noqa: S301
@@ -183,6 +188,7 @@ def test_a_plan_that_the_legs_cannot_make_is_refused_before_any_robot_is_built(
         run_sim_trials(trials)
 
 
+@pytest.mark.slow
 def test_a_fall_in_a_batch_ends_that_trial_as_it_does_alone(ant: Robot) -> None:
     """A top-heavy robot falls with one gait in its own time; with the others it walks on."""
     world = World(payload_kg=6.0, payload_position_m=(0.0, 0.0, 0.5))

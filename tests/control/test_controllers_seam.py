@@ -85,6 +85,7 @@ def _trials(world: World, duration_s: float = 3.0) -> list[SimTrial]:
 NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("controller", "world", "duration_s"),
     [
@@ -127,6 +128,7 @@ def test_a_controller_that_is_done_ends_the_walk_as_ok() -> None:
     assert result.distance_m == pytest.approx(0.1, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_controller_made_beforehand_walks_and_stops_softly() -> None:
     plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=1.0)
     walk = Walk(ANT, plan.gait, plan.motion(0.0), period_s=0.02)
@@ -213,6 +215,7 @@ class Stumbling(YawHold):
         return targets
 
 
+@pytest.mark.slow
 def test_targets_that_are_not_finite_abort_a_walk_alone_and_in_a_batch() -> None:
     trials = _trials(World(), duration_s=2.0)
     together = run_sim_trials(trials, make_controller=Stumbling)
@@ -268,6 +271,7 @@ def test_one_walk_is_a_row_of_a_batch_of_walks() -> None:
             assert np.array_equal(together.targets_rad(step, state)[row], alone.targets_rad(step, state))
 
 
+@pytest.mark.slow
 def test_trials_that_turn_by_different_angles_do_not_share_a_start() -> None:
     plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=1.0)
     trials = [

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pytest
 
 from hexctl.control.table import KEPT_CHUNKS, NUMBERS, ServoRows
 from hexctl.types import N_JOINTS, ServoReadings
@@ -43,6 +44,7 @@ def test_readings_between_two_rows() -> None:
     assert rows.between(101, 150) == rows.between(2000, 3000) == ServoRows().between(0, 10) == []
 
 
+@pytest.mark.slow
 def test_an_hour_of_readings_is_not_in_memory() -> None:
     rows = ServoRows()
     for index in range(3600):

@@ -106,6 +106,7 @@ def test_the_other_robots_walk_at_their_own_pace(name: str) -> None:
     assert result.deviation.final < 0.1
 
 
+@pytest.mark.slow
 def test_a_robot_with_an_odd_leg_of_its_own_walks(tmp_path: Path) -> None:
     odd = {"position_m": [0.03, -0.09, 0.01], "yaw_deg": -75}
     robot = load_robot(edited_file(tmp_path, put("mounts", 5, odd), put("name", "odd")))
@@ -130,6 +131,7 @@ def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: 
     assert outcome.result.deviation.final < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FAILURE_KINDS)
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_every_robot_with_every_failure_comes_to_a_result(name: str, kind: str) -> None:

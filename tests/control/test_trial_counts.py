@@ -137,6 +137,7 @@ def test_without_a_deviation_a_trial_is_ok_and_cannot_be_ranked() -> None:
     assert (result.status, result.deviation, result.valid) == ("ok", None, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("leg", "degrees"), [(3, 60), (5, -60), (4, 0)])
 def test_how_far_the_self_rotation_turned_is_in_the_result(leg: int, degrees: float) -> None:
     result = walk(failure=Failure(leg=leg), duration_s=0.1).result

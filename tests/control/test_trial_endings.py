@@ -36,6 +36,7 @@ def _all_finite(result: TrialResult) -> bool:
     return bool(np.isfinite(result.path_m).all())
 
 
+@pytest.mark.slow
 def test_a_robot_without_strength_makes_no_progress() -> None:
     result = walk("tripod", world=World(servo_strength=0.01), duration_s=6).result
     assert result.status == "no_progress"

@@ -15,6 +15,8 @@ from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 
+pytestmark = pytest.mark.slow
+
 HEADINGS_RAD = tuple(math.radians(45 * k) for k in range(8))
 LEG = 5
 

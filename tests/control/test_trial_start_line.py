@@ -18,6 +18,8 @@ from hexctl.robot.rotations import yaw_rad
 from tests.robots import shipped
 from tests.trials import gait_of
 
+pytestmark = pytest.mark.slow
+
 YAW_NOISE_DEG = 2.0
 POSITION_NOISE_M = 0.01
 NOISY = World(sensor_noise=SensorNoise(yaw_deg=YAW_NOISE_DEG, position_m=POSITION_NOISE_M))

@@ -13,6 +13,8 @@ from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
 from hexctl.robot.failure import Failure
 from hexctl.runs.run import RunResult
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def told() -> list[Any]:

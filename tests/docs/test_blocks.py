@@ -104,6 +104,7 @@ FILES: dict[str, Callable[[Any, Path], object]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "yaml")], ids=lambda page: page.name)
 def test_the_files_of_a_page_are_accepted(page: Path, tmp_path: Path) -> None:
     for block in blocks(page, "yaml"):
@@ -127,6 +128,7 @@ MADE: dict[str, Callable[[Path], None]] = {"see.md": film_walk}
 README = (r"\(18,\)\n", 12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.name
 )

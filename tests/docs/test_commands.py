@@ -19,6 +19,8 @@ def marked(page: Path) -> ParameterSet:
     return pytest.param(page, id=page.name)
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 @pytest.mark.parametrize("page", [marked(page) for page in PAGES if commands(page)])
 def test_the_commands_of_a_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

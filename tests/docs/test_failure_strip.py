@@ -12,6 +12,7 @@ def walks() -> tuple[FailedWalk, FailedWalk]:
     return walk("walks on", WalkOn), walk("recovers", GlideToStableGait)
 
 
+@pytest.mark.slow
 def test_the_walk_that_recovers_keeps_its_speed_and_the_other_does_not(
     walks: tuple[FailedWalk, FailedWalk],
 ) -> None:

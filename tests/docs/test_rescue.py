@@ -7,6 +7,8 @@ from hexctl.demo.rescue import RECOVER, WALK_ON, speed_kept, walk_and_fail
 from pictures.rescue import RACE
 from tests.docs.pages import ROOT
 
+pytestmark = pytest.mark.slow
+
 PICTURE = ROOT / "docs" / "images" / "rescue.gif"
 
 

@@ -30,6 +30,7 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert "://" in target or (page.parent / target).exists(), target
 
 
+@pytest.mark.slow
 def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason="the site needs the docs extra: pip install '.[docs]'")
     done = subprocess.run(
@@ -144,6 +145,7 @@ FIGURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", FIGURES)
 def test_the_figures_are_what_their_script_makes(tmp_path: Path, script: str) -> None:
     subprocess.run([sys.executable, str(DOCS / script), str(tmp_path)], cwd=ROOT, check=True, timeout=120)
@@ -168,6 +170,7 @@ def imports() -> dict[str, set[str]]:
     return {part: used - {part} - common for part, used in found.items()}
 
 
+@pytest.mark.slow
 def test_the_layout_page_tells_who_imports_whom() -> None:
     rows = re.findall(
         r"^\| `(\w+)` \|([a-z, ]*)\|$", (DOCS / "layout.md").read_text(encoding="utf-8"), re.MULTILINE

@@ -2,7 +2,11 @@
 
 import math
 
+import pytest
+
 from pictures.step_response import SHIFT_M, TURN_RAD, respond
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_walk_comes_to_a_line_that_moves_as_the_page_says() -> None:

@@ -16,6 +16,8 @@ from hexctl.doctor.connections import Connections, Device, NetworkPort
 from hexctl.doctor.machine import Machine
 from hexctl.doctor.rendering_check import Drawing
 
+pytestmark = pytest.mark.slow
+
 FORBIDDEN = Device(path="/dev/ttyUSB0", name="USB", group="dialout", usable=False)
 
 

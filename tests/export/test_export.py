@@ -57,6 +57,7 @@ def test_several_recordings_make_a_folder_or_a_dataset(recording: Path, tmp_path
         export(recording, other, output=tmp_path / "x.csv")
 
 
+@pytest.mark.slow
 def test_sessions(tmp_path: Path) -> None:
     result = adapt(robot="ant", failed_leg=5, budget=2, duration_s=1.0, optimizer="random", folder=tmp_path)
     name = result.session.name

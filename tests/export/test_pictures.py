@@ -124,6 +124,7 @@ def test_a_leg_that_fails_for_a_moment_has_its_colour_in_a_gif(
     assert max(red) > 230
 
 
+@pytest.mark.slow
 def test_a_real_gif_is_small(walk: RecordedTrial, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     try:

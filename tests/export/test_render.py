@@ -30,6 +30,7 @@ def test_without_a_renderer_one_line_says_what_to_install(walk: RecordedTrial, m
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_renderer")
 def test_every_camera_sees_the_robot_from_its_side(walk: RecordedTrial) -> None:
     pictures = {}
@@ -85,6 +86,7 @@ def yellow(picture: Any) -> int:
     return int(((red - blue > 60) & (green - blue > 60)).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_renderer")
 def test_the_way_until_then_is_drawn_where_the_line_is_known(walk: RecordedTrial) -> None:
     assert walk.course_world is not None

@@ -14,6 +14,8 @@ from faults.results import Results
 from faults.rig import Rig
 from hexctl.waiting import wait_for
 
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+
 #: How often a cell is looked at again for which the machine had no time.
 ATTEMPTS = 4
 

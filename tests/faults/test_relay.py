@@ -12,6 +12,8 @@ import pytest
 from faults.process import Program
 from faults.programs.relay import Frames
 
+pytestmark = pytest.mark.realtime
+
 
 def frame(text: str) -> bytes:
     return len(text).to_bytes(2, "little") + text.encode()

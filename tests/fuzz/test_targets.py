@@ -11,6 +11,7 @@ from tests.fuzz.target import Target, spoiled
 TARGETS = all_targets()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS, ids=[target.name for target in TARGETS])
 def test_nothing_falls(target: Target) -> None:
     chance = random.Random(target.name)

@@ -13,6 +13,7 @@ AHEAD: tuple[Command, ...] = ((1, 0, 0, 0), (8, 1, 0, 0))
 STANCE = shipped().stance_angles_rad
 
 
+@pytest.mark.slow
 def test_state_by_state_is_as_all_at_once() -> None:
     walk = driven("ant", AHEAD)
     odometer = LegOdometer(shipped())
@@ -57,6 +58,7 @@ def test_after_a_gap_the_height_is_known_and_the_motion_is_not() -> None:
     assert step.motion == pytest.approx(np.zeros(3), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_legs_that_are_told_and_one_that_is_noticed_are_left_out() -> None:
     walk = driven("pexod", AHEAD, failure=Failure(leg=2, kind="missing"), told=False)
     odometer = LegOdometer(shipped("pexod"))

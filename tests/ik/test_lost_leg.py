@@ -30,6 +30,7 @@ def watched(
     return believed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "leg", "wild"), [("phantomx", 2, 0.0), ("pexod", 2, 0.0), ("pexod", 2, 0.1)]
 )
@@ -40,6 +41,7 @@ def test_a_missing_leg_that_nobody_told_of_is_noticed(robot: str, leg: int, wild
     assert walk.times_s[believed.index((leg,))] < 7.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ant", "phantomx", "pexod"])
 @pytest.mark.parametrize("world", ["flat", "real:3"])
 @pytest.mark.parametrize("commands", [AHEAD, TURNING])
@@ -52,6 +54,7 @@ def test_a_robot_that_stands_has_no_lost_leg() -> None:
     assert set(watched("ant", driven("ant", ((6, 0, 0, 0),)))) == {()}
 
 
+@pytest.mark.slow
 def test_a_leg_that_carries_again_is_believed_again() -> None:
     """The poses of a whole robot after those of one that lost a leg."""
     broken = driven("pexod", AHEAD, failure=Failure(leg=2, kind="missing"), told=False)

@@ -27,6 +27,8 @@ from hexctl.waiting import wait_for
 from tests.recorders import Calling
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
 #: Has a row for each tick.
 ROBOT = "world/robot"

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.recording import live_feed
@@ -37,6 +38,7 @@ def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
         np.testing.assert_array_equal(other[name], log[name])
 
 
+@pytest.mark.slow
 def test_a_feeder_without_a_viewer_ends_by_itself() -> None:
     command = [sys.executable, "-c", SHORT_PATIENCE]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=False)

@@ -32,6 +32,7 @@ def changed(trial: Trial, **columns: Any) -> Trial:
     return replace(trial, log=log)
 
 
+@pytest.mark.slow
 def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
     log = trial.log
     assert len(read) == len(log)

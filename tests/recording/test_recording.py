@@ -182,6 +182,7 @@ def test_a_killed_program_loses_four_seconds_at_most(
     assert max(unsent_s) < 4.0
 
 
+@pytest.mark.slow
 def test_blocks_give_the_same_recording(
     read: ReadBack, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,6 +211,7 @@ def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: P
     assert len(_joints(read, 1)) == len(log)
 
 
+@pytest.mark.slow
 def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, tmp_path: Path) -> None:
     lost = slice(100, 110)
     position = trial.log["base_position_world"].copy()
@@ -378,6 +380,7 @@ def _start(script: str, path: Path, trial: Trial) -> "subprocess.Popen[bytes]":
     return child
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Path) -> None:
     path = tmp_path / "killed.rrd"
     child = _start(KILLED, path, trial)
@@ -393,6 +396,7 @@ def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Pa
     assert len(read.blueprints) == 1
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> None:
     child = _start(FULL_DISK, tmp_path / "full.rrd", trial)
     assert child.stdout is not None
@@ -422,6 +426,7 @@ class FullDisk(Recording):
         super().write_block(log, start, stop)
 
 
+@pytest.mark.slow
 def test_a_recorder_that_raises_leaves_the_others_whole(trial: Trial, tmp_path: Path) -> None:
     """Whichever comes first: the walk and the other recording are complete."""
     for order in (1, -1):

@@ -41,6 +41,7 @@ class Watch:
         self.bytes.append(tracemalloc.get_traced_memory()[0])
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_length_of_a_walk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,6 +89,7 @@ print("freed")
 """
 
 
+@pytest.mark.slow
 def test_closed_recordings_are_let_go(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", CLOSED, str(tmp_path)],
@@ -116,6 +118,7 @@ assert rr.get_global_data_recording().get_recording_id() == own
 """
 
 
+@pytest.mark.slow
 def test_a_recording_of_the_program_itself_goes_on(tmp_path: Path) -> None:
     command = [sys.executable, "-c", OF_THE_PROGRAM, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)

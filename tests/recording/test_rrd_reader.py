@@ -26,6 +26,8 @@ from hexctl.recording.rrd_reader import (
 from tests.recording.conftest import ReadBack, Trial, damage, messages, write
 from tests.recording.made_up import damaged_recordings
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def sound(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -191,6 +191,7 @@ def ended(path: Path, trial: Trial, changes: dict[str, Any]) -> tuple[list[str],
     return [level, text], lane(read, paths.GUARD, len(trial.log))[-1]
 
 
+@pytest.mark.slow
 def test_only_what_went_wrong_is_an_error(trial: Trial, tmp_path: Path) -> None:
     no_pose = {"deviation": None, "distance_m": None}
     cases: list[tuple[dict[str, Any], str, bool]] = [

@@ -105,6 +105,7 @@ def test_each_is_possible_fits_its_servos_and_says_what_to_measure(name: str) ->
     assert report["driver"] == load_robot_file(name).content.servos.driver
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["locked", "limp"])
 @pytest.mark.parametrize("name", VENDORS_ROBOTS)
 def test_each_walks_without_any_of_its_legs(name: str, kind: str) -> None:

@@ -325,6 +325,7 @@ BAD_TEXTS: dict[str, tuple[bytes, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", BAD_TEXTS)
 def test_a_file_that_is_no_mapping_is_refused_in_one_line(what: str, tmp_path: Path) -> None:
     text, pattern = BAD_TEXTS[what]

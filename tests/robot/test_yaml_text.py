@@ -15,6 +15,7 @@ ALIASES = "a0: &a0 [1]\n" + "".join(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -31,6 +31,7 @@ from tests.robots import shipped
 SHORT: dict[str, Any] = {"duration_s": 1.5}
 
 
+@pytest.mark.slow
 def test_names_and_objects_give_the_same_walk(capfd: pytest.CaptureFixture[str]) -> None:
     robot = load_robot("ant")
     by_name = run(gait="tripod", pace_hz=0.8, world="slippery", **SHORT)
@@ -52,6 +53,7 @@ def test_the_outcome_is_what_the_command_prints() -> None:
     assert outcome["recording"] is None
 
 
+@pytest.mark.slow
 def test_it_is_recorded_to_a_file_or_into_a_folder(tmp_path: Path) -> None:
     done = run(record=tmp_path / "walk.rrd", **SHORT)
     assert done.recording == tmp_path / "walk.rrd"
@@ -210,6 +212,7 @@ def test_a_run_walks_only_while_connected() -> None:
         run(RunSpec(), gait="tripod")
 
 
+@pytest.mark.slow
 def test_a_failure_may_be_said_in_words() -> None:
     spec = RunSpec(failure=Failure(leg=5, kind="limp"), gait=57, duration_s=0.2)
     assert run(failed_leg=5, failure="5:limp", gait=57, duration_s=0.2).trial == run(spec).trial
@@ -263,6 +266,7 @@ def test_a_failed_leg_is_turned_away_where_that_helps(options: dict[str, Any], r
     assert Run(spec).plan.self_rotation == rotation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot_tells", "rotation"), [("position", "none"), ("yaw", "rear")])
 def test_a_robot_that_does_not_tell_its_position_turns_its_failed_leg_to_the_rear(
     robot_tells: str, rotation: str

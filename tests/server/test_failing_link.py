@@ -23,6 +23,8 @@ from hexctl.types import JointTargets, RobotState
 from hexctl.wire.links import Role
 from tests.server.processes import served
 
+pytestmark = pytest.mark.realtime
+
 #: How often a machine may be too busy for a walk in real time; the robot then stops for the silence.
 ATTEMPTS = 3
 

@@ -11,6 +11,8 @@ import pytest
 
 from tests.server.processes import Served, hexctl_process, program, served
 
+pytestmark = pytest.mark.realtime
+
 #: Viewers of each process.
 TOGETHER = 20
 

@@ -104,6 +104,7 @@ def _interrupted() -> Iterator[None]:
     signal.signal(signal.SIGALRM, before)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_interrupted")
 def test_signals_and_arrivals_that_were_taken_already_do_not_block_the_reader() -> None:
     inbox = Inbox(capacity=2)

@@ -22,6 +22,8 @@ from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
 from tests.robots import edited_file, put
 from tests.server.processes import program, served, wait_until
 
+pytestmark = pytest.mark.realtime
+
 WALK = ("hexctl", "run", "--backend", "zenoh", "--duration", "60", "--no-record")
 
 #: Horns mounted so that sitting fits into the travel of the servos.

@@ -21,6 +21,8 @@ from tests.server.processes import Served, controlling, hexctl, program, served,
 from tests.server.recorded import JUMP_AT, JUMP_VARIABLE, ServoLog
 from tests.server.swaying import HELD_UP
 
+pytestmark = pytest.mark.realtime
+
 #: A stopped robot's targets rest after this, e-stop or silence, on a machine that has time for it.
 STILL_AFTER_S = 0.25
 

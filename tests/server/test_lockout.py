@@ -30,6 +30,8 @@ from tests.server.processes import Served, controlling, program, served, wait_un
 from tests.server.swaying import HELD_UP
 from tests.server.test_link_faults import ATTEMPTS, wait_for_motion
 
+pytestmark = pytest.mark.realtime
+
 KEYS = KeyMap.of("ant")
 
 #: How often in the ordinary tests, and in the soak test.

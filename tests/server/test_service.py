@@ -123,6 +123,7 @@ def test_its_events_name_the_command_that_ends_a_stop_with_the_address(
     assert commands == [f"hexctl estop --clear --connect {endpoint}"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("holds", [True, False])
 def test_servos_that_keep_their_torque_are_mentioned_at_the_end(holds: bool) -> None:
     with bus_board(a_map()) as board:

@@ -11,6 +11,8 @@ import pytest
 from hexctl.backends.zenoh.subscriber import GONE_AFTER_S
 from tests.server.processes import Program, Served, program, served, wait_until
 
+pytestmark = pytest.mark.realtime
+
 STOOD_STILL = "this program stood still for"
 
 #: The other program may have had no time on a busy machine, which it says then.

@@ -13,6 +13,8 @@ from hexctl.runs.run import RunResult, run
 from hexctl.runs.run_spec import RunSpec
 from tests.server.processes import served
 
+pytestmark = [pytest.mark.long, pytest.mark.realtime]
+
 #: In times of the simulation: of a position that is a metre off and comes back, and of a pose that freezes.
 FAULTS = "yaw_drift_deg_per_min: 3, position_jump_s: [[4, 7]], pose_frozen_s: [[8, 10]]"
 

@@ -14,6 +14,8 @@ from hexctl.types import JointTargets, RobotState
 from tests.backends.pwm.boards import a_map, i2c_servos_on, pca9685_board
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 
 def _until(servos: LegServos, condition: Callable[[RobotState], Any], *, write: bool = True) -> RobotState:
     for _ in range(400):

@@ -21,6 +21,8 @@ from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import BoardProcess, board, fitting_file, stance_us
 from tests.backends.mavlink.clients import Client
 
+pytestmark = pytest.mark.realtime
+
 LOOSE_US = 2.0
 
 

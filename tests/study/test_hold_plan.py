@@ -12,6 +12,7 @@ from tests.robots import shipped
 from tests.study.made_up_holds import plan
 
 
+@pytest.mark.slow
 def test_every_robot_walks_every_case_in_every_world() -> None:
     made = plan(robots=(shipped(), shipped("pexod")), worlds=2)
     places = [place for place, _ in made.walked()]

@@ -5,10 +5,12 @@ import re
 from pathlib import Path
 
 import pyarrow.parquet as pq
+import pytest
 
 from tests.study.made_up_holds import plan, rows
 
 
+@pytest.mark.slow
 def test_the_report_is_one_page_with_figures_and_all_walks_beside_it(tmp_path: Path) -> None:
     made = rows()
     assert plan().write(made, tmp_path) == tmp_path / "holds.html"

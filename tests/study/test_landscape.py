@@ -21,6 +21,8 @@ from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.study.made_up import made_up, spec, spread_out
 
+pytestmark = pytest.mark.slow
+
 CODES = (3, 40, 77, 120)
 
 

@@ -69,6 +69,7 @@ def test_a_world_that_is_no_family_is_refused(kind: str) -> None:
         planned_study(StudyOptions(**asked))
 
 
+@pytest.mark.slow
 def test_a_study_is_planned_and_run_in_one_call(tmp_path: Path) -> None:
     options = StudyOptions(
         legs=(2,), duration_s=0.2, optimizers=("random",), runs=1, budget=2, jobs=1, out=tmp_path / "out"

@@ -35,6 +35,7 @@ def _made_up_walks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(repertoire_walks, "TOGETHER", 1)
 
 
+@pytest.mark.slow
 def test_what_was_interrupted_goes_on_from_what_has_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,6 +82,7 @@ def test_what_cannot_be_written_is_refused_before_anything_runs(tmp_path: Path) 
         build_repertoire(PLAN, tmp_path / "x.zip", cache=WalkCache(tmp_path))
 
 
+@pytest.mark.slow
 def test_walks_of_a_cluster_are_those_of_this_machine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

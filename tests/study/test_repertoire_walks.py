@@ -12,6 +12,7 @@ from hexctl.study.walk_cache import WalkCache
 from tests.study.made_up_repertoire import plan
 
 
+@pytest.mark.slow
 def test_walks_together_are_those_alone() -> None:
     asked = plan()
     (place,) = asked.places()
@@ -41,6 +42,7 @@ def test_the_failure_comes_before_the_change_and_its_phase_is_drawn() -> None:
     assert len({moment for moments in times.values() for moment in moments}) > 2
 
 
+@pytest.mark.slow
 def test_a_mirrored_robot_walks_alike() -> None:
     """What a symmetry says of a leg is what simulating that leg says, in a world without sides."""
     asked = plan()

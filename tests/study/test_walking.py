@@ -21,6 +21,8 @@ from hexctl.waiting import comes_true
 from tests.study.made_up import spec
 from tests.study.watching import Remembering
 
+pytestmark = pytest.mark.slow
+
 SPECS = [
     spec(leg, rotation, 1.0, (1, 20, 40, 60, 80, 100)) for leg in (2, 5) for rotation in ("none", "rear")
 ]

@@ -23,6 +23,8 @@ from hexctl.wire.certificates import find_credentials, make_certificates
 from hexctl.wire.links import Role
 from hexctl.wire.page_address import PageAddress
 
+pytestmark = pytest.mark.realtime
+
 #: What clients have to know, where they have to.
 TOKEN = new_token()
 

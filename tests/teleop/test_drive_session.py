@@ -57,6 +57,7 @@ def rest_after_s(drive: Drive) -> float:
             return ticks * PERIOD_S
 
 
+@pytest.mark.slow
 def test_a_release_at_any_moment_and_a_silence_end_in_a_stand(session: DriveSession) -> None:
     drive, random = session.drive, np.random.default_rng(1)
     stick = drive.arbiter.source("gamepad")
@@ -148,6 +149,7 @@ def test_what_is_asked_for_is_done() -> None:
         assert drive.stopped == "quit"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ant", "lukas"])
 def test_the_body_goes_no_higher_and_no_lower_than_the_gait_can_walk(name: str) -> None:
     with Drive(name) as drive:

@@ -32,6 +32,8 @@ from hexctl.teleop.page_connection import (
 from hexctl.waiting import wait_for
 from hexctl.wire.page_address import PageAddress
 
+pytestmark = pytest.mark.realtime
+
 #: How long a stop may take until the tick that obeys it.
 STOP_S = 0.3
 

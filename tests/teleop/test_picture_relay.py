@@ -14,6 +14,8 @@ from hexctl.teleop import picture_relay
 from hexctl.teleop.picture_relay import PictureRelay, jpeg_size
 from hexctl.waiting import wait_for
 
+pytestmark = pytest.mark.realtime
+
 Handler = Callable[[socket.socket], None]
 
 

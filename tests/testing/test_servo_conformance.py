@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 BROKEN = '''
 from hexctl import load_robot
 from hexctl.backends.mock import MockServos
@@ -33,6 +35,7 @@ class TestNothing(LegServosConformance):
 '''
 
 
+@pytest.mark.slow
 def test_good_servos_pass_and_bad_ones_fail(tmp_path: Path) -> None:
     (tmp_path / "test_mine.py").write_text(BROKEN, encoding="utf-8")
     done = subprocess.run(

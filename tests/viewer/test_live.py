@@ -14,6 +14,8 @@ from tests.server.processes import Program, program, wait_until
 from tests.trials import walk as walk_alone
 from tests.viewer.conftest import Place
 
+pytestmark = pytest.mark.long
+
 #: Walks this long; with settling before and coming to a stand after.
 WALK_S = 2.0
 

@@ -10,6 +10,8 @@ from pictures.needed import PACKAGES, MissingProgramError
 from pictures.screen import virtual_screen
 from tests.viewer.conftest import REQUIRED, give_up
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 
 

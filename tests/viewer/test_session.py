@@ -15,6 +15,8 @@ from tests.adapt.walking import SPEC, result_of
 from tests.viewer.checks import check_robot, check_session, check_trial, of_kind
 from tests.viewer.conftest import Opener
 
+pytestmark = pytest.mark.slow
+
 #: Where the trials end, left of the line positive.
 DEVIATIONS_M = (0.8, -0.5, 0.2, 1.2)
 

@@ -2,9 +2,13 @@
 
 from pathlib import Path
 
+import pytest
+
 from hexctl.recording.side_by_side import write_together
 from tests.viewer.checks import check_robot, of_kind
 from tests.viewer.conftest import WALK_S, Opener
+
+pytestmark = pytest.mark.slow
 
 
 def test_two_walks_are_seen_in_one_scene_with_the_list_of_recordings(

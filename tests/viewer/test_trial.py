@@ -12,6 +12,8 @@ from pictures.window import Window
 from tests.viewer.checks import check_robot, check_trial, check_whole, of_kind
 from tests.viewer.conftest import WALK_S, Opener
 
+pytestmark = pytest.mark.slow
+
 #: When the robot stands, and when it is about to stop.
 BEGUN_S, WALKED_S = 0.5, 5.0 + WALK_S
 

@@ -15,6 +15,8 @@ from tests.server.processes import program
 from tests.viewer.checks import check_robot
 from tests.viewer.conftest import give_up
 
+pytestmark = pytest.mark.slow
+
 SIZE = (800, 500)
 
 #: A browser without a screen prefers light pages. Text and feet are white, and nothing large.

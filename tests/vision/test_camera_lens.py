@@ -21,6 +21,7 @@ def board_files(folder: Path, count: int) -> list[Path]:
     return files
 
 
+@pytest.mark.slow
 def test_pictures_become_the_file_of_a_lens(tmp_path: Path) -> None:
     calibrated = CameraLens(pictures=board_files(tmp_path, 20), output=str(tmp_path / "lens.yaml")).run()
     assert calibrated.missing == ()

@@ -66,6 +66,8 @@ def latency(over: Watched, *more: str) -> list[str]:
     return ["see", "latency", *where, *more]
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 def test_a_twist_tells_the_latency_which_the_place_keeps(tmp_path: Path) -> None:
     with watched(tmp_path) as over:
         before = load_place(over.place)
@@ -83,6 +85,8 @@ def test_a_twist_tells_the_latency_which_the_place_keeps(tmp_path: Path) -> None
     assert replace(after, latency_s=None) == before
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 def test_ctrl_c_ends_the_twist_and_stores_nothing(tmp_path: Path) -> None:
     with watched(tmp_path) as over:
         before = over.place.read_bytes()
@@ -96,6 +100,7 @@ def test_ctrl_c_ends_the_twist_and_stores_nothing(tmp_path: Path) -> None:
         assert over.place.read_bytes() == before
 
 
+@pytest.mark.realtime
 def test_a_robot_that_is_not_seen_does_not_move(tmp_path: Path) -> None:
     with watched(tmp_path) as over:
         place = load_place(over.place)

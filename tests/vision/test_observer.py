@@ -63,6 +63,7 @@ def off_m(estimate: PoseEstimate) -> float:
     return float(np.hypot(estimate.pose.x_m - HERE.x_m, estimate.pose.y_m - HERE.y_m))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("legs", [True, False])
 def test_a_robot_that_stands_is_where_it_stands(usual: Picture, legs: bool) -> None:
     seen = watched(observer(), iter([usual] * 15), legs=legs)
@@ -88,6 +89,7 @@ def test_while_the_tag_is_covered_a_robot_that_stands_is_believed_to_stand(usual
     assert lost[-1][1].pose is None
 
 
+@pytest.mark.slow
 def test_a_knocked_camera_makes_no_jump_and_is_told(usual: Picture, knocked: Picture) -> None:
     observing = observer()
     watched(observing, iter([usual] * 20))
@@ -110,6 +112,7 @@ def test_without_the_watch_of_the_camera_the_same_knock_would_be_taken_for_a_mot
     assert off_m(seen[-1][1]) > 0.05
 
 
+@pytest.mark.slow
 def test_a_robot_that_was_carried_is_found_again(usual: Picture) -> None:
     there = PlanarPose(-0.3, 0.4, -1.0)
     elsewhere = pictures_of(CAMERA, there)[0]
@@ -143,6 +146,7 @@ def heading_errors_deg(noise_px: float, pictures: int) -> tuple[float, float]:
     return float(np.sqrt(np.mean(np.square(alone_deg)))), float(np.sqrt(np.mean(np.square(fused_deg))))
 
 
+@pytest.mark.slow
 def test_a_second_of_noisy_pictures_gives_the_heading() -> None:
     """With the noise that corners have, and not the one that good pictures have, each picture counts."""
     alone_deg, fused_deg = heading_errors_deg(1.0, 31)
@@ -151,5 +155,6 @@ def test_a_second_of_noisy_pictures_gives_the_heading() -> None:
     assert fused_deg < 0.35
 
 
+@pytest.mark.slow
 def test_without_noise_the_heading_is_what_is_seen() -> None:
     assert max(heading_errors_deg(0.0, 31)) < 0.01

@@ -24,6 +24,8 @@ from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM
 from tests.driven import Driven, driven
 from tests.vision.scenes import FLOOR_CORNERS
 
+pytestmark = pytest.mark.slow
+
 ROBOT = load_robot("ant")
 HERE = Camera(WEBCAM.scaled(960, 540), CAMERA.rotation, CAMERA.position_floor)
 TAG = tag_on(ROBOT)

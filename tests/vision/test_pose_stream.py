@@ -100,6 +100,7 @@ def streamed(
     return events, statuses, texts
 
 
+@pytest.mark.slow
 def test_a_tag_that_is_covered_is_not_seen(
     pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

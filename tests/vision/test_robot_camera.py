@@ -18,6 +18,8 @@ from hexctl.vision.video.video_source import open_video
 from hexctl.vision.video.video_writer import VideoWriter
 from tests.vision.scenes import FILM_FPS, FILM_PICTURES, FLOOR_TAGS, film_walk, filmed_pose
 
+pytestmark = pytest.mark.slow
+
 #: Frame of the floor: the home tag's.
 HOME = FLOOR_TAGS[0].pose
 

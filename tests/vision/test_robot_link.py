@@ -12,6 +12,8 @@ from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.server.processes import Served, free_port, served
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:

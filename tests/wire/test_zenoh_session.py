@@ -22,6 +22,8 @@ from hexctl.wire.zenoh_session import MAX_MESSAGE_BYTES, open_session
 from tests.server.processes import free_port, wait_until
 from tests.wire.knocking import KEYS, ListeningRobot, answers, knocking, posing_as_robot, tls
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -548,6 +548,7 @@ def believed_worlds() -> tuple[Dense, FloatArray]:
     return dense, dense.worlds(40, seed=5)
 
 
+@pytest.mark.slow
 def test_nine_of_ten_first_outcomes_lie_in_their_intervals(believed_worlds: tuple[Dense, FloatArray]) -> None:
     """Worlds of the model itself, walked as the search likes: the intervals keep what they promise."""
     dense, drawn = believed_worlds

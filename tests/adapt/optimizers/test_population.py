@@ -486,6 +486,7 @@ def scipys(strategy: str, function: Function, mutation: float = 0.7) -> FloatArr
     return np.log10([run.fun for run in runs])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", [sphere, rosenbrock])
 @pytest.mark.parametrize(("core", "strategy"), [(BestEvolution, "best1bin"), (RandomEvolution, "rand1bin")])
 def test_it_converges_as_scipys_does(
@@ -497,6 +498,7 @@ def test_it_converges_as_scipys_does(
     assert np.median(found) == pytest.approx(np.median(reference), abs=0.5)
 
 
+@pytest.mark.slow
 def test_the_comparison_would_notice_another_factor_or_strategy() -> None:
     found = ours(BestEvolution, sphere)
     assert mannwhitneyu(found, scipys("best1bin", sphere, mutation=0.6)).pvalue < 1e-3

@@ -221,6 +221,7 @@ def test_a_robot_that_holds_nothing_learns_nothing(drifting: Drifting) -> None:
     assert not any(line.startswith("walk on with") for line in lines)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("drifting")
 def test_a_session_that_is_cut_off_after_any_trial_goes_on_with_the_same_trims() -> None:
     whole = search(target_m=1e-6, budget=6, baseline=True)
@@ -313,6 +314,7 @@ def test_a_trimmed_turn_leaves_the_line_straight_and_is_refused_elsewhere() -> N
         replace(plan, turn_trim_rad_s=0.1)
 
 
+@pytest.mark.slow
 def test_a_simulated_walk_in_open_loop_is_straightened_by_its_ends_alone() -> None:
     result = adapt(
         failure="3:limp",
@@ -413,6 +415,7 @@ class Tape:
         return Answer(word="measured", distance_m=distance_m, signed_m=signed_m)
 
 
+@pytest.mark.slow
 def test_an_operator_with_a_tape_trims_a_robot_that_knows_its_yaw_alone() -> None:
     robot = Imu(hexctl.load_robot("ant"))
     result = adapt(

@@ -247,6 +247,7 @@ def test_a_prior_of_no_world_or_no_leg_cannot_be_made() -> None:
         replace(prior, legs=())
 
 
+@pytest.mark.slow
 def test_no_byte_can_be_changed_unnoticed(tmp_path: Path) -> None:
     """Each byte, changed in four ways: the file is refused in one line, or holds what it held before."""
     path = tmp_path / "some.npz"

@@ -32,6 +32,8 @@ from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, made_up_score_prior, shown_of
 from tests.robots import ROBOT_NAMES, shipped
 
+pytestmark = pytest.mark.long
+
 LEGS = range(1, 7)
 
 

@@ -39,6 +39,7 @@ def without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(builtins, "__import__", refuse)
 
 
+@pytest.mark.slow
 def test_every_trial_is_a_row(folder: Path) -> None:
     table = hexctl.sessions(folder)
     assert isinstance(table, pandas.DataFrame)

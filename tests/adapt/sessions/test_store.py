@@ -226,6 +226,7 @@ def test_a_session_that_is_held_takes_nothing_once_its_file_is_another(tmp_path:
     assert len(load_session(name, tmp_path).trials) == 3
 
 
+@pytest.mark.slow
 def test_two_processes_on_one_store(tmp_path: Path) -> None:
     context = multiprocessing.get_context("spawn")
     writers = [context.Process(target=_write_sessions, args=(str(tmp_path), 30)) for _ in range(2)]
@@ -251,6 +252,7 @@ for index in range(1, 100_000):
 """
 
 
+@pytest.mark.slow
 def test_kill_9_loses_nothing_that_was_kept(tmp_path: Path) -> None:
     """Every trial that the writer reported before it was killed is there, and the state belongs to it."""
     process = subprocess.Popen(

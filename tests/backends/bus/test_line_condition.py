@@ -139,6 +139,8 @@ def _until(servos: BusServos, holds: Callable[[str], bool]) -> str:
     raise AssertionError(said)
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("driver", "model"),
     [("feetech", "sts3215"), ("dynamixel", "ax12a"), ("dynamixel", "xl430-w250"), ("lx16a", "lx16a")],
@@ -150,6 +152,8 @@ def test_on_a_bus_a_brown_out_is_told(driver: str, model: str) -> None:
     assert "bad cable" not in said
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 @pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("dynamixel", "ax12a")])
 def test_on_a_bus_a_bad_cable_is_told(driver: str, model: str) -> None:
     bus_map = a_map(driver, model)
@@ -162,6 +166,8 @@ def test_on_a_bus_a_bad_cable_is_told(driver: str, model: str) -> None:
         assert all(isinstance(count, int) for count in servos.link_counts.values())
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 def test_on_a_bus_noise_on_all_lines_is_told_once() -> None:
     with bus_board(a_map(), "garble:0.4") as board, servos_on(board, a_map()) as servos:
         _until(servos, lambda said: re.search(r"bad cable or noise: \d+ % of all answers", said) is not None)

@@ -12,6 +12,8 @@ from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets
 from tests.backends.bus.boards import a_map, bus_board, servos_on
 
+pytestmark = pytest.mark.realtime
+
 MAP = a_map("lx16a", "lx16a")
 
 

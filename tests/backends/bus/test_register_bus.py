@@ -123,6 +123,7 @@ def test_a_device_that_is_not_there_is_a_fault_in_one_line() -> None:
         SerialLine("/dev/nothing", 1_000_000)
 
 
+@pytest.mark.realtime
 def test_the_feetech_sdk_reads_and_moves_the_simulated_servos() -> None:
     import scservo_sdk
 
@@ -144,6 +145,7 @@ def test_the_feetech_sdk_reads_and_moves_the_simulated_servos() -> None:
         port.closePort()
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(("model", "protocol"), [("ax12a", 1.0), ("xl430-w250", 2.0)])
 def test_the_dynamixel_sdk_reads_and_moves_the_simulated_servos(model: str, protocol: float) -> None:
     import dynamixel_sdk

@@ -84,6 +84,7 @@ def test_what_is_stored_behind_a_lock_goes_with_the_power() -> None:
     assert servo.raw(table.unlock) == 1
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("model", "protocol", "torque", "setting", "goal", "limit", "beyond"),
     [
@@ -121,6 +122,7 @@ def _answer(ask: Callable[[], tuple[int, int, int]]) -> tuple[int, int, int]:
     raise AssertionError(answer)
 
 
+@pytest.mark.realtime
 def test_the_feetech_sdk_unlocks_renames_and_reads_an_overload() -> None:
     import scservo_sdk
 
@@ -144,6 +146,7 @@ def test_the_feetech_sdk_unlocks_renames_and_reads_an_overload() -> None:
         port.closePort()
 
 
+@pytest.mark.realtime
 def test_the_dynamixel_sdk_reads_an_alert_and_ends_it_by_a_reboot() -> None:
     import dynamixel_sdk
 

@@ -14,6 +14,8 @@ from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JointTargets, RobotState
 from tests.backends.bus.boards import a_map, bus_board, servos_on
 
+pytestmark = pytest.mark.realtime
+
 #: The servo that is not as the others.
 ODD = 7
 NAME = r"leg 3 femur \(id 8\)"

@@ -21,6 +21,8 @@ from hexctl.waiting import wait_for
 from tests.backends.bus.boards import a_map, bus_board, servos_on
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 
 class TestFeetech(LegServosConformance):
     #: A count is 0.0015 rad.

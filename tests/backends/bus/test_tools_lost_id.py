@@ -14,6 +14,8 @@ from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import a_map, bus_board, servos_on
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 FAMILIES = (("dynamixel", "ax12a"), ("dynamixel", "xl430-w250"), ("feetech", "sts3215"), ("lx16a", "lx16a"))
 LOST = "leg 3 tibia \\(id 29\\)"
 

@@ -15,6 +15,7 @@ ALL_BUT_ONE = [
 ]
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(("driver", "model"), MODELS)
 def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
     bus_map = a_map(driver, model)
@@ -28,12 +29,15 @@ def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
     assert found[1].error in ("hot", "hardware alert (hot)")
 
 
+@pytest.mark.realtime
 def test_an_adapter_that_echoes_shows_no_servos_that_are_not_there() -> None:
     with bus_board(a_map(), "echo") as board:
         found = scan_bus(board.path, "feetech", 1_000_000, ids=(0, 7, 30))
     assert [each.servo_id for each in found] == [7]
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 def test_the_only_servo_on_a_bus_takes_an_id() -> None:
     for driver, model in (("feetech", "sts3215"), ("dynamixel", "xl430-w250")):
         with bus_board(a_map(driver, model), *ALL_BUT_ONE) as board:
@@ -41,6 +45,7 @@ def test_the_only_servo_on_a_bus_takes_an_id() -> None:
             assert (servo.servo_id, servo.model) == (40, model)
 
 
+@pytest.mark.realtime
 def test_with_more_servos_no_id_is_changed() -> None:
     with bus_board(a_map()) as board:
         with pytest.raises(InputError, match=r"servos that answer: got 1, 2, .*; allowed: exactly one"):
@@ -50,6 +55,7 @@ def test_with_more_servos_no_id_is_changed() -> None:
         set_servo_id("/dev/nothing", "feetech", 1_000_000, 253)
 
 
+@pytest.mark.realtime
 def test_what_cannot_be_scanned_is_said_in_one_line() -> None:
     with pytest.raises(RobotFaultError, match="there is no port /dev/nothing"):
         scan_bus("/dev/nothing", "feetech", 1_000_000)
@@ -57,6 +63,7 @@ def test_what_cannot_be_scanned_is_said_in_one_line() -> None:
         scan_bus("/dev/nothing", "hitec", 1_000_000)
 
 
+@pytest.mark.realtime
 def test_servos_of_lx16a_are_found() -> None:
     bus_map = a_map("lx16a", "lx16a")
     with bus_board(bus_map, "mute:1:femur", "hot:1:tibia:72", "echo") as board:
@@ -67,6 +74,7 @@ def test_servos_of_lx16a_are_found() -> None:
     assert [each.temperature_c for each in found[:2]] == [35.0, 72.0]
 
 
+@pytest.mark.realtime
 def test_the_only_servo_of_lx16a_is_found_by_a_broadcast() -> None:
     with bus_board(a_map("lx16a", "lx16a"), *ALL_BUT_ONE) as board:
         servo = set_servo_id(board.path, "lx16a", 115_200, 40)
@@ -78,6 +86,7 @@ def test_the_only_servo_of_lx16a_is_found_by_a_broadcast() -> None:
         assert [servo.servo_id for servo in board._servos] == list(range(1, 19))
 
 
+@pytest.mark.realtime
 def test_an_id_that_was_set_is_kept_without_power() -> None:
     with bus_board(a_map(), *ALL_BUT_ONE) as board:
         set_servo_id(board.path, "feetech", 1_000_000, 40)
@@ -88,6 +97,7 @@ def test_an_id_that_was_set_is_kept_without_power() -> None:
         assert servo.memory[55] == 1, "locked again"
 
 
+@pytest.mark.realtime
 def test_servos_are_found_at_the_baud_that_they_have() -> None:
     with bus_board(a_map("dynamixel", "xl430-w250"), baud=57_600) as board:
         asked: list[tuple[int, int]] = []

@@ -18,6 +18,7 @@ def _ids_from(first: int, driver: str = "feetech", model: str = "sts3215") -> Bu
     return bus_map_of(ServosSection.model_validate({"model": model, **kinds, **joints}), driver)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
 def test_ids_that_are_off_by_one_are_refused(driver: str, model: str) -> None:
     with bus_board(_ids_from(2, driver, model)) as board:
@@ -30,6 +31,7 @@ def test_ids_that_are_off_by_one_are_refused(driver: str, model: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_all_ids_that_differ_are_named() -> None:
     with (
         bus_board(_ids_from(3)) as board,
@@ -38,6 +40,7 @@ def test_all_ids_that_differ_are_named() -> None:
         servos_on(board, _ids_from(1)).connect()
 
 
+@pytest.mark.slow
 def test_a_servo_that_lost_its_id_beside_one_that_is_mute_is_refused() -> None:
     ids = _ids_from(21)
     with (
@@ -47,6 +50,7 @@ def test_a_servo_that_lost_its_id_beside_one_that_is_mute_is_refused() -> None:
         servos_on(board, ids).connect()
 
 
+@pytest.mark.slow
 def test_a_mute_servo_alone_is_no_wrong_id() -> None:
     ids = _ids_from(1)
     with bus_board(ids, "mute:2:coxa") as board, servos_on(board, ids) as servos:

@@ -34,6 +34,8 @@ from tests.backends.mavlink.boards import (
 )
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 
 class OverBoard(LegServosConformance):
     """The suite against one board that all its tests share, one after the other.

@@ -25,6 +25,8 @@ from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, event
 from tests.backends.mavlink.test_codec import override_frame, valid_frame
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 
 def guarded(running: BoardProcess, file: Path) -> Guard:
     """The board behind a guard that a busy machine does not stop."""

@@ -15,6 +15,8 @@ from hexctl.simulators.pca9685_chips import SimulatedPca9685
 from hexctl.waiting import wait_for
 from tests.backends.pwm.boards import pca9685_board
 
+pytestmark = pytest.mark.realtime
+
 MESSAGES = st.lists(
     st.one_of(
         st.builds(I2cMessage, st.integers(0, 0x7F), st.integers(1, 300)),

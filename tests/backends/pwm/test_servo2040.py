@@ -37,6 +37,8 @@ from hexctl.waiting import wait_for
 from tests.backends.pwm.boards import a_map, servo2040_board, servos_on
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 #: Frames of the protocol's description, and what they say.
 DUMPS = [
     (set_frame(4, [1500]), "D3 04 01 5C 0B"),

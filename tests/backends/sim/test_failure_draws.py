@@ -69,6 +69,7 @@ def test_a_family_is_written_down_with_its_failures(tmp_path: Path) -> None:
     assert again.members(5, 3) == load_randomization("failing").members(5, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ant", "phantomx"])
 def test_batches_and_single_simulations_get_what_was_drawn(tmp_path: Path, robot: str) -> None:
     path = _written(FULL, tmp_path)

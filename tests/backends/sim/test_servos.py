@@ -113,6 +113,7 @@ def test_the_same_seed_gives_the_same_trial_to_the_last_bit(world: World) -> Non
         assert np.array_equal(first.log[column], second.log[column])
 
 
+@pytest.mark.slow
 def test_another_seed_gives_another_trial_where_something_is_random() -> None:
     first, second = (walk(duration_s=3, world=ROUGH, seed=seed) for seed in (5, 6))
     assert not np.array_equal(first.log["measured_rad"], second.log["measured_rad"])
@@ -153,6 +154,7 @@ def test_sensor_noise_has_the_standard_deviations_of_its_world() -> None:
     assert abs(joints.mean()) < np.radians(0.02)
 
 
+@pytest.mark.slow
 def test_sensor_noise_is_drawn_with_the_seed_and_does_not_touch_the_robot() -> None:
     np.testing.assert_array_equal(_errors(NOISY, seed=4)[0], _errors(NOISY, seed=4)[0])
     assert not np.array_equal(_errors(NOISY, seed=4)[0], _errors(NOISY, seed=5)[0])

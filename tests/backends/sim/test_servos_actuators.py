@@ -166,6 +166,7 @@ def test_a_jammed_joint_stays_where_it_is_whatever_lies_before_it() -> None:
     assert (moved > 0).all()
 
 
+@pytest.mark.slow
 @given(before_rad=angles, after_rad=angles)
 def test_copies_go_on_as_the_original_does(before_rad: list[float], after_rad: list[float]) -> None:
     train = _train(offsets_rad=np.radians(GAINS), servo_delay_s=0.06, servo_backlash_deg=4.0)

@@ -150,6 +150,7 @@ def test_a_failure_that_is_told_is_not_drawn() -> None:
     assert drawn_failure(shipped(), None, 7) is None
 
 
+@pytest.mark.slow
 def test_a_locked_leg_walks_the_same_whether_the_controller_is_told_or_not() -> None:
     robot, unknown = shipped(), Failure(leg=LEG, kind="unknown")
     seed = next(

@@ -134,6 +134,7 @@ def test_torque_comes_back_after_a_leg_fails_while_the_servos_are_off() -> None:
 KINDS = ("locked", "limp", "missing", "stuck:femur", "limp:tibia", "weak:0.2")
 
 
+@pytest.mark.slow
 def test_walks_whose_legs_fail_together_equal_each_alone() -> None:
     """Each in its own world, with its own failure and time; losses, delays and noise of the worlds too."""
     robot = shipped()

@@ -111,6 +111,7 @@ def test_bumps_follow_the_seed() -> None:
     assert not np.array_equal(first, other)
 
 
+@pytest.mark.slow
 def test_a_rough_slope_rises_and_is_rough() -> None:
     world = World(slope_deg=10, roughness_m=0.005)
     rough = _heights_below(world, POINTS) - _heights_below(World(slope_deg=10), POINTS)

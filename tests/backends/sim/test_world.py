@@ -139,6 +139,7 @@ def _model(world: World, name: str = "ant") -> Any:
     return make_simulation(shipped(name), world).physics.model
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("uphill_deg", [0.0, 120.0])
 def test_feet_slide_down_a_slope_that_is_steeper_than_their_friction(uphill_deg: float) -> None:
     # tan 20 deg = 0.364
@@ -168,6 +169,7 @@ def test_the_compiled_robot_weighs_what_its_file_says(name: str) -> None:
     assert model.body_mass.sum() == pytest.approx(shipped(name).mass_kg)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "share"), [("ant", 0.3), ("ant", -0.05), ("phantomx", 0.5), ("pexod", 0.1)])
 def test_added_mass_is_a_share_of_the_whole_robot(name: str, share: float) -> None:
     robot = shipped(name)
@@ -201,6 +203,7 @@ def test_a_shift_of_the_trunks_mass_moves_the_robots_centre_of_mass(name: str, s
     np.testing.assert_allclose(moved - centre, shift * trunk_kg / ((1 + share) * robot.mass_kg), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_trunk_with_its_mass_elsewhere_has_its_shape_where_it_was() -> None:
     plain, loaded = (_model(world) for world in (World(), World(body_mass_shift_m=(0.1, 0.0, -0.1))))
     shapes = [
@@ -240,6 +243,7 @@ def test_a_tick_is_twenty_milliseconds_whatever_the_step_of_the_physics(time_ste
         assert servos.compiled.physics.model.opt.timestep == time_step_s
 
 
+@pytest.mark.slow
 def test_the_cone_of_friction_is_the_worlds() -> None:
     cones = [_model(world).opt.cone for world in (World(), World(friction_cone="pyramidal"))]
     assert cones == [mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtCone.mjCONE_PYRAMIDAL]
@@ -284,6 +288,7 @@ def test_given_joint_offsets_are_between_what_a_joint_is_and_what_it_believes() 
         np.testing.assert_allclose(believed, servos.robot.stance_angles_rad, atol=0.05)
 
 
+@pytest.mark.slow
 def test_drawn_joint_offsets_have_their_deviation_and_follow_the_seed() -> None:
     world = World(joint_offset_deg=2.0)
     drawn = np.array([make_simulation(shipped(), world, seed=seed).joint_offsets_rad for seed in range(8)])
@@ -408,6 +413,7 @@ def poses(faults: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
     return table[:, 0], table[:, 1:4], table[:, 4]
 
 
+@pytest.mark.slow
 def test_a_yaw_drifts_and_a_position_jumps_and_comes_back() -> None:
     times_s, positions, yaws = poses({})
     drift = {"yaw_drift_deg_per_min": 600.0, "position_jump_s": [[0.3, 0.5]], "position_jump_m": [0, 1, 2]}
@@ -479,6 +485,7 @@ def test_a_world_with_sensor_faults_is_read_as_it_was_written() -> None:
     assert World.model_validate(faulty.model_dump(mode="json")) == faulty != World()
 
 
+@pytest.mark.slow
 def test_a_world_knows_whether_its_simulation_depends_on_the_seed() -> None:
     """The prior listed such quantities by hand; one that was forgotten had the same draw in each world."""
     assert CHANGED.keys() == World.model_fields.keys(), "each quantity needs an example"

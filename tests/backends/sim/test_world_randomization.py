@@ -67,6 +67,7 @@ def test_a_member_is_the_same_every_time(name: str) -> None:
     assert len(set(first)) == 8
 
 
+@pytest.mark.slow
 @given(first=st.integers(0, MAX_MEMBERS - 8), count=st.integers(1, 8), at=st.integers(0, 7))
 def test_a_member_does_not_depend_on_what_it_is_asked_with(first: int, count: int, at: int) -> None:
     at = min(at, count - 1)
@@ -79,6 +80,7 @@ def test_another_seed_draws_other_worlds() -> None:
     assert set(family().members(0, 16)).isdisjoint(other.members(0, 16))
 
 
+@pytest.mark.slow
 @given(first=numbers)
 def test_members_lie_within_their_ranges(first: int) -> None:
     for name in FAMILIES:
@@ -97,6 +99,7 @@ def test_a_normal_range_holds_nineteen_of_twenty() -> None:
     assert offsets.std() == pytest.approx(np.sqrt(0.9**2 - offsets.mean() ** 2), rel=0.05)
 
 
+@pytest.mark.slow
 @given(block=st.integers(0, MAX_MEMBERS // 16 - 1))
 def test_each_sixteen_members_are_spread_evenly(block: int) -> None:
     """One in each sixteenth of every range, and so eight in each of its halves."""

@@ -24,6 +24,8 @@ from tests.backends.bus.boards import a_map, bus_board
 from tests.robots import edited_file, put, shipped
 from tests.server.processes import Served, free_port, hexctl, hexctl_process, served, wait_until
 
+pytestmark = pytest.mark.realtime
+
 
 class ServedConformance(LegServosConformance):
     """The suite over a link; each class of tests has a robot of its own."""

@@ -27,6 +27,8 @@ from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, fitti
 from tests.backends.mavlink.clients import Client
 from tests.robots import edited_file, put
 
+pytestmark = pytest.mark.realtime
+
 #: How the robot is really wired: one servo turned round and mounted off, one only mounted off.
 TRUE_WIRING = {
     "leg1_coxa": {"sign": -1, "offset_deg": 12},

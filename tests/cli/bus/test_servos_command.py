@@ -23,6 +23,8 @@ ONLY_ONE = [
 ]
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 @pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("lx16a", "lx16a")])
 def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(driver, model)) as board:
@@ -43,6 +45,7 @@ def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.C
         assert max(map(len, table.splitlines())) <= 80
 
 
+@pytest.mark.realtime
 def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(), *ONLY_ONE) as board:
         words = ["servos", "scan", "--driver", "dynamixel", "--connect", f"{board.path}:1000000", "--json"]
@@ -52,6 +55,8 @@ def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[s
     assert "is dynamixel the right driver?" in printed.err
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(), *ONLY_ONE, baud=115_200) as board:
         words = ["servos", "scan", "--driver", "feetech", "--connect", board.path, "--json"]
@@ -65,6 +70,7 @@ def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.
     assert [(each["id"], each["baud"]) for each in found] == [(1, 115_200)]
 
 
+@pytest.mark.realtime
 def test_an_id_is_set_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
     for driver, model in (("feetech", "sts3215"), ("lx16a", "lx16a")):
         with bus_board(a_map(driver, model), *ONLY_ONE) as board:
@@ -73,6 +79,7 @@ def test_an_id_is_set_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
             assert json.loads(capsys.readouterr().out)["id"] == 99
 
 
+@pytest.mark.realtime
 def test_a_servo_is_tested_with_consent_only(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -95,6 +102,7 @@ def test_a_servo_is_tested_with_consent_only(
         assert "no servo with id 99 answers" in capsys.readouterr().err
 
 
+@pytest.mark.realtime
 def test_a_servo_that_is_stuck_is_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map()) as board:
         board._robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
@@ -105,6 +113,7 @@ def test_a_servo_that_is_stuck_is_an_exit_code(capsys: pytest.CaptureFixture[str
         assert "it did not follow: is its leg free" in printed.err
 
 
+@pytest.mark.realtime
 def test_joints_are_identified_and_no_robot_file_is_written(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -123,6 +132,7 @@ def test_joints_are_identified_and_no_robot_file_is_written(
         assert "--output: got it with --robot" in capsys.readouterr().err
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(("words", "model"), [((), "lx16a"), (("--model", "lx224"), "lx224")])
 def test_a_model_that_servos_do_not_tell_is_written(
     words: tuple[str, ...],
@@ -143,6 +153,7 @@ def test_a_model_that_servos_do_not_tell_is_written(
     ) is not bool(words)
 
 
+@pytest.mark.realtime
 def test_a_file_that_there_is_not_is_not_named(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -154,6 +165,7 @@ def test_a_file_that_there_is_not_is_not_named(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.realtime
 def test_a_lost_id_is_given_back(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     joints = {name: {"id": 21 + place} for place, name in enumerate(JOINT_NAMES)}
     file = edited_file(tmp_path, put("servos", {"driver": "feetech", **joints}), base="phantomx")
@@ -175,6 +187,7 @@ def _says(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(os.fdopen(read, "rb")))
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -203,6 +216,8 @@ def test_bad_input_is_one_line(words: list[str], message: str, capsys: pytest.Ca
     assert err.count("\n") == 1
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 def test_a_scan_with_a_robot_file_says_which_joints_servos_are(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -220,6 +235,7 @@ def test_a_scan_with_a_robot_file_says_which_joints_servos_are(
     assert "no answer: leg 6 tibia (id 19)\nin no joint of the robot file: id 1\n" in printed.err
 
 
+@pytest.mark.realtime
 def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

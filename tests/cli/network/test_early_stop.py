@@ -157,6 +157,7 @@ def stuck(*arguments: str) -> Iterator[None]:
         process.wait()
 
 
+@pytest.mark.realtime
 def test_the_robot_is_stopped_before_the_command_line_is_loaded(tmp_path: Path) -> None:
     with served(tmp_path) as robot, stuck("estop", "--connect", robot.endpoint):
         wait_until(lambda: stopped(robot) == "estop", "the stop")

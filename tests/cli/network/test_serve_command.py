@@ -16,6 +16,8 @@ from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
 from tests.server.processes import RECORDED, free_port, hexctl, program, served
 
+pytestmark = pytest.mark.realtime
+
 REFUSED = [
     (["serve", "--backend", "zenoh"], ["--backend", "zenoh", "sim, mavlink, dynamixel, feetech, lx16a, "]),
     (["serve", "--backend", "warp"], ["backend", "'warp'"]),

@@ -11,6 +11,8 @@ from hexctl.server.serve_options import ServedOptions
 from hexctl.wire.links import CLEAR_COMMAND
 from tests.server.processes import hexctl, served
 
+pytestmark = pytest.mark.realtime
+
 CALM: dict[str, Any] = {
     "robot": "ant",
     "backend": "sim",

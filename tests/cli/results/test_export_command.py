@@ -18,6 +18,7 @@ def recording(tmp_path_factory: Any) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_it_prints_where_the_output_lies(
     recording: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
 ) -> None:
@@ -57,6 +58,7 @@ def test_what_is_wrong_is_told_in_one_line_with_flags(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_damaged_recording_is_named_and_nothing_is_written(
     recording: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
 ) -> None:

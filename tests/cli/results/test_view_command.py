@@ -33,6 +33,8 @@ from tests.server.processes import (
     wait_until,
 )
 
+pytestmark = pytest.mark.realtime
+
 SPACE = GaitSpace((SPEC.broken.leg,))
 
 

@@ -59,12 +59,14 @@ def test_the_verdict_is_first_in_a_short_answer_and_the_joints_are_verbose(
     assert [line for line in verbose if line.startswith("leg6_tibia")]
 
 
+@pytest.mark.slow
 def test_the_pace_it_names_is_clipped_nowhere(capsys: pytest.CaptureFixture[str]) -> None:
     pace = check_json(capsys, "ant")["max_pace_hz"]
     assert check_json(capsys, "ant", "--pace", f"{pace - 0.001}")["speed_holds"]
     assert not check_json(capsys, "ant", "--pace", f"{pace + 0.01}")["speed_holds"]
 
 
+@pytest.mark.slow
 def test_an_impossible_gait_is_said_with_numbers(capsys: pytest.CaptureFixture[str]) -> None:
     report = check_json(capsys, "ant", "--amplitude", "0.5", code=2)
     assert not report["possible"]
@@ -81,6 +83,7 @@ def test_a_joint_out_of_range_is_named(tmp_path: Path, capsys: pytest.CaptureFix
     assert "leg1_coxa" in report["joints_out_of_range"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("offset_deg", "beyond", "gait_fits", "words"),
     [
@@ -107,6 +110,7 @@ def test_whether_ranges_and_gait_fit_into_the_pulses(
     assert words in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("servos", "beyond", "travel", "words"),
     [
@@ -147,6 +151,7 @@ def test_whether_ranges_fit_into_the_counts(
     assert "to measure" not in printed
 
 
+@pytest.mark.slow
 def test_what_is_unknown_is_to_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = str(edited_file(tmp_path, put("unknown", ["body.mass_kg", "joints.tibia"])))
     assert exit_code(["check", path, "--json"]) == 0
@@ -161,6 +166,7 @@ def test_a_bad_servo_map_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "channel 2 for leg1_coxa and leg1_femur" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_servos_too_weak_for_the_weight_are_impossible(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -195,6 +201,7 @@ def test_a_heavy_robot_on_soft_servos_is_warned_of(
     assert "may not be able to walk this gait, see the warnings" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_legs_that_cross_leave_open_whether_the_robot_walks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -219,6 +226,7 @@ def test_legs_that_cross_leave_open_whether_the_robot_walks(
     assert "may not" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_simulations_own_uncertainty_is_measured_and_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,6 +255,7 @@ def test_where_and_how_long_belong_to_the_measurement(capsys: pytest.CaptureFixt
     assert "--world: got flat; allowed: with --physics" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixture[str]) -> None:
     sets = check_json(capsys, "pexod", "--leg-sets", "--heading", "0")["leg_sets"]
     assert [len(one["legs"]) for one in sets] == [1] * 6 + [2] * 15 + [3] * 20
@@ -258,6 +267,7 @@ def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixt
     assert "doubtful        leans further than robots that walked" in printed
 
 
+@pytest.mark.slow
 def test_the_envelope_says_what_its_figures_are(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["check", "--envelope"]) == 0
     out = capsys.readouterr().out

@@ -27,6 +27,7 @@ def test_a_number_is_a_radius_and_anything_else_a_file() -> None:
         arena_of("wide")
 
 
+@pytest.mark.slow
 def test_a_place_file_gives_the_circle_that_its_camera_sees(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

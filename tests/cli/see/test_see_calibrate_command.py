@@ -12,6 +12,7 @@ from hexctl.vision.detection.lens import load_lens
 from tests.vision.detection.test_lens_calibration import LENSES, pictures, ray_error_px
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_lens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = []
     for number, picture in enumerate(pictures("480p")):
@@ -32,6 +33,7 @@ def test_the_command_writes_a_lens(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "--output" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_takes_a_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     video = tmp_path / "board.avi"
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480), False)

@@ -30,6 +30,7 @@ from tests.vision.test_place import saved
 HOME = FLOOR_TAGS[0].pose
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -52,6 +53,7 @@ def test_bad_input_is_one_line(
     assert err.count("\n") == 1
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -74,6 +76,7 @@ def test_what_contradicts_a_known_place_is_one_line(
     assert exit_code(["see", "--camera", "63", "--no-link", "--place", str(place)]) == 3
 
 
+@pytest.mark.realtime
 def test_a_setting_of_the_sheet_counts_as_if_typed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -84,6 +87,7 @@ def test_a_setting_of_the_sheet_counts_as_if_typed(
     assert "hexctl.toml: see.robot-tag: got 11, and place.yaml has 10; " in capsys.readouterr().err
 
 
+@pytest.mark.realtime
 def test_the_line_of_a_second_says_what_is_known() -> None:
     lost = PoseEstimate(at_s=1.0, sight="lost", pose=None, covariance=None, age_s=math.inf, restarts=0)
     known = replace(lost, sight="bridging", pose=PlanarPose(1.0, -2.0, 0.5), covariance=np.eye(3))
@@ -95,6 +99,7 @@ def test_the_line_of_a_second_says_what_is_known() -> None:
     assert status_line(replace(status, seen=0.0)).endswith("tag in 0%")
 
 
+@pytest.mark.realtime
 def test_a_page_on_a_port_in_use_names_its_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with VideoWriter(tmp_path / "empty.avi") as writer, MjpegServer() as server:
         writer.write(np.zeros((48, 64, 3), dtype=np.uint8), 0.0)
@@ -105,6 +110,7 @@ def test_a_page_on_a_port_in_use_names_its_option(tmp_path: Path, capsys: pytest
     assert f"--page: got {port}, which cannot be used" in capsys.readouterr().err
 
 
+@pytest.mark.realtime
 def test_a_camera_that_is_not_there_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["see", "--camera", f"http://127.0.0.1:{free_port()}/", "--no-link"]) == 3
     assert "no video comes from" in capsys.readouterr().err
@@ -112,6 +118,8 @@ def test_a_camera_that_is_not_there_is_a_fault(capsys: pytest.CaptureFixture[str
     assert "there is no camera /dev/video63" in capsys.readouterr().err
 
 
+@pytest.mark.long
+@pytest.mark.realtime
 def test_a_robot_walks_by_the_pose_that_a_camera_sees(tmp_path: Path) -> None:
     """In the frame of the home tag, within centimetres of the truth that only the camera is told."""
     save_lens(WEBCAM, tmp_path / "lens.yaml")

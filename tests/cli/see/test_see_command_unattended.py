@@ -27,6 +27,8 @@ from hexctl.wire.links import Link
 from tests.recording.conftest import ReadBack
 from tests.server.processes import hexctl, program, served
 
+pytestmark = [pytest.mark.long, pytest.mark.realtime]
+
 HOME = FLOOR_TAGS[0].pose
 
 #: A camera that stands near: the circle in which it sees the robot has 0.65 m.

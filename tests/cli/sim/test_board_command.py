@@ -12,6 +12,8 @@ import pytest
 from hexctl.cli.main import exit_code
 from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.parametrize(
     ("arguments", "message"),

@@ -12,6 +12,8 @@ from hexctl.vision.video.video_source import open_video
 from hexctl.waiting import wait_for
 from tests.server.processes import free_port, program, served
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.parametrize(
     ("arguments", "message"),

@@ -22,6 +22,8 @@ from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, Reperto
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
 from tests.robots import shipped
 
+pytestmark = pytest.mark.long
+
 DURATION = "6"
 BUILD = ["prior", "build", "--duration", DURATION, "--worlds", "2", "--legs", "5"]
 ADAPT = ["adapt", "--failed-leg", "5", "--duration", DURATION, "--no-record"]

@@ -13,6 +13,8 @@ from hexctl.study.walk_cache import WalkCache
 from hexctl.waiting import wait_for
 from tests.study.made_up import spec
 
+pytestmark = pytest.mark.long
+
 TINY = [
     "study",
     "--legs",

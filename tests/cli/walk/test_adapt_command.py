@@ -48,6 +48,7 @@ def course(outcome: dict[str, Any]) -> list[Any]:
     return [{key: value for key, value in trial.items() if key != "recording"} for trial in outcome["trials"]]
 
 
+@pytest.mark.slow
 def test_every_trial_is_walked_kept_and_recorded(capsys: pytest.CaptureFixture[str]) -> None:
     outcome = run_json(capsys, *QUICK, "--optimizer", "pso", "--seed", "2")
     assert [trial["index"] for trial in outcome["trials"]] == [1, 2, 3]
@@ -68,6 +69,7 @@ def test_every_trial_is_walked_kept_and_recorded(capsys: pytest.CaptureFixture[s
     assert (Path("runs") / outcome["session"] / "overview.rrd").exists()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_session(capsys: pytest.CaptureFixture[str]) -> None:
     first = run_json(capsys, *QUICK, "--no-record", "--seed", "5")
     again = run_json(capsys, *QUICK, "--no-record", "--seed", "5")
@@ -77,6 +79,7 @@ def test_the_same_seed_gives_the_same_session(capsys: pytest.CaptureFixture[str]
     assert first["session"] != again["session"]
 
 
+@pytest.mark.slow
 def test_the_gaits_it_would_use_anyway_are_walked_first_and_are_no_trials(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -96,6 +99,7 @@ def test_the_gaits_it_would_use_anyway_are_walked_first_and_are_no_trials(
     assert exit_code(["sessions", "delete", name, "--yes"]) == 0
 
 
+@pytest.mark.slow
 def test_quiet_prints_the_end_only(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -108,6 +112,7 @@ def test_quiet_prints_the_end_only(
     assert printed.err == ""
 
 
+@pytest.mark.slow
 def test_without_recordings_a_search_leaves_its_store_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
     assert exit_code([*QUICK, "--no-record", "--quiet"]) == 0
@@ -118,6 +123,7 @@ def test_without_recordings_a_search_leaves_its_store_alone(monkeypatch: pytest.
         assert [str(path) for path in Path("runs").rglob("*.*")] == [f"runs/{session.name}/session.jsonl"]
 
 
+@pytest.mark.slow
 def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code([*QUICK, "--no-record"]) == 0
     printed = capsys.readouterr().out
@@ -182,6 +188,7 @@ REFUSED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "words"), REFUSED, ids=lambda value: " ".join(value)[:45])
 def test_bad_input_is_refused_in_one_line(
     arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
@@ -194,6 +201,7 @@ def test_bad_input_is_refused_in_one_line(
         assert word in printed.err
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_position_cannot_be_scored(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["adapt", "--failed-leg", "5", "--backend", "mock", "--duration", "0.1", "--no-record"]
     assert exit_code([*arguments, "--prior", "none"]) == 3
@@ -202,6 +210,7 @@ def test_a_robot_without_a_position_cannot_be_scored(capsys: pytest.CaptureFixtu
     assert len(err.splitlines()) == 1, "without advice on a session that there will not be"
 
 
+@pytest.mark.long
 def test_a_session_cut_off_goes_on_to_the_same_end(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -238,6 +247,7 @@ def cut_off(folder: Path, options: str, number: int) -> int:
     return process.returncode
 
 
+@pytest.mark.slow
 def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -251,6 +261,7 @@ def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
     assert "ended after 120 trials" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_finished_session_goes_on_with_another_budget(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -269,6 +280,7 @@ def test_a_finished_session_goes_on_with_another_budget(
     assert run_json(capsys, *go_on, said=FINISHED)["trials"] == longer["trials"]
 
 
+@pytest.mark.slow
 def test_a_session_at_its_target_has_nothing_to_walk(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -285,6 +297,7 @@ def test_a_session_at_its_target_has_nothing_to_walk(
     assert said in printed.err
 
 
+@pytest.mark.slow
 def test_a_finished_session_that_is_resumed_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -295,6 +308,7 @@ def test_a_finished_session_that_is_resumed_says_so(
     assert capsys.readouterr().err == FINISHED
 
 
+@pytest.mark.slow
 def test_a_budget_beyond_the_number_of_gaits_is_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -308,6 +322,7 @@ def test_a_budget_beyond_the_number_of_gaits_is_told(
         assert "at most" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_target_has_the_unit_of_its_objective(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -322,6 +337,7 @@ def test_a_target_has_the_unit_of_its_objective(
     assert "allowed: a number, in s/m" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_another_objective_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -332,6 +348,7 @@ def test_another_objective_is_named(
     assert "best by the objective max" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_no_valid_trial_is_no_success(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -343,6 +360,7 @@ def test_no_valid_trial_is_no_success(
     assert "no valid trial: fell" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_objective_of_ones_own_is_found_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -361,6 +379,7 @@ def test_an_objective_of_ones_own_is_found_again(
     assert "best by the objective hexctl_test_scores:sideways" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_recording_that_fails_costs_no_trial_and_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -378,6 +397,7 @@ def test_a_recording_that_fails_costs_no_trial_and_is_said(
     assert len(run_json(capsys, "adapt", "--resume", listed["session"])["trials"]) == 3
 
 
+@pytest.mark.slow
 def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFixture[str]) -> None:
     text = (config_root() / "robots" / "ant.yaml").read_text()
     Path("mine.yaml").write_text(text)
@@ -402,6 +422,7 @@ sys.exit(exit_code([*words.split(), *sys.argv[1:]]))
 """
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(capsys: pytest.CaptureFixture[str]) -> None:
     done = _adapt_on_a_small_disk("--no-record")
     assert done.returncode == 3, done.stderr
@@ -425,6 +446,7 @@ def _adapt_on_a_small_disk(*options: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
+@pytest.mark.slow
 def test_a_disk_without_room_for_a_recording_says_how_to_go_on(capsys: pytest.CaptureFixture[str]) -> None:
     done = _adapt_on_a_small_disk("--json")
     assert done.returncode == 3, done.stderr
@@ -435,6 +457,7 @@ def test_a_disk_without_room_for_a_recording_says_how_to_go_on(capsys: pytest.Ca
     assert len(goes_on["trials"]) == 1
 
 
+@pytest.mark.slow
 def test_the_trials_that_no_other_beats(capsys: pytest.CaptureFixture[str]) -> None:
     outcome = run_json(capsys, *QUICK, "--no-baseline", "--no-record", "--hold", "line")
     assert [trial["hold"] for trial in outcome["trials"]] == ["line"] * 3
@@ -453,6 +476,7 @@ def test_the_trials_that_no_other_beats(capsys: pytest.CaptureFixture[str]) -> N
     assert "--pareto: got 'speed'; allowed: two or more of final" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_a_search_is_prepared_says_that_nothing_was_recorded(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -471,6 +495,7 @@ def test_ctrl_c_while_a_search_is_prepared_says_that_nothing_was_recorded(
     assert not Path("runs").exists()
 
 
+@pytest.mark.slow
 def test_a_second_ctrl_c_says_how_to_resume(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,8 @@ from tests.vision.scenes import WEBCAM
 from tests.vision.test_place import PLACE as SEEN
 from tests.vision.test_place import saved
 
+pytestmark = pytest.mark.slow
+
 KITS = "tests.cli.adaptkits"
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0

@@ -23,6 +23,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
 
 
+@pytest.mark.slow
 def test_it_says_what_happens_and_what_to_do_next(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr("hexctl.cli.walk.demo_command.shutil.which", lambda _: "/bin/hexctl")
     assert exit_code(["demo", "--budget", "1"]) == 0
@@ -44,6 +45,7 @@ def test_it_says_what_happens_and_what_to_do_next(tmp_path: Path, capsys: Any, m
     assert "display" not in printed.err
 
 
+@pytest.mark.long
 def test_json_is_the_result_alone(capsys: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(rescue, "WALK_S", 7.0)
     assert exit_code(["demo", "--budget", "1", "--json"]) == 0
@@ -52,6 +54,7 @@ def test_json_is_the_result_alone(capsys: Any, monkeypatch: Any) -> None:
     assert Path(told["walked_on"]["recording"]).is_file()
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(StopOnInterrupt, "requested", lambda _: True)
     assert exit_code(["demo"]) == 130
@@ -61,12 +64,14 @@ def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
     assert not list(Path("runs").iterdir())
 
 
+@pytest.mark.slow
 def test_with_a_screen_the_walks_are_shown_in_a_window(monkeypatch: Any) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     assert _view_command() == "hexctl view"
     assert _another_walk() == ["  hexctl run --failure 2:limp@4 --realtime --view"]
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(rescue, "WALK_S", 7.0)
     monkeypatch.setattr(StopOnInterrupt, "requested", lambda _: any(Path("runs").glob("*-leg5-*")))
@@ -79,6 +84,7 @@ def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -
     assert [Path(path).name for path in seen if Path(path).is_file()] == ["walked-on.rrd", "recovered.rrd"]
 
 
+@pytest.mark.slow
 def test_two_ctrl_c_name_what_is_there(capsys: Any, monkeypatch: Any) -> None:
     def cut_off(policy: str, recording: Path, **_: Any) -> None:
         if policy == rescue.RECOVER:
@@ -98,6 +104,7 @@ def test_two_ctrl_c_name_what_is_there(capsys: Any, monkeypatch: Any) -> None:
     assert not list(Path("runs").iterdir())
 
 
+@pytest.mark.slow
 def test_a_disk_without_room_is_a_fault_that_names_no_option_of_other_commands(
     capsys: Any, monkeypatch: Any
 ) -> None:
@@ -109,6 +116,7 @@ def test_a_disk_without_room_is_a_fault_that_names_no_option_of_other_commands(
     assert "--" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_used_is_one_line(tmp_path: Path, capsys: Any) -> None:
     (tmp_path / "runs").touch()
     assert exit_code(["demo", "--budget", "1"]) == 2
@@ -118,6 +126,7 @@ def test_a_folder_that_cannot_be_used_is_one_line(tmp_path: Path, capsys: Any) -
         assert word in printed.err
 
 
+@pytest.mark.slow
 def test_the_environment_is_named_where_the_command_is_not_on_the_path(monkeypatch: Any) -> None:
     monkeypatch.setattr("hexctl.cli.walk.demo_command.shutil.which", lambda _: None)
     script = Path(sys.executable).with_name("activate")

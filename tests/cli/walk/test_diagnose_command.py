@@ -96,6 +96,7 @@ def test_a_walk_of_which_no_leg_has_failed_goes_on_with_six(capsys: pytest.Captu
     assert "no leg has failed" in printed.err
 
 
+@pytest.mark.slow
 def test_what_was_not_found_is_still_what_the_simulation_breaks(capsys: pytest.CaptureFixture[str]) -> None:
     walk = ["run", "--duration", "1", "--no-record", "--json", "--failed-leg", "auto"]
     assert exit_code([*walk, "--failure", "3:weak:0.9"]) == 0
@@ -104,6 +105,7 @@ def test_what_was_not_found_is_still_what_the_simulation_breaks(capsys: pytest.C
     assert "the simulation breaks leg 3 weak:0.9; the controller is told none" in printed.err
 
 
+@pytest.mark.slow
 def test_a_search_finds_its_failed_leg_first_and_ends_where_there_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

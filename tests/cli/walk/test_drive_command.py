@@ -24,6 +24,8 @@ from tests.cli.terminals import WAIT_S, on_terminal
 from tests.recording.conftest import ReadBack
 from tests.server.processes import hexctl, served
 
+pytestmark = pytest.mark.realtime
+
 
 def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
     with on_terminal(tmp_path, "--record", "drive.rrd", "--gamepad", "none") as terminal:

@@ -12,6 +12,8 @@ from pictures.needed import MissingProgramError
 from tests.cli.stopping.measure import CAUSES, Measurement, Stops
 from tests.viewer.conftest import give_up
 
+pytestmark = [pytest.mark.long, pytest.mark.realtime]
+
 TIMES = 100
 
 #: Those that no other test has, one of each kind.

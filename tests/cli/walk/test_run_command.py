@@ -70,6 +70,7 @@ def test_json_keeps_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
     assert outcome["status"] == "ok"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_walk(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = [*SHORT, "--world", "rough", "--seed", "7"]
     first, again = run_json(capsys, *arguments), run_json(capsys, *arguments)
@@ -79,6 +80,7 @@ def test_the_same_seed_gives_the_same_walk(capsys: pytest.CaptureFixture[str]) -
     assert first["deviation_m"] != other["deviation_m"]
 
 
+@pytest.mark.slow
 def test_runs_that_begin_together_all_have_a_recording(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hexctl", "run", "--duration", "0.5", "--json"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
@@ -107,6 +109,7 @@ def test_heading_is_where_the_body_goes(capsys: pytest.CaptureFixture[str]) -> N
     assert outcome["deviation_m"]["final"] < 0.02
 
 
+@pytest.mark.slow
 def test_turn_alone_turns_in_place_and_with_heading_is_blended(capsys: pytest.CaptureFixture[str]) -> None:
     in_place = run_json(capsys, *SHORT, "--turn", "-20")
     assert in_place["yaw_change_deg"] < -0.6 * 20 * 2
@@ -191,6 +194,7 @@ def test_a_fall_is_an_abort(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert outcome["status"] == "fell"
 
 
+@pytest.mark.realtime
 def test_ctrl_c_stops_softly_and_keeps_the_recording(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hexctl", "run", "--realtime", "--duration", "600", "--json"]
     numbers = (signal.SIGINT, signal.SIGTERM)
@@ -302,6 +306,7 @@ def test_a_robot_that_cannot_be_reached_is_one_line_and_leaves_nothing(
     assert [made.closed for made in Kit.made] == [1]
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("command", ["run", "diagnose"])
 def test_ctrl_c_before_the_first_command_commands_nothing_and_leaves_nothing(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -367,6 +372,7 @@ sys.exit(exit_code(["run", "--duration", "20", "--json"]))
 """
 
 
+@pytest.mark.slow
 def test_a_disk_without_room_is_said_before_the_walk(tmp_path: Path) -> None:
     done = _run_on_a_small_disk(tmp_path, ROOM_BYTES - 1)
     assert done.returncode == 3, done.stderr
@@ -387,6 +393,7 @@ def _run_on_a_small_disk(folder: Path, size_bytes: int) -> "subprocess.Completed
     )
 
 
+@pytest.mark.slow
 def test_a_full_disk_costs_neither_the_walk_nor_its_result(tmp_path: Path) -> None:
     done = _run_on_a_small_disk(tmp_path, ROOM_BYTES)
     assert done.returncode == 3, done.stderr
@@ -491,6 +498,7 @@ def test_a_walk_changes_its_gait_in_stride_and_stands_up_off_a_dead_leg(
     assert outcome["gait"]["posture"]["body_raise"] == 0, "as asked for"
 
 
+@pytest.mark.slow
 def test_the_summary_says_what_was_held(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["run", "--no-record", "--duration", "3"]) == 0
     assert "held       the line, by position and yaw" in capsys.readouterr().out
@@ -569,6 +577,7 @@ def test_the_summary_names_a_posture_that_is_not_the_usual_one(capsys: pytest.Ca
     assert "posture" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.CaptureFixture[str]) -> None:
     walk = ["run", "--gait", "tripod", "--failure", "5:locked@3", "--duration", "5", "--no-record"]
     assert exit_code(walk) == 0

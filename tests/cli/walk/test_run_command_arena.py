@@ -18,6 +18,7 @@ def walked(capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
     return outcome
 
 
+@pytest.mark.slow
 def test_a_walk_ends_softly_inside_the_circle_around_its_start(capsys: pytest.CaptureFixture[str]) -> None:
     free = walked(capsys)
     assert (free["status"], free["stopped"]) == ("ok", None)

@@ -58,6 +58,7 @@ def test_a_good_walk_has_none() -> None:
     assert (result.status, result.cause) == ("ok", None)
 
 
+@pytest.mark.slow
 def test_a_batch_finds_what_each_trial_finds_alone() -> None:
     trial = trial_of(changed("ant", torque=0.025), FLAT)
     longer = replace_duration(trial, 9.0)

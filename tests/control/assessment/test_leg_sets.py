@@ -30,6 +30,7 @@ def judged(name: str, *legs: int) -> LegSet:
     return leg_set(robot, make_gait(robot, "demo"), legs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_any_leg_and_any_opposite_pair_may_be_lost(name: str) -> None:
     for legs in [(1,), (2,), (3,), (4,), (5,), (6,), (1, 4), (2, 5), (3, 6)]:

@@ -16,6 +16,7 @@ from hexctl.types import RobotState
 from tests.robots import shipped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ant", "pexod", "phantomx"])
 def test_a_shipped_robot_is_bounded_by_its_strokes_alone(name: str) -> None:
     robot = shipped(name)
@@ -31,6 +32,7 @@ def test_a_shipped_robot_is_bounded_by_its_strokes_alone(name: str) -> None:
     assert set(envelope.to_dict()["speeds_m_s"]) == {"intact", "1", "2", "3", "4", "5", "6"}
 
 
+@pytest.mark.slow
 def test_what_it_allows_can_be_walked_and_little_more_cannot() -> None:
     robot = shipped()
     gait = make_gait(robot, "demo", amplitude=0.35)

@@ -32,6 +32,7 @@ def end_m(trial: SimTrial) -> float:
     return deviation.signed
 
 
+@pytest.mark.slow
 def test_it_is_how_far_each_walk_ends_elsewhere() -> None:
     found = uncertainty_of_walks([walk(), replace(walk(), facing_rad=0.5)])
     finer_m = end_m(walk(time_step_s=0.001)) - end_m(walk())
@@ -50,11 +51,13 @@ def test_a_confirmation_is_as_uncertain_as_half_its_step_changes() -> None:
     assert uncertainty_of_walks([walk()]).confirmed_m == pytest.approx(abs(moved_m))
 
 
+@pytest.mark.slow
 def test_a_coarse_step_is_more_uncertain_than_a_fine_one() -> None:
     coarse, fine = (uncertainty_of_walks([walk(time_step_s=step_s)]) for step_s in (0.005, 0.001))
     assert coarse.step_m > fine.step_m
 
 
+@pytest.mark.slow
 def test_walks_without_an_end_are_left_out() -> None:
     fallen = replace(walk(), world=World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3)))
     assert uncertainty_of_walks([walk(), fallen]).walks == 1
@@ -67,6 +70,7 @@ def test_a_step_that_cannot_be_halved_is_refused() -> None:
         uncertainty_of_walks([walk(time_step_s=0.0005)])
 
 
+@pytest.mark.slow
 def test_a_robot_is_measured_over_gaits_and_legs() -> None:
     found = simulation_uncertainty("ant", duration_s=1.0)
     assert isinstance(found, SimulationUncertainty)
@@ -87,6 +91,7 @@ def test_walks_of_several_durations_are_refused() -> None:
         uncertainty_of_walks([])
 
 
+@pytest.mark.slow
 def test_each_walk_is_compared_with_a_finer_one_in_its_own_world() -> None:
     alone = [uncertainty_of_walks([walk(time_step_s=step_s)]).step_m for step_s in (0.004, 0.002)]
     together = uncertainty_of_walks([walk(time_step_s=step_s) for step_s in (0.004, 0.002)])

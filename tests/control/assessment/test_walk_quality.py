@@ -122,6 +122,7 @@ def test_even_motion_is_steady_and_swaying_is_not() -> None:
     assert unsteadiness_m_s(even[:3]) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", [World(), WORN], ids=["flat", "worn"])
 @pytest.mark.parametrize("hold", ["none", "line"])
 def test_a_batch_costs_what_its_trials_cost_alone(world: World, hold: str) -> None:

@@ -115,6 +115,7 @@ def run(file: Path, joints: str | None = None, **script: list[str]) -> tuple[Cal
     return result, hands
 
 
+@pytest.mark.slow
 def test_every_joint_is_found_as_it_is_mounted_and_nothing_else_of_the_file_changes(file: Path) -> None:
     before = read_mapping(file)
     result, hands = run(file)

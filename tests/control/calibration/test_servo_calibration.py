@@ -23,6 +23,8 @@ from tests.backends.pwm.boards import pca9685_board, servo2040_board
 from tests.control.calibration.hands import ENDS_DEG, Hands
 from tests.robots import edited_file, put, shipped
 
+pytestmark = pytest.mark.realtime
+
 
 class LimpRobot(MockServos):
     """A robot behind a bus, whose joints a test moves once they are limp, and that counts what motors do."""

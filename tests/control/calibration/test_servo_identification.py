@@ -16,6 +16,8 @@ from hexctl.types import JOINT_NAMES, JointTargets
 from tests.backends.bus.boards import a_map, bus_board
 from tests.robots import shipped
 
+pytestmark = [pytest.mark.long, pytest.mark.realtime]
+
 
 class SeenServos(MockServos):
     """Joints that an operator watches."""

@@ -18,6 +18,8 @@ from hexctl.types import JointTargets
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 #: The joint that is tried, and its id.
 JOINT, ID = 7, 8
 

@@ -94,6 +94,7 @@ def test_lost_contacts_alone_stop_a_lift_where_no_lean_is_known() -> None:
     assert test.observed.sections[0].stopped == "fewer than 3 other feet had contact"
 
 
+@pytest.mark.slow
 def test_a_leg_that_cannot_bear_carries_no_tripod() -> None:
     robot = load_robot("ant")
     test = StandingTest(robot, PERIOD_S, probes=ALL_PROBES[-2:], unsafe=lambda _: {2: "leg 2 limp"})

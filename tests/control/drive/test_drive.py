@@ -37,6 +37,7 @@ def walked(drive: Drive, seconds: float) -> FloatArray:
     )
 
 
+@pytest.mark.slow
 def test_it_walks_where_it_is_told_and_stands_when_it_is_not() -> None:
     with Drive("ant") as drive:
         drive.reset()
@@ -65,6 +66,7 @@ def test_reset_brings_a_simulation_back_to_where_it_was_put_down() -> None:
         assert np.abs(walked(drive, 1.0)).max() < 0.005
 
 
+@pytest.mark.slow
 def test_a_leg_dies_and_the_command_still_means_forward() -> None:
     with Drive("ant") as drive:
         drive.reset()
@@ -102,6 +104,7 @@ def test_events_of_a_simulation_count_from_when_the_robot_first_stands() -> None
             assert not simulation_of(drive.guard).failures
 
 
+@pytest.mark.slow
 def test_where_the_policy_stops_the_robot_it_stands_until_told_to_stand() -> None:
     with Drive("ant", policy="stop") as drive:
         drive.reset()
@@ -119,6 +122,7 @@ def test_where_the_policy_stops_the_robot_it_stands_until_told_to_stand() -> Non
         assert drive.velocity.forward_m_s > 0.05
 
 
+@pytest.mark.slow
 def test_it_sits_down_and_stands_up_again() -> None:
     with Drive("ant") as drive:
         drive.reset()
@@ -141,6 +145,7 @@ def test_it_sits_down_and_stands_up_again() -> None:
         assert walked(drive, 3.0)[0] > 0.2
 
 
+@pytest.mark.slow
 def test_gait_and_height_change_in_stride() -> None:
     with Drive("ant", body_raise=0.05) as drive:
         drive.reset()
@@ -194,6 +199,7 @@ def test_ticks_are_recorded_with_the_velocity_commanded() -> None:
     assert recorders.log["velocity_body"][-1].tolist() == pytest.approx([0.1, 0, 0], abs=0.005)
 
 
+@pytest.mark.slow
 def test_what_the_robot_is_told_is_recorded_as_events() -> None:
     recorders = Recorders()
     with Drive("ant", recorders=recorders) as drive:
@@ -247,6 +253,7 @@ def test_what_is_not_allowed_is_refused_before_anything_is_opened() -> None:
         Drive("ant", policy="pray")
 
 
+@pytest.mark.slow
 def test_slip_is_made_good_by_the_pose_unless_told_otherwise() -> None:
     reached = {}
     for hold in ("auto", "none"):

@@ -73,6 +73,7 @@ def test_at_a_constant_velocity_the_feet_are_those_of_a_velocity_walk(gait: str)
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 @given(
     st.lists(

@@ -14,6 +14,7 @@ from hexctl.gait.gait import make_gait
 from tests.robots import ROBOT_NAMES, shipped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_limits_are_those_of_the_envelope_for_any_order_of_the_legs(name: str) -> None:
     robot = shipped(name)

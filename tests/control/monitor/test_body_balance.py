@@ -167,6 +167,7 @@ class _Echo(MonitoredWalk):
         return super().targets_rad(step, echo)
 
 
+@pytest.mark.slow
 def test_a_limp_leg_of_servos_that_echo_is_found_in_the_simulation() -> None:
     walks: list[_Echo] = []
 

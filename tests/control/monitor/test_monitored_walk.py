@@ -93,6 +93,7 @@ def test_the_robot_can_stop_instead_and_says_why() -> None:
     assert len(walk.noticed[0]) == 1
 
 
+@pytest.mark.slow
 def test_a_policy_stops_one_walk_of_a_batch_and_no_other() -> None:
     trials = [_trial(event, duration_s=6.0) for event in ("5:locked@3", None, "2:limp@4")]
     together = run_sim_trials(trials, make_controller=recovering_walk(StopWalking()), apart=True)
@@ -114,6 +115,7 @@ def test_watching_alone_changes_no_walk() -> None:
     assert [noticed.suspicion.leg for noticed in walks[0].noticed[0]] == [5]
 
 
+@pytest.mark.slow
 def test_a_soft_stop_is_not_taken_for_a_failure() -> None:
     trial = _trial(None, duration_s=4.0)
     walks = []
@@ -127,6 +129,7 @@ def test_a_soft_stop_is_not_taken_for_a_failure() -> None:
     assert walks[0].noticed == ([],)
 
 
+@pytest.mark.slow
 def test_each_walk_of_a_batch_recovers_by_itself_as_alone() -> None:
     """Failures at different times, of different legs; one walk stays whole; worlds with noise and delay."""
     trials = [
@@ -148,6 +151,7 @@ def test_what_is_no_policy_is_refused() -> None:
         run_sim_trial(_trial(None, duration_s=1.0), make)
 
 
+@pytest.mark.slow
 def test_a_leg_that_heals_is_taken_back_and_one_that_does_not_is_not() -> None:
     trial = _trial("5:limp@3", duration_s=20.0)
     healing = replace(trial, events=(*trial.events, parse_healing("5@8")))
@@ -198,6 +202,7 @@ def test_after_a_planned_change_the_failed_leg_stays_up() -> None:
     assert walk.walk.gaits[0].posture.tucked_legs == (5,)
 
 
+@pytest.mark.slow
 def test_legs_that_fail_in_one_moment_are_each_judged_as_alone() -> None:
     """All alarms of a batch in one tick; one of the robots falls or is stopped before the others."""
     trials = [_trial(f"{leg}:locked@3", duration_s=5.0) for leg in (1, 3, 5)]
@@ -255,6 +260,7 @@ def test_encoders_that_are_off_since_the_start_are_no_failure() -> None:
     assert (result.status, walk.noticed) == ("ok", ([],))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ant", "pexod"])
 def test_torques_that_all_vanish_are_not_told_any_more(robot: str) -> None:
     result, walk = _walk_with(lambda state: replace(state, joint_torques_nm=np.zeros(18)), 6.0, robot=robot)
@@ -277,6 +283,7 @@ def test_a_sensor_that_freezes_costs_a_leg_and_no_fall(joint: int) -> None:
     assert abs(result.deviation.final) < 0.02
 
 
+@pytest.mark.slow
 def test_an_encoder_that_jumps_costs_a_leg_for_a_while_and_no_fall() -> None:
     def jump(joints: FloatArray) -> FloatArray:
         joints[4] += np.radians(10.0)
@@ -303,6 +310,7 @@ class SaysNothing(RecoveryPolicy):
         return None  # type: ignore[return-value]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "words"), [(Raises, "ValueError: boom"), (SaysNothing, "respond gave None; allowed: a Resp")]
 )
@@ -316,6 +324,7 @@ def test_a_policy_that_fails_stops_the_walk_softly_and_is_named(
     assert words in result.stopped
 
 
+@pytest.mark.slow
 def test_a_leg_that_is_gone_is_missed_again_each_time_it_is_put_down() -> None:
     trial = _trial("5:missing@4", duration_s=18.0)
     _, walk = _walk(trial)
@@ -368,6 +377,7 @@ def test_a_leg_that_the_repertoire_walks_on_with_is_not_tucked() -> None:
     assert result.deviation.max < 0.05
 
 
+@pytest.mark.slow
 def test_a_leg_on_trial_counts_as_missing_again_when_another_fails() -> None:
     """The monitor is patient then, and would learn that the leg usually carries nothing."""
     events = (parse_failure_event("5:missing@3"), parse_failure_event("6:limp@11"))

@@ -42,6 +42,7 @@ def trial_of(
     return SimTrial(robot=model, plan=plan, failure=failure, **options).put_down_turned()  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ant", "pexod"])
 def test_a_steered_walk_ends_on_its_line_where_an_open_loop_one_does_not(robot: str) -> None:
     world = World(friction=0.6, slope_deg=1.0, slope_direction_deg=70.0)
@@ -54,6 +55,7 @@ def test_a_steered_walk_ends_on_its_line_where_an_open_loop_one_does_not(robot: 
     assert max(result.deviation.final for result in free if result.deviation) > 0.2
 
 
+@pytest.mark.slow
 def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     noisy = World(sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3))
     trials = [
@@ -64,6 +66,7 @@ def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     assert {result.hold for result in together} == {"line", "heading"}
 
 
+@pytest.mark.slow
 def test_what_has_no_line_is_not_held() -> None:
     trial = trial_of(17, "line", duration_s=2.0)
     arc = replace(trial, plan=replace(trial.plan, turn_rate_rad_s=0.1, hold="auto"))
@@ -103,6 +106,7 @@ def test_a_robot_without_a_pose_is_refused() -> None:
         SteeredWalk(start_of(None))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("leg", "world"), [(3, World()), (5, World(friction=0.5, slope_deg=1.0))])
 def test_a_square_with_a_dead_leg_closes(leg: int, world: World) -> None:
     example = runpy.run_path(str(ROOT / "examples" / "square.py"))
@@ -149,6 +153,7 @@ def test_a_line_that_is_shifted_or_turned_is_reached_without_overshooting_far(
     assert aside_m.max() < 0.06
 
 
+@pytest.mark.slow
 def test_one_measured_end_trims_the_next_walk_that_holds_its_heading() -> None:
     world = World(friction=0.6, slope_deg=4.0, slope_direction_deg=90.0)
     first = trial_of(17, "heading", world=world, duration_s=20.0)

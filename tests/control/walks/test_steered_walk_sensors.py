@@ -88,6 +88,7 @@ def test_open_loop_it_veers() -> None:
     assert truly_off_m(result) > 0.2
 
 
+@pytest.mark.slow
 def test_with_yaw_alone_the_heading_is_held_and_the_true_course_is_scored() -> None:
     result = walked(without("position"))
     assert (result.hold, result.deviation, result.distance_m) == ("heading", None, None)
@@ -121,6 +122,7 @@ def test_a_walk_that_holds_less_than_it_should_says_why(
     assert result.hold_caveat == (said and f"{said} at rest before the walk")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", ["auto", "heading", "line"])
 def test_an_arc_says_why_it_holds_nothing(wanted: str) -> None:
     result = walked(without(), hold=wanted, duration_s=0.1, turn_rate_rad_s=0.1)
@@ -170,6 +172,7 @@ def test_a_pose_that_stays_frozen_is_lost_and_no_slip() -> None:
     assert result.true_path_m[-1, 0] > 1.0
 
 
+@pytest.mark.slow
 def test_noise_delay_and_dropouts_cost_a_centimetre_or_so() -> None:
     world = World(
         sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3),

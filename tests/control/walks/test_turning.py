@@ -140,6 +140,7 @@ def test_a_small_turn_is_as_exact(turn_deg: float) -> None:
     assert math.degrees(outcome.result.turned_rad) == pytest.approx(turn_deg, abs=0.15)
 
 
+@pytest.mark.slow
 def test_noise_of_the_yaw_counts_as_its_mean_not_as_its_samples() -> None:
     """Half a degree a sample is 0.14 degrees in the mean of a rest of 13; twice that is not corrected."""
     world = World(sensor_noise=SensorNoise(yaw_deg=0.5))

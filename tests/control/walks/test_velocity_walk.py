@@ -47,6 +47,7 @@ def speeds_m_s(feet: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(np.diff(feet, axis=0), axis=-1) / 0.02)
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-1.5, 1.5)), min_size=2, max_size=6
@@ -147,6 +148,7 @@ def walked(plan: TrialPlan, failure: Failure | None = None) -> tuple[TrialResult
         return run_trial(guard, plan, recorders=(log,)), log
 
 
+@pytest.mark.slow
 def test_the_robot_walks_on_while_its_gait_changes() -> None:
     robot = shipped()
     changes = tuple(
@@ -169,6 +171,7 @@ def test_without_a_change_the_open_loop_walk_is_nearly_the_planned_one() -> None
     assert second.distance_m == pytest.approx(first.distance_m, abs=0.01)
 
 
+@pytest.mark.slow
 def test_changes_in_a_batch_are_as_alone_to_the_last_bit() -> None:
     robot = shipped()
 
@@ -189,6 +192,7 @@ def raised(gait: Gait, **posture: object) -> Gait:
     return replace(gait, posture=Posture(**posture))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_raised_body_lifts_a_locked_leg_off_the_floor_and_walks_faster() -> None:
     robot, failure = shipped(), Failure(leg=1)
     gait = make_gait(robot, "demo")
@@ -245,6 +249,7 @@ def test_a_walk_that_is_slower_than_asked_for_says_so_alone_and_in_a_batch() -> 
     assert results == [run_sim_trial(trial, fast) for trial in trials]
 
 
+@pytest.mark.slow
 def test_a_slower_gait_on_the_way_is_no_walk_without_progress_open_loop_or_held() -> None:
     robot = shipped()
     tripod = make_gait(robot, "tripod")

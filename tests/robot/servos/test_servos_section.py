@@ -121,6 +121,7 @@ def sections(draw: st.DrawFn) -> dict[str, Any]:
     return dict(draw(st.permutations(list(made.items()))))
 
 
+@pytest.mark.slow
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40, deadline=None)
 @given(sections(), st.sampled_from([None, True, False]), st.permutations(range(18)))
 def test_no_key_of_any_section_is_lost(
@@ -144,6 +145,7 @@ def test_no_key_of_any_section_is_lost(
     assert with_section(path.read_text(), expected["servos"]).endswith(SHIPPED)
 
 
+@pytest.mark.slow
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=10, deadline=None)
 @given(servo_maps())
 def test_what_is_written_is_read_back_to_the_last_bit(tmp_path: Path, servo_map: ServoMap) -> None:

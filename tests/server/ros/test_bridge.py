@@ -24,6 +24,8 @@ from tests.server.processes import Served, free_port, served, wait_until
 from tests.server.ros.peer import Peer, peer, router
 from tests.wire.ros.decoding import decoded
 
+pytestmark = pytest.mark.realtime
+
 EMPTY = "std_msgs/msg/Empty"
 
 #: What `ros2 topic list -t` shows of a robot that ROS may not drive.

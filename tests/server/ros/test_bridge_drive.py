@@ -15,6 +15,8 @@ from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED
 from tests.server.processes import Served, free_port, served, wait_until
 from tests.server.ros.peer import Peer, peer, router
 
+pytestmark = pytest.mark.realtime
+
 VECTOR = "geometry_msgs/msg/Vector3"
 
 

@@ -111,6 +111,7 @@ def test_half_a_pose_is_none() -> None:
         assert BodyPose.of(given) is None
 
 
+@pytest.mark.slow
 def test_a_missing_leg_is_noticed_by_poses_from_outside_which_move_nothing() -> None:
     walk = driven("pexod", AHEAD, failure=Failure(leg=2, kind="missing"), told=False)
     alone, seen = DeadReckoning(shipped("pexod"), START), DeadReckoning(shipped("pexod"), START)

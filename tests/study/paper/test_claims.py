@@ -50,6 +50,7 @@ def named(findings: Findings, key: str) -> Claim:
     return claim
 
 
+@pytest.mark.slow
 def test_every_claim_is_there_once(good: Findings) -> None:
     assert len(claims_of(good)) == len(CLAIMS) == len(OF_WALKS) + len(OF_SEARCHES)
     assert all(claim.rule and claim.measured for claim in claims_of(good))
@@ -69,6 +70,7 @@ def test_claims_that_do_not_hold(bad: Findings, key: str) -> None:
     assert (claim.holds, claim.verdict) == (False, "does not hold"), claim
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worst_m", [0.25, 1.2])
 def test_no_claim_about_searches_is_green_on_random_numbers(worst_m: float) -> None:
     findings = made_up_findings(spread_out(worst_m, SIGNS), legs=(1, 2), runs=5)
@@ -79,6 +81,7 @@ def test_no_claim_about_searches_is_green_on_random_numbers(worst_m: float) -> N
     assert all("of 19 draws" in claim.null for claim in claims)
 
 
+@pytest.mark.slow
 def test_what_only_the_order_of_the_codes_makes_possible_is_green() -> None:
     """In a valley a search that keeps to its best code ends at the bottom; in random numbers it does not."""
     valley = np.abs(np.arange(1, 121) - 60.0) * 0.3 + 0.026
@@ -95,6 +98,7 @@ def test_a_number_that_is_missed_on_the_good_side_is_missed(good: Findings) -> N
     assert "5 cm to 15 cm" in early.rule
 
 
+@pytest.mark.slow
 def test_what_symmetry_implies_is_no_evidence(good: Findings) -> None:
     both = named(good, "both")
     assert both.verdict == "no evidence: the mirror symmetry implies it"
@@ -134,6 +138,7 @@ def turned(without_m: FloatArray, rotated_m: FloatArray, worlds: int = 1) -> Fin
     return search_all(plan, [replace(one, spec=spec) for one, spec in zip(walked, plan.specs(), strict=True)])
 
 
+@pytest.mark.slow
 def test_gaits_near_the_line_are_the_self_rotations_only_if_there_are_more_with_it() -> None:
     """Some of 120 gaits end within 10 cm of the line by chance, turned or not."""
     many, few, none = spread_out(0.5), spread_out(1.5), 0.3 + spread_out(1.0)
@@ -154,6 +159,7 @@ def test_chance_puts_gaits_near_the_line_in_proportion_to_their_spread() -> None
     assert expected_within(made_up(2, "rear", spread_out(1.0), range(1, 121)), 0.1) == 0
 
 
+@pytest.mark.slow
 def test_claims_about_searches_are_judged_by_as_many_runs_as_random_numbers() -> None:
     """Five images of a leg add no run to a claim: on random numbers nothing is searched for them."""
     numbers = spread_out(0.25, SIGNS)
@@ -191,6 +197,7 @@ def test_worlds_that_disagree_are_no_evidence() -> None:
     assert "3 worlds]" in early.measured
 
 
+@pytest.mark.slow
 def test_a_single_good_gait_is_found_late() -> None:
     needle = np.full(120, 1.0)
     needle[77] = 0.001
@@ -220,6 +227,7 @@ def test_without_a_heuristic_nothing_is_said_about_searches() -> None:
     assert {named(findings, key).verdict for key in SEARCHES if key != "best"} == {"not measured"}
 
 
+@pytest.mark.slow
 def test_walks_that_are_too_short_are_measured_but_not_judged() -> None:
     findings = made_up_findings(spread_out(0.25, SIGNS), legs=(1, 2), runs=2, duration_s=0.5)
     for claim in claims_of(findings):

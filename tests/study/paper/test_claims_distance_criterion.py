@@ -11,6 +11,7 @@ from tests.study.made_up import made_up_findings, spread_out
 SIGNS = np.where(np.arange(120) % 2, 1.0, -1.0)
 
 
+@pytest.mark.slow
 def test_the_bar_is_the_mean_of_what_each_leg_allows() -> None:
     good = bars_of(made_up_findings(spread_out(0.25, SIGNS), runs=5))
     fresh = where(good, count=FRESH)

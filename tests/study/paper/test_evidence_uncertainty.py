@@ -46,6 +46,7 @@ def test_what_is_not_known_is_said_once_and_not_of_short_walks() -> None:
     assert short.lines == []
 
 
+@pytest.mark.slow
 def test_report_and_summary_have_it() -> None:
     findings = findings_of()
     study = StudyUncertainty.of(findings.plan.robot, findings.plan.world, 30.0)

@@ -63,6 +63,7 @@ def test_the_fresh_count_pays_for_each_code_once_and_ends_with_all(landscape: La
     assert all((codes > 0).all() for codes in paper["codes"])
 
 
+@pytest.mark.slow
 def test_random_draws_as_well_as_theory_says() -> None:
     ranks = np.arange(1.0, 121.0)
     fresh, _ = by_count(made_up(5, "rear", ranks), "random", range(1500), 20)

@@ -14,6 +14,8 @@ from tests.robots import shipped
 from tests.study.made_up_transfer import plan as transfer_plan
 from tests.study.watching import Remembering
 
+pytestmark = pytest.mark.slow
+
 
 def plan(duration_s: float = 0.2) -> StudyPlan:
     return StudyPlan(

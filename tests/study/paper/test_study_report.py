@@ -13,6 +13,8 @@ from hexctl.study.paper.searches import FRESH, Findings, curve_of
 from hexctl.study.report_page import texts
 from tests.study.made_up import made_up, made_up_findings, reported, spread_out, summarised
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def findings() -> Findings:

@@ -12,6 +12,8 @@ from hexctl.study.paper.searches import PAPER
 from hexctl.study.paper.study_figures import convergence_figure
 from tests.study.made_up import made_up_findings, reported, spread_out, summarised
 
+pytestmark = pytest.mark.slow
+
 NAN = float("nan")
 
 WALKS = DataFrame(

@@ -44,6 +44,7 @@ def test_loads_are_read_from_torques_else_from_contacts(name: str) -> None:
     assert np.count_nonzero(read) == 1
 
 
+@pytest.mark.slow
 def test_a_walk_by_it_goes_on_without_a_leg_and_is_in_a_batch_as_alone() -> None:
     place = replace(plan().walked()[0][0], duration_s=6.0)
     cases = [

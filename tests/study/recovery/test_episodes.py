@@ -38,6 +38,7 @@ def test_nothing_of_what_will_fail_is_told_in_the_plan() -> None:
     assert [str(event) for event in auto.events] == ["1:limp@8.3", "4:limp@8.3"]
 
 
+@pytest.mark.slow
 def test_whatever_decides_a_walk_is_in_the_fingerprint() -> None:
     changes: list[dict[str, Any]] = [
         {"robot": shipped("pexod")},

@@ -53,6 +53,7 @@ def test_a_custom_method_may_lead_its_walks_by_a_function() -> None:
     assert abs(one.signed_m or 0.0) < 0.05
 
 
+@pytest.mark.slow
 def test_an_episode_is_its_trial_and_saved_as_it_is(tmp_path: Path) -> None:
     cases, cache, again = WALKED[0][1], WalkCache(tmp_path), Remembering()
     (walks,) = walk_all(WALKED, cache, jobs=2)
@@ -70,6 +71,7 @@ def test_an_episode_is_its_trial_and_saved_as_it_is(tmp_path: Path) -> None:
     assert again.steps == 0
 
 
+@pytest.mark.slow
 def test_walks_of_a_batch_fail_and_notice_each_for_itself() -> None:
     cases = [case("recover", 5, at_s=2.4), case("recover", 1), case("recover", 2, at_s=2.2)]
     episodes = PLACE.walk(cases)

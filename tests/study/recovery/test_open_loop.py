@@ -70,6 +70,7 @@ def _ended(off_m: float, status: str) -> TrialResult:
     return replace(result, status=status, deviation=replace(result.deviation, final=off_m))
 
 
+@pytest.mark.slow
 def test_after_the_failure_nothing_holds_the_line() -> None:
     intact, failed = PLACE.walk([case(), case(2)])
     held_intact, held = PLACE.walk([case(method="nothing"), case(2, method="nothing")])

@@ -51,6 +51,7 @@ def test_by_default_all_joints_fail_and_hexaheal_has_its_21_sets_of_legs() -> No
     assert made.first_world == FIRST_WORLD > FIRST_HOLD_WORLD
 
 
+@pytest.mark.slow
 def test_a_second_leg_fails_ten_seconds_after_the_first_in_either_order() -> None:
     made = RecoveryPlan(robots=(shipped(),), families=plan().families, protocols=("second",), runs=6)
     assert [one.duration_s for one, _ in made.walked()] == [36.0] * 6

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pyarrow.parquet as pq
+import pytest
 
 from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE
 from tests.study.recovery.made_up import Found, changed, findings
@@ -13,6 +14,7 @@ def lines_of(found: Found) -> list[str]:
     return found.plan.lines(found.rows)
 
 
+@pytest.mark.slow
 def test_the_report_is_one_page_with_a_figure_and_all_walks_beside_it(tmp_path: Path) -> None:
     made = findings()
     assert made.plan.write(made.rows, tmp_path) == tmp_path / "recovery.html"

@@ -37,6 +37,7 @@ def episodes() -> list[Episode]:
     return PLACE.walk([case(), case(2), case(5, failure="locked"), case(4, failure="missing")])
 
 
+@pytest.mark.slow
 def test_the_standing_test_says_what_failed_and_when_it_is_known(episodes: Sequence[Episode]) -> None:
     intact, *failed = episodes
     assert intact.alarms == ()
@@ -56,6 +57,7 @@ def test_it_goes_on_along_the_line_after_it_has_stood(episodes: Sequence[Episode
         assert one.last_m_s > one.after_m_s
 
 
+@pytest.mark.slow
 def test_it_is_told_nothing_of_what_is_to_come(episodes: Sequence[Episode]) -> None:
     trial = PLACE.trial(case(2))
     method = method_of("stop-diagnose")
@@ -79,6 +81,7 @@ class Watched(StopAndDiagnoseWalk):
         return targets_rad
 
 
+@pytest.mark.slow
 def test_the_walk_after_the_test_knows_what_was_found_and_counts_on() -> None:
     made: list[Watched] = []
 

@@ -54,6 +54,7 @@ def test_without_bayes_there_is_nothing_to_judge_and_small_budgets_ask_less(
     assert "mean_0.025_m" not in names
 
 
+@pytest.mark.slow
 def test_the_report_is_one_page_with_figures_and_table_beside_it(
     findings: TransferFound, tmp_path: Path
 ) -> None:
@@ -88,6 +89,7 @@ def test_the_summary_is_plain_json_of_the_curves(findings: TransferFound) -> Non
     assert outcome["optimizers_found"]["random"]["coverage"] is None
 
 
+@pytest.mark.slow
 def test_a_mean_has_its_standard_error_over_worlds(findings: TransferFound, tmp_path: Path) -> None:
     """The ± beside a mean over all worlds was that of one walk."""
     runs, after = findings.of("bayes"), 10
@@ -102,6 +104,7 @@ def test_a_mean_has_its_standard_error_over_worlds(findings: TransferFound, tmp_
     assert f"<td>{cm(found['mean_m']['10'])} ± {cm(expected_m)}</td>" in page
 
 
+@pytest.mark.slow
 def test_one_world_one_optimizer_and_one_trial_make_a_report_too(
     landscapes: list[Landscape], tmp_path: Path
 ) -> None:

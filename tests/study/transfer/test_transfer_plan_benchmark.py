@@ -116,6 +116,7 @@ def test_bumps_are_other_ones_in_every_world() -> None:
     assert len({spec.seed for spec in _plan(worlds=30).specs()}) == 30
 
 
+@pytest.mark.slow
 def test_curves_never_rise_and_never_pass_the_best_gait(findings: TransferFound) -> None:
     for name in _plan().optimizers:
         curves = curve_of(findings.of(name))

@@ -61,6 +61,7 @@ def test_without_a_tag_of_the_floor_the_camera_is_nowhere() -> None:
     assert place_camera(WEBCAM, {}, FLOOR_CORNERS) is None
 
 
+@pytest.mark.slow
 def test_a_camera_above_the_floor_sees_a_circle_below_it() -> None:
     down = Camera.looking(WEBCAM, np.array([0.3, -0.2, 2.0]), np.array([0.3, -0.2, 0.0]))
     middle, radius_m = visible_circle(down, 0.1, 0.1)
@@ -69,6 +70,7 @@ def test_a_camera_above_the_floor_sees_a_circle_below_it() -> None:
     assert radius_m == pytest.approx(1.9 * 360 / 955 - 0.07, abs=0.1)
 
 
+@pytest.mark.slow
 def test_tags_are_found_where_they_are_said_to_be_and_not_found_outside() -> None:
     middle, radius_m = visible_circle(CAMERA, HEIGHT_M, 0.1)
     assert radius_m > 0.5

@@ -38,12 +38,14 @@ def watch() -> CameraWatch:
     return CameraWatch(CAMERA, FLOOR_CORNERS, TagFinder())
 
 
+@pytest.mark.slow
 def test_a_camera_that_stays_is_not_said_to_have_moved(usual: Picture) -> None:
     watching = watch()
     assert list(changes(watching, usual, 100)) == []
     assert set(watching.visible) == set(FLOOR_TAGS)
 
 
+@pytest.mark.slow
 def test_many_looks_make_the_place_of_the_camera_better() -> None:
     believed = Camera(WEBCAM, CAMERA.rotation, CAMERA.position_floor + np.array([0.0, 0.0, 0.004]))
     watching = CameraWatch(believed, FLOOR_CORNERS, TagFinder())
@@ -57,6 +59,7 @@ def test_many_looks_make_the_place_of_the_camera_better() -> None:
     assert np.linalg.norm(watching.camera.position_floor - CAMERA.position_floor) < 0.002
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moved", [SHIFTED, TURNED_AWAY], ids=["shifted", "turned away"])
 def test_a_camera_that_was_knocked_is_placed_anew(usual: Picture, moved: Camera) -> None:
     watching = watch()
@@ -70,6 +73,7 @@ def test_a_camera_that_was_knocked_is_placed_anew(usual: Picture, moved: Camera)
     assert np.allclose(ahead, moved.floor_points(np.array([[640.0, 360.0]])), atol=0.005)
 
 
+@pytest.mark.slow
 def test_one_tag_that_was_kicked_is_used_no_more(usual: Picture) -> None:
     watching = watch()
     list(changes(watching, usual, 20))

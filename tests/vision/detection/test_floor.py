@@ -121,6 +121,7 @@ def test_a_small_tag_far_away_is_not_seen_tilted(seed: int) -> None:
     assert abs(learned.cameras[0].tilt_rad - CAMERA.tilt_rad) < 0.03
 
 
+@pytest.mark.slow
 def test_rendered_pictures_give_the_floor_within_millimetres() -> None:
     home = FLOOR_TAGS[0].pose
     true = {tag_id: home.inverse().after(tag.pose) for tag_id, tag in FLOOR_TAGS.items()}

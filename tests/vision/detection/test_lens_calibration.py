@@ -45,6 +45,7 @@ def ray_error_px(lens: Lens, found: Lens) -> float:
     return float(np.sqrt(np.square(apart_px).sum(axis=1).mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LENSES)
 def test_a_lens_is_recovered_within_half_a_pixel(name: str) -> None:
     calibration = LensCalibration(fisheye=name == "fisheye")
@@ -69,6 +70,7 @@ def test_pictures_that_do_not_differ_do_not_count() -> None:
         calibration.solve()
 
 
+@pytest.mark.slow
 def test_it_says_where_the_board_was_not_seen() -> None:
     calibration = LensCalibration()
     for picture in BoardPictures(LENSES["480p"]).around(12, reach=0.2, tilt_deg=3):
@@ -108,6 +110,7 @@ def test_pictures_of_two_sizes_are_refused() -> None:
         calibration.add(pictures("webcam")[0])
 
 
+@pytest.mark.slow
 def test_of_a_video_frames_are_kept_in_which_the_board_is_still() -> None:
     moving = pictures("480p")
     calibration = LensCalibration()

@@ -24,6 +24,7 @@ def usual() -> Iterator[SceneRenderer]:
         yield renderer
 
 
+@pytest.mark.slow
 def test_a_walking_robot_is_followed_to_millimetres(usual: SceneRenderer) -> None:
     tracker, misses_m, turns_rad = RobotTracker(TAG, TagFinder()), [], []
     for step in range(12):
@@ -83,6 +84,7 @@ def test_a_tag_of_another_size_or_height_is_not_the_robots(usual: SceneRenderer)
         assert other.find(picture, CAMERA, ROBOT.standing_height_m) is None
 
 
+@pytest.mark.slow
 def test_blur_lowers_the_quality() -> None:
     qualities = []
     for blur_px in (0.7, 3.0):

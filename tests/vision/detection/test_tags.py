@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from hexctl.robot.loader import load_robot
 from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
@@ -45,6 +46,7 @@ def test_a_tag_is_found_again_near_where_it_was_and_nowhere_else() -> None:
     assert finder.near(picture, {7: corners_px - 5000}) == {}
 
 
+@pytest.mark.slow
 def test_in_a_rendered_picture_all_tags_are_where_they_are() -> None:
     pose = PlanarPose(0.15, 0.2, 0.7)
     with scene(flaws=CameraFlaws()) as renderer:

@@ -44,6 +44,7 @@ def test_noiseless_sightings_tell_the_latency(late_s: float) -> None:
     assert found.factor == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_its_uncertainty_is_that_of_its_errors() -> None:
     found = [measure_latency(TIMES_S, TWIST, *pictures(TIMES_S, TWIST, seed=seed)) for seed in range(30)]
     errors_s = np.array([one.latency_s for one in found]) - 0.08
@@ -129,6 +130,7 @@ def test_a_robot_that_stands_still_tells_nothing() -> None:
         measure_latency(measured_s, own, *pictures(times_s, true))
 
 
+@pytest.mark.slow
 def test_a_walk_with_starts_and_turns_tells_it_too() -> None:
     walk = driven("ant", ((1, 0, 0, 0), (2, 1, 0, 0), (2, 0, 0, 0.7), (2, 0.5, 0.5, -0.7), (1, 0, 0, 0)))
     own = course(leg_motions(shipped(), walk.times_s, walk.joints_rad).motions)

@@ -52,6 +52,7 @@ def test_wild_sightings_are_not_believed() -> None:
     assert course.filter.restarts == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", ["flat", "real:3"])
 @pytest.mark.parametrize(
     ("commands", "failure"),
@@ -77,6 +78,7 @@ def test_two_seconds_without_sight_are_bridged(
     assert bridging.covariance[0, 0] > before.covariance[0, 0]
 
 
+@pytest.mark.slow
 def test_without_odometry_a_robot_that_stops_unseen_runs_on() -> None:
     """What the odometry is for: the velocity alone does not know that the robot stops."""
     walk = driven("ant", STOPPING)
@@ -86,6 +88,7 @@ def test_without_odometry_a_robot_that_stops_unseen_runs_on() -> None:
     assert alone.greatest_jump_m() < 0.02
 
 
+@pytest.mark.slow
 def test_a_measured_yaw_bridges_better_than_feet() -> None:
     walk = driven("pexod", TURNING, world="real:3")
     feet, imu = (followed(walk, Eye(gaps=GAP), robot="pexod", imu=imu) for imu in (False, True))

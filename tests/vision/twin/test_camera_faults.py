@@ -50,6 +50,7 @@ def test_a_hand_is_over_the_tag_for_as_long_as_asked() -> None:
     assert [faults.cover(at_s) for at_s in (2.9, 3.0, 4.9, 5.0)] == [False, True, True, False]
 
 
+@pytest.mark.slow
 def test_a_covered_tag_is_not_seen_and_the_others_are() -> None:
     robot = load_robot("ant")
     posture = standing(robot, PlanarPose(0.2, -0.1, 0.5))

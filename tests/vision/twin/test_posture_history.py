@@ -13,6 +13,8 @@ from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_ro
 from hexctl.wire.links import Link
 from tests.server.processes import free_port, served
 
+pytestmark = pytest.mark.realtime
+
 JOINTS = np.arange(18.0)
 
 

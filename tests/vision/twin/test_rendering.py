@@ -13,6 +13,7 @@ from tests.vision.scenes import FLOOR_TAGS, scene, standing
 HERE = standing(load_robot("ant"), PlanarPose(0.1, 0, 0))
 
 
+@pytest.mark.slow
 def test_without_flaws_a_picture_is_the_same_each_time() -> None:
     with scene(flaws=CameraFlaws(noise=0, blur_px=0)) as renderer:
         first, second = renderer.draw(HERE), renderer.draw(HERE)
@@ -20,12 +21,14 @@ def test_without_flaws_a_picture_is_the_same_each_time() -> None:
     assert (first == second).all()
 
 
+@pytest.mark.slow
 def test_noise_is_as_strong_as_asked() -> None:
     with scene(flaws=CameraFlaws(noise=5, blur_px=0)) as renderer:
         first, second = (renderer.draw_color(HERE).astype(float) for _ in range(2))
     assert (first - second)[:100].std() == pytest.approx(5 * np.sqrt(2), rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_long_exposure_smears_a_robot_that_moved_and_not_the_floor() -> None:
     there = standing(load_robot("ant"), PlanarPose(0.2, 0, 0))
     with scene(flaws=CameraFlaws(noise=0, exposure_s=0.02)) as renderer:
@@ -36,6 +39,7 @@ def test_a_long_exposure_smears_a_robot_that_moved_and_not_the_floor() -> None:
     assert (smeared[500:] == still[500:]).all()
 
 
+@pytest.mark.slow
 def test_a_shadow_wanders() -> None:
     with scene(flaws=CameraFlaws(noise=0, shadow=0.6)) as renderer:
         dark = [renderer.draw(HERE, at_s)[600].argmin() for at_s in (0.0, 1.0)]

@@ -30,6 +30,8 @@ from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.server.processes import Served, free_port, served
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.parametrize(
     ("options", "said"),

@@ -15,6 +15,8 @@ from hexctl.vision.video.video_source import open_video
 from hexctl.waiting import wait_for
 from tests.vision.feeding import feeding, wait_for_brightness
 
+pytestmark = pytest.mark.realtime
+
 
 def port_of(server: MjpegServer) -> int:
     port = urlsplit(server.url).port

@@ -13,6 +13,8 @@ from hexctl.waiting import wait_for
 from tests.server.processes import free_port
 from tests.vision.feeding import feeding, plain, wait_for_brightness
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.parametrize("name", ["seen.avi", "seen.mp4"])
 def test_each_frame_of_a_file_comes_with_its_time(tmp_path: Path, name: str) -> None:
