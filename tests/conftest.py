@@ -37,7 +37,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     subsets = chain.from_iterable(combinations(of_some, count) for count in range(len(of_some) + 1))
     lane = Expression.compile(config.option.markexpr)
     marked = [of_all.union(more) for more in subsets]
-    return None if any(lane.evaluate(lambda name, /, _of=marks, **_: name in _of) for marks in marked) else True
+    wanted = any(lane.evaluate(lambda name, /, _of=marks, **_: name in _of) for marks in marked)
+    return None if wanted else True
 
 
 @pytest.fixture(autouse=True)
