@@ -9,11 +9,19 @@ from hexctl.time_source import WALL_TIME, TimeSource
 
 Value = TypeVar("Value")
 
+#: Asked again and again by something that takes long; True ends it.
+StopRequested = Callable[[], bool]
+
 #: Pause between two tests of a condition.
 POLL_S = 0.01
 
 #: Limit of descriptors for `select`.
 SELECTABLE = 1024
+
+
+def never() -> bool:
+    """Request no stop."""
+    return False
 
 
 def comes_true(

@@ -41,11 +41,11 @@ from hexctl.adapt.trial_loop import AdaptLoop, OnBaseline, OnConfirmation, OnTri
 from hexctl.backends.base import LegServos
 from hexctl.control.assessment.static_stability import margin_m_of, stable_slots_of
 from hexctl.control.guard import Guard
-from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.gait.gait import AUTO
 from hexctl.recording.live import LiveView
+from hexctl.waiting import StopRequested, never
 
 OnBegin = Callable[[Session], None]
 

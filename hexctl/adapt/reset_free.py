@@ -16,7 +16,6 @@ from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
-from hexctl.control.preparation import StopRequested
 from hexctl.control.trial import Enough, run_trial, stop_when
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -27,7 +26,7 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import drawn_failure, untold_note
 from hexctl.types import JOINT_NAMES, JointTargets, RobotState, ServoReadings
-from hexctl.waiting import comes_true
+from hexctl.waiting import StopRequested, comes_true
 
 #: How long a robot that has connected may take to tell its yaw.
 YAW_COMES_S = 1.0

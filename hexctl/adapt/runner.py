@@ -18,7 +18,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders
 from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.monitor.recovery import make_policy
-from hexctl.control.preparation import StopRequested, WalkStart, never
+from hexctl.control.preparation import WalkStart
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough, ShouldStop, planned_walk, run_trial, stop_when
 from hexctl.control.trial_plan import TrialPlan
@@ -31,6 +31,7 @@ from hexctl.recording.recording import Recording
 from hexctl.robot.failure import NoticedFailure, in_words
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
+from hexctl.waiting import StopRequested, never
 
 
 class NotBegunError(HexctlError, RuntimeError):

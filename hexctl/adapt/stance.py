@@ -14,12 +14,13 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.preparation import StopRequested, never, prepare, ticks_of
+from hexctl.control.preparation import prepare, ticks_of
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
+from hexctl.waiting import StopRequested, never
 
 #: Last share of the settling time, over which deflections are averaged: the robot should be at rest by then.
 AT_REST = 0.25

@@ -18,12 +18,12 @@ from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
-from hexctl.control.preparation import StopRequested, never
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import AUTO, NAMED_SLOTS
+from hexctl.waiting import StopRequested, never
 
 #: Ticks between two stored points of a path: 5 Hz.
 PATH_STRIDE = 10

@@ -11,8 +11,8 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.cli.console import print_note, print_question
 from hexctl.control.calibration import EndedError
-from hexctl.control.preparation import StopRequested
 from hexctl.errors import InputError
+from hexctl.waiting import StopRequested
 
 #: Interval at which a wait for a line checks for a stop.
 LOOK_S = 0.1

@@ -13,12 +13,9 @@ from hexctl.client.clear_keys import NewClaim, forget, keys_for
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
 from hexctl.wire.description import RobotIdentity, check_may_command, robot_name, status_of
-from hexctl.wire.links import KeyMap, Link, Role, load_link
+from hexctl.wire.links import ANY_ROBOT, Link, Role, load_link
 from hexctl.wire.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
 from hexctl.wire.zenoh_session import open_session
-
-#: Matches every robot on the link, in place of a name.
-ANY_ROBOT = "*"
 
 ANSWER_TIMEOUT_S = 5.0
 
@@ -28,7 +25,7 @@ class RemoteRobots:
 
     def __init__(self, session: zenoh.Session, link: Link) -> None:
         self._session, self._link = session, link
-        self._keys = KeyMap.of(ANY_ROBOT).renamed(dict(link.names))
+        self._keys = link.keys(ANY_ROBOT)
 
     @property
     def link(self) -> Link:
@@ -166,6 +163,12 @@ def remote_robots(
     Raises InputError for a link that is not allowed, RobotFaultError when nothing listens there.
     """
     settings = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
-    keys = KeyMap.of(ANY_ROBOT).renamed(dict(settings.names))
-    with open_session(settings, role, keys) as session:
-        yield RemoteRobots(session, settings)
+    with robots_at(settings, role) as robots:
+        yield robots
+
+
+@contextmanager
+def robots_at(link: Link, role: Role) -> Iterator[RemoteRobots]:
+    """Robots on a link, until the block ends; raises RobotFaultError when nothing listens there."""
+    with open_session(link, role, link.keys(ANY_ROBOT)) as session:
+        yield RemoteRobots(session, link)

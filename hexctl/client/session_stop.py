@@ -83,13 +83,10 @@ class SessionStop:
             raise RobotFaultError(f"the session failed: {error}") from error
 
     def _ask(self) -> None:
-        from hexctl.client.remote import RemoteRobots
-        from hexctl.wire.links import KeyMap, Role
-        from hexctl.wire.zenoh_session import open_session
+        from hexctl.client.remote import robots_at
+        from hexctl.wire.links import Role
 
-        keys = KeyMap.of("*").renamed(dict(self._link.names))
-        with open_session(self._link, Role.CONTROLLER, keys) as session:
-            robots = RemoteRobots(session, self._link)
+        with robots_at(self._link, Role.CONTROLLER) as robots:
             self.opened, self.error, self._all_stay = True, None, False
             while not self._ends:
                 if self._order.wanted.is_set() and not self._all_stay:

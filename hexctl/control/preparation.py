@@ -1,7 +1,7 @@
 """Preparation of a walk: settling, the self-rotation, the trial frame."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -30,6 +30,7 @@ from hexctl.gait.gait import Motion
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import ArrayFields, FloatArray, JointTargets, RobotState
+from hexctl.waiting import StopRequested, never
 
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5
@@ -64,15 +65,6 @@ class WalkStart:
         """Legs that keep their stance pose; in a batch those of each robot."""
         each = tuple(plan.held_legs for plan in self.plans)
         return each if self.batch_shape else each[0]
-
-
-#: Called every tick; True ends the trial.
-StopRequested = Callable[[], bool]
-
-
-def never() -> bool:
-    """Request no stop."""
-    return False
 
 
 def prepare(

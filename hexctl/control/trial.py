@@ -19,14 +19,7 @@ from hexctl.control.custom_controller import (
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import Until
-from hexctl.control.preparation import (
-    Phases,
-    Preparation,
-    StopRequested,
-    WalkStart,
-    never,
-    ticks_of,
-)
+from hexctl.control.preparation import Phases, Preparation, WalkStart, ticks_of
 from hexctl.control.trace import Trace
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -46,6 +39,7 @@ from hexctl.errors import (
 )
 from hexctl.robot.failure import NoticedFailure
 from hexctl.types import FloatArray, RobotState
+from hexctl.waiting import StopRequested, never
 
 #: Ticks between two calls of `should_stop`.
 LOOK_TICKS = 50

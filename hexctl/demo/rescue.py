@@ -24,13 +24,13 @@ from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, log_note
 from hexctl.adapt.trial_loop import OnBaseline, OnConfirmation, OnTrial
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.preparation import StopRequested, never
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.export.export import export
 from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.runs.run import RunResult, run
+from hexctl.waiting import StopRequested, never
 
 #: The robot, its gait on six legs, and the world. Worlds of this family from 500 on are held out. This is
 #: the first in which the robot without recovery keeps 60 % of its speed or less.

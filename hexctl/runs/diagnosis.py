@@ -11,13 +11,14 @@ from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, told_
 from hexctl.control.diagnosis.standing_test import ALL_PROBES, LIFTS, Probe, StandingTest
 from hexctl.control.log import Recorder, TickLog
 from hexctl.control.loop import run_controller
-from hexctl.control.preparation import StopRequested, WalkStart, never, ticks_of
+from hexctl.control.preparation import WalkStart, ticks_of
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import CommandRefusedError, EStopError, InputError, argument
 from hexctl.options import check_names
 from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.runs.run import Run
 from hexctl.runs.run_spec import RunSpec
+from hexctl.waiting import StopRequested, never
 
 #: Time to reach the stance and to settle before the first probe.
 SETTLE_S = 0.8

@@ -28,7 +28,6 @@ from hexctl.control.log import (
     TickLog,
 )
 from hexctl.control.monitor.monitored_walk import watched_walk
-from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.trial_plan import AUTO_ROTATION, TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -42,7 +41,7 @@ from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.runs.outcome import events_seen, failure_values, gait_values, tick_values, world_text
 from hexctl.runs.run_spec import RunSpec, plan_of, spec_of
-from hexctl.waiting import comes_true
+from hexctl.waiting import StopRequested, comes_true, never
 
 if TYPE_CHECKING:
     from hexctl.control.custom_controller import CustomController

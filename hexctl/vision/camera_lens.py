@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, UNTYPED, Typed, check_fields
-from hexctl.vision.camera_options import VideoOptions, check_new_file, never
+from hexctl.vision.camera_options import VideoOptions, check_new_file
+from hexctl.waiting import StopRequested, never
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
@@ -53,7 +54,7 @@ class CameraLens(VideoOptions):
 
     def run(
         self,
-        stop_requested: Callable[[], bool] = never,
+        stop_requested: StopRequested = never,
         *,
         on_kept: "Callable[[LensCalibration], None]" = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,

@@ -19,11 +19,6 @@ FPS = Range(low=1, high=60, unit="Hz")
 LATENCY_MS = Range(low=0, high=2000, unit="ms")
 
 
-def never() -> bool:
-    """Whether to stop, for a call that nothing stops early."""
-    return False
-
-
 def parse_size(text: str) -> tuple[int, int]:
     """Width and height in px of a text such as `1280x720`; raises ValueError for anything else."""
     width, cross, height = text.partition("x")

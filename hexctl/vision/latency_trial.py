@@ -19,7 +19,7 @@ from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.ik.leg_odometry import leg_motions
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
-from hexctl.vision.camera_options import CameraOptions, never
+from hexctl.vision.camera_options import CameraOptions
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.tags import TagFinder
 from hexctl.vision.estimation.latency import MOST_S, Latency, measure_latency
@@ -28,6 +28,7 @@ from hexctl.vision.place import USUAL_LATENCY_S, Place, load_place, store
 from hexctl.vision.place_learning import seen_place
 from hexctl.vision.robot_link import LegState, RobotLink, robot_link
 from hexctl.vision.video.video_source import VideoSource
+from hexctl.waiting import StopRequested, never
 from hexctl.wire.links import Link
 
 #: How long the robot takes to its stance, and how long it rests there before the twist.
@@ -83,7 +84,7 @@ class CameraLatency(CameraOptions):
 
     def run(
         self,
-        stop_requested: Callable[[], bool] = never,
+        stop_requested: StopRequested = never,
         *,
         on_moving: Callable[[TwistAhead], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed
-from hexctl.vision.camera_options import LATENCY_MS, CameraOptions, check_folder, check_new_file, never
+from hexctl.vision.camera_options import LATENCY_MS, CameraOptions, check_folder, check_new_file
 from hexctl.vision.sheet import BAR_LENGTH_MM, EDGE_MM, FLOOR_TAGS, TAG, Sheet
+from hexctl.waiting import StopRequested, never
 from hexctl.wire.page_address import PageAddress
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ class RobotCamera(CameraOptions):
 
     def run(
         self,
-        stop_requested: Callable[[], bool] = never,
+        stop_requested: StopRequested = never,
         *,
         on_started: Callable[[CameraStarted], None] = lambda _: None,
         on_pose: "Callable[[PoseEstimate], None]" = lambda _: None,

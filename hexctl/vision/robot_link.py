@@ -18,7 +18,7 @@ from hexctl.robot.rotations import about_z, yaw_rad
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.wire.description import robot_of
-from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.links import ANY_ROBOT, KeyMap, Link, Role
 from hexctl.wire.pose import decode_orientation, encode_pose
 from hexctl.wire.zenoh_messages import StateTag, contacts_of, decode_joints
 from hexctl.wire.zenoh_session import open_session
@@ -150,14 +150,13 @@ def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tu
 
     Raises RobotFaultError when no robot answers, and InputError when several do, or only others.
     """
-    asked = KeyMap.of("*" if name is None else name).renamed(dict(link.names))
+    asked = link.keys(ANY_ROBOT if name is None else name)
     with open_session(link, role, asked) as session:
         silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
         try:
             answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
         except RobotFaultError:
-            everyone = KeyMap.of("*").renamed(dict(link.names))
-            others = [] if name is None else ask(session, everyone.describe)
+            others = [] if name is None else ask(session, link.keys(ANY_ROBOT).describe)
             if not others:
                 raise
             raise _not_one(f"{name}", [robot_of(answer) for answer in others]) from None

@@ -178,6 +178,10 @@ CLEAR_COMMAND = "hexctl estop --clear"
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 
+#: Matches every robot on a link, in place of a name.
+ANY_ROBOT = "*"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
     """One end of a link.
@@ -200,7 +204,7 @@ class Link:
     named: bool = field(default=True, compare=False)
 
     def keys(self, robot_name: str) -> KeyMap:
-        """Keys of a robot on this link; raises InputError for names that are not allowed."""
+        """Keys of a robot, or of `ANY_ROBOT`, on this link; raises InputError for names not allowed."""
         return KeyMap.of(robot_name).renamed(dict(self.names))
 
     @property

@@ -18,6 +18,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
+from hexctl.wire.stop_datagram import ID_BYTES
+
 #: Reason of a stop that a client requested.
 ESTOP = "estop"
 
@@ -40,8 +42,6 @@ UNNAMED, DATAGRAM_FROM, OVER_ROS = "an unnamed client", "a datagram from ", "ROS
 #: Longest name of a requester.
 MAX_BY = 80
 
-ID_BYTES = 8
-
 #: Bytes of a clear key, and hexadecimal digits of a claim: those of a request's name in a datagram.
 CLEAR_KEY_BYTES, CLAIM_DIGITS = 16, 16
 
@@ -57,6 +57,7 @@ class Stop:
         stop_id: 16 hexadecimal digits, unique.
         reason: as in `Guard.stopped`.
         since_s: time of the last request, or of its detection, by the robot's time source.
+        before_start_s: its age when this server started; it holds from the start, and is shown with it.
         by: name that the last requesting client reported, even for an older stop; None without a client.
         claims: hashes of the clear keys of the requesting clients.
         repeats: number of consecutive requests after a clear without keys.
@@ -67,6 +68,7 @@ class Stop:
     stop_id: str
     reason: str
     since_s: float
+    before_start_s: float = 0.0
     by: str | None = None
     claims: tuple[str, ...] = ()
     repeats: int = 0
@@ -129,7 +131,7 @@ class Stop:
         """As in the status, at a time by the robot's time source; `kept` is whether it is on the disk."""
         return {
             "id": self.stop_id,
-            "since_s": round(at_s - self.since_s, 1),
+            "since_s": round(at_s - self.since_s + self.before_start_s, 1),
             "clear_in_s": _hundredths_s(self.hold_left_s(at_s, proved=bool(self.claims))),
             "others_in_s": _hundredths_s(self.hold_left_s(at_s, proved=False)),
             "claims": list(self.claims),

@@ -9,11 +9,11 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import Enough, run_trial, stop_when
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.types import FloatArray
+from hexctl.waiting import StopRequested, never
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
 from tests.trials import gait_of, walk

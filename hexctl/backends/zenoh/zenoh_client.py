@@ -32,7 +32,7 @@ from hexctl.wire.description import (
     robot_of,
     status_of,
 )
-from hexctl.wire.links import CLEAR_COMMAND, KeyMap, Link, Role
+from hexctl.wire.links import ANY_ROBOT, CLEAR_COMMAND, Link, Role
 from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, encode_positions, prepare_codec
 from hexctl.wire.zenoh_session import open_session
 
@@ -350,7 +350,7 @@ class ZenohServos(TickedServos):
         self.simulated = simulated if isinstance(simulated, dict) else None
 
     def _others_there(self, session: zenoh.Session) -> list[str]:
-        any_robot, names = KeyMap.of("*").renamed(dict(self._link.names)), set()
+        any_robot, names = self._link.keys(ANY_ROBOT), set()
         for answer in ask(session, any_robot.describe):
             with suppress(RobotFaultError):
                 names.add(robot_of(answer).name)
@@ -381,7 +381,7 @@ def subscribe_states(link: Link) -> Iterator[tuple[Robot, StateSubscriber]]:
 
     Raises RobotFaultError when no robot answers or it sends no state.
     """
-    any_robot = KeyMap.of("*").renamed(dict(link.names))
+    any_robot = link.keys(ANY_ROBOT)
     with open_session(link, Role.VIEWER, any_robot) as session:
         silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
         answers = ask_until(session, any_robot.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)

@@ -4,6 +4,7 @@ import secrets
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from datetime import UTC, datetime
 from threading import Lock
 from typing import Any
 
@@ -20,8 +21,7 @@ from hexctl.wire.stop import (
     claim_in,
     new_stop_id,
 )
-
-EPOCH_BYTES = 16
+from hexctl.wire.stop_datagram import EPOCH_BYTES
 
 #: Number of past requests that are recognized when repeated.
 MOST_REQUESTS = 64
@@ -52,6 +52,7 @@ class StopLatch:
                 stop_id=kept.stop_id,
                 reason=kept.reason,
                 since_s=self._time.now(),
+                before_start_s=max(0.0, (datetime.now(UTC) - kept.at).total_seconds()),
                 by=by,
                 claims=kept.claims,
             )
@@ -136,10 +137,12 @@ class StopLatch:
         assert stop is not None  # noqa: S101  only `clear` ends a stop, and it waits for the lock
         if not repeated:
             now_s = self._time.now()
-            renewed = {"stop_id": new_stop_id(), "since_s": now_s, "by": by} if stop is before else {}
+            renewed: dict[str, Any] = {}
+            if stop is before:
+                renewed = {"stop_id": new_stop_id(), "since_s": now_s, "before_start_s": 0.0, "by": by}
             if stop is not before and self.cleared is not None:
                 renewed = {"repeats": self.cleared.repeats_at(now_s)}
-            stop = replace(stop, commander=self._commander(), **renewed)  # type: ignore[arg-type]
+            stop = replace(stop, commander=self._commander(), **renewed)
             stop = stop.with_claim(claim or claim_in(request))
             if stop != self._stop:
                 self._stop = stop

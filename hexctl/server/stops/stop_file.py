@@ -21,7 +21,8 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, TypeAdapter, V
 from hexctl.errors import printable
 from hexctl.files import atomic_write, read_file, state_folder
 from hexctl.wire.links import CLEAR_COMMAND
-from hexctl.wire.stop import CLAIM_DIGITS, ESTOP, ID_BYTES, MAX_BY, MOST_CLAIMS, Stop, new_stop_id
+from hexctl.wire.stop import CLAIM_DIGITS, ESTOP, MAX_BY, MOST_CLAIMS, Stop, new_stop_id
+from hexctl.wire.stop_datagram import ID_BYTES
 
 #: How long `close` waits for the last stop to be written.
 WRITE_TIMEOUT_S = 2.0
@@ -158,8 +159,9 @@ class StopFile:
         if self._writer is not None:
             self._writer.join(WRITE_TIMEOUT_S)
         if self._writer is None or not self._writer.is_alive():
-            for descriptor in filter(None, (self._descriptor, self._lock)):
-                os.close(descriptor)
+            for descriptor in (self._descriptor, self._lock):
+                if descriptor is not None:
+                    os.close(descriptor)
             self._descriptor = self._lock = None
 
     def _read(self) -> tuple[KeptStop | None, str | None]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from hexctl.options import UNTYPED
 from hexctl.robot.model import Robot
-from hexctl.vision.camera_options import never
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens, load_lens
 from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
@@ -21,6 +20,7 @@ from hexctl.vision.twin.posture_history import PostureHistory, followed_robot
 from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.vision.twin.twin_options import LOOK_AT_M, POSITION_M, TwinOptions
 from hexctl.vision.video.mjpeg import MjpegServer
+from hexctl.waiting import StopRequested, never
 
 #: Number of the robot's tag, and length of its edge.
 ROBOT_TAG, ROBOT_EDGE_M = 10, 0.1
@@ -157,7 +157,7 @@ class TwinCamera(TwinOptions):
 
     def run(
         self,
-        stop_requested: Callable[[], bool] = never,
+        stop_requested: StopRequested = never,
         *,
         on_started: Callable[[TwinStarted], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
