@@ -39,7 +39,7 @@ def test_an_error_of_the_library_is_told_and_a_session_is_opened_again(
     def opened(*_: object) -> Iterator[BrokenSession]:
         yield BrokenSession()
 
-    monkeypatch.setattr("hexctl.wire.zenoh_session.open_session", opened)
+    monkeypatch.setattr("hexctl.client.remote.open_session", opened)
     monkeypatch.setattr(session_stop, "ASK_PERIOD_S", 0.2)
     seen: list[Sighting] = []
     way = SessionStop(Link(), StopOrder(), seen.append, again=True)
@@ -114,7 +114,7 @@ def asking(
     def opened(*_: object) -> Iterator[SharedSession]:
         yield SharedSession(robots)
 
-    monkeypatch.setattr("hexctl.wire.zenoh_session.open_session", opened)
+    monkeypatch.setattr("hexctl.client.remote.open_session", opened)
     monkeypatch.setattr(session_stop, "ASK_PERIOD_S", 0.01)
     monkeypatch.setattr(session_stop, "WATCH_PERIOD_S", 0.01)
     seen: list[Sighting] = []
