@@ -88,13 +88,13 @@ def unplugged_port(
         gone = [each for each in before if each.port not in left]
         if len(gone) > 1:
             raise RobotFaultError(
-                f"more than one port has gone: {', '.join(each.port for each in gone)}; pull one cable"
+                f"more than one port disappeared: {', '.join(each.port for each in gone)}; pull one cable"
             )
         if gone:
             return gone[0]
         if time.monotonic() > until_s:
             raise RobotFaultError(
-                f"no port has gone in {timeout_s:g} s; is it the cable of a serial adapter?"
+                f"no port disappeared within {timeout_s:g} s; is it the cable of a serial adapter?"
             )
         time.sleep(POLL_S)
     return None

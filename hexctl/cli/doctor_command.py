@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def doctor(context: typer.Context, as_json: JsonOption = False) -> None:
-    """Say what this computer has and what works on it, for a bug report.
+    """Report what this computer has and what works on it, for a bug report.
 
     It takes a few seconds, moves nothing, opens no device, and names no person and no other computer.
     """

@@ -41,7 +41,7 @@ WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network"
 
 #: All commands, in the order of the help: module, group in the help, and summary.
 COMMANDS = {
-    "run": Command("hexctl.cli.walk.run_command", WALK, "Walk, record it, and say how it went."),
+    "run": Command("hexctl.cli.walk.run_command", WALK, "Walk, record the walk, and report the result."),
     "adapt": Command(
         "hexctl.cli.walk.adapt_command",
         WALK,
@@ -75,7 +75,7 @@ COMMANDS = {
     "check": Command(
         "hexctl.cli.robot.check_command",
         ROBOT,
-        "Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses.",
+        "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
     ),
     "robot": Command(
         "hexctl.cli.robot.robot_command", ROBOT, "List the shipped robots, and make robot files."
@@ -85,12 +85,12 @@ COMMANDS = {
     "diagnose": Command(
         "hexctl.cli.walk.diagnose_command",
         ROBOT,
-        "Find out at rest which leg has failed, which joint, and how: 12 s of small motions.",
+        "Find which leg and joint failed, and how, in 12 s of small motions at rest.",
     ),
     "see": Command(
         "hexctl.cli.see.see_group",
         ROBOT,
-        "Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.",
+        "Measure a robot's position with a camera and printed tags, and send it to the robot, until Ctrl-C.",
     ),
     "calibrate": Command(
         "hexctl.cli.bus.calibrate_command",
@@ -103,12 +103,12 @@ COMMANDS = {
     "doctor": Command(
         "hexctl.cli.doctor_command",
         ROBOT,
-        "Say what this computer has and what works on it, for a bug report.",
+        "Report what this computer has and what works on it, for a bug report.",
     ),
     "servos": Command(
         "hexctl.cli.bus.servos_command",
         ROBOT,
-        "Look at servos on a serial bus, one by one, before there is a robot file and after.",
+        "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
     ),
     "sim": Command(
         "hexctl.cli.sim.sim_group",
@@ -118,13 +118,13 @@ COMMANDS = {
     "serve": Command(
         "hexctl.cli.network.serve_command",
         NETWORK,
-        "Put a robot, real or simulated, on the network, with a guard and a stop of its own.",
+        "Serve a robot, real or simulated, on the network, with its own guard and stop.",
         "ServeCommand",
     ),
     "status": Command(
         "hexctl.cli.network.status_command",
         NETWORK,
-        "Show who commands a robot on the network, why it is stopped, what was dropped.",
+        "Show who commands a robot on the network, why it is stopped, and which messages were dropped.",
     ),
     "estop": Command(
         "hexctl.cli.network.estop_command",

@@ -191,7 +191,7 @@ class RobotServer:
             if "failures" in answer and self._simulated is not None:
                 self._simulated["failure"] = ", ".join(answer["failures"]) or "none"
                 self._event_log.add(
-                    f"told to break legs: now {', '.join(answer['failures']) or 'all are whole'}"
+                    f"legs set to fail: {', '.join(answer['failures']) or 'all are whole'}"
                 )
             self._transport.reply(arrival.kind, item, {**answer, **self._who})
             if "failures" in answer:

@@ -133,7 +133,7 @@ class RunningBoard(ABC):
                     self._tick()
                     self.counts["ticks"] += 1
         except OSError as error:
-            raise RobotFaultError(f"the {self.what} has gone: {error.strerror or error}") from error
+            raise RobotFaultError(f"the {self.what} is closed: {error.strerror or error}") from error
         finally:
             self._closed_at_end.close()
 

@@ -35,7 +35,7 @@ class EventFile:
             except BlockingIOError:
                 return
             if not data:
-                raise OSError("the device has gone")
+                raise OSError("the device is gone")
             yield from self._events(self._rest + data)
             if len(data) < MOST_BYTES:
                 return

@@ -173,7 +173,7 @@ class Keyboard:
     def _leave(self) -> None:
         self._gone, self._set = True, (0.0, 0.0, 0.0)
         self._source.release()
-        self._ask("quit", "the terminal has gone")
+        self._ask("quit", "the terminal is closed")
 
 
 def line_of(status: dict[str, Any]) -> str:

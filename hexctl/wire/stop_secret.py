@@ -29,7 +29,7 @@ def write_stop_secret(folder: Path) -> list[Path]:
     places = [folder / role.value for role in HOLDERS]
     for place in places:
         if not place.is_dir():
-            raise InputError(f"{place}: is missing; allowed: a folder that hexctl keys new made, whole")
+            raise InputError(f"{place}: is missing; allowed: a complete folder from hexctl keys new")
         if (place / SECRET_FILE).exists():
             raise InputError(f"{place / SECRET_FILE}: is there already; allowed: a folder without one")
     content, written = secrets.token_hex(SECRET_BYTES) + "\n", list[Path]()

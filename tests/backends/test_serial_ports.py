@@ -101,5 +101,5 @@ def test_no_cable_two_cables_and_an_interruption(plugged: list[_Port]) -> None:
         unplugged_port(before, timeout_s=0.0)
     assert unplugged_port(before, timeout_s=10.0, stop_requested=lambda: True) is None
     del plugged[:2]
-    with pytest.raises(RobotFaultError, match=r"more than one port has gone: /dev/ttyUSB0, /dev/ttyUSB1"):
+    with pytest.raises(RobotFaultError, match=r"more than one port disappeared: /dev/ttyUSB0, /dev/ttyUSB1"):
         unplugged_port(before, timeout_s=10.0)

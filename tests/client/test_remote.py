@@ -92,8 +92,8 @@ def test_the_log_of_a_robot_tells_what_was_broken_and_who_lost_it(tmp_path: Path
     with served(tmp_path, backend="sim") as robot:
         for words in (("fail", "5:limp"), ("heal", "5")):
             assert hexctl("sim", *words, "--connect", robot.endpoint).returncode == 0
-        robot.wait_for("told to break legs: now leg 5 limp")
-        robot.wait_for("told to break legs: now all are whole")
+        robot.wait_for("legs set to fail: leg 5 limp")
+        robot.wait_for("legs set to fail: all are whole")
         with controlling(tmp_path, robot.endpoint):
             robot.wait_for("commanded by")
             robot.signal(signal.SIGINT)

@@ -153,7 +153,7 @@ def test_a_terminal_that_has_gone_is_a_release_and_the_end() -> None:
     os.close(typist.writing)
     typist.keyboard.poll()
     assert typist.arbiter.decide() == Decision(Velocity(), "keyboard")
-    assert typist.asked == [("quit", "the terminal has gone")]
+    assert typist.asked == [("quit", "the terminal is closed")]
     typist.now_s += 1.0
     typist.keyboard.poll()
     assert typist.arbiter.decide() == Decision()

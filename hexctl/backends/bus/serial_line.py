@@ -73,7 +73,7 @@ class SerialLine:
     def read(self, deadline_s: float) -> bytes:
         """What has come, or comes first until a time; empty if nothing does.
 
-        Raises OSError when the device has gone.
+        Raises OSError when the device is gone.
         """
         return self._without_echo(self._take(max(0.0, deadline_s - self.time.now())))
 
@@ -82,7 +82,7 @@ class SerialLine:
             return b""
         data = os.read(self._descriptor, CHUNK)
         if not data:
-            raise OSError("the other end of the port has gone")
+            raise OSError("the other end of the port is closed")
         return data
 
     def discard(self) -> bool:

@@ -86,7 +86,7 @@ def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
     try:
         yield line
     except OSError as error:
-        raise RobotFaultError(f"the port {path} has gone ({error.strerror or error})") from error
+        raise RobotFaultError(f"the port {path} is gone ({error.strerror or error})") from error
     finally:
         line.close()
 

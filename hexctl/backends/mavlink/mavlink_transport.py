@@ -192,7 +192,7 @@ class StreamPort(Port):
         except BlockingIOError:
             return []
         if not data:
-            raise OSError("the other end of the port has gone")
+            raise OSError("the other end of the port is closed")
         return [(data, None)]
 
     def send(self, frame: bytes, to: Address) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hexctl.robot.servos.bus_map import BusMap
 
 servos = Commands(
-    help="Look at servos on a serial bus, one by one, before there is a robot file and after.",
+    help="Scan, identify and set up the servos of a serial bus, with or without a robot file.",
     no_args_is_help=True,
 )
 

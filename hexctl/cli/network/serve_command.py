@@ -42,7 +42,7 @@ def serve(
         bool, typer.Option("--view", help="Show the robot in the Rerun viewer while it is served.")
     ] = False,
 ) -> None:
-    """Put a robot, real or simulated, on the network, with a guard and a stop of its own.
+    """Serve a robot, real or simulated, on the network, with its own guard and stop.
 
     It runs until Ctrl-C. hexctl run --backend zenoh walks it.
     """

@@ -46,7 +46,7 @@ def status(
     watch: Annotated[bool, typer.Option("--watch", help="Keep showing it, until Ctrl-C.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show who commands a robot on the network, why it is stopped, what was dropped."""
+    """Show who commands a robot on the network, why it is stopped, and which messages were dropped."""
     from rich.console import Console
 
     from hexctl.cli.console import note_refusal, print_result

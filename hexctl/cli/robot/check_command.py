@@ -35,7 +35,7 @@ def check(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses."""
+    """Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses."""
     if robot_name is not None:
         if is_said(context, "robot") and asked["robot"] != robot_name:
             raise InputError(f"check: got robots {robot_name} and {asked['robot']}; allowed: one")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @with_options(RobotCamera)
 def look(options: dict[str, Any], context: typer.Context, as_json: JsonOption = False) -> None:
-    """Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.
+    """Measure a robot's position with a camera and printed tags, and send it to the robot, until Ctrl-C.
 
     Options for a new place must agree with a place that is known, unless --relearn replaces it.
     """

@@ -38,7 +38,7 @@ def diagnose(
     no_record: NoRecordOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Find out at rest which leg has failed, which joint, and how: 12 s of small motions.
+    """Find which leg and joint failed, and how, in 12 s of small motions at rest.
 
     The robot stands on its feet, with room around it. With sim, --failed-leg and --failure say what the
     simulation breaks; the diagnosis is not told. Exit codes: 0 done, whatever was found, 2 bad input, 3 fault

@@ -133,7 +133,7 @@ def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callab
             with realtime_priority():
                 why = session.run(devices, interrupt.requested)
         if interrupt.terminal_gone:
-            why = "the terminal has gone"
+            why = "the terminal is closed"
     except EStopError:
         why = drive.guard.stopped or "stopped"
         _say(f"\nhexctl: the robot has stopped{_why(drive, why)}")

@@ -62,7 +62,7 @@ def run(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Walk, record it, and say how it went.
+    """Walk, record the walk, and report the result.
 
     Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
     4 fell or was stopped, 130 interrupted.

@@ -177,7 +177,7 @@ class StopSocket:
             self._socket = bound_socket(endpoint)
         except (OSError, UnicodeError) as error:  # the second of a name that no host can have
             reason = getattr(error, "strerror", None) or error
-            self.trouble = f"UDP port {endpoint.port} cannot be had ({reason})"
+            self.trouble = f"UDP port {endpoint.port} cannot be opened ({reason})"
             return
         drop_in_kernel(self._socket, DATAGRAM_BYTES, mark_of(secret))
         receiver = DatagramReceiver(self._socket, DATAGRAM_BYTES)
