@@ -18,7 +18,7 @@ COUNTED := awk -v shown="$$(test -t 2 && echo 1)" 'function show(text) {if (show
 	/^Collecting/ {show("found " ++n " packages")} \
 	/^Installing/ {show("installing " gsub(/, /, ", ") + 1 " packages, half a minute")} END {if (shown) print ""}' >&2
 
-WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 2) + 1)')
+WORKERS ?= $(shell $(PYTHON) -c 'import os; print(os.cpu_count() or 2)')
 
 # Each process would compile all modules anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -58,9 +58,6 @@ $(RUNNABLE): pyproject.toml constraints.txt
 	$(call install,demo,--no-compile)
 	touch $@
 
-# What tests start again and again is compiled once, also where the shell forbids it.
-unexport PYTHONDONTWRITEBYTECODE
-
 # Two of them at a time would spoil one another.
 .NOTPARALLEL:
 
@@ -76,22 +73,24 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# Tests of a lane, by its marks ($2), in so many processes ($1). A test that hangs is ended with the stacks of all
+# threads.
+PYTEST := $(BIN)/pytest -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
+lane = $(PYTEST) -n $1 -m "$2 and not soak"
+
+# A command with style and types beside it, which are printed after it; both must pass.
+define linted
+	@mkdir -p build; $(MAKE) --no-print-directory lint >build/lint.txt 2>&1 & lint=$$!; \
+	trap 'kill $$lint 2>/dev/null' EXIT; \
+	$1; tests=$$?; wait $$lint; style=$$?; trap - EXIT; cat build/lint.txt; exit $$((tests | style))
+endef
+
 # Since main, or since the last commit on main itself.
-check: lint
-	$(BIN)/python -m tests.changed
+check: $(INSTALLED)
+	$(call linted,$(BIN)/python -m tests.changed)
 
-# Tests of a lane, by its marks ($2), in so many workers ($1). One that failed beside others runs once more with
-# nothing beside it: then it is the test, and not the machine. Where pytest itself fails, nothing is repeated.
-# A test that hangs is ended, and fails, with the stacks of all threads.
-PYTEST := $(BIN)/pytest -o faulthandler_timeout=600 -o faulthandler_exit_on_timeout=true
-lane = $(PYTEST) -n $1 -m "$2 and not soak"; code=$$?; [ $$code -ne 1 ] || { \
-	echo "once more, alone: a test that fails only beside others is a finding too"; \
-	$(PYTEST) --last-failed --last-failed-no-failures none -m "$2 and not soak"; code=$$?; }; exit $$code
-
-# The tests are compiled beside mypy, once: each worker would do it for itself.
 test: $(INSTALLED)
-	@$(BIN)/pytest --collect-only -q >/dev/null & $(MAKE) --no-print-directory lint; failed=$$?; wait; exit $$failed
-	$(call lane,$(WORKERS),not realtime and not slow and not long)
+	$(call linted,$(call lane,$(WORKERS),not realtime and not slow and not long))
 
 # Everything, and four times the examples of each property.
 test-all: export HYPOTHESIS_PROFILE = thorough
