@@ -1,5 +1,6 @@
-"""Sessions, stores, settings, robots and archives of another person run no code on this computer."""
+"""Sessions, robots, settings and files of another person run no code here, and print nothing but text."""
 
+import json
 import os
 import shlex
 import signal
@@ -7,6 +8,7 @@ import socket
 import sys
 import zipfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -24,8 +26,13 @@ from hexctl.doctor.rendering_check import read_drawing
 from hexctl.recording.live import LiveView
 from hexctl.server.keeper import Keeper, KeeperSpec
 from hexctl.waiting import wait_for
+from hexctl.wire.description import describe
+from hexctl.wire.links import KeyMap
 from tests.adapt import walking
 from tests.cli.test_options import commands
+from tests.robots import shipped
+from tests.server.processes import free_port
+from tests.wire.knocking import posing_as_robot
 
 #: Leaves a mark when it is imported.
 PLANTED = """
@@ -41,6 +48,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The working folder, with a module that must not be imported."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
+    # As on a terminal: click would take the colours out, and other codes with them.
+    monkeypatch.setattr("click.utils.should_strip_ansi", lambda *_, **__: False)
     (tmp_path / "planted.py").write_text(PLANTED)
     sys.modules.pop("planted", None)
     yield tmp_path
@@ -55,6 +64,8 @@ def foreign_session(monkeypatch: pytest.MonkeyPatch, **named: Any) -> str:
         return walking.stored_session(Path("runs"), 0.2, tripod=0.3, auto=0.4)
 
 
+WALK_BEST = "run --gait best:NAME --failed-leg 2 --backend mock --duration 0.1 --no-record"
+
 COMMANDS = [
     "sessions list",
     "sessions list --json",
@@ -65,13 +76,13 @@ COMMANDS = [
     "sessions export NAME trials.csv",
     "export NAME --output session.csv",
     "view NAME",
-    "run --gait best:NAME --failed-leg 2 --backend mock --duration 0.1 --no-record",
-    "doctor",
     "sessions delete NAME --yes",
 ]
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", [*COMMANDS, *(pytest.param(words, marks=pytest.mark.slow) for words in (WALK_BEST, "doctor"))]
+)
 def test_a_foreign_session_runs_no_code(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.open_viewer", lambda _: 0)
     every = {"optimizer": NAMED, "objective": NAMED, "backend": NAMED, "policy": NAMED}
@@ -202,6 +213,191 @@ def test_the_live_view_takes_no_module_from_the_working_folder(
     assert ended == 0
 
 
+@pytest.mark.slow
 def test_a_look_at_what_draws_takes_no_module_from_the_working_folder() -> None:
     plant_common_modules()
     read_drawing()
+
+
+#: Clears a screen, goes back in its line, turns its letters round, looks like markup and like an argument.
+HOSTILE = "x\x1b[2J\r\u202e\u2066\x9b1m[bold red][link=http://there]\0connect\0\x07y\nhexctl: cleared"
+
+#: What a text of Rich or of hexctl's messages would be lost as.
+AS_IT_IS = "[bold red][link=http://there]"
+
+
+def printed(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """Exit code and output of a command, which must be lines of text."""
+    code = exit_code(words)
+    output = "".join(capsys.readouterr())
+    assert [line for line in output.split("\n") if not line.isprintable()] == []
+    assert "Traceback" not in output
+    return code, output
+
+
+STATUS = {
+    "robot": HOSTILE,
+    "backend": HOSTILE,
+    "host": HOSTILE,
+    "user": HOSTILE,
+    "stopped": f"fault: {HOSTILE}",
+    "fault": HOSTILE,
+    "posture": HOSTILE,
+    "controller": HOSTILE,
+    "controller_since_s": HOSTILE,
+    "stop": {"id": HOSTILE, "since_s": HOSTILE, "by": HOSTILE, "claims": [HOSTILE], "kept": HOSTILE},
+    "cleared": {"reason": HOSTILE, "by": HOSTILE, "since_s": HOSTILE},
+    "simulated": {"world": HOSTILE, "failure": HOSTILE},
+    "commands": {HOSTILE: 1, "accepted": HOSTILE},
+    "servo_link": {HOSTILE: 3},
+    "malformed": {HOSTILE: 3},
+    "ros": {"router": HOSTILE, "connected": True, "trouble": HOSTILE},
+    "endpoint": HOSTILE,
+    "warnings": [HOSTILE],
+    "at_rest": True,
+    "joints": HOSTILE,
+    "failures": [HOSTILE],
+}
+
+
+def answers() -> dict[str, Any]:
+    """What the robot answers at each key."""
+    told = {"stopped": HOSTILE, "stop_id": HOSTILE, "error": HOSTILE, "note": HOSTILE, "failures": [HOSTILE]}
+    described = {**describe(shipped()), "status": STATUS}
+    return {
+        "describe": described,
+        "lease": {"error": HOSTILE},
+        "estop": {**STATUS, **told},
+        "failure": {**STATUS, **told},
+    }
+
+
+@contextmanager
+def rogue(said: dict[str, Any]) -> Iterator[str]:
+    """Endpoint of a robot that says what it likes."""
+    endpoint, keys = f"tcp/127.0.0.1:{free_port()}", KeyMap.of("ant")
+
+    def answerer(kind: str) -> Any:
+        def answer(query: Any) -> None:
+            query.reply(getattr(keys, kind), json.dumps(said[kind]).encode())
+            query.drop()
+
+        return answer
+
+    with posing_as_robot(endpoint, {}) as session:
+        for kind in said:
+            session.declare_queryable(getattr(keys, kind), answerer(kind))
+        yield endpoint
+
+
+ROBOT_COMMANDS = {
+    "status": 0,
+    "status --json": 0,
+    "estop": 0,
+    "estop --json": 0,
+    "estop --clear": 3,
+    "estop --clear --json": 3,
+    "sim fail 5:limp": 0,
+    "sim heal 5 --json": 0,
+    "run --backend zenoh --no-record --duration 0.1": 3,
+    "drive --backend zenoh --page 127.0.0.1:0": 3,
+    "diagnose --backend zenoh": 3,
+    "adapt --backend zenoh --failed-leg 2 --budget 1": 3,
+    "view": 3,
+}
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("command", ROBOT_COMMANDS)
+def test_a_rogue_robot_prints_nothing_but_text(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with rogue(answers()) as endpoint:
+        code, output = printed([*command.split(), "--connect", endpoint], capsys)
+    assert code == ROBOT_COMMANDS[command]
+    if command == "status":
+        assert AS_IT_IS in "".join(output.split("\n")).replace("  ", "")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        *(("estop --clear", name) for name in (HOSTILE, "", "*", "a//b", "x" * 60_000, 7, None, ["ant"])),
+        *(("view", name) for name in (HOSTILE, None)),
+        *(("run --backend zenoh --no-record", name) for name in (HOSTILE, "$*")),
+    ],
+)
+def test_a_robot_without_a_name_that_could_be_one_is_a_fault(
+    command: str, name: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = answers()
+    said["describe"]["robot"] = {**said["describe"]["robot"], "name": name}
+    said["describe"]["status"] = {**STATUS, "robot": name}
+    with rogue(said) as endpoint:
+        code, _ = printed([*command.split(), "--connect", endpoint], capsys)
+    assert code == 3
+
+
+#: Commands that read a session, and those which walk with it.
+READING = [command for command in COMMANDS if command.split()[0] in ("sessions", "view")]
+WALKING = [WALK_BEST, "adapt --resume NAME"]
+
+
+def rewritten(text: str) -> str:
+    """A line of a session with hostile texts in all places that take any text."""
+    return json.dumps(_hostile(json.loads(text)))
+
+
+def _hostile(value: Any) -> Any:
+    if isinstance(value, dict):
+        free = ("recording", "stopped", "hold_caveat", "error", "objective_label", "world", "robot", "gait")
+        return {
+            name: HOSTILE if name in free and isinstance(part, str | None) else _hostile(part)
+            for name, part in value.items()
+        }
+    return value
+
+
+@pytest.mark.parametrize("kind", ["session", "trial", "baseline"])
+@pytest.mark.parametrize(
+    "command", [*READING, *(pytest.param(words, marks=pytest.mark.slow) for words in WALKING)]
+)
+def test_a_foreign_session_prints_nothing_but_text(
+    command: str, kind: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.open_viewer", lambda _: 0)
+    name = walking.stored_session(Path("runs"), 0.2, tripod=0.3, auto=0.4)
+    path = Path("runs", name, "session.jsonl")
+    lines = path.read_text().splitlines()
+    hostile = [rewritten(line) if line.startswith(f'{{"{kind}"') else line for line in lines]
+    assert hostile != lines
+    path.write_text("\n".join(hostile) + "\n")
+    words = [word.replace("NAME", name).replace("OTHER", name) for word in command.split()]
+    code, _ = printed(words, capsys)
+    assert code in (0, 2, 3)
+
+
+def test_names_in_a_foreign_session_are_no_markup(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = "[bold red]flat[/] :smile:"
+    monkeypatch.setattr(walking, "SessionSpec", lambda **fields: SessionSpec(**fields, world=world))
+    name = walking.stored_session(Path("runs"), 0.2)
+    for command in (["sessions", "list"], ["sessions", "show", name]):
+        code, output = printed(command, capsys)
+        assert code == 0
+        assert world in output
+
+
+@pytest.mark.parametrize("option", ["--robot", "--world"])
+def test_a_foreign_file_prints_nothing_but_text(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("foreign.yaml").write_text(json.dumps({"name": HOSTILE, HOSTILE: HOSTILE}))
+    code, _ = printed(["run", "--no-record", "--duration", "0.1", option, "foreign.yaml"], capsys)
+    assert code == 2
+
+
+@pytest.mark.slow
+def test_settings_of_another_person_print_nothing_but_text(capsys: pytest.CaptureFixture[str]) -> None:
+    quoted = json.dumps(HOSTILE)
+    Path("hexctl.toml").write_text(f"robot = {quoted}\n{quoted} = 1\n")
+    for command in ("run --no-record", "check", "doctor"):
+        printed(command.split(), capsys)
