@@ -6,9 +6,8 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,8 +17,7 @@ from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.main import exit_code
 from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.signals import ending_signals
-from hexctl.waiting import wait_for
-from tests.cli.terminals import WAIT_S, WITH_TERMINAL, OnTerminal
+from tests.cli.terminals import WITH_TERMINAL, OnTerminal, wait_until_it_grows
 from tests.server.processes import ROOT, free_port
 
 #: Runs a command, and interrupts it where a module begins to be imported.
@@ -278,19 +276,6 @@ def on_terminal(folder: Path, command: str, *arguments: str) -> Iterator[OnTermi
         yield made
     finally:
         made.end()
-
-
-def wait_until_it_grows(path: Path) -> None:
-    """Wait until some of the walk is in its recording, behind the scene."""
-    sizes: set[int] = set()
-
-    def grown() -> bool:
-        with suppress(FileNotFoundError):  # a first file only shows that the folder can be written
-            sizes.add(path.stat().st_size)
-        time.sleep(0.3)
-        return len(sizes) > 5
-
-    wait_for(grown, WAIT_S, f"{path} does not grow")
 
 
 @pytest.mark.realtime

@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -78,6 +77,7 @@ class Driven(ABC):
 
     def __init__(self, folder: Path, chance: random.Random) -> None:
         self.folder, self.chance = folder, chance
+        self.drive: Process | None = None
         self.servos = Servos(folder / "servos")
         self.servos.path.touch()
 
@@ -85,18 +85,17 @@ class Driven(ABC):
         self.begin()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end()
 
     @abstractmethod
     def begin(self) -> None:
         """Start what takes long."""
 
-    @abstractmethod
     def end(self) -> None:
         """End all processes."""
+        if self.drive is not None:
+            self.drive.end()
 
     @abstractmethod
     def command(self) -> None:
@@ -106,9 +105,13 @@ class Driven(ABC):
     def cause(self) -> float:
         """What is to end the walk; when it began, on time.monotonic."""
 
-    @abstractmethod
     def alive(self) -> bool:
         """Whether the drive goes on."""
+        return self.drive is not None and self.drive.alive()
+
+    def said(self) -> str:
+        """What the drive has printed."""
+        return "" if self.drive is None else self.drive.said()
 
     def again(self) -> None:
         """Undo the cause."""
@@ -124,10 +127,6 @@ class Driven(ABC):
         """Raise LostDriveError for a drive that has ended."""
         if not self.alive():
             raise LostDriveError(self.said())
-
-    def said(self) -> str:
-        """What the drive has printed."""
-        return ""
 
     def shares(self) -> tuple[float, float, float]:
         """Where a stick is: forward, left and turn, -1 to 1, never near the middle."""

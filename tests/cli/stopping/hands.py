@@ -1,4 +1,4 @@
-"""Hands that are lifted, and hands that go: gamepads, pages and terminals of a robot that walks."""
+"""Hands that are lifted or go, and links that are lost: gamepads, pages, terminals, cables."""
 
 import os
 import random
@@ -9,11 +9,13 @@ import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
+from hexctl.control.controllers import SITTING_S
 from hexctl.waiting import wait_for
 from pictures.browser import BrowserError, browser
-from tests.cli.stopping.drives import PATIENCE_S, Driven, LostDriveError, Pad, local
+from tests.cli.stopping.drives import PATIENCE_S, Driven, LostDriveError, Pad, Process, local
 from tests.cli.terminals import COMMAND, WITH_TERMINAL, OnTerminal
-from tests.server.processes import RECORDED
+from tests.server.cable import Cable
+from tests.server.processes import RECORDED, served
 from tests.server.recorded import VARIABLE
 
 #: How long a browser that has just begun may hang, for up to 0.7 s at a time.
@@ -47,20 +49,12 @@ class PadDriven(Driven):
         """Start the drive, and plug in."""
         self._pad = Pad(self.folder / "pad", pipe=self._how != "gone")
         self._pad.plug_in()
-        self._drive = local(self.folder, self.servos, "--gamepad", str(self._pad.path))
+        self.drive = local(self.folder, self.servos, "--gamepad", str(self._pad.path))
 
     def end(self) -> None:
         """End the drive."""
-        self._drive.end()
+        super().end()
         self._pad.plug_out()
-
-    def alive(self) -> bool:
-        """Whether the drive goes on."""
-        return self._drive.alive()
-
-    def said(self) -> str:
-        """What the drive has printed."""
-        return self._drive.said()
 
     def command(self) -> None:
         """Hold the button, and push the sticks."""
@@ -91,22 +85,14 @@ class PageDriven(Driven):
 
     def begin(self) -> None:
         """Start the drive, and a client."""
-        self._drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
-        self.port = self._drive.wait_for(r"127\.0\.0\.1:(\d+)/")[1]
+        self.drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
+        self.port = self.drive.wait_for(r"127\.0\.0\.1:(\d+)/")[1]
         self.again()
 
     def end(self) -> None:
         """End the drive."""
-        self._drive.end()
+        super().end()
         self._leave()
-
-    def alive(self) -> bool:
-        """Whether the drive goes on."""
-        return self._drive.alive()
-
-    def said(self) -> str:
-        """What the drive has printed."""
-        return self._drive.said()
 
     def command(self) -> None:
         """Put a finger down."""
@@ -177,25 +163,17 @@ class BrowserDriven(Driven):
 
     def begin(self) -> None:
         """Start the drive and a browser; raises MissingProgramError where there is none."""
-        self._drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
-        self._url = self._drive.wait_for(r"http://127\.0\.0\.1:\d+/")[0]
+        self.drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
+        self._url = self.drive.wait_for(r"http://127\.0\.0\.1:\d+/")[0]
         self._page = self._stack.enter_context(browser((800, 900), self.folder))
         self._show()
         time.sleep(BROWSER_S)
 
     def end(self) -> None:
         """End both."""
-        self._drive.end()
+        super().end()
         with suppress(BrowserError):
             self._stack.close()
-
-    def alive(self) -> bool:
-        """Whether the drive goes on."""
-        return self._drive.alive()
-
-    def said(self) -> str:
-        """What the drive has printed."""
-        return self._drive.said()
 
     def command(self) -> None:
         """Put a finger on the left pad."""
@@ -370,3 +348,71 @@ class Emulated:
         if begun.exists() and not (self._folder / "ended").exists():
             with suppress(ProcessLookupError):
                 os.kill(int(begun.read_text()), signal.SIGKILL)
+
+
+#: How long after a robot has stood up it walks for certain.
+STOOD_S = 0.3
+
+
+class LinkDriven(Driven):
+    """Driven with a gamepad over a link.
+
+    Args:
+        how: `released`; `killed` or `stopped`, the drive by SIGKILL or SIGSTOP; `held`, the cable takes what
+            is sent and passes nothing on, as a pulled plug does; `cut`, it closes the connections.
+    """
+
+    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
+        super().__init__(folder, chance)
+        self._how = how
+        self._stack, self._drives = ExitStack(), ExitStack()
+
+    def begin(self) -> None:
+        """Serve the robot."""
+        # It does not sit down while it waits for the next drive.
+        self._robot = self._stack.enter_context(served(self.folder, "--sit-after", "3600", name="served"))
+        self.servos = type(self.servos)(self._robot.log_path)
+        self._pad = Pad(self.folder / "pad", pipe=True)
+        self._pad.plug_in()
+        self._stack.callback(self._pad.plug_out)
+
+    def end(self) -> None:
+        """End all."""
+        self._drives.close()
+        self._stack.close()
+
+    def command(self) -> None:
+        """Start the drive where there is none, hold the button, and push the sticks."""
+        if self.drive is None:
+            self._cable = self._drives.enter_context(Cable(self._robot.endpoint))
+            link = ("--backend", "zenoh", "--connect", self._cable.endpoint)
+            self.drive = Process(self.folder, self.servos.path, *link, "--gamepad", str(self._pad.path))
+            self._drives.callback(self.drive.end)
+        self._pad.press(*self.shares())
+
+    def walk(self) -> None:
+        """Command, and wait until it walks: a drive that has just begun stands the robot up first."""
+        if self.drive is None:
+            began_s = time.monotonic()
+            self.command()
+            wait_for(
+                lambda: self.servos.told_after(began_s) or not self.alive(), PATIENCE_S, "no targets come"
+            )
+            time.sleep(SITTING_S + STOOD_S)
+        super().walk()
+
+    def cause(self) -> float:
+        """Let go, or let the link go."""
+        assert self.drive is not None
+        if self._how == "released":
+            return self._pad.release()
+        if self._how in ("killed", "stopped"):
+            return self.drive.signal(signal.SIGKILL if self._how == "killed" else signal.SIGSTOP)
+        return self._cable.cut("hold" if self._how == "held" else "close")
+
+    def again(self) -> None:
+        """The next command starts another drive where this one is lost; its pad is let go of."""
+        if self._how != "released":
+            self._pad.release()
+            self._drives.close()
+            self.drive = None

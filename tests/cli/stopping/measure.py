@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.cli.stopping.drives import Driven, LostDriveError
-from tests.cli.stopping.hands import BrowserDriven, KeysDriven, PadDriven, PageDriven
-from tests.cli.stopping.links import LinkDriven
+from tests.cli.stopping.hands import BrowserDriven, KeysDriven, LinkDriven, PadDriven, PageDriven
 
 #: Within what a robot has to be at rest, in s: one that is let go of, and one that hears nothing more.
 RELEASE_S, SILENCE_S = 0.3, 0.8

@@ -1,39 +1,28 @@
-"""`hexctl view`: sessions and recordings in a stand-in for the viewer, in browsers; robots on the network."""
+"""`hexctl view` and `export`: sessions and recordings in a stand-in for the viewer, in browsers, in files."""
 
 import os
 import re
+import shutil
 import signal
-import sys
 import urllib.request
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 
+from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.sessions import session_viewing
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.main import exit_code
-from hexctl.control.log import TickLog
-from hexctl.recording import live, viewer
+from hexctl.recording import viewer
 from hexctl.recording.viewer import viewer_binary
 from hexctl.runs.run import run
 from tests.adapt.walking import SPEC, result_of
 from tests.recording.conftest import damage
-from tests.server.processes import (
-    TIMEOUT_S,
-    Program,
-    controlling,
-    hexctl,
-    program,
-    served,
-    wait_until,
-)
-
-pytestmark = pytest.mark.realtime
+from tests.server.processes import TIMEOUT_S, Program, controlling, hexctl, program, served, wait_until
 
 SPACE = GaitSpace((SPEC.broken.leg,))
 
@@ -83,61 +72,15 @@ def session(trials: int, *, age_s: int = 10, missing: tuple[int, ...] = ()) -> s
 
 def table_of(overview: Path) -> str:
     """The table of an overview, with its links."""
+    import rerun as rr
+
     chunks = rr.chunk.RrdReader(overview).stream().to_chunks()
     (table,) = [chunk.to_record_batch() for chunk in chunks if chunk.entity_path == "/table"]
     text: str = table.column("TextDocument:text").to_pylist()[0][0]
     return text
 
 
-def test_a_session_opens_as_its_overview_with_a_link_to_each_trial() -> None:
-    name = session(3)
-    assert exit_code(["view", name]) == 0
-    assert opened() == [f"runs/{name}/overview.rrd"]
-    table = table_of(Path(opened()[0]))
-    for index in (1, 2, 3):
-        assert f"[▶ {index}]({Path.cwd().as_uri()}/runs/{name}/trial-00{index}.rrd)" in table
-
-
-def test_an_outdated_overview_is_written_again() -> None:
-    name = session(2)
-    stale = Path("runs", name, "overview.rrd")
-    stale.write_bytes(b"RRF2")
-    assert exit_code(["view", name]) == 0
-    assert stale.stat().st_size > 1000
-
-
-def test_a_folder_as_the_shell_completes_it_is_a_session_too() -> None:
-    name = session(1)
-    assert exit_code(["view", f"runs/{name}/"]) == 0
-    assert opened() == [f"runs/{name}/overview.rrd"]
-
-
-def test_deleted_recordings_have_no_link() -> None:
-    name = session(3, missing=(2,))
-    assert exit_code(["view", name]) == 0
-    table = table_of(Path(opened()[0]))
-    assert "▶ 1" in table
-    assert "▶ 2" not in table
-    assert "▶ 3" in table
-
-
-def test_recordings_and_sessions_open_together() -> None:
-    name = session(1)
-    recording(Path("mine.rrd"), 0)
-    assert exit_code(["view", "mine.rrd", name]) == 0
-    assert [Path(path).name for path in opened()] == ["mine.rrd", "overview.rrd"]
-
-
-def test_two_walks_open_as_one_scene() -> None:
-    for name in ("a.rrd", "b.rrd"):
-        run(duration_s=0.5, record=Path(name))
-    assert exit_code(["view", "a.rrd", "b.rrd"]) == 0
-    assert [Path(path).name for path in opened()] == ["side-by-side.rrd"]
-    name = session(1)
-    assert exit_code(["view", "a.rrd", name]) == 0
-    assert [Path(path).name for path in opened()] == ["1-a.rrd", "overview.rrd"]
-
-
+@pytest.mark.slow
 def test_without_a_name_the_newest_is_opened_session_or_recording() -> None:
     older, newer = session(1, age_s=30), session(1, age_s=20)
     assert exit_code(["view"]) == 0
@@ -161,20 +104,6 @@ def test_what_cannot_be_opened_is_said_in_one_line(name: str, capsys: pytest.Cap
     assert not Path("opened").exists()
 
 
-def test_without_sessions_and_recordings_nothing_is_made(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["view", "nobody"]) == 2
-    assert "none yet" in capsys.readouterr().err
-    assert exit_code(["view"]) == 2
-    assert "no recording" in capsys.readouterr().err
-    assert not Path("runs").exists()
-
-
-def test_a_session_without_trials_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    name = session(0)
-    assert exit_code(["view", name]) == 2
-    assert f"adapt --resume {name}" in capsys.readouterr().err
-
-
 def page_of(viewer: Program) -> str:
     """What a browser gets at the address that a viewer prints."""
     viewer.wait_for("in a browser")
@@ -191,15 +120,17 @@ def page_of(viewer: Program) -> str:
     return str(wait_until(fetched, "the page"))
 
 
+@pytest.mark.realtime
 def test_a_recording_is_served_to_a_browser_until_an_interrupt(tmp_path: Path) -> None:
     path = tmp_path / "walk.rrd"
-    assert hexctl("run", "--duration", "1", "--record", str(path)).returncode == 0
+    assert exit_code(["run", "--backend", "mock", "--duration", "0.5", "--record", str(path)]) == 0
     with program(tmp_path, "view", "hexctl", "view", "--web", str(path)) as viewer:
         assert "<html" in page_of(viewer).lower()
         viewer.signal(signal.SIGINT)
         assert viewer.wait() == 0
 
 
+@pytest.mark.realtime
 def test_a_robot_is_watched_while_another_commands_it(tmp_path: Path) -> None:
     with (
         served(tmp_path) as robot,
@@ -216,6 +147,7 @@ def test_a_robot_is_watched_while_another_commands_it(tmp_path: Path) -> None:
         assert controller.process.poll() is None
 
 
+@pytest.mark.realtime
 def test_a_robot_that_ends_is_said_in_one_line(tmp_path: Path) -> None:
     with served(tmp_path, backend="mock") as robot:
         watching = ("hexctl", "view", "--web", "--connect", robot.endpoint)
@@ -227,49 +159,7 @@ def test_a_robot_that_ends_is_said_in_one_line(tmp_path: Path) -> None:
             assert "Traceback" not in viewer.said()
 
 
-class MadeUpView:
-    """Counts what it is shown, and is closed by its user in the third recording."""
-
-    lost: str | None = None
-    url: str | None = None
-
-    def __init__(self, **_: Any) -> None:
-        self.rows: list[int] = []
-
-    def __enter__(self) -> "MadeUpView":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        shown.append(self.rows)
-
-    @property
-    def open(self) -> bool:
-        return len(self.rows) < 3
-
-    def begin(self, *_: Any, **__: Any) -> None:
-        self.rows.append(0)
-
-    def write_block(self, _log: TickLog, start: int, stop: int) -> None:
-        self.rows[-1] += stop - start
-
-    def close(self, **_: Any) -> None:
-        pass
-
-
-shown: list[list[int]] = []
-
-
-def test_a_long_watch_is_shown_in_parts_that_fit_into_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(live, "LiveView", MadeUpView)
-    monkeypatch.setattr(live, "MAX_WATCHED_TICKS", 20)
-    shown.clear()
-    with served(tmp_path, backend="mock") as robot:
-        assert exit_code(["view", "--web", "--connect", robot.endpoint]) == 0
-    assert shown == [[20, 20, 0]]
-
-
+@pytest.mark.realtime
 def test_without_a_screen_a_live_view_says_so_and_the_walk_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -277,18 +167,11 @@ def test_without_a_screen_a_live_view_says_so_and_the_walk_goes_on(
         monkeypatch.delenv(name, raising=False)
     walked = hexctl("run", "--realtime", "--view", "--duration", "0.5", "--record", str(tmp_path / "a.rrd"))
     assert walked.returncode == 0, walked.stderr
-    assert walked.stderr.count("finds no display") == 1
-    assert "close the viewer" not in walked.stderr
+    assert walked.stderr.count("display") == 1
     with served(tmp_path, backend="mock") as robot:
         watched = hexctl("view", "--connect", robot.endpoint)
     assert watched.returncode == 3
-    assert "finds no display; hexctl view --web" in watched.stderr
-
-
-def test_bad_input() -> None:
-    assert exit_code(["view", "--keys", "x"]) == 2
-    assert exit_code(["view", "a.rrd", "--connect", "tcp/127.0.0.1:1"]) == 2
-    assert exit_code(["view", "--connect", "nonsense"]) == 2
+    assert "hexctl view --web" in watched.stderr
 
 
 @pytest.fixture(scope="module")
@@ -303,6 +186,7 @@ def damaged(walk: Path) -> Path:
     return damage(walk)
 
 
+@pytest.mark.slow
 def test_a_session_is_shown_without_what_is_damaged_and_names_it(
     damaged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -326,6 +210,7 @@ def test_a_session_is_shown_without_what_is_damaged_and_names_it(
         assert emptied.startswith(f"hexctl: recording: {empty} is not a Rerun recording")
 
 
+@pytest.mark.slow
 def test_an_old_overview_that_leads_to_damage_is_not_opened(
     damaged: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -346,31 +231,7 @@ def test_an_old_overview_that_leads_to_damage_is_not_opened(
     assert opened() != [str(old)]
 
 
-def test_ctrl_c_of_a_served_viewer_mentions_no_soft_stop(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*_: object, **__: object) -> None:
-        with monkeypatch.context() as patch:
-            patch.setattr(sys.stderr, "isatty", lambda: True)
-            os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr(session_viewing, "serve_runs", interrupted)
-    assert exit_code(["view", "--web"]) == 0
-    said = capfd.readouterr().err
-    assert ("Ctrl-C" in said, "soft stop" in said) == (True, False)
-
-
-def test_a_session_is_served_without_what_is_damaged(damaged: Path, tmp_path: Path) -> None:
-    name = session(2)
-    Path("runs", name, "trial-001.rrd").write_bytes(damaged.read_bytes())
-    runs = str(tmp_path / "runs")
-    with program(tmp_path, "view", "hexctl", "view", "--web", name, HEXCTL_RUNS=runs) as viewer:
-        assert "<html" in page_of(viewer).lower()
-        assert "trial-001.rrd is damaged" in viewer.said()
-        viewer.signal(signal.SIGINT)
-        assert viewer.wait() == 3
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--web",)])
 def test_a_damaged_recording_is_named_before_anything_is_shown(
     options: tuple[str, ...], walk: Path, damaged: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
@@ -380,3 +241,109 @@ def test_a_damaged_recording_is_named_before_anything_is_shown(
     told = capsys.readouterr().err
     assert told.startswith(f"hexctl: recording: {damaged} is damaged")
     assert told.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_a_session_opens_as_its_overview_with_a_link_to_each_trial_that_has_a_recording() -> None:
+    name = session(3, missing=(2,))
+    stale = Path("runs", name, "overview.rrd")
+    stale.write_bytes(b"RRF2")
+    for typed in (name, f"runs/{name}/"):
+        assert exit_code(["view", typed]) == 0
+        assert opened() == [f"runs/{name}/overview.rrd"]
+    table = table_of(Path(opened()[0]))
+    for index in (1, 3):
+        assert f"[▶ {index}]({Path.cwd().as_uri()}/runs/{name}/trial-00{index}.rrd)" in table
+    assert "▶ 2" not in table
+
+
+@pytest.mark.slow
+def test_walks_open_as_one_scene_and_with_sessions(walk: Path) -> None:
+    for name in ("a.rrd", "b.rrd"):
+        shutil.copy(walk, name)
+    assert exit_code(["view", "a.rrd", "b.rrd"]) == 0
+    assert [Path(path).name for path in opened()] == ["side-by-side.rrd"]
+    name = session(1)
+    assert exit_code(["view", "a.rrd", name]) == 0
+    assert [Path(path).name for path in opened()] == ["1-a.rrd", "overview.rrd"]
+
+
+def test_without_sessions_and_trials_there_is_nothing_to_view(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["nobody"], []):
+        assert exit_code(["view", *words]) == 2
+    assert not Path("runs").exists()
+    name = session(0)
+    capsys.readouterr()
+    assert exit_code(["view", name]) == 2
+    assert f"adapt --resume {name}" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_it_prints_where_the_output_lies(walk: Path, tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    for arguments, path in (
+        (["ant", "--to", "urdf"], "ant.urdf"),
+        (["ant", "--ros2-control", "-o", "a.urdf"], "a.urdf"),
+        ([str(walk), "-o", "table.csv"], "table.csv"),
+        ([str(walk), "-o", "walk.mcap"], "walk.mcap"),
+    ):
+        assert exit_code(["export", *arguments]) == 0
+        assert capsys.readouterr().out == f"{path}\n"
+        assert Path(path).stat().st_size > 1000
+    assert "ros2_control" in Path("a.urdf").read_text()
+
+
+@pytest.mark.slow
+def test_what_is_wrong_is_told_in_one_line_with_flags(
+    walk: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for words, named in (
+        ([], "--to"),
+        (["--to", "csv", "--camera", "top"], "--camera"),
+        (["--to", "csv", "--width", "100"], "--width"),
+        (["--to", "gif", "--caption", "a", "--caption", "b"], "--caption"),
+        (["--to", "gif", "--from", "99"], "--from"),
+        (["--to", "csv", "--robot", "nobody"], "unknown robot 'nobody'"),
+    ):
+        assert exit_code(["export", str(walk), *words]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"hexctl: {named}")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_damaged_recording_is_named_and_nothing_is_written(
+    walk: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    damaged = damage(walk)
+    for kind in ("csv", "urdf"):
+        assert exit_code(["export", str(damaged), "--to", kind, "-o", f"out.{kind}"]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith(f"hexctl: recording: {damaged} is damaged")
+        assert told.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_what_a_session_has_lost_is_named_and_the_rest_is_written(
+    tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    session = adapt(
+        robot="ant", failed_leg=5, budget=3, duration_s=0.5, optimizer="random", baseline=False
+    ).session
+    first, second, third = (Path(str(trial.recording)) for trial in session.trials)
+    damage(first).replace(first)
+    second.unlink()
+    assert exit_code(["export", session.name, "--to", "mcap", "-o", "bags"]) == 3
+    captured = capsys.readouterr()
+    assert captured.out == "bags\n"
+    assert [path.name for path in Path("bags").iterdir()] == [third.stem]
+    damaged, missing = captured.err.splitlines()
+    assert damaged.startswith(f"hexctl: recording: {first} is damaged")
+    assert missing.startswith(f"hexctl: recording: {second} is not there")
+    assert exit_code(["export", session.name, "-o", "trials.csv"]) == 0
+    assert capsys.readouterr().err == ""
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "runs", "trials.csv"]

@@ -16,7 +16,6 @@ from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.cli.main import exit_code
 from hexctl.cli.walk.drive_command import _why
 from hexctl.control.drive.drive import Drive
-from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
@@ -28,7 +27,8 @@ pytestmark = pytest.mark.realtime
 
 
 def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
-    with on_terminal(tmp_path, "--record", "drive.rrd", "--gamepad", "none") as terminal:
+    options = ("--gamepad", "none", "--failed-leg", "4", "--gait", "tripod")
+    with on_terminal(tmp_path, "--record", "drive.rrd", *options) as terminal:
         terminal.wait("w s or arrows")
         terminal.wait("tripod · driving")
         terminal.type("ww")
@@ -42,19 +42,8 @@ def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
         shown = terminal.wait("recorded in drive.rrd; look at it with: hexctl view drive.rrd")
         assert re.search(r"ended; the robot stands\s+hexctl: recorded in", shown)  # no status behind it
         assert terminal.code() == 0
-    assert (tmp_path / "drive.rrd").stat().st_size > 10_000
-
-
-def test_a_recording_tells_the_gait_and_the_leg_that_had_failed(tmp_path: Path) -> None:
-    options = ("--gait", "wave", "--failed-leg", "4", "--gamepad", "none")
-    with on_terminal(tmp_path, "--record", "drive.rrd", *options) as terminal:
-        terminal.wait("· driving")
-        terminal.type("q")
-        terminal.wait("ended; the robot stands")
-        assert terminal.code() == 0
     (panel,) = ReadBack(tmp_path / "drive.rrd").values("/summary", "TextDocument:text")[-1]
-    assert "| failed leg | 4 (locked), turned to: none |" in panel
-    assert f"| gait | {' '.join(map(str, NAMED_SLOTS['wave']))} " in panel
+    assert "| failed leg | 4 (locked)" in panel
     failed = LEG_CONDITIONS.index("failed")
     assert (read_trial(tmp_path / "drive.rrd").leg_conditions == [0, 0, 0, failed, 0, 0]).all()
 
@@ -69,17 +58,13 @@ def test_ctrl_c_ends_at_a_stand(tmp_path: Path) -> None:
         assert terminal.code() == 130
 
 
-@pytest.mark.parametrize("how", ["closed", "hangup"])
-def test_a_terminal_that_goes_ends_at_a_stand(how: str, tmp_path: Path) -> None:
+def test_a_terminal_that_goes_ends_at_a_stand(tmp_path: Path) -> None:
     record = tmp_path / "drive.rrd"
     with on_terminal(tmp_path, "--record", str(record)) as terminal:
         terminal.wait("tripod · driving")
         terminal.type("www")
         terminal.wait(r"forward \+0\.1")
-        if how == "closed":
-            terminal.close()
-        else:
-            terminal.process.send_signal(signal.SIGHUP)
+        terminal.close()
         assert terminal.code() == 0
     assert record.stat().st_size > 10_000  # closed, not cut off
 
@@ -155,43 +140,12 @@ def paged(port: str) -> Iterator[ClientConnection]:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "answer"),
-    [
-        (["--page-keys", "keys"], "--page-keys: got it without --page; allowed: with --page HOST:PORT"),
-        ([], "--keyboard: got no terminal to read keys from; allowed: a terminal, --page HOST:PORT"),
-        (["--page", "0.0.0.0:0"], "--page: got 0.0.0.0, which other computers reach, without certificates"),
-        (["--no-keyboard"], "--no-keyboard: got it with nothing else to drive with; allowed: --page HOST"),
-        (["--gamepad", __file__], "test_drive_command.py, which is no event file; allowed: such as"),
-        (["--page", "127.0.0.1:0", "--page-keys", "no"], "--page-keys: got no, which has no robot/certif"),
-        (["--page-view", "http://camera/"], "--page-view: got it without --page; allowed: with --page HOST"),
-        (["--page", "127.0.0.1:0", "--page-view", "camera"], "--page-view: got 'camera'; allowed: the URL"),
-        (["--no-record", "--record", "x.rrd"], "--no-record: got --record too; allowed: one or the other"),
-        (["--page", "here"], "--page: got 'here'; allowed: HOST:PORT such as 127.0.0.1:8017"),
-        (["--page", "127.0.0.1:0", "--gait", "trot"], "--gait: got 'trot'; allowed: demo, tripod"),
-        (["--page", "127.0.0.1:0", "--backend", "mock", "--world", "rough"], "--world: got rough with"),
-    ],
-)  # fmt: skip
-def test_what_is_not_allowed_is_said(
-    arguments: list[str], answer: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert exit_code(["drive", *arguments]) == 2
-    assert answer in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
     "trouble", [["--gait", "trot"], ["--backend", "zenoh", "--connect", "tcp/127.0.0.1:1"]]
 )
 def test_where_nothing_was_driven_there_is_no_recording(trouble: list[str], tmp_path: Path) -> None:
     record = tmp_path / "drive.rrd"
     assert exit_code(["drive", "--page", "127.0.0.1:0", "--record", str(record), *trouble]) != 0
     assert not record.exists()
-
-
-def test_a_recording_that_was_there_stays(tmp_path: Path) -> None:
-    record = tmp_path / "drive.rrd"
-    record.write_bytes(b"walked before")
-    assert exit_code(["drive", "--page", "127.0.0.1:0", "--record", str(record)]) == 2
-    assert record.read_bytes() == b"walked before"
 
 
 def test_the_command_that_ends_a_stop_leads_to_the_robot_that_was_driven() -> None:
