@@ -174,7 +174,6 @@ prior build --duration nan => --duration
 prior build --family flat => ranges
 prior build --out x.zip => --out
 prior build --out folder.npz => --out
-prior build --out a-file/x.npz => a-file
 prior build --dask nonsense => --dask
 prior build --directions 4 => --directions
 prior build --repertoire --failure limp => --failure

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.sessions import session_viewing
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import TrialRecord
@@ -28,10 +27,12 @@ SPACE = GaitSpace((SPEC.broken.leg,))
 
 
 @pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _in_an_empty_folder(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Work in an empty folder, with a viewer that notes what it is to open."""
     monkeypatch.chdir(tmp_path)
-    program = tmp_path / "viewer"
+    program = tmp_path_factory.mktemp("bin") / "viewer"
     program.write_text('#!/bin/sh\nprintf "%s\\n" "$@" > opened\n')
     program.chmod(0o755)
     monkeypatch.setattr(viewer, "viewer_binary", lambda: program)
@@ -93,9 +94,10 @@ def test_without_a_name_the_newest_is_opened_session_or_recording() -> None:
     assert opened() == ["runs/walk.rrd"]
 
 
-@pytest.mark.parametrize("name", ["nobody", "runs", "gone.rrd", "viewer"])
+@pytest.mark.parametrize("name", ["nobody", "runs", "gone.rrd", "a-file"])
 def test_what_cannot_be_opened_is_said_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     known = session(1)
+    Path("a-file").touch()
     assert exit_code(["view", name]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
@@ -279,8 +281,7 @@ def test_without_sessions_and_trials_there_is_nothing_to_view(capsys: pytest.Cap
 
 
 @pytest.mark.slow
-def test_it_prints_where_the_output_lies(walk: Path, tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_it_prints_where_the_output_lies(walk: Path, capsys: Any) -> None:
     for arguments, path in (
         (["ant", "--to", "urdf"], "ant.urdf"),
         (["ant", "--ros2-control", "-o", "a.urdf"], "a.urdf"),
@@ -294,10 +295,7 @@ def test_it_prints_where_the_output_lies(walk: Path, tmp_path: Path, capsys: Any
 
 
 @pytest.mark.slow
-def test_what_is_wrong_is_told_in_one_line_with_flags(
-    walk: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_what_is_wrong_is_told_in_one_line_with_flags(walk: Path, tmp_path: Path, capsys: Any) -> None:
     for words, named in (
         ([], "--to"),
         (["--to", "csv", "--camera", "top"], "--camera"),
@@ -314,10 +312,8 @@ def test_what_is_wrong_is_told_in_one_line_with_flags(
 
 @pytest.mark.slow
 def test_a_damaged_recording_is_named_and_nothing_is_written(
-    walk: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
+    damaged: Path, tmp_path: Path, capsys: Any
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    damaged = damage(walk)
     for kind in ("csv", "urdf"):
         assert exit_code(["export", str(damaged), "--to", kind, "-o", f"out.{kind}"]) == 2
         told = capsys.readouterr().err
@@ -328,22 +324,19 @@ def test_a_damaged_recording_is_named_and_nothing_is_written(
 
 @pytest.mark.slow
 def test_what_a_session_has_lost_is_named_and_the_rest_is_written(
-    tmp_path: Path, capsys: Any, monkeypatch: Any
+    walk: Path, damaged: Path, tmp_path: Path, capsys: Any
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    session = adapt(
-        robot="ant", failed_leg=5, budget=3, duration_s=0.5, optimizer="random", baseline=False
-    ).session
-    first, second, third = (Path(str(trial.recording)) for trial in session.trials)
-    damage(first).replace(first)
-    second.unlink()
-    assert exit_code(["export", session.name, "--to", "mcap", "-o", "bags"]) == 3
+    name = session(3, missing=(2,))
+    first, second, third = (Path("runs", name, f"trial-00{index}.rrd") for index in (1, 2, 3))
+    shutil.copy(damaged, first)
+    shutil.copy(walk, third)
+    assert exit_code(["export", name, "--to", "mcap", "-o", "bags"]) == 3
     captured = capsys.readouterr()
     assert captured.out == "bags\n"
     assert [path.name for path in Path("bags").iterdir()] == [third.stem]
-    damaged, missing = captured.err.splitlines()
-    assert damaged.startswith(f"hexctl: recording: {first} is damaged")
+    harmed, missing = captured.err.splitlines()
+    assert harmed.startswith(f"hexctl: recording: {first} is damaged")
     assert missing.startswith(f"hexctl: recording: {second} is not there")
-    assert exit_code(["export", session.name, "-o", "trials.csv"]) == 0
+    assert exit_code(["export", name, "-o", "trials.csv"]) == 0
     assert capsys.readouterr().err == ""
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "runs", "trials.csv"]

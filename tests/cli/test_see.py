@@ -210,5 +210,5 @@ def test_places_that_give_no_arena_are_refused(tmp_path: Path) -> None:
         arena_fields(tmp_path / "place.yaml", "ant")
     up = Camera.looking(scenes.WEBCAM, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.9]))
     saved(tmp_path, replace(PLACE, camera=CameraPose.of(up))).rename(tmp_path / "up.yaml")
-    with pytest.raises(InputError, match=r"up\.yaml"):
+    with pytest.raises(InputError, match="floor"):
         arena_fields(tmp_path / "up.yaml", "ant")
