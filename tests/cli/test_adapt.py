@@ -64,6 +64,7 @@ def course(outcome: dict[str, Any]) -> list[Any]:
     return [{key: value for key, value in trial.items() if key != "recording"} for trial in outcome["trials"]]
 
 
+@pytest.mark.slow
 @on_a_landscape
 def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record"]

@@ -190,7 +190,7 @@ def test_doctor_says_what_works_and_which_settings_are_in_force_and_what_is_wron
     assert "HEXCTL_OTHERS" in rows["unknown variables"]
     assert "HEXCTL_PRIOR_BUILD_WORLDS" not in rows["unknown variables"]
     assert "secret.lab" not in printed.out + printed.err
-    assert printed.err.startswith("hexctl: hexctl.toml: run.duraton: ")
+    assert printed.err.startswith("hexctl: HEXCTL_RUN_DURATON: ")
     answers = {line.split("  ")[0]: line.split("  ", 1)[1].strip() for line in works.splitlines()}
     assert answers["simulate walks"] == "yes"
     assert all(answer == "yes" or answer.startswith("NO: ") for answer in answers.values())

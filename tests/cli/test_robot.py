@@ -145,7 +145,6 @@ def test_whether_ranges_and_gait_fit_the_servos(
     report = check_json(capsys, str(path))
     for key, count in found.items():
         assert (report[key] if isinstance(count, bool) else len(report[key])) == count
-    assert exit_code(["check", str(path)]) == 0
 
 
 @pytest.mark.slow
