@@ -205,7 +205,7 @@ def fallen_tripod() -> Session:
     return made
 
 
-STEERED = {"objective": "speed", "hold": "auto", "self_rotation": "none", "body_raise": 0.012}
+STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation": "none", "body_raise": 0.012}
 
 
 @pytest.mark.parametrize(
