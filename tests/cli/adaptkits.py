@@ -35,7 +35,6 @@ class Echoing(Kit):
     """Says where its joints were told to be, and that it measures nothing."""
 
     def read(self) -> RobotState:
-        """The state, echoed."""
         return replace(super().read(), measured=False)
 
 
@@ -43,7 +42,6 @@ class Sagging(Kit):
     """Its joints stay behind by a degree, except one that is not measured."""
 
     def read(self) -> RobotState:
-        """The state, each joint but the last a degree behind."""
         state = super().read()
         behind = np.full(N_JOINTS, SAG_RAD)
         behind[-1] = 0.0
@@ -54,7 +52,6 @@ class FallsStanding(Sagging):
     """Falls as soon as it stands up."""
 
     def read(self) -> RobotState:
-        """The state, on its side once it was told to move."""
         if self.sent:
             self.lean(85.0)
         return super().read()
@@ -64,7 +61,6 @@ class EStopStanding(Sagging):
     """Is stopped by its own guard as soon as it stands up."""
 
     def read(self) -> RobotState:
-        """The state, stopped once it was told to move."""
         return replace(super().read(), stopped="estop" if self.sent else None)
 
 
@@ -72,7 +68,6 @@ class FaultStanding(Sagging):
     """Reports a fault as soon as it stands up."""
 
     def read(self) -> RobotState:
-        """The state, at fault once it was told to move."""
         self.healthy = not self.sent
         return super().read()
 
@@ -81,7 +76,6 @@ class InterruptedConnecting(Sagging):
     """Ctrl-C is pressed while it connects."""
 
     def connect(self) -> None:
-        """Connect, interrupted."""
         os.kill(os.getpid(), signal.SIGINT)
         super().connect()
 
@@ -90,7 +84,6 @@ class FallsOnce(Kit):
     """Falls in its second trial; it stands again at the next connection."""
 
     def read(self) -> RobotState:
-        """The state, on its side from some time on."""
         if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S:
             self.lean(85.0)
         return super().read()
@@ -100,7 +93,6 @@ class EStopped(Kit):
     """Is stopped in its second trial by its own guard, as `hexctl estop` does."""
 
     def read(self) -> RobotState:
-        """The state, stopped from some time on."""
         stopped = "estop" if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S else None
         return replace(super().read(), stopped=stopped)
 
@@ -109,7 +101,6 @@ class Faulty(Kit):
     """Reports a fault of its own in its second trial."""
 
     def read(self) -> RobotState:
-        """The state, at fault from some time on."""
         self.healthy = Kit.made[0] is not self or self.clock.now_s < IN_TRIAL_2_S
         return super().read()
 
@@ -118,7 +109,6 @@ class Unplugged(Kit):
     """Its link breaks in its second trial."""
 
     def read(self) -> RobotState:
-        """The state as long as the link holds."""
         if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S:
             self.fail_with(OSError(5, "Input/output error"))
         return super().read()

@@ -24,7 +24,6 @@ class Kit(PosedMock):
         Kit.made.append(self)
 
     def close(self) -> None:
-        """Count, and close."""
         self.closed += 1
         super().close()
 
@@ -33,7 +32,6 @@ class Sick(Kit):
     """Reports a fault of its own after two seconds."""
 
     def read(self) -> RobotState:
-        """The state, at fault from two seconds on."""
         self.healthy = self.clock.now_s < 2.0
         return super().read()
 
@@ -42,7 +40,6 @@ class Lost(Kit):
     """Knows no pose any more after two seconds."""
 
     def read(self) -> RobotState:
-        """The state, without a pose from two seconds on."""
         if self.clock.now_s >= 2.0:
             self.position_world = self.quaternion_world = None
         return super().read()
@@ -54,7 +51,6 @@ class _Breaking(Kit):
     error: Exception
 
     def write(self, targets: JointTargets) -> JointTargets:
-        """Send targets as long as the link holds."""
         if self.clock.now_s >= 2.0:
             self.fail_with(self.error)
         return super().write(targets)
@@ -76,7 +72,6 @@ class Interrupting(Kit):
     """Ctrl-C comes while it connects."""
 
     def connect(self) -> None:
-        """Connect, and be interrupted."""
         super().connect()
         os.kill(os.getpid(), signal.SIGINT)
 
@@ -85,7 +80,6 @@ class NoPipe(Kit):
     """Cannot be connected: the program at the other end is dead."""
 
     def connect(self) -> None:
-        """Fail."""
         raise BrokenPipeError(32, "Broken pipe")
 
 
@@ -93,5 +87,4 @@ class NoPort(Kit):
     """Cannot be connected: there is no such port."""
 
     def connect(self) -> None:
-        """Fail."""
         raise FileNotFoundError(2, "No such file or directory", "/dev/ttyUSB7")

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hexctl.waiting import wait_for
@@ -124,3 +124,16 @@ def on_terminal(folder: Path, *arguments: str) -> Iterator[OnTerminal]:
         yield made
     finally:
         made.end()
+
+
+def wait_until_it_grows(path: Path) -> None:
+    """Wait until some of the walk is in its recording, behind the scene."""
+    sizes: set[int] = set()
+
+    def grown() -> bool:
+        with suppress(FileNotFoundError):  # a first file only shows that the folder can be written
+            sizes.add(path.stat().st_size)
+        time.sleep(0.3)
+        return len(sizes) > 5
+
+    wait_for(grown, WAIT_S, f"{path} does not grow")

@@ -1,21 +1,22 @@
-"""Options: what `--help` says about each, and the ranges that they check."""
+"""Options of all commands: their help, their ranges, and the ways to ask for help."""
 
+import math
 import re
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from itertools import pairwise
+from typing import Any, Literal, get_origin
 
 import pytest
 import typer
 
-from hexctl import cli
 from hexctl.cli.grouped_help import MOST_UNGROUPED
-from hexctl.cli.main import app, exit_code
-from hexctl.gait.gait import NAMED_SLOTS, gait_text
+from hexctl.cli.main import COMMANDS, app, exit_code
+from hexctl.cli.suggestions import SYNONYMS
+from hexctl.cli.values import given
+from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.options import Option, Range
 from hexctl.robot.configs import config_names
 from hexctl.robot.failure import FAILURE_KINDS
-
-CLI = Path(cli.__file__).parent
 
 #: What an option or argument that takes a number says about it.
 RANGE = re.compile(r"\d\.\.\d|or more|above 0|any finite number")
@@ -40,7 +41,14 @@ def is_number(parameter: Any) -> bool:
     return parameter.type_descriptor.annotation in (int, float)
 
 
-@pytest.mark.parametrize(("path", "command"), list(commands()), ids=lambda value: str(value)[:30])
+def typed_options(parameters: list[Any]) -> list[Any]:
+    return [one for one in parameters if one.param_type_name == "option" and one.opts[0].startswith("--")]
+
+
+EVERY = pytest.mark.parametrize(("path", "command"), list(commands()), ids=lambda value: str(value)[:30])
+
+
+@EVERY
 def test_every_command_and_option_says_what_it_is(path: str, command: Any) -> None:
     first = (command.help or "").split("\n\n")[0]
     assert first.endswith(".")
@@ -49,7 +57,6 @@ def test_every_command_and_option_says_what_it_is(path: str, command: Any) -> No
         said = parameter.help or ""
         name = f"{path} {parameter.name}: {said!r}"
         assert said.endswith((".", ")")), f"no sentence: {name}"
-        assert "As in hexctl" not in said, name
         if parameter.param_type_name == "option" and not parameter.is_flag and path != "hexctl view":
             assert parameter.default is not None or "(default:" in said, f"no default: {name}"
         if is_number(parameter):
@@ -57,14 +64,47 @@ def test_every_command_and_option_says_what_it_is(path: str, command: Any) -> No
             assert UNIT.search(said), f"no unit: {name}"
 
 
-def test_there_are_numbers_among_them() -> None:
-    assert sum(is_number(parameter) for _path, command in commands() for parameter in command.params) > 20
+def fields_of(command: Any) -> tuple[Option, ...]:
+    """Fields of the dataclass whose options a command has."""
+    unused = getattr(command.callback, "unused", None)
+    return () if unused is None else tuple(unused.args[1])
 
 
-def test_commands_are_listed_in_groups_beginning_with_a_walk() -> None:
-    group: Any = typer.main.get_command(app)
-    assert list(group.commands)[:2] == ["run", "adapt"]
-    assert all(command.rich_help_panel for command in group.commands.values())
+def outside(allowed: Range) -> list[float]:
+    """Values beyond the ends of a range."""
+    ends = [allowed.low if allowed.above else allowed.low - 1, allowed.high + 1]
+    return [end for end in ends if math.isfinite(end)]
+
+
+@EVERY
+def test_every_range_of_a_field_is_read_and_refused_beyond_with_its_flag(
+    path: str, command: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = {flag for one in command.params for flag in one.opts}
+    for option in fields_of(command):
+        assert f"--{option.flag}" in flags
+        if option.range is None:
+            continue
+        good = option.range.high if math.isfinite(option.range.high) else option.range.low + 1
+        good = 1 if math.isinf(good) else good
+        context = command.make_context(path, [f"--{option.flag}", f"{good:.15g}"], resilient_parsing=True)
+        field = math.radians(good) if option.range.degrees else good
+        assert context.params[option.name] == pytest.approx(field)
+        for bad in outside(option.range):
+            assert exit_code([*path.split()[1:], f"--{option.flag}", f"{bad:.15g}"]) == 2
+            assert capsys.readouterr().err.startswith(f"hexctl: --{option.flag}: got ")
+
+
+@EVERY
+def test_what_is_no_number_or_no_choice_is_refused_with_its_flag(
+    path: str, command: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for parameter in typed_options(command.params):
+        bad = ["x", "nan"] if is_number(parameter) else []
+        bad += ["no-such-word"] if get_origin(parameter.type_descriptor.annotation) is Literal else []
+        for value in bad:
+            assert exit_code([*path.split()[1:], parameter.opts[0], value]) == 2
+            assert capsys.readouterr().err.startswith(f"hexctl: {parameter.opts[0]}: got ")
 
 
 def test_names_in_help_texts_are_those_that_exist() -> None:
@@ -72,6 +112,7 @@ def test_names_in_help_texts_are_those_that_exist() -> None:
     assert all(name in help_of["robot"] for name in config_names("robots"))
     assert all(name in help_of["failure"] for name in FAILURE_KINDS)
     assert ", ".join(NAMED_SLOTS) in help_of["gait"]
+    assert all(command.panel for command in COMMANDS.values())
 
 
 def with_groups(group: Any = None, path: str = "hexctl") -> Iterator[tuple[str, list[str]]]:
@@ -94,18 +135,96 @@ def test_a_long_command_shows_its_options_in_groups(path: str, capsys: pytest.Ca
     assert "Options" not in shown
 
 
-@pytest.mark.parametrize(
-    ("typed", "gait"),
-    [("1,4,1,4,1,4", "tripod"), (" 1, 4,1,4,1,4", "tripod"), ("Wave", "wave"), ("57", "57"),
-     ("5,1,2,4,3,6", "5,1,2,4,3,6"), ("1,1,1,1,1,1", "1,1,1,1,1,1")],
-)  # fmt: skip
-def test_slots_that_are_printed_for_a_gait_may_be_typed(typed: str, gait: str) -> None:
-    assert gait_text(typed) == gait
-
-
 def test_help_leaves_out_what_help_all_shows(capsys: pytest.CaptureFixture[str]) -> None:
     for flag, shown in (("--help", False), ("--help-all", True)):
         assert exit_code(["run", flag]) == 0
         printed = capsys.readouterr().out
         assert "--gait" in printed
         assert ("--swing-share" in printed) is shown
+
+
+@pytest.mark.parametrize("asked", [["-h"], ["help"], ["run", "-h"], ["help", "sim", "board"]])
+def test_help_is_asked_for_in_any_usual_way(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(asked) == 0
+    assert "Usage: hexctl" in capsys.readouterr().out
+
+
+def test_the_paragraphs_of_a_help_text_fill_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert exit_code(["adapt", "--help"]) == 0
+    described = [line.strip() for line in capsys.readouterr().out.partition(":\n  --")[0].splitlines()[:-1]]
+    for line, following in pairwise(described):
+        if line and following:
+            assert len(f"{line} {following.split()[0]}") > 75
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("stpo", "'estop'"),
+        ("run mine.yaml", "--robot mine.yaml"),
+        ("adapt --failed-leg 5 lukas", "--robot lukas"),
+        ("drive wave", "--gait wave"),
+        ("sessions rm x", "'delete'"),
+        *((words, None) for words in ("xyzzy", "rm", "run xyzzy", "estop phantomx")),
+    ],
+)
+def test_what_may_have_been_meant_is_proposed(
+    words: str, meant: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(words.split()) == 2
+    said = capsys.readouterr().err
+    assert ("did you mean" in said.lower()) is (meant is not None)
+    assert meant is None or meant in said
+
+
+def test_proposed_commands_exist() -> None:
+    meant = {command.split()[0] for command in SYNONYMS.values()}
+    assert meant <= COMMANDS.keys() | {"list", "delete", "copy"}
+    assert not SYNONYMS.keys() & COMMANDS.keys()
+
+
+def test_names_are_taken_in_any_case(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["check", "Ant", "--gait", "Tripod"]) == 0
+    assert exit_code(["run", "--backend", "Mock", "--world", "flat"]) == 2
+    assert "--backend mock" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("allowed", "inside", "outside"),
+    [
+        (Range(low=0, whole=True), ["0", "12"], ["-1", "1.5", "x", "nan", ""]),
+        (Range(low=1, high=6, whole=True), ["1", "6"], ["0", "7"]),
+        (Range(low=0, high=10, above=True), ["1e-9", "10"], ["0", "-0.0", "10.1", "nan"]),
+        (Range(low=0, above=True), ["1e9"], ["0", "inf"]),
+        (Range(low=-360, high=360), ["-360", "0", "360"], ["361", "-inf"]),
+        (Range(), ["-1e300"], ["nan", "inf", "one"]),
+    ],
+    ids=str,
+)
+def test_a_range_takes_what_it_says(allowed: Range, inside: list[str], outside: list[str]) -> None:
+    assert [allowed.parse(number) for number in inside] == [float(number) for number in inside]
+    for number in outside:
+        with pytest.raises(ValueError, match="allowed: "):
+            allowed.parse(number)
+
+
+def test_only_short_ranges_of_whole_numbers_are_offered_by_the_shell() -> None:
+    assert Range(low=1, high=6, whole=True).complete("") == ["1", "2", "3", "4", "5", "6"]
+    assert Range(low=1, high=6, whole=True).complete("4") == ["4"]
+    for long in (Range(low=0, whole=True), Range(low=1, high=1000, whole=True), Range(low=0, high=1)):
+        assert long.complete("") == []
+
+
+def test_what_was_typed_is_told_from_defaults() -> None:
+    seen: dict[str, Any] = {}
+    probe = typer.Typer()
+
+    @probe.command()
+    def command(context: typer.Context, robot: str = "ant", seed: int = 0) -> None:
+        seen.update(given(context), values=(robot, seed))
+
+    probe(["--seed", "0"], standalone_mode=False)
+    assert seen == {"--seed": 0, "values": ("ant", 0)}

@@ -43,22 +43,22 @@ DROPPED = ("--view", "--realtime")
 #: Only parsed, as the program itself would: commands with all of these words, and why.
 PARSED = {
     ("view",): "opens a window, until it is closed",
-    ("drive",): "drives until a person ends it; tests/cli/walk/test_drive_command.py does",
+    ("drive",): "drives until a person ends it; tests/cli/test_drive.py does",
     ("calibrate",): "asks a person what each servo did",
     ("adapt", "--ask"): "asks a person where the robot is",
     ("adapt", "tls/robot.local:7447"): "needs a robot on another computer",
     ("study", "--legs"): "the same as plain study, once that is shortened",
     ("study", "--transfer"): "simulates for an hour; tests/study has a small one",
-    ("study", "--hold"): "walks for an hour; tests/cli/study/test_study_command.py has a small one",
-    ("study", "--recovery"): "walks for hours; tests/cli/study/test_study_command.py has a small one",
+    ("study", "--hold"): "walks for an hour; tests/cli/test_study.py has a small one",
+    ("study", "--recovery"): "walks for hours; tests/cli/test_study.py has a small one",
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
-    ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/study/test_prior_command.py has it",
-    ("run", "2:limp@8"): "fails later than a shortened walk ends; tests/cli/walk/test_run_command.py has one",
+    ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/test_prior.py has it",
+    ("run", "2:limp@8"): "fails later than a shortened walk ends; tests/cli/test_run.py has one",
     ("run", "5:locked@8"): "the same",
     (
         "run",
         "--then",
-    ): "changes gait later than a shortened walk ends; tests/cli/walk/test_run_command.py has one",
+    ): "changes gait later than a shortened walk ends; tests/cli/test_run.py has one",
     ("--dask",): "needs a cluster; tests/study has one",
 }
 

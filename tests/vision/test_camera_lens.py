@@ -1,4 +1,4 @@
-"""A lens calibrated from Python. The command is in tests/cli/see/test_see_calibrate_command.py."""
+"""A lens calibrated from Python. The command is in tests/cli/test_see.py."""
 
 from pathlib import Path
 from typing import Any

@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -45,7 +44,6 @@ class Servos:
     path: Path
 
     def walking(self) -> bool:
-        """Whether all of the last targets were new ones."""
         log = ServoLog.read(self.path, WALK_TICKS + 1)
         if len(log.times_s) <= WALK_TICKS or time.monotonic() - log.times_s[-1] > 0.1:
             return False
@@ -53,12 +51,10 @@ class Servos:
         return bool(new.all()) and float(np.ptp(log.joint_positions_rad, axis=0).max()) > WALK_RAD
 
     def told_after(self, at_s: float) -> bool:
-        """Whether targets have come since a moment."""
         log = ServoLog.read(self.path, 1)
         return bool((log.times_s > at_s).any())
 
     def rest_after_s(self, at_s: float) -> float:
-        """Wait until the targets rest; how long after a moment they changed last."""
 
         def rested() -> list[float]:
             now_s = time.monotonic()
@@ -78,6 +74,7 @@ class Driven(ABC):
 
     def __init__(self, folder: Path, chance: random.Random) -> None:
         self.folder, self.chance = folder, chance
+        self.drive: Process | None = None
         self.servos = Servos(folder / "servos")
         self.servos.path.touch()
 
@@ -85,18 +82,16 @@ class Driven(ABC):
         self.begin()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end()
 
     @abstractmethod
     def begin(self) -> None:
         """Start what takes long."""
 
-    @abstractmethod
     def end(self) -> None:
-        """End all processes."""
+        if self.drive is not None:
+            self.drive.end()
 
     @abstractmethod
     def command(self) -> None:
@@ -106,31 +101,25 @@ class Driven(ABC):
     def cause(self) -> float:
         """What is to end the walk; when it began, on time.monotonic."""
 
-    @abstractmethod
     def alive(self) -> bool:
-        """Whether the drive goes on."""
+        return self.drive is not None and self.drive.alive()
+
+    def said(self) -> str:
+        return "" if self.drive is None else self.drive.said()
 
     def again(self) -> None:
-        """Undo the cause."""
         return
 
     def walk(self) -> None:
-        """Command, and wait until it walks; raises LostDriveError where it does not."""
         self.command()
         wait_for(lambda: self.servos.walking() or not self.alive(), PATIENCE_S, "the robot does not walk")
         self.check()
 
     def check(self) -> None:
-        """Raise LostDriveError for a drive that has ended."""
         if not self.alive():
             raise LostDriveError(self.said())
 
-    def said(self) -> str:
-        """What the drive has printed."""
-        return ""
-
     def shares(self) -> tuple[float, float, float]:
-        """Where a stick is: forward, left and turn, -1 to 1, never near the middle."""
         angle = self.chance.choice([0.0, 0.25, 0.5, 0.75]) + self.chance.uniform(-0.1, 0.1)
         turn = self.chance.choice([0.0, self.chance.uniform(-1, 1)])
         return float(np.cos(2 * np.pi * angle)), float(np.sin(2 * np.pi * angle)), turn
@@ -152,11 +141,9 @@ class Process:
             )
 
     def said(self) -> str:
-        """What it has printed."""
         return self.output.read_text(encoding="utf-8")
 
     def wait_for(self, pattern: str) -> re.Match[str]:
-        """A match in what it prints; raises LostDriveError where it ends before."""
 
         def found() -> list[re.Match[str] | None]:
             match = re.search(pattern, self.said())
@@ -168,17 +155,14 @@ class Process:
         return match
 
     def alive(self) -> bool:
-        """Whether it runs."""
         return self.process.poll() is None
 
     def signal(self, number: signal.Signals) -> float:
-        """Send a signal; when."""
         now_s = time.monotonic()
         self.process.send_signal(number)
         return now_s
 
     def end(self) -> None:
-        """End it, however it is."""
         self.process.kill()
         self.process.wait()
 
@@ -194,7 +178,6 @@ class Pad:
         self._writing = self._other = -1
 
     def plug_in(self) -> None:
-        """Make the event file."""
         if self._pipe:
             os.mkfifo(self.path)
             self._writing = os.open(self.path, os.O_RDWR)
@@ -204,19 +187,16 @@ class Pad:
         self.path.symlink_to(os.ttyname(self._other))
 
     def press(self, forward: float, left: float, turn: float) -> None:
-        """Hold the button, the sticks somewhere."""
         for axis, share in ((STICK_Y, -forward), (STICK_X, -left), (TURN, -turn)):
             self._send(axis, round(32767 * share))
         self._send(HOLD, 1)
 
     def release(self) -> float:
-        """Let the button go; when."""
         now_s = time.monotonic()
         self._send(HOLD, 0)
         return now_s
 
     def plug_out(self) -> float:
-        """Let the event file go; when."""
         self.path.unlink(missing_ok=True)
         now_s = time.monotonic()
         for end in (self._writing, self._other):

@@ -1,4 +1,4 @@
-"""Hands that are lifted, and hands that go: gamepads, pages and terminals of a robot that walks."""
+"""Hands that are lifted or go, and links that are lost: gamepads, pages, terminals, cables."""
 
 import os
 import random
@@ -9,11 +9,13 @@ import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
+from hexctl.control.controllers import SITTING_S
 from hexctl.waiting import wait_for
 from pictures.browser import BrowserError, browser
-from tests.cli.stopping.drives import PATIENCE_S, Driven, LostDriveError, Pad, local
+from tests.cli.stopping.drives import PATIENCE_S, Driven, LostDriveError, Pad, Process, local
 from tests.cli.terminals import COMMAND, WITH_TERMINAL, OnTerminal
-from tests.server.processes import RECORDED
+from tests.server.cable import Cable
+from tests.server.processes import RECORDED, served
 from tests.server.recorded import VARIABLE
 
 #: How long a browser that has just begun may hang, for up to 0.7 s at a time.
@@ -44,34 +46,21 @@ class PadDriven(Driven):
         self._how = how
 
     def begin(self) -> None:
-        """Start the drive, and plug in."""
         self._pad = Pad(self.folder / "pad", pipe=self._how != "gone")
         self._pad.plug_in()
-        self._drive = local(self.folder, self.servos, "--gamepad", str(self._pad.path))
+        self.drive = local(self.folder, self.servos, "--gamepad", str(self._pad.path))
 
     def end(self) -> None:
-        """End the drive."""
-        self._drive.end()
+        super().end()
         self._pad.plug_out()
 
-    def alive(self) -> bool:
-        """Whether the drive goes on."""
-        return self._drive.alive()
-
-    def said(self) -> str:
-        """What the drive has printed."""
-        return self._drive.said()
-
     def command(self) -> None:
-        """Hold the button, and push the sticks."""
         self._pad.press(*self.shares())
 
     def cause(self) -> float:
-        """Let go, or pull out."""
         return self._pad.release() if self._how == "released" else self._pad.plug_out()
 
     def again(self) -> None:
-        """Plug in."""
         if self._how != "released":
             self._pad.plug_in()
 
@@ -90,30 +79,18 @@ class PageDriven(Driven):
         self._finger: subprocess.Popen[str] | None = None
 
     def begin(self) -> None:
-        """Start the drive, and a client."""
-        self._drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
-        self.port = self._drive.wait_for(r"127\.0\.0\.1:(\d+)/")[1]
+        self.drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
+        self.port = self.drive.wait_for(r"127\.0\.0\.1:(\d+)/")[1]
         self.again()
 
     def end(self) -> None:
-        """End the drive."""
-        self._drive.end()
+        super().end()
         self._leave()
 
-    def alive(self) -> bool:
-        """Whether the drive goes on."""
-        return self._drive.alive()
-
-    def said(self) -> str:
-        """What the drive has printed."""
-        return self._drive.said()
-
     def command(self) -> None:
-        """Put a finger down."""
         self._tell("v {:.3f} {:.3f} {:.3f}".format(*self.shares()))
 
     def cause(self) -> float:
-        """Lift it, or let the client go."""
         assert self._finger is not None
         now_s = time.monotonic()
         if self._how == "released":
@@ -125,7 +102,6 @@ class PageDriven(Driven):
         return now_s
 
     def again(self) -> None:
-        """Open another client where this one has gone, or stand up where the robot was stopped."""
         if self._how == "stop" and self._finger is not None:
             self._tell("release")
             time.sleep(STANDS_S)
@@ -176,29 +152,18 @@ class BrowserDriven(Driven):
         self._stack = ExitStack()
 
     def begin(self) -> None:
-        """Start the drive and a browser; raises MissingProgramError where there is none."""
-        self._drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
-        self._url = self._drive.wait_for(r"http://127\.0\.0\.1:\d+/")[0]
+        self.drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
+        self._url = self.drive.wait_for(r"http://127\.0\.0\.1:\d+/")[0]
         self._page = self._stack.enter_context(browser((800, 900), self.folder))
         self._show()
         time.sleep(BROWSER_S)
 
     def end(self) -> None:
-        """End both."""
-        self._drive.end()
+        super().end()
         with suppress(BrowserError):
             self._stack.close()
 
-    def alive(self) -> bool:
-        """Whether the drive goes on."""
-        return self._drive.alive()
-
-    def said(self) -> str:
-        """What the drive has printed."""
-        return self._drive.said()
-
     def command(self) -> None:
-        """Put a finger on the left pad."""
         x, y, width = self._page.value(
             "(() => { const b = document.getElementById('walk').getBoundingClientRect();"
             " return [b.x + b.width / 2, b.y + b.height / 2, b.width]; })()"
@@ -207,7 +172,6 @@ class BrowserDriven(Driven):
         self._page.touch(x - 0.45 * left * width, y - 0.45 * forward * width)
 
     def cause(self) -> float:
-        """Lift the finger, or close the tab."""
         now_s = time.monotonic()
         if self._how == "lifted":
             self._page.lift()
@@ -216,7 +180,6 @@ class BrowserDriven(Driven):
         return now_s
 
     def again(self) -> None:
-        """Open the page where it was closed."""
         if self._how == "left":
             self._page.open()
             self._show()
@@ -241,7 +204,6 @@ class KeysDriven(Driven):
         self._terminal: OnTerminal | Emulated | None = None
 
     def begin(self) -> None:
-        """Start the drive, on a terminal."""
         arguments = ["--backend", RECORDED, "--gamepad", "none"]
         variables = {VARIABLE: str(self.servos.path)}
         if self._how in ("killed", "frozen"):
@@ -253,23 +215,19 @@ class KeysDriven(Driven):
         self._terminal.wait("tripod · driving")
 
     def end(self) -> None:
-        """End the drive."""
         if self._terminal is not None:
             self._terminal.end()
 
     def alive(self) -> bool:
-        """Whether the terminal's process goes on."""
         return self._terminal is not None and self._terminal.process.poll() is None
 
     def command(self) -> None:
-        """Press keys."""
         if self._terminal is None:
             self.begin()
         assert self._terminal is not None
         self._terminal.type(self.chance.choice(HEADINGS))
 
     def cause(self) -> float:
-        """Press space, or let the terminal go."""
         assert self._terminal is not None
         now_s = time.monotonic()
         if self._how in ("space", "stop"):
@@ -281,7 +239,6 @@ class KeysDriven(Driven):
         return now_s
 
     def again(self) -> None:
-        """See that it ends by itself; the next command starts another."""
         if self._how == "space":
             return
         assert self._terminal is not None
@@ -339,7 +296,6 @@ class Emulated:
         )
 
     def wait(self, text: str) -> None:
-        """Wait until the terminal shows a text."""
         shown = self._folder / "terminal.out"
         wait_for(
             lambda: text in shown.read_text(encoding="utf-8", errors="replace"),
@@ -348,18 +304,15 @@ class Emulated:
         )
 
     def type(self, keys: str) -> None:
-        """Press keys."""
         assert self.process.stdin is not None
         self.process.stdin.write(keys.encode())
         self.process.stdin.flush()
 
     def code(self) -> int:
-        """0, once the drive has ended by itself."""
         wait_for(lambda: (self._folder / "ended").exists(), PATIENCE_S, "the drive does not end")
         return 0
 
     def end(self) -> None:
-        """End both, however they are."""
         self.process.kill()
         self.process.wait()
         self._output.close()
@@ -370,3 +323,65 @@ class Emulated:
         if begun.exists() and not (self._folder / "ended").exists():
             with suppress(ProcessLookupError):
                 os.kill(int(begun.read_text()), signal.SIGKILL)
+
+
+#: How long after a robot has stood up it walks for certain.
+STOOD_S = 0.3
+
+
+class LinkDriven(Driven):
+    """Driven with a gamepad over a link.
+
+    Args:
+        how: `released`; `killed` or `stopped`, the drive by SIGKILL or SIGSTOP; `held`, the cable takes what
+            is sent and passes nothing on, as a pulled plug does; `cut`, it closes the connections.
+    """
+
+    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
+        super().__init__(folder, chance)
+        self._how = how
+        self._stack, self._drives = ExitStack(), ExitStack()
+
+    def begin(self) -> None:
+        # It does not sit down while it waits for the next drive.
+        self._robot = self._stack.enter_context(served(self.folder, "--sit-after", "3600", name="served"))
+        self.servos = type(self.servos)(self._robot.log_path)
+        self._pad = Pad(self.folder / "pad", pipe=True)
+        self._pad.plug_in()
+        self._stack.callback(self._pad.plug_out)
+
+    def end(self) -> None:
+        self._drives.close()
+        self._stack.close()
+
+    def command(self) -> None:
+        if self.drive is None:
+            self._cable = self._drives.enter_context(Cable(self._robot.endpoint))
+            link = ("--backend", "zenoh", "--connect", self._cable.endpoint)
+            self.drive = Process(self.folder, self.servos.path, *link, "--gamepad", str(self._pad.path))
+            self._drives.callback(self.drive.end)
+        self._pad.press(*self.shares())
+
+    def walk(self) -> None:
+        if self.drive is None:
+            began_s = time.monotonic()
+            self.command()
+            wait_for(
+                lambda: self.servos.told_after(began_s) or not self.alive(), PATIENCE_S, "no targets come"
+            )
+            time.sleep(SITTING_S + STOOD_S)
+        super().walk()
+
+    def cause(self) -> float:
+        assert self.drive is not None
+        if self._how == "released":
+            return self._pad.release()
+        if self._how in ("killed", "stopped"):
+            return self.drive.signal(signal.SIGKILL if self._how == "killed" else signal.SIGSTOP)
+        return self._cable.cut("hold" if self._how == "held" else "close")
+
+    def again(self) -> None:
+        if self._how != "released":
+            self._pad.release()
+            self._drives.close()
+            self.drive = None

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.cli.stopping.drives import Driven, LostDriveError
-from tests.cli.stopping.hands import BrowserDriven, KeysDriven, PadDriven, PageDriven
-from tests.cli.stopping.links import LinkDriven
+from tests.cli.stopping.hands import BrowserDriven, KeysDriven, LinkDriven, PadDriven, PageDriven
 
 #: Within what a robot has to be at rest, in s: one that is let go of, and one that hears nothing more.
 RELEASE_S, SILENCE_S = 0.3, 0.8
@@ -93,7 +92,6 @@ class Stops:
 
     @property
     def within(self) -> int:
-        """How many were at rest in time."""
         return sum(rest_s <= self.cause.bar_s for rest_s in self.rest_s)
 
     def __str__(self) -> str:
@@ -114,11 +112,9 @@ class Pulse:
         threading.Thread(target=self._run, daemon=True).start()
 
     def end(self) -> None:
-        """End the thread."""
         self._ended.set()
 
     def late_s(self, from_s: float, to_s: float) -> float:
-        """By how much it was late at most in a time."""
         return max((late for at, late in list(self._seen) if from_s <= at <= to_s + PULSE_S), default=0.0)
 
     def _run(self) -> None:
@@ -142,7 +138,6 @@ class Measurement:
         self._failure: BaseException | None = None
 
     def run(self) -> Stops:
-        """Measure; raises what a robot raises that does not walk, does not rest, or is lost too often."""
         lanes = range(min(self._times, self._cause.lanes))
         threads = [threading.Thread(target=self._lane, args=(lane,)) for lane in lanes]
         for thread in threads:
@@ -171,7 +166,6 @@ class Measurement:
             return self._failure is None and self._begun < self._times
 
     def _stop_often(self, folder: Path, chance: random.Random) -> None:
-        """Stop a robot until there are enough, or its drive is lost."""
         try:
             with self._cause.driven(folder, chance) as robot:
                 while self._take():

@@ -1,0 +1,319 @@
+"""`hexctl adapt` and `hexctl sessions` as a user calls them."""
+
+import contextlib
+import csv
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.adapt import search
+from hexctl.adapt.runner import TrialRunner, WalkedTrial
+from hexctl.adapt.sessions.store import SessionStore, list_sessions, load_session
+from hexctl.cli.main import exit_code
+from hexctl.recording.recording import Recording
+from hexctl.robot.configs import config_root
+from tests.adapt.walking import Landscape, result_of
+
+PATIENCE_S = 90.0
+QUICK = ["adapt", "--failed-leg", "4", "--duration", "2", "--budget", "3", "--prior", "none"]
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def _on_a_landscape(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trials take no time."""
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+
+
+on_a_landscape = pytest.mark.usefixtures("_on_a_landscape")
+BEGUN = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--no-baseline"]
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0, lines: int = 0) -> Any:
+    """The JSON of a command, which says so many lines on stderr."""
+    capsys.readouterr()
+    assert exit_code([*arguments, "--json"]) == code
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == lines
+    return json.loads(printed.out)
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    """Folder of a search with recordings, and what it printed as JSON."""
+    folder = tmp_path_factory.mktemp("searched")
+    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert exit_code([*QUICK, "--optimizer", "pso", "--seed", "2", "--hold", "line", "--json"]) == 0
+    return folder, json.loads(printed.getvalue())
+
+
+def course(outcome: dict[str, Any]) -> list[Any]:
+    """What two equal sessions have in common."""
+    return [{key: value for key, value in trial.items() if key != "recording"} for trial in outcome["trials"]]
+
+
+@pytest.mark.slow
+@on_a_landscape
+def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record"]
+    outcome = run_json(capsys, *words, "--budget", "500", lines=1)
+    assert (outcome["ended"], len(outcome["trials"])) == ("exhausted", 120)
+    for enough in (["--budget", "120"], ["--budget", "121", "--count-repeats"]):
+        run_json(capsys, *words, *enough, "--target", "9")
+
+
+@on_a_landscape
+def test_a_finished_session_goes_on_with_another_budget(capsys: pytest.CaptureFixture[str]) -> None:
+    begun = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--budget"]
+    whole, part = run_json(capsys, *begun, "15"), run_json(capsys, *begun, "4")
+    go_on = ["adapt", "--resume", part["session"], "--no-record"]
+    for budget in ("4", "0", "1000000"):
+        assert exit_code([*go_on, "--budget", budget]) == 2
+        assert f"--budget: got {budget}" in capsys.readouterr().err
+    store = SessionStore(Path("runs"))
+    assert load_session(part["session"], store.folder).spec.budget == 4, "what was refused has changed it"
+    longer = run_json(capsys, *go_on, "--budget", "15")
+    assert (longer["budget"], longer["ended"]) == (15, "budget")
+    assert course(longer) == course(whole)
+    assert run_json(capsys, *go_on, lines=1)["trials"] == longer["trials"]
+
+
+@on_a_landscape
+def test_a_session_at_its_target_has_nothing_to_walk(capsys: pytest.CaptureFixture[str]) -> None:
+    begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--target", "9"]
+    outcome = run_json(capsys, *begun, "--budget", "5")
+    assert (outcome["ended"], len(outcome["trials"])) == ("target", 1)
+    resume = ["adapt", "--resume", outcome["session"], "--no-record", "--budget", "8"]
+    assert len(run_json(capsys, *resume, lines=1)["trials"]) == 1
+
+
+def test_no_valid_trial_is_no_success(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda *_: WalkedTrial(result=result_of(0.1, "fell")))
+    words = ["adapt", "--failed-leg", "5", "--no-record", "--prior", "none", "--budget", "2"]
+    outcome = run_json(capsys, *words, code=4)
+    assert (outcome["found"], outcome["best"], outcome["ended"]) == (False, None, "budget")
+    assert exit_code(words) == 4
+    assert "no valid trial: fell" in capsys.readouterr().out
+
+
+@on_a_landscape
+def test_an_objective_of_ones_own_is_found_again(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("hexctl_test_scores.py").write_text(
+        'def sideways(result):\n    """Distance to the left."""\n    return result.deviation.signed\n'
+    )
+    mine = ["--objective", "hexctl_test_scores:sideways", "--optimizer", "random"]
+    begun = run_json(capsys, "adapt", "--failed-leg", "5", "--no-record", "--budget", "3", *mine)
+    assert (begun["objective"], begun["objective_label"]) == (mine[1], "Distance to the left")
+    more = ["--no-record", "--trust", "--budget", "6"]
+    resumed = run_json(capsys, "adapt", "--resume", begun["session"], *more)
+    scores = [trial["score"] for trial in resumed["trials"] if trial["score"] is not None]
+    assert resumed["best"]["score"] == min(scores) < 0
+
+
+@pytest.mark.slow
+def test_a_recording_that_fails_costs_no_trial_and_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def no_room(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Recording, "write_block", no_room)
+        assert exit_code([*QUICK, "--no-baseline"]) == 3
+    printed = capsys.readouterr()
+    assert "continue with: hexctl adapt --resume" in printed.err
+    (listed,) = run_json(capsys, "sessions", "list")
+    assert listed["trials"] == 1
+    assert len(run_json(capsys, "adapt", "--resume", listed["session"])["trials"]) == 3
+
+
+@pytest.mark.slow
+def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (config_root() / "robots" / "ant.yaml").read_text()
+    Path("mine.yaml").write_text(text)
+    outcome = run_json(capsys, *QUICK, "--robot", "./mine.yaml", "--no-record")
+    Path("mine.yaml").write_text(text.replace("mass_kg: 0.100", "mass_kg: 0.200"))
+    assert exit_code(["adapt", "--resume", outcome["session"], "--budget", "40"]) == 2
+    store = SessionStore(Path("runs"))
+    assert load_session(outcome["session"], store.folder).spec.budget == outcome["budget"]
+    assert "robot ./mine.yaml" in capsys.readouterr().err
+    Path("mine.yaml").write_text(text)
+    again = run_json(capsys, "adapt", "--resume", outcome["session"], "--no-record", lines=1)
+    assert course(again) == course(outcome)
+
+
+def test_ctrl_c_while_a_search_is_prepared_says_that_nothing_was_recorded(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepare = search.new_spec
+
+    def interrupted(**asked: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGINT)
+        return prepare(**asked)
+
+    monkeypatch.setattr(search, "new_spec", interrupted)
+    assert exit_code(QUICK) == 130
+    printed = capsys.readouterr()
+    assert "nothing was recorded" in printed.err.splitlines()[-1]
+    assert not Path("runs").exists()
+
+
+def test_a_second_ctrl_c_says_how_to_resume(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> WalkedTrial:
+        for _again in range(2):
+            os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError("not interrupted")
+
+    monkeypatch.setattr(TrialRunner, "walk", interrupted)
+    assert exit_code(QUICK) == 130
+    (session,) = list_sessions()
+    assert capsys.readouterr().err.endswith(f"hexctl adapt --resume {session.name}\n")
+
+
+@pytest.mark.slow
+def test_every_trial_is_walked_kept_and_recorded(searched: tuple[Path, Any]) -> None:
+    folder, outcome = searched
+    assert [trial["index"] for trial in outcome["trials"]] == [1, 2, 3]
+    assert [outcome[key] for key in ("optimizer", "failed_leg", "budget", "seed")] == ["pso", 4, 3, 2]
+    for trial in outcome["trials"]:
+        assert len(set(trial["slots"])) == 6
+        assert (trial["slots"][3], trial["hold"]) == (4, "line")
+        assert (folder / trial["recording"]).stat().st_size > 10_000
+        assert set(trial["deviation_m"]) == {"final", "mean", "max", "signed"}
+    assert outcome["best"] in outcome["trials"]
+    assert outcome["best"]["score"] == min(trial["score"] for trial in outcome["trials"])
+    assert {"trials_to_0.10_m", "trials_to_0.025_m", "wall_s"} <= set(outcome)
+    assert (folder / "runs" / outcome["session"] / "overview.rrd").exists()
+    assert [walk["gait"] for walk in outcome["baseline"]] == ["auto", "demo", "tripod"]
+    for walk in outcome["baseline"]:
+        assert Path(walk["recording"]).name == f"baseline-{walk['gait']}.rrd"
+        assert walk["status"] == "ok"
+
+
+@pytest.mark.slow
+def test_the_baseline_changes_no_trial_and_the_same_seed_gives_the_same_session(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    first, again, other = (
+        run_json(capsys, *QUICK, "--no-record", "--seed", seed, *more)
+        for seed, more in (("5", []), ("5", ["--no-baseline"]), ("6", ["--no-baseline"]))
+    )
+    assert again["baseline"] == []
+    assert course(first) == course(again)
+    assert course(first) != course(other)
+    assert first["session"] != again["session"]
+
+
+@pytest.mark.slow
+def test_sessions_are_listed_shown_exported_and_deleted(
+    searched: tuple[Path, Any], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    import pyarrow.parquet as pq
+
+    folder, outcome = searched
+    shutil.copytree(folder / "runs", tmp_path / "runs")
+    name = outcome["session"]
+    (listed,) = run_json(capsys, "sessions", "list")
+    assert (listed["session"], listed["ended"], listed["trials"]) == (name, "budget", 3)
+    shown = run_json(capsys, "sessions", "show", name)["baseline"]
+    assert exit_code(["sessions", "show", name]) == 0
+    assert max(map(len, capsys.readouterr().out.splitlines()[:10])) <= 80
+    for ending in ("csv", "parquet"):
+        assert exit_code(["sessions", "export", name, f"out.{ending}"]) == 0
+    written = list(csv.DictReader(Path("out.csv").read_text().splitlines()))
+    for rows in (written, pq.read_table("out.parquet").to_pylist()):
+        assert len(rows) == 3
+        for row in rows:
+            for walk in shown:
+                head = f"baseline_{walk['gait']}"
+                assert float(row[f"{head}_score"]) == walk["score"]
+                assert float(row[f"{head}_deviation_m"]) == walk["deviation_m"]["signed"]
+                assert float(row[f"{head}_distance_m"]) == walk["distance_m"]
+                assert row[f"{head}_status"] == walk["status"]
+    assert exit_code(["sessions", "export", name, "out.csv"]) == 2
+    assert exit_code(["sessions", "delete", name, "--yes"]) == 0
+    assert run_json(capsys, "sessions", "list") == []
+
+
+@pytest.mark.slow
+def test_the_trials_that_no_other_beats(
+    searched: tuple[Path, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, outcome = searched
+    monkeypatch.chdir(folder)
+    show = ["sessions", "show", outcome["session"], "--pareto"]
+    shown = run_json(capsys, *show, "speed,cost")
+    pairs = [(2.0 / trial["distance_m"], trial["cost_of_transport"]) for trial in outcome["trials"]]
+    best = [one for one in pairs if not any(a <= one[0] and b <= one[1] and (a, b) != one for a, b in pairs)]
+    assert [trial["scores"] for trial in shown["trials"]] == [
+        {"speed": pytest.approx(speed), "cost": pytest.approx(cost)} for speed, cost in sorted(best)
+    ]
+    assert exit_code([*show, "speed,cost"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 2 + len(best) + 2
+    assert exit_code([*show, "speed"]) == 2
+    assert "--pareto" in capsys.readouterr().err
+
+
+@on_a_landscape
+def test_quiet_prints_the_end_only_and_without_recordings_a_search_leaves_its_store_alone(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert exit_code([*BEGUN, "--budget", "3", "--quiet"]) == 0
+    printed = capsys.readouterr()
+    assert (len(printed.out.splitlines()) <= 6, printed.err) == (True, "")
+    (session,) = list_sessions()
+    for words in (["list"], ["show", session.name]):
+        assert exit_code(["sessions", *words]) == 0
+        assert [str(path) for path in Path("runs").rglob("*.*")] == [f"runs/{session.name}/session.jsonl"]
+
+
+FULL_DISK = """
+import resource, signal, sys
+from hexctl.cli.main import exit_code
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none"
+sys.exit(exit_code([*words.split(), *sys.argv[1:]]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(
+    recorded: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--json"] if recorded else ["--json", "--no-record"]
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, *options],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 3, done.stderr
+    (session,) = list_sessions()
+    assert done.stderr.endswith(f"continue with: hexctl adapt --resume {session.name}\n")
+    if recorded:
+        assert len(session.trials) == len(json.loads(done.stdout)["trials"])
+        more = ["--budget", "1", "--no-record"]
+        assert len(run_json(capsys, "adapt", "--resume", session.name, *more)["trials"]) == 1
+    else:
+        assert session.trials

@@ -1,0 +1,327 @@
+"""`hexctl adapt` on real robots, without resets: refusals, stops, prompts, and resuming after each."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.prior.prior import Prior, save_prior
+from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
+from hexctl.cli.main import exit_code
+from hexctl.vision.detection.camera import Camera
+from hexctl.vision.place import CameraPose
+from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
+from tests.adapt.staying import PLACE, StayingSim
+from tests.cli.adaptkits import SAG_RAD
+from tests.cli.kits import Kit
+from tests.vision.scenes import WEBCAM
+from tests.vision.test_place import PLACE as SEEN
+from tests.vision.test_place import saved
+
+pytestmark = pytest.mark.slow
+
+KITS = "tests.cli.adaptkits"
+ROOT = Path(__file__).parents[3]
+PATIENCE_S = 90.0
+
+#: Trials whose times are known: no self-rotation, one second of walk.
+SHORT = ["--self-rotation", "none", "--duration", "1", "--no-record", "--no-baseline", "--budget", "3"]
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Kit, "made", [])
+
+
+def adapt(kit: str, *more: str) -> int:
+    return exit_code(["adapt", "--failed-leg", "5", "--backend", f"{KITS}:{kit}", *SHORT, *more])
+
+
+def sessions() -> list[str]:
+    store = SessionStore(Path("runs"))
+    return stored_names(store.folder)
+
+
+def trials_of(name: str) -> list[tuple[int, str]]:
+    store = SessionStore(Path("runs"))
+    return [(trial.index, trial.outcome["status"]) for trial in load_session(name, store.folder).trials]
+
+
+def answer(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    """Put this text on stdin."""
+    reading, writing = os.pipe()
+    os.write(writing, text.encode())
+    os.close(writing)
+    monkeypatch.setattr(sys, "stdin", os.fdopen(reading))
+
+
+def test_a_closed_stdin_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Path(os.devnull).open() as closed:
+        monkeypatch.setattr(sys, "stdin", closed)
+        assert adapt("Blind", "--ask") == 2
+    assert "--ask" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("kit", "words"), [("Blind", "knows no position"), ("NoPort", "/dev/ttyUSB7")])
+def test_a_robot_that_cannot_be_used_leaves_no_session(
+    kit: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    backend = f"{KITS if kit == 'Blind' else 'tests.cli.kits'}:{kit}"
+    assert exit_code(["adapt", "--failed-leg", "5", "--backend", backend, *SHORT]) == 3
+    printed = capsys.readouterr()
+    assert words in printed.err.splitlines()[-1]
+    assert printed.out == ""
+    assert sessions() == []
+    assert [made.closed for made in Kit.made] == [1]
+
+
+STOPS = [
+    ("FallsOnce", 4, ["stopped: fell"], [(1, "ok"), (2, "fell")]),
+    ("EStopped", 4, ["stopped: estop"], [(1, "ok")]),
+    ("Faulty", 3, ["stopped: fault"], [(1, "ok")]),
+    ("Unplugged", 3, ["link"], [(1, "ok")]),
+]
+
+
+@pytest.mark.parametrize(("kit", "code", "words", "kept"), STOPS, ids=[stop[0] for stop in STOPS])
+def test_a_robot_that_stops_ends_the_session_and_it_goes_on_later(
+    kit: str,
+    code: int,
+    words: list[str],
+    kept: list[tuple[int, str]],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert adapt(kit, "--json") == code
+    printed = capsys.readouterr()
+    (name,) = sessions()
+    line = printed.err.splitlines()[-1]
+    for word in [*words, f"hexctl adapt --resume {name}"]:
+        assert word in line
+    assert trials_of(name) == kept
+    outcome = json.loads(printed.out)
+    assert (outcome["ended"], len(outcome["trials"])) == ("stopped", len(kept))
+    assert [made.closed for made in Kit.made] == [1], "one connection for all trials"
+    assert exit_code(["adapt", "--resume", name, "--trust", "--no-record"]) == 0
+    assert trials_of(name) == [*kept, *((index, "ok") for index in range(len(kept) + 1, 4))]
+
+
+MEASURED = "\n0.14 -0.02\n\nabout a metre\n20 0\n0.13,0.01\n\nagain\n\nfell\n"
+
+
+def test_an_operator_measures(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    answer(monkeypatch, MEASURED)
+    assert adapt("Blind", "--ask", "--json") == 0
+    printed = capsys.readouterr()
+    outcome = json.loads(printed.out)
+    ends = [(trial["distance_m"], trial["deviation_m"]["signed"]) for trial in outcome["trials"]]
+    assert ends == [(0.14, -0.02), (0.13, 0.01), (None, None)]
+    assert [trial["status"] for trial in outcome["trials"]] == ["ok", "ok", "fell"]
+    assert outcome["best"]["index"] == 2
+    assert outcome["best"]["deviation_m"]["mean"] is None
+    assert "'about a metre'" in printed.err
+    assert "'20 0'" in printed.err
+    assert printed.err.count("trial 3, gait") == 2, "again"
+
+
+@pytest.mark.parametrize("last", ["quit\n", "\nquit\n", ""])
+def test_who_quits_can_go_on(
+    last: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answer(monkeypatch, "\n0.14 0.1\n\nskip\n" + last)
+    assert adapt("Blind", "--ask") == 130
+    (name,) = sessions()
+    assert trials_of(name) == [(1, "ok"), (2, "cut_short")]
+    assert f"--resume {name}" in capsys.readouterr().out
+    answer(monkeypatch, "\n0.13 0.0\n")
+    assert exit_code(["adapt", "--resume", name, "--trust", "--no-record"]) == 0
+    assert trials_of(name)[2] == (3, "ok")
+
+
+@pytest.mark.parametrize(
+    ("kit", "hold", "rotation", "said", "unsaid"),
+    [
+        ("Blind", "heading", "rear", ("leg 5 pointing back", "--hold none"), ()),
+        ("Blind", "none", "front", ("leg 5 pointing ahead",), ("--hold none",)),
+        ("Straight", "heading", "rear", (), ("--hold none",)),
+    ],
+)
+def test_who_puts_it_down_is_told_how_and_whether_its_yaw_is_known(
+    kit: str,
+    hold: str,
+    rotation: str,
+    said: tuple[str, ...],
+    unsaid: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hexctl.adapt.reset_free.YAW_COMES_S", 0.0)
+    answer(monkeypatch, "quit\n")
+    assert adapt(kit, "--ask", "--hold", hold, "--self-rotation", rotation) == 130
+    told = capsys.readouterr().err
+    assert all(word in told for word in said)
+    assert not any(word in told for word in unsaid)
+
+
+def test_ctrl_c_ends_a_question() -> None:
+    words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", *SHORT, "--ask"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hexctl", *words],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        assert process.stderr is not None
+        seen = b""
+        while b"Enter walks" not in seen:
+            seen += process.stderr.read(1)
+        process.send_signal(signal.SIGINT)
+        printed, _ = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 130
+    assert b"hexctl adapt --resume" in printed
+
+
+TWIN = ["adapt", "--failed-leg", "5", "--backend", "tests.adapt.staying:StayingSim", "--no-record"]
+TWIN += ["--no-baseline"]
+SMALL = ["--duration", "6", "--arena", "0.6", "--budget", "5"]
+
+
+def json_and_err(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> tuple[Any, str]:
+    capsys.readouterr()
+    assert exit_code([*words, "--json"]) == code
+    printed = capsys.readouterr()
+    return json.loads(printed.out), printed.err
+
+
+def test_a_twin_goes_back_and_forth_in_its_arena(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(StayingSim, "farthest_m", 0.0)
+    assert exit_code([*TWIN, *SMALL]) == 0
+    printed = capsys.readouterr()
+    rows = [line for line in printed.out.splitlines() if line[:5].strip().isdigit()]
+    assert len(rows) == 5
+    assert 0.3 < StayingSim.farthest_m < 0.75
+
+
+def test_a_twin_is_led_to_the_circle_that_a_camera_sees(capsys: pytest.CaptureFixture[str]) -> None:
+    """It begins outside, and ends within."""
+    middle = np.array([1.0, 0.8])
+    camera = Camera.looking(WEBCAM, np.array([-0.2, 0.8, 1.3]), np.array([*middle, 0.0]))
+    place = saved(Path.cwd(), replace(SEEN, camera=CameraPose.of(camera)))
+    outcome, err = json_and_err(capsys, *TWIN, "--duration", "6", "--arena", str(place), "--budget", "5")
+    home, radius_m = np.array(outcome["home_m"]), outcome["arena_m"]
+    assert f"{radius_m:g} m" in err
+    assert 0.4 < radius_m < np.hypot(*home), "it began outside"
+    assert len(outcome["trials"]) == 5
+    assert np.hypot(*(np.load(PLACE)["qpos"][:2] - home)) < radius_m + 0.15
+
+
+@pytest.mark.parametrize(("backend", "knows"), [
+    ("tests.adapt.staying:StayingSim", True), (f"{KITS}:Sagging", True), (f"{KITS}:Echoing", False),
+    (f"{KITS}:Straight", False),
+], ids=str)  # fmt: skip
+def test_how_a_robot_stands_is_measured_where_it_measures(
+    backend: str, knows: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before the session is made, and so before its first gait is chosen."""
+    save_prior(standing_prior(), Path("x.npz"))
+    words = ["adapt", "--failed-leg", "5", "--backend", backend, "--no-record", "--no-baseline"]
+    words += ["--duration", "6"]
+    code = 4 if KITS in backend else 0  # kits do not move, so that no trial is valid
+    outcome, err = json_and_err(capsys, *words, "--prior", "x.npz", "--budget", "1", code=code)
+    assert (outcome["sag_rad"] is not None) == knows
+    assert ("not known" in err) == (not knows)
+    if "Sagging" in backend:
+        *behind, unknown = outcome["sag_rad"]
+        assert behind == pytest.approx([SAG_RAD] * 17)
+        assert unknown is None
+
+
+@pytest.mark.parametrize(("kit", "code", "words"), [
+    ("FallsStanding", 4, ["stopped: fell"]),
+    ("EStopStanding", 4, ["stopped: estop"]),
+    ("FaultStanding", 3, ["stopped: fault"]),
+    ("InterruptedConnecting", 130, ["nothing was recorded"]),
+], ids=str)  # fmt: skip
+def test_a_robot_that_does_not_come_to_stand_begins_no_session(
+    kit: str, code: int, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_prior(standing_prior(), Path("x.npz"))
+    assert adapt(kit, "--prior", "x.npz", "--duration", "6", "--self-rotation", "rear") == code
+    err = capsys.readouterr().err
+    for word in words:
+        assert word in err
+    assert sessions() == []
+    if code == 130:
+        assert not Kit.made[0].sent, "it stood up after the interrupt"
+
+
+def test_a_robot_that_a_person_puts_down_does_not_stand_up_before_it_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    save_prior(standing_prior(), Path("x.npz"))
+    answer(monkeypatch, "quit\n")
+    words = ["--ask", "--prior", "x.npz", "--self-rotation", "rear", "--duration", "6"]
+    assert adapt("Straight", *words) == 130
+    assert not Kit.made[0].sent
+
+
+def standing_prior() -> Prior:
+    """A made-up prior for trials of 6 s that knows how robots stand."""
+    model = MadeUpModel()
+    prior = made_up_prior(key_of(duration_s=6.0), worlds=6, model=model)
+    return replace(prior, sag_rad=model.sags(6, 5)[np.newaxis])
+
+
+def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture[str]) -> None:
+    command = [sys.executable, "-m", "hexctl", *TWIN, *SMALL]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True)
+    try:
+        assert process.stdout is not None
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not process.stdout.readline().startswith("   2 "):
+            assert time.monotonic() < deadline_s
+    finally:
+        process.kill()
+        process.wait()
+    away_m = float(np.hypot(*np.load(PLACE)["qpos"][:2]))
+    (name,) = sessions()
+    resumed, _ = json_and_err(capsys, "adapt", "--resume", name, "--trust", "--no-record")
+    assert len(resumed["trials"]) == 5
+    assert resumed["arena_m"] == 0.6
+    assert np.hypot(*resumed["home_m"]) < 0.05 < away_m, "home is where it began, not where it was found"
+    assert float(np.hypot(*np.load(PLACE)["qpos"][:2])) < 0.75
+
+
+def test_the_baseline_is_announced_and_walked_on_a_robot_and_asked_for_by_name(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", "--ask", "--no-record", "--json"]
+    answer(monkeypatch, "\n0.14 -0.02\n\n0.13 0.01\n\n0.12 0.03\n\n0.12 0.04\n")
+    assert exit_code([*words, "--self-rotation", "none", "--duration", "1", "--budget", "1"]) == 0
+    said = capsys.readouterr()
+    assert "baseline" in said.err
+    session = json.loads(said.out)
+    assert [(walk["gait"], walk["score"]) for walk in session["baseline"]] == [
+        ("auto", 0.02),
+        ("demo", 0.01),
+        ("tripod", 0.03),
+    ]
+    assert [(trial["index"], trial["score"]) for trial in session["trials"]] == [(1, 0.04)]

@@ -1,0 +1,201 @@
+"""`hexctl demo`, `diagnose` and `doctor` as a user calls them."""
+
+import errno
+import io
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.adapt.sessions.store import stored_names
+from hexctl.cli.console import StopOnInterrupt
+from hexctl.cli.main import exit_code
+from hexctl.cli.prompts import LegPrompt
+from hexctl.demo import rescue
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+
+
+@pytest.mark.slow
+def test_it_says_what_happens_and_what_to_do_next(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
+    monkeypatch.setattr(rescue, "WALK_S", 7.0)
+    monkeypatch.setattr("hexctl.cli.walk.demo_command.shutil.which", lambda _: "/bin/hexctl")
+    assert exit_code(["demo", "--budget", "1"]) == 0
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
+    assert len(lines) <= 20
+    assert rescue.WORLD in lines[0]
+    (without,) = (line for line in lines if "without recovery" in line)
+    (recovered,) = (line for line in lines if " with recovery" in line)
+    assert lines.index(without) < lines.index(recovered)
+    assert "leg 5 detected at 6." in lines[lines.index(recovered) + 1]
+    command = printed.out.replace("\\\n", " ").split("hexctl adapt ")[1].splitlines()[0].split()
+    assert command[command.index("--failed-leg") + 1] == "5"
+    assert command[command.index("--world") + 1] == rescue.WORLD
+    following = [line.split() for line in lines[lines.index("next:") + 1 :]]
+    assert [line[:2] for line in following] == [["hexctl", "view"], ["hexctl", "sessions"], ["hexctl", "run"]]
+    assert "--view" not in following[-1]  # there is no screen
+    assert (tmp_path / following[0][-1]).is_file()
+    assert "display" not in printed.err
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
+    monkeypatch.setattr(StopOnInterrupt, "requested", lambda _: True)
+    assert exit_code(["demo"]) == 130
+    printed = capsys.readouterr()
+    assert "with recovery" not in printed.out
+    assert not list(Path("runs").iterdir())
+
+
+@pytest.mark.slow
+def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -> None:
+    monkeypatch.setattr(rescue, "WALK_S", 7.0)
+    monkeypatch.setattr(StopOnInterrupt, "requested", lambda _: any(Path("runs").glob("*-leg5-*")))
+    assert exit_code(["demo", "--budget", "1"]) == 130
+    (session,) = stored_names(Path("runs"))
+    said = f"hexctl: interrupted; continue the search with: hexctl adapt --resume {session}; "
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith(said)
+    seen = line.partition("; look at it with: hexctl view --web ")[2].split()
+    assert [Path(path).name for path in seen if Path(path).is_file()] == ["walked-on.rrd", "recovered.rrd"]
+
+
+@pytest.mark.slow
+def test_two_ctrl_c_name_what_is_there(capsys: Any, monkeypatch: Any) -> None:
+    def cut_off(policy: str, recording: Path, **_: Any) -> None:
+        if policy == rescue.RECOVER:
+            raise KeyboardInterrupt
+        recording.touch()
+
+    monkeypatch.setattr(rescue, "walk_and_fail", cut_off)
+    monkeypatch.setattr("hexctl.cli.walk.demo_command._walk_line", lambda *_, **__: "")
+    assert exit_code(["demo"]) == 130
+    (folder,) = Path("runs").iterdir()
+    assert f"{folder}/" in capsys.readouterr().err
+    monkeypatch.setattr(rescue, "WALK_ON", rescue.RECOVER)
+    (folder / "walked-on.rrd").unlink()
+    folder.rmdir()
+    assert exit_code(["demo"]) == 130
+    assert "runs" not in capsys.readouterr().err
+    assert not list(Path("runs").iterdir())
+
+
+@pytest.mark.slow
+def test_a_disk_without_room_is_a_fault_that_names_no_option_of_other_commands(
+    capsys: Any, monkeypatch: Any
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("hexctl.recording.rrd.os.posix_fallocate", refuse)
+    assert exit_code(["demo"]) == 3
+    assert "--" not in capsys.readouterr().err
+
+
+ECHO = "tests.runs.test_diagnosis:Echo"
+
+
+@pytest.mark.slow
+def test_the_table_says_which_leg_and_why_and_a_recording_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert exit_code(["diagnose", "--failure", "5:limp:femur"]) == 0
+    printed = capsys.readouterr().out
+    (line,) = [line for line in printed.splitlines() if line.startswith("5 ")]
+    assert "limp:femur" in line
+    (recording,) = (tmp_path / "runs").glob("*.rrd")
+    assert "diagnosis" in recording.name
+    assert str(recording.relative_to(tmp_path)) in printed
+
+
+def test_servos_that_echo_and_no_terminal_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["diagnose", "--backend", ECHO, "--no-record"]) == 0
+    printed = capsys.readouterr()
+    assert "not known" in printed.out
+    assert len(printed.err.splitlines()) == 1
+
+
+def _typed(text: str, monkeypatch: pytest.MonkeyPatch) -> LegPrompt:
+    reading, writing = os.pipe()
+    os.write(writing, text.encode())
+    os.close(writing)
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(os.fdopen(reading, "rb")))
+    return LegPrompt()
+
+
+def test_the_operator_answers_in_words_and_is_asked_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prompt = _typed("yes\nperhaps\nno\nquit\n", monkeypatch)
+    assert [prompt.moved(1), prompt.moved(2), prompt.moved(3)] == [True, False, None]
+    assert "'perhaps'" in capsys.readouterr().err
+
+
+def test_an_input_that_ends_ends_the_questions(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _typed("", monkeypatch).moved(1) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("failure", "leg"), [("5:limp", 5), ("3:weak:0.9", None)])
+def test_a_walk_finds_its_failed_leg_first(
+    failure: str, leg: int | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One that is not found is still what the simulation breaks."""
+    walk = ["run", "--gait", "auto", "--duration", "0.5", "--no-record", "--json", "--failed-leg", "auto"]
+    assert exit_code([*walk, "--failure", failure]) == 0
+    printed = capsys.readouterr()
+    outcome = json.loads(printed.out)
+    assert outcome["failed_leg"] == leg
+    assert leg is not None or "leg 3 weak:0.9" in printed.err
+
+
+@pytest.mark.slow
+def test_a_search_finds_its_failed_leg_first_and_ends_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    search = ["adapt", "--failed-leg", "auto", "--optimizer", "random", "--budget", "1", "--duration", "2"]
+    shown = ["--no-baseline", "--no-record", "--json"]
+    exit_code([*search, *shown, "--failure", "2:locked"])
+    printed = capsys.readouterr()
+    assert "diagnosis: leg 2 locked" in printed.err
+    assert '"failed_leg": 2' in printed.out
+    assert exit_code([*search, *shown]) == 2
+    assert "no leg has failed" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_doctor_says_what_works_and_which_settings_are_in_force_and_what_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hexctl.toml").write_text("robot = 'pexod'\nconnect = 'tls/secret.lab:7447'\n[run]\nduraton = 3\n")
+    for name in ("HEXCTL_OTHERS", "HEXCTL_PRIOR_BUILD_WORLDS", "HEXCTL_RUN_DURATON"):
+        monkeypatch.setenv(name, "3")
+    assert exit_code(["doctor"]) == 0
+    printed = capsys.readouterr()
+    facts, _, works = printed.out.partition("\nwhat works\n")
+    rows = dict(line.split("  ", 1) for line in facts.splitlines())
+    assert list(rows)[:4] == ["hexctl", "python", "system", "processor"]
+    assert "robot = pexod, connect = given, run.duraton = 3" in rows["settings"]
+    assert "HEXCTL_OTHERS" in rows["unknown variables"]
+    assert "HEXCTL_PRIOR_BUILD_WORLDS" not in rows["unknown variables"]
+    assert "secret.lab" not in printed.out + printed.err
+    assert printed.err.startswith("hexctl: HEXCTL_RUN_DURATON: ")
+    answers = {line.split("  ")[0]: line.split("  ", 1)[1].strip() for line in works.splitlines()}
+    assert answers["simulate walks"] == "yes"
+    assert all(answer == "yes" or answer.startswith("NO: ") for answer in answers.values())
+    assert exit_code(["doctor", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["works"]["simulate walks"] is None
+    assert "HEXCTL_PRIOR_BUILD_WORLDS" in {one["key"] for one in report["settings"]["values"]}
+    assert {"HEXCTL_OTHERS", "HEXCTL_RUN_DURATON"} <= {*report["settings"]["unknown"]}

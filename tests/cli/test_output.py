@@ -1,0 +1,281 @@
+"""Walks and sessions as text: their figures, and the next command."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
+from hexctl.cli.console import print_result
+from hexctl.cli.render.adapt_output import baseline_line, confirmation_line, opening_lines, trial_line
+from hexctl.cli.render.run_output import summary
+from hexctl.cli.render.stop_reasons import in_words, why_in_words
+from hexctl.wire.zenoh_messages import SERVER_ENDED
+from tests.adapt.walking import closing_lines
+
+WALK: dict[str, Any] = {
+    "gait": {"name": "57", "slots": [4, 2, 3, 5, 1, 6], "code": 57},
+    "failed_leg": None,
+    "failure": None,
+    "duration_s": 10.0,
+    "distance_m": 1.2,
+    "ideal_distance_m": 1.5,
+    "deviation_m": {"final": 0.1, "mean": 0.05, "max": 0.1, "signed": -0.1},
+    "yaw_change_deg": -3.0,
+    "ideal_yaw_change_deg": 0.0,
+    "self_rotation_deg": 0.0,
+    "status": "ok",
+    "stopped": None,
+    "clipped_ticks": 0,
+    "ticks": 500,
+    "overruns": 0,
+    "realtime_factor": 20.0,
+    "servo_link": None,
+    "backend": "sim",
+    "robot": "ant",
+    "world": "flat",
+    "seed": 0,
+    "recording": None,
+}
+TRUE = {"final": 0.01, "mean": 0.003, "max": 0.01, "signed": 0.01}
+NEAR = {"final": 0.09, "mean": 0.05, "max": 0.1, "signed": -0.09}
+SPOT = {
+    "distance_m": 0.003,
+    "deviation_m": {"final": 0.004, "mean": 0.002, "max": 0.004, "signed": 0.004},
+    "ideal_distance_m": 0.0,
+    "ideal_yaw_change_deg": 50.0,
+    "yaw_change_deg": 37.4,
+}
+#: A walk whose position is not known at its end.
+UNSEEN = {"distance_m": None, "yaw_change_deg": None, "hold_lost_s": 0.0, "limited_ticks": 0}
+LOST = {"received": 90, "lost": 2, "late": 0}
+EVENTS = ["2:limp@8", "5:missing@14", "2@18"]
+
+
+def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
+    """The rows of a walk, by label."""
+    print_result(*summary({**WALK, **changes}))
+    lines = capsys.readouterr().out.splitlines()
+    return {line[:11].strip(): line[11:].strip() for line in lines}
+
+
+@pytest.mark.parametrize(
+    ("changes", "label", "text"),
+    [
+        ({}, "gait", "slots 4,2,3,5,1,6, code 57"),
+        ({}, "walked", "1.20 m in 10.0 s, 80 % of ideal (1.50 m"),
+        ({}, "off line", "10.0 cm to the right at the end, 5.0 cm on average"),
+        ({}, "turned", "-3.0 degrees"),
+        ({}, "status", "ok"),
+        ({"yaw_change_deg": -0.04}, "turned", "0.0 degrees"),
+        (
+            {"energy_j": 9.42, "cost_of_transport": 0.801},
+            "energy",
+            "9.4 J mechanical, cost of transport 0.80",
+        ),
+        ({"true_deviation_m": TRUE}, "in truth", "1.0 cm to the left at the end, 0.3 cm on average"),
+        ({"status": "aborted", "stopped": "requested"}, "status", "stopped by Ctrl-C"),
+        ({"status": "aborted", "stopped": "fault: battery"}, "status", "aborted (fault: battery)"),
+        ({"servo_link": LOST}, "link", "90 messages came; 2 lost"),
+        ({"clipped_ticks": 7}, "guard", "7 commands clipped"),
+        (SPOT, "walked", "10.0 s on the spot, ended 0.5 cm from the start"),
+        (SPOT, "turned", "37.4 degrees, 75 % of ideal (50.0)"),
+        ({**UNSEEN, "hold": "heading"}, "walked", "10.0 s; its position is not known"),
+        ({**UNSEEN, "hold": "none", "hold_caveat": "no pose"}, "walked", "10.0 s; its position is not known"),
+        ({**UNSEEN, "hold": "line"}, "walked", "10.0 s; its position was not measured"),
+        (
+            {**UNSEEN, "hold": "line", "status": "no_progress"},
+            "walked",
+            "10.0 s; its position did not change",
+        ),
+        ({**UNSEEN, "duration_s": 0.0}, "walked", "0.0 s; it never set out"),
+        ({"events": EVENTS}, "failed", "leg 2 limp at 8 s, leg 5 missing at 14 s"),
+        ({"events": EVENTS}, "healed", "leg 2 at 18 s"),
+        ({"recording": "runs/my walk.rrd"}, "next: hexct", "l view 'runs/my walk.rrd'"),
+    ],
+    ids=str,
+)
+def test_a_row_of_a_walk(
+    changes: dict[str, Any], label: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert shown(capsys, **changes)[label].startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "labels"),
+    [
+        ({"servo_link": {"received": 90, "lost": 0}}, {"guard", "link", "late"}),
+        ({"energy_j": 9.42, "cost_of_transport": None}, {"energy"}),
+        ({"true_deviation_m": NEAR}, {"in truth"}),
+        ({"true_deviation_m": dict.fromkeys(NEAR)}, {"in truth"}),
+        (SPOT, {"off line"}),
+        ({**UNSEEN, "hold": "line"}, {"off line", "turned"}),
+    ],
+    ids=str,
+)
+def test_a_row_is_only_there_if_there_is_something_to_say(
+    changes: dict[str, Any], labels: set[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not labels & shown(capsys, **changes).keys()
+
+
+def test_a_robot_that_was_stopped_has_one_next_command(capsys: pytest.CaptureFixture[str]) -> None:
+    stop = {"status": "aborted", "stopped": "fault: battery", "recording": "runs/walk.rrd"}
+    print_result(*summary({**WALK, **stop, "backend": "zenoh", "world": None}))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1].endswith("hexctl estop --clear")
+    assert len([line for line in lines if "hexctl " in line]) == 1
+    assert "start it again" in why_in_words(f"fault: {SERVER_ENDED}")
+
+
+@pytest.mark.parametrize(("status", "colour"), [("ok", "32"), ("no_progress", "33"), ("fell", "31")])
+def test_a_status_has_its_colour_on_a_terminal(
+    status: str, colour: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    print_result(*summary({**WALK, "status": status}))
+    assert f"{colour}m{status.replace('_', ' ')}" in capsys.readouterr().out
+
+
+def test_counts_in_words() -> None:
+    assert in_words({"late": 2, "stale_owner": 1, "other": 0}) == "2 late, 1 stale owner"
+
+
+OUTCOME = {
+    "status": "ok",
+    "duration_s": 30.0,
+    "distance_m": 3.2,
+    "deviation_m": {"signed": 0.006},
+    "yaw_change_deg": 0.0,
+    "clipped_ticks": 0,
+}
+WALKED: dict[str, Any] = {"path_m": [], "recording": None}
+
+
+def session(tripod: float | None = None, **changes: Any) -> Session:
+    """A session with one trial, 6 mm off the line, and a tripod before it that is so far off."""
+    spec = SessionSpec(
+        **{"failed_leg": 5, "optimizer": "bayes", "prior": "x.npz", "target_m": 0.025, **changes}
+    )
+    slots = (1, 2, 3, 4, 0, 5)
+    trial = TrialRecord(index=1, code=17, slots=slots, score=0.006, outcome=OUTCOME, **WALKED)
+    made = Session(name="s", spec=spec, created="2026-01-01", trials=[trial], ended="budget")
+    if tripod is not None:
+        walk = BaselineRecord(
+            gait="tripod", code=None, slots=(0,) * 6, score=tripod, outcome=OUTCOME, **WALKED
+        )
+        made.baseline.append(walk)
+    return made
+
+
+def closing(made: Session, ended: str | None = "budget") -> dict[str, str]:
+    """The last lines of a search, by what is before the colon."""
+    return {
+        line.partition(": ")[0]: line.partition(": ")[2] for line in closing_lines(made, ended).splitlines()
+    }
+
+
+def confirmed(signed_m: float) -> Session:
+    made = session(uncertainty_m=0.0213, confirmed_uncertainty_m=0.008)
+    walked = {**OUTCOME, "deviation_m": {"signed": signed_m}}
+    record = ConfirmationRecord(
+        code=17, slots=(1, 2, 3, 4, 0, 5), score=abs(signed_m), outcome=walked, time_step_s=0.0005, **WALKED
+    )
+    made.confirmations = [record]
+    assert str(confirmation_line(made, record)).endswith("ok at 0.5 ms")
+    return made
+
+
+def real() -> Session:
+    made = session(backend="zenoh", world=None)
+    made.settled_on = {"code": 17, "chance": 0.65, "target_m": 0.025}
+    return made
+
+
+def fallen_tripod() -> Session:
+    made = session(tripod=0.1)
+    made.baseline[0] = replace(made.baseline[0], score=INVALID_SCORE, outcome={**OUTCOME, "status": "fell"})
+    return made
+
+
+STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation": "none", "body_raise": 0.012}
+
+
+@pytest.mark.parametrize(
+    ("made", "label", "text"),
+    [
+        (lambda: session(uncertainty_m=0.0213), "found", "gait 17, trial 1, ends 0.6 cm left"),
+        (lambda: session(uncertainty_m=0.0213), "accuracy", "± 2.1 cm"),
+        (real, "chance", "65 % that gait 17 ends within 2.5 cm"),
+        (lambda: confirmed(-0.002), "found", "gait 17, trial 1, ends 0.2 cm right"),
+        (lambda: confirmed(-0.002), "accuracy", "± 0.8 cm by a walk at a time step of 0.5 ms; within 2.5 cm"),
+        (lambda: confirmed(0.2), "accuracy", "± 0.8 cm by a walk at a time step of 0.5 ms; not within"),
+        (lambda: confirmed(0.02), "accuracy", "± 0.8 cm by a walk at a time step of 0.5 ms; perhaps"),
+        (lambda: session(tripod=0.1), "without a search", "tripod 10.0 cm; the search gains 9.4 cm"),
+        (
+            lambda: session(0.05, uncertainty_m=0.0213),
+            "without a search",
+            "tripod 5.0 cm; the search found none",
+        ),
+        (fallen_tripod, "without a search", "tripod fell"),
+        (
+            lambda: session(**STEERED),
+            "walk on with",
+            "hexctl run --failed-leg 5 --gait 17 --body-raise 0.012",
+        ),
+        (
+            lambda: session(hold="none", heading_rad=math.radians(20.0)),
+            "walk on with",
+            "hexctl run --failed-leg 5 --gait 17 --hold none --heading 20 --self-rotation rear",
+        ),
+    ],
+)
+def test_a_line_at_the_end_of_a_search(made: Callable[[], Session], label: str, text: str) -> None:
+    assert closing(made())[label].startswith(text)
+
+
+def test_nothing_is_said_of_what_is_not_known_or_not_learned() -> None:
+    other = session(uncertainty_m=0.0213, objective="scores:heading_lost", objective_unit="rad")
+    for made in (session(), other):
+        assert "±" not in closing_lines(made, "budget") + "\n".join(opening_lines(made))
+    assert "walk on with" not in closing(session(optimizer="trim", hold="none"))
+    none_yet = replace(session(0.001, uncertainty_m=0.0213), trials=[])
+    assert not {"walk on with", "confirmed"} & closing(none_yet, "interrupted").keys()
+
+
+def test_no_line_of_a_search_is_wider_than_a_terminal() -> None:
+    made = session(tripod=0.1, uncertainty_m=0.0213, uncertainty_caveat="measured on the flat world")
+    fallen = replace(made.trials[0], outcome={**OUTCOME, "status": "no_progress", "cause": "saturation"})
+    shown = [baseline_line(made, made.baseline[0]), trial_line(made, fallen), *opening_lines(made)]
+    assert max(len(str(line)) for line in (*shown, *closing_lines(made, "budget").splitlines()[:4])) <= 80
+
+
+def test_a_search_that_can_be_continued_counts_the_walks_before_its_trials() -> None:
+    begun = replace(session(tripod=0.1, budget=3), trials=[])
+    (line,) = (line for line in closing_lines(begun, None).splitlines() if line.startswith("unfinished"))
+    for word in ("0 trials", "1 walk ", "30 s walked", "hexctl adapt --resume s"):
+        assert word in line
+
+
+def test_a_gait_without_a_search_that_no_trial_is_better_than_is_the_one_to_walk_on_with() -> None:
+    def gait_of(made: Session) -> str:
+        return closing(made)["walk on with"].partition(" --gait ")[2].partition(" ")[0]
+
+    assert gait_of(session(0.001)) == "tripod"
+    assert gait_of(session(0.008)) == "17", "the trial is better"
+    assert gait_of(session(0.001, uncertainty_m=0.0213)) == "tripod", "not resolved: no search is needed"
+    both = session(0.003)
+    stable = replace(both.baseline[0], gait="auto", code=42, score=0.002)
+    both.baseline.append(stable)
+    assert gait_of(both) == "42", "the better one of two; auto by its code"
+    both.baseline[1] = replace(stable, code=None, slots=(1, 3, 6, 2, 5, 4))
+    assert gait_of(both) == "1,3,6,2,5,4"
+    both.trials[0] = replace(both.trials[0], score=INVALID_SCORE, outcome={**OUTCOME, "status": "fell"})
+    assert gait_of(both) == "1,3,6,2,5,4", "no trial is valid"

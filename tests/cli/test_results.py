@@ -1,0 +1,342 @@
+"""`hexctl view` and `export`: sessions and recordings in a stand-in for the viewer, in browsers, in files."""
+
+import os
+import re
+import shutil
+import signal
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.sessions import session_viewing
+from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.walk_records import TrialRecord
+from hexctl.adapt.space import GaitSpace
+from hexctl.cli.main import exit_code
+from hexctl.recording import viewer
+from hexctl.recording.viewer import viewer_binary
+from hexctl.runs.run import run
+from tests.adapt.walking import SPEC, result_of
+from tests.recording.conftest import damage
+from tests.server.processes import TIMEOUT_S, Program, controlling, hexctl, program, served, wait_until
+
+SPACE = GaitSpace((SPEC.broken.leg,))
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Work in an empty folder, with a viewer that notes what it is to open."""
+    monkeypatch.chdir(tmp_path)
+    program = tmp_path_factory.mktemp("bin") / "viewer"
+    program.write_text('#!/bin/sh\nprintf "%s\\n" "$@" > opened\n')
+    program.chmod(0o755)
+    monkeypatch.setattr(viewer, "viewer_binary", lambda: program)
+
+
+def opened() -> list[str]:
+    return [line for line in Path("opened").read_text().splitlines() if line.endswith(".rrd")]
+
+
+def recording(path: Path, age_s: int) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(b"RRF2")
+    os.utime(path, (2_000_000_000 - age_s, 2_000_000_000 - age_s))
+    return path
+
+
+def session(trials: int, *, age_s: int = 10, missing: tuple[int, ...] = ()) -> str:
+    """Make a session whose recordings are so old."""
+    store = SessionStore(Path("runs"))
+    made = store.create(SPEC)
+    for index in range(1, trials + 1):
+        result = result_of(0.1 * index)
+        path = store.folder_of(made.name) / f"trial-{index:03d}.rrd"
+        if index not in missing:
+            recording(path, age_s)
+        trial = TrialRecord(
+            index=index,
+            code=index,
+            slots=SPACE.slots_of(index),
+            score=0.1 * index,
+            outcome=result.to_dict(),
+            path_m=np.round(result.path_m[::10], 4).tolist(),
+            recording=str(path),
+        )
+        store.add(made, trial, {})
+    return made.name
+
+
+def table_of(overview: Path) -> str:
+    """The table of an overview, with its links."""
+    import rerun as rr
+
+    chunks = rr.chunk.RrdReader(overview).stream().to_chunks()
+    (table,) = [chunk.to_record_batch() for chunk in chunks if chunk.entity_path == "/table"]
+    text: str = table.column("TextDocument:text").to_pylist()[0][0]
+    return text
+
+
+@pytest.mark.slow
+def test_without_a_name_the_newest_is_opened_session_or_recording() -> None:
+    older, newer = session(1, age_s=30), session(1, age_s=20)
+    assert exit_code(["view"]) == 0
+    assert opened()[0] == f"runs/{newer}/overview.rrd"
+    assert exit_code(["view", older]) == 0
+    assert exit_code(["view"]) == 0
+    assert opened()[0] == f"runs/{newer}/overview.rrd"
+    recording(Path("runs/walk.rrd"), 10)
+    assert exit_code(["view"]) == 0
+    assert opened() == ["runs/walk.rrd"]
+
+
+@pytest.mark.parametrize("name", ["nobody", "runs", "gone.rrd", "a-file"])
+def test_what_cannot_be_opened_is_said_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    known = session(1)
+    Path("a-file").touch()
+    assert exit_code(["view", name]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert name in error
+    assert (known in error) == (name in ("nobody", "runs"))
+    assert not Path("opened").exists()
+
+
+def page_of(viewer: Program) -> str:
+    """What a browser gets at the address that a viewer prints."""
+    viewer.wait_for("in a browser")
+    match = re.search(r"http://127\.0\.0\.1:\d+/", viewer.said())
+    assert match is not None
+
+    def fetched() -> str:
+        try:
+            with urllib.request.urlopen(match[0], timeout=TIMEOUT_S) as answer:  # noqa: S310  loopback
+                return str(answer.read().decode())
+        except OSError:
+            return ""
+
+    return str(wait_until(fetched, "the page"))
+
+
+@pytest.mark.realtime
+def test_a_recording_is_served_to_a_browser_until_an_interrupt(tmp_path: Path) -> None:
+    path = tmp_path / "walk.rrd"
+    assert exit_code(["run", "--backend", "mock", "--duration", "0.5", "--record", str(path)]) == 0
+    with program(tmp_path, "view", "hexctl", "view", "--web", str(path)) as viewer:
+        assert "<html" in page_of(viewer).lower()
+        viewer.signal(signal.SIGINT)
+        assert viewer.wait() == 0
+
+
+@pytest.mark.realtime
+def test_a_robot_is_watched_while_another_commands_it(tmp_path: Path) -> None:
+    with (
+        served(tmp_path) as robot,
+        controlling(tmp_path, robot.endpoint) as controller,
+        program(tmp_path, "view", "hexctl", "view", "--web", "--connect", robot.endpoint) as viewer,
+    ):
+        controller.wait_for("moving")
+        assert "<html" in page_of(viewer).lower()
+        status = robot.status()
+        assert status["stopped"] is None
+        assert status["leases_refused"] == 0
+        viewer.signal(signal.SIGINT)
+        assert viewer.wait() == 0
+        assert controller.process.poll() is None
+
+
+@pytest.mark.realtime
+def test_a_robot_that_ends_is_said_in_one_line(tmp_path: Path) -> None:
+    with served(tmp_path, backend="mock") as robot:
+        watching = ("hexctl", "view", "--web", "--connect", robot.endpoint)
+        with program(tmp_path, "view", *watching) as viewer:
+            viewer.wait_for("in a browser")
+            robot.signal(signal.SIGKILL)
+            assert viewer.wait() == 3
+            assert "silent" in viewer.said()
+            assert "Traceback" not in viewer.said()
+
+
+@pytest.mark.realtime
+def test_without_a_screen_a_live_view_says_so_and_the_walk_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    walked = hexctl("run", "--realtime", "--view", "--duration", "0.5", "--record", str(tmp_path / "a.rrd"))
+    assert walked.returncode == 0, walked.stderr
+    assert walked.stderr.count("display") == 1
+    with served(tmp_path, backend="mock") as robot:
+        watched = hexctl("view", "--connect", robot.endpoint)
+    assert watched.returncode == 3
+    assert "hexctl view --web" in watched.stderr
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("walk") / "walk.rrd"
+    run(duration_s=0.5, record=path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def damaged(walk: Path) -> Path:
+    return damage(walk)
+
+
+@pytest.mark.slow
+def test_a_session_is_shown_without_what_is_damaged_and_names_it(
+    damaged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = session(3)
+    lost, empty = (Path("runs", name, f"trial-00{index}.rrd") for index in (2, 3))
+    lost.write_bytes(damaged.read_bytes())
+    empty.write_bytes(b"")
+    for named in (
+        name,
+        f"runs/{name}/overview.rrd",
+        str(lost.resolve().with_name("overview.rrd")),
+    ):
+        assert exit_code(["view", named]) == 3
+        assert opened() == [f"runs/{name}/overview.rrd"]
+        table = table_of(Path(opened()[0]))
+        assert "▶ 1" in table
+        assert "▶ 2" not in table
+        assert "▶ 3" not in table
+        damage, emptied = capsys.readouterr().err.splitlines()
+        assert damage.startswith(f"hexctl: recording: {lost} is damaged")
+        assert emptied.startswith(f"hexctl: recording: {empty} is not a Rerun recording")
+
+
+@pytest.mark.slow
+def test_an_old_overview_that_leads_to_damage_is_not_opened(
+    damaged: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = session(2)
+    old = Path("runs", name, "overview.rrd")
+    assert exit_code(["view", name]) == 0
+    Path("runs", name, "trial-002.rrd").write_bytes(damaged.read_bytes())
+    write = session_viewing.write_overview
+
+    def refused(*arguments: Any, **options: Any) -> Path:
+        if options.get("into") is None:
+            raise PermissionError(13, "Permission denied")
+        return write(*arguments, **options)
+
+    monkeypatch.setattr(session_viewing, "write_overview", refused)
+    assert exit_code(["view", name]) == 3
+    assert Path(opened()[0]).name == old.name
+    assert opened() != [str(old)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [(), ("--web",)])
+def test_a_damaged_recording_is_named_before_anything_is_shown(
+    options: tuple[str, ...], walk: Path, damaged: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(viewer, "viewer_binary", viewer_binary)
+    assert exit_code(["view", str(walk), str(damaged), *options]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"hexctl: recording: {damaged} is damaged")
+    assert told.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_a_session_opens_as_its_overview_with_a_link_to_each_trial_that_has_a_recording() -> None:
+    name = session(3, missing=(2,))
+    stale = Path("runs", name, "overview.rrd")
+    stale.write_bytes(b"RRF2")
+    for typed in (name, f"runs/{name}/"):
+        assert exit_code(["view", typed]) == 0
+        assert opened() == [f"runs/{name}/overview.rrd"]
+    table = table_of(Path(opened()[0]))
+    for index in (1, 3):
+        assert f"[▶ {index}]({Path.cwd().as_uri()}/runs/{name}/trial-00{index}.rrd)" in table
+    assert "▶ 2" not in table
+
+
+@pytest.mark.slow
+def test_walks_open_as_one_scene_and_with_sessions(walk: Path) -> None:
+    for name in ("a.rrd", "b.rrd"):
+        shutil.copy(walk, name)
+    assert exit_code(["view", "a.rrd", "b.rrd"]) == 0
+    assert [Path(path).name for path in opened()] == ["side-by-side.rrd"]
+    name = session(1)
+    assert exit_code(["view", "a.rrd", name]) == 0
+    assert [Path(path).name for path in opened()] == ["1-a.rrd", "overview.rrd"]
+
+
+def test_without_sessions_and_trials_there_is_nothing_to_view(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["nobody"], []):
+        assert exit_code(["view", *words]) == 2
+    assert not Path("runs").exists()
+    name = session(0)
+    capsys.readouterr()
+    assert exit_code(["view", name]) == 2
+    assert f"adapt --resume {name}" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_it_prints_where_the_output_lies(walk: Path, capsys: Any) -> None:
+    for arguments, path in (
+        (["ant", "--to", "urdf"], "ant.urdf"),
+        (["ant", "--ros2-control", "-o", "a.urdf"], "a.urdf"),
+        ([str(walk), "-o", "table.csv"], "table.csv"),
+        ([str(walk), "-o", "walk.mcap"], "walk.mcap"),
+    ):
+        assert exit_code(["export", *arguments]) == 0
+        assert capsys.readouterr().out == f"{path}\n"
+        assert Path(path).stat().st_size > 1000
+    assert "ros2_control" in Path("a.urdf").read_text()
+
+
+@pytest.mark.slow
+def test_what_is_wrong_is_told_in_one_line_with_flags(walk: Path, tmp_path: Path, capsys: Any) -> None:
+    for words, named in (
+        ([], "--to"),
+        (["--to", "csv", "--camera", "top"], "--camera"),
+        (["--to", "csv", "--width", "100"], "--width"),
+        (["--to", "gif", "--caption", "a", "--caption", "b"], "--caption"),
+        (["--to", "gif", "--from", "99"], "--from"),
+        (["--to", "csv", "--robot", "nobody"], "unknown robot 'nobody'"),
+    ):
+        assert exit_code(["export", str(walk), *words]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"hexctl: {named}")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_damaged_recording_is_named_and_nothing_is_written(
+    damaged: Path, tmp_path: Path, capsys: Any
+) -> None:
+    for kind in ("csv", "urdf"):
+        assert exit_code(["export", str(damaged), "--to", kind, "-o", f"out.{kind}"]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith(f"hexctl: recording: {damaged} is damaged")
+        assert told.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_what_a_session_has_lost_is_named_and_the_rest_is_written(
+    walk: Path, damaged: Path, tmp_path: Path, capsys: Any
+) -> None:
+    name = session(3, missing=(2,))
+    first, second, third = (Path("runs", name, f"trial-00{index}.rrd") for index in (1, 2, 3))
+    shutil.copy(damaged, first)
+    shutil.copy(walk, third)
+    assert exit_code(["export", name, "--to", "mcap", "-o", "bags"]) == 3
+    captured = capsys.readouterr()
+    assert captured.out == "bags\n"
+    assert [path.name for path in Path("bags").iterdir()] == [third.stem]
+    harmed, missing = captured.err.splitlines()
+    assert harmed.startswith(f"hexctl: recording: {first} is damaged")
+    assert missing.startswith(f"hexctl: recording: {second} is not there")
+    assert exit_code(["export", name, "-o", "trials.csv"]) == 0
+    assert capsys.readouterr().err == ""
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "runs", "trials.csv"]

@@ -1,0 +1,286 @@
+"""`hexctl check`, `robot`, `gaits` and `worlds`: robot files and their meshes."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.backends.sim.world import World, load_world
+from hexctl.cli.main import exit_code
+from hexctl.control.assessment.uncertainty_store import keep_uncertainty, known_uncertainty
+from hexctl.gait.gait import make_gait
+from hexctl.recording import paths
+from hexctl.robot.configs import config_names, config_root
+from hexctl.robot.formats.urdf import urdf_of
+from hexctl.robot.loader import load_robot
+from tests.backends.mavlink.boards import fitting_file
+from tests.recording.conftest import ReadBack
+from tests.robot.meshmaking import stl_box
+from tests.robots import edited_file, put, shipped
+
+
+def check_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
+    assert exit_code(["check", *arguments, "--json"]) == code
+    report: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return report
+
+
+def test_the_demand_of_the_papers_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    """The excursions and speeds derived from the paper's numbers (heading 0)."""
+    report = check_json(capsys, "ant", "--heading", "0")
+    rows = report["joints"].values()
+    assert max(row["highest_deg"] for row in rows) == pytest.approx(26.3, abs=0.1)
+    femur, tibia = report["joints"]["leg1_femur"], report["joints"]["leg1_tibia"]
+    assert (femur["lowest_deg"], femur["highest_deg"]) == pytest.approx((-6.4, 21.5), abs=0.1)
+    assert (tibia["lowest_deg"], tibia["highest_deg"]) == pytest.approx((-113.8, -54.5), abs=0.1)
+    assert tibia["peak_speed_deg_s"] == pytest.approx(415, abs=3)
+    assert report["speed_holds"]
+    assert report["max_pace_hz"] > 0.9
+
+
+def test_the_verdict_is_first_in_a_short_answer_and_the_joints_are_verbose(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    robot = "ant"
+    assert exit_code(["check", robot]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith(f"{robot} can walk this gait")
+    assert len(lines) <= 12
+    assert max(map(len, lines)) <= 80
+    assert not [line for line in lines if "leg6_tibia" in line]
+    assert exit_code(["check", robot, "--verbose"]) == 0
+    verbose = capsys.readouterr().out.splitlines()
+    assert verbose[0] == lines[0]
+    assert set(lines[:-1]) < set(verbose)
+    assert [line for line in verbose if line.startswith("leg6_tibia")]
+
+
+@pytest.mark.slow
+def test_the_pace_it_names_is_clipped_nowhere(capsys: pytest.CaptureFixture[str]) -> None:
+    pace = check_json(capsys, "ant")["max_pace_hz"]
+    assert check_json(capsys, "ant", "--pace", f"{pace - 0.001}")["speed_holds"]
+    assert not check_json(capsys, "ant", "--pace", f"{pace + 0.01}")["speed_holds"]
+
+
+def test_a_joint_out_of_range_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "stiff.yaml"
+    text = (config_root() / "robots" / "ant.yaml").read_text()
+    path.write_text(text.replace("min_deg: -60, max_deg: 60", "min_deg: -10, max_deg: 10"))
+    report = check_json(capsys, str(path), code=2)
+    assert "leg1_coxa" in report["joints_out_of_range"]
+
+
+@pytest.mark.slow
+def test_servos_too_weak_for_the_weight_are_impossible(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "weak.yaml"
+    text = (config_root() / "robots" / "ant.yaml").read_text()
+    path.write_text(text.replace("max_torque_nm: 2.5", "max_torque_nm: 0.05"))
+    report = check_json(capsys, str(path), code=2)
+    assert not report["possible"]
+    assert report["load_capacity"] < 1
+    femur = report["joints"]["leg1_femur"]
+    assert femur["static_torque_nm"] > femur["max_torque_nm"]
+    assert exit_code(["check", str(path)]) == 2
+    printed = capsys.readouterr().out
+    assert "too weak" in printed
+    assert printed.splitlines()[0].endswith("cannot walk this gait")
+
+
+@pytest.mark.slow
+def test_legs_that_cross_and_soft_servos_leave_open_whether_the_robot_walks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crowded, heavy = tmp_path / "crowded.yaml", tmp_path / "heavy.yaml"
+    text = (config_root() / "robots" / "pexod.yaml").read_text()
+    for x_m, nearer_m in (("0.11", "0.03"), ("-0.01", "0.0"), ("-0.13", "-0.03")):
+        text = text.replace(f"position_m: [{x_m},", f"position_m: [{nearer_m},")
+    crowded.write_text(text)
+    report = check_json(capsys, str(crowded), "--gait", "demo")
+    assert (report["legs_cross"], report["doubtful"]) == (True, True)
+    one, other = report["nearest_legs"]
+    assert exit_code(["check", str(crowded), "--gait", "demo"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count(f"cross for {100 * report['legs_cross_share']:.0f} % of the cycle") == 1
+    assert f"legs: {one} and {other} overlap by {-1000 * report['least_leg_clearance_m']:.0f} mm" in printed
+    text = (config_root() / "robots" / "phantomx.yaml").read_text()
+    heavy.write_text(text.replace("mass_kg: 1.522", "mass_kg: 8.0"))
+    report = check_json(capsys, str(heavy))
+    assert report["sag_deg"] > 8
+    assert report["dragging_legs"]
+    assert [warning for warning in report["warnings"] if warning.startswith("soft")]
+    assert (report["possible"], report["doubtful"]) == (True, True)
+
+
+@pytest.mark.parametrize(
+    ("edit", "found"),
+    [
+        ({"driver": "feetech"}, {"joints_beyond_counts": 0, "joints_beyond_travel": 0}),
+        (
+            {"driver": "feetech", "tibia": {"min_count": 1900}, "leg2_coxa": {"max_count": 2100}},
+            {"joints_beyond_counts": 7, "joints_beyond_travel": 0},
+        ),
+        (
+            {"driver": "feetech", "femur": {"offset_deg": 100}},
+            {"joints_beyond_counts": 6, "joints_beyond_travel": 6},
+        ),
+        (None, {"to_measure": 2}),
+        ({"tibia": {"offset_deg": 75}}, {"joints_beyond_pulses": 0, "gait_fits_pulses": True}),
+        ({"tibia": {"offset_deg": 60}}, {"joints_beyond_pulses": 6, "gait_fits_pulses": True}),
+        ({"tibia": {"offset_deg": 0}}, {"joints_beyond_pulses": 6, "gait_fits_pulses": False}),
+    ],
+)
+def test_whether_ranges_and_gait_fit_the_servos(
+    edit: dict[str, Any] | None, found: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if edit is None:
+        path = edited_file(tmp_path, put("unknown", ["body.mass_kg", "joints.tibia"]))
+    elif "driver" in edit:
+        path = edited_file(tmp_path, put("servos", edit), base="phantomx")
+    else:
+        path = fitting_file(tmp_path, edit)
+    report = check_json(capsys, str(path))
+    for key, count in found.items():
+        assert (report[key] if isinstance(count, bool) else len(report[key])) == count
+
+
+@pytest.mark.slow
+def test_the_simulations_own_uncertainty_is_measured_and_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert known_uncertainty("pexod", duration_s=0.5) is None
+    physics = check_json(capsys, "pexod", "--physics", "--duration", "0.5")["physics"]
+    found = known_uncertainty("pexod", duration_s=0.5)
+    assert found is not None
+    assert found.to_dict() == physics
+    assert (tmp_path / "runs" / "uncertainty.yaml").is_file()
+    keep_uncertainty(shipped("pexod"), World(), replace(found, walks=100), folder=tmp_path / "runs")
+    assert exit_code(["check", "pexod", "--physics", "--duration", "0.5"]) == 0
+    assert "100 walks" in capsys.readouterr().err
+    kept = known_uncertainty("pexod", duration_s=0.5)
+    assert kept is not None
+    assert kept.walks == 100
+
+
+@pytest.mark.slow
+def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    sets = check_json(capsys, "pexod", "--leg-sets", "--heading", "0")["leg_sets"]
+    assert [len(one["legs"]) for one in sets] == [1] * 6 + [2] * 15 + [3] * 20
+    assert {one["verdict"] for one in sets if len(one["legs"]) == 3} == {"no gait"}
+    assert exit_code(["check", "pexod", "--leg-sets", "--heading", "0"]) == 0
+    printed = capsys.readouterr().out
+    for legs in ("1 leg ", "2 legs", "3 legs"):
+        assert f"without {legs}" in printed
+
+
+PHANTOMX = Path(__file__).parents[1] / "data" / "phantomx_humarobotics.urdf"
+
+
+def test_a_robot_file_is_made_and_what_to_measure_is_told(tmp_path: Path, capsys: Any) -> None:
+    mine = tmp_path / "mine.yaml"
+    arguments = ["robot", "import", str(PHANTOMX), "--foot", "0,0.13,0", "--name", "mine", "-o", str(mine)]
+    assert exit_code(arguments) == 0
+    file, measure, following = capsys.readouterr().out.splitlines()
+    assert file == str(mine)
+    assert measure.endswith("body.size_m, foot_radius_m")
+    assert following.endswith(f"hexctl check --robot {mine}")
+    assert load_robot(mine).name == "mine"
+    before = mine.read_text()
+    assert exit_code(arguments) == 2
+    assert mine.read_text() == before
+
+
+def test_what_is_wrong_is_told_in_one_line(tmp_path: Path, capsys: Any) -> None:
+    urdf, mine = tmp_path / "ant.urdf", str(tmp_path / "mine.yaml")
+    urdf.write_text(urdf_of(shipped()))
+    for arguments, named in (
+        ([str(PHANTOMX), "-o", mine], "urdf"),
+        ([str(urdf), "-o", mine, "--foot", "1,2"], "--foot"),
+        ([str(urdf), "-o", mine, "--foot", "a,b,nan"], "--foot"),
+        ([str(urdf), "-o", mine, "--forward", "up"], "--forward"),
+        ([str(urdf), "-o", str(tmp_path / "mine.txt")], "--output"),
+        ([str(urdf), "-o", str(tmp_path / "no" / "mine.yaml")], "--output"),
+        ([str(urdf), "-o", mine, "--name", "Not A Name"], "--name"),
+        ([mine, "-o", mine], mine),
+    ):
+        assert exit_code(["robot", "import", *arguments]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"hexctl: {named}: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["ant.urdf"]
+
+
+def test_shipped_robots_are_listed_and_copied(tmp_path: Path, capsys: Any) -> None:
+    assert exit_code(["robot", "list", "--json"]) == 0
+    names = json.loads(capsys.readouterr().out)
+    assert set(names) == set(config_names("robots"))
+    mine = tmp_path / "mine.yaml"
+    for code in (0, 2):  # nothing is replaced
+        assert exit_code(["robot", "copy", "Pexod", str(mine)]) == code
+        assert load_robot(mine).fingerprint == load_robot("pexod").fingerprint
+    assert "FILE: " in capsys.readouterr().err
+    assert exit_code(["robot", "copy", "mars", str(tmp_path / "other.yaml")]) == 2
+    assert not (tmp_path / "other.yaml").exists()
+
+
+def test_names_of_gaits_and_worlds_are_those_that_options_take(capsys: Any) -> None:
+    assert exit_code(["gaits", "--json"]) == 0
+    for name, slots in json.loads(capsys.readouterr().out).items():
+        assert list(make_gait(shipped(), name).slots) == slots
+    assert exit_code(["worlds", "--json"]) == 0
+    for name, text in json.loads(capsys.readouterr().out).items():
+        assert load_world(name.replace("NUMBER", "3")) is not None
+        assert text.endswith(".")
+
+
+@pytest.fixture
+def robot_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "trunk.stl").write_bytes(stl_box())
+    return edited_file(tmp_path, put("meshes", {"body": {"file": "trunk.stl", "scale": 0.2}}))
+
+
+def drawn(path: Path) -> bytes:
+    """The mesh that a recording shows as the trunk."""
+    return bytes(ReadBack(path).values(f"/{paths.BODY}", "Asset3D:blob")[0][0])
+
+
+@pytest.mark.slow
+def test_a_run_and_a_trial_show_them(robot_file: Path, tmp_path: Path) -> None:
+    run = ["run", "--robot", str(robot_file), "--duration", "0.5", "--record", "walk.rrd", "--json"]
+    assert exit_code(run) == 0
+    assert drawn(tmp_path / "walk.rrd") == stl_box()
+    adapt = ["adapt", "--robot", str(robot_file), "--failed-leg", "5", "--duration", "0.5", "--json"]
+    assert exit_code([*adapt, "--budget", "1", "--optimizer", "random"]) == 0
+    (trial,) = (tmp_path / "runs").glob("*/trial-001.rrd")
+    assert drawn(trial) == stl_box()
+
+
+@pytest.mark.slow
+def test_check_names_them(robot_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["check", str(robot_file)]) == 0
+    assert "meshes for body, solids for the rest" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [["run"], ["check"]])
+def test_a_broken_one_is_refused_before_anything_moves(
+    command: list[str], robot_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "trunk.stl").write_bytes(b"no mesh")
+    assert exit_code([*command, "--robot", str(robot_file)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert "meshes.body.file" in printed.err
+    assert not list(tmp_path.glob("runs/*"))
+
+
+@pytest.mark.slow
+def test_without_a_recording_they_are_not_loaded(robot_file: Path, tmp_path: Path) -> None:
+    (tmp_path / "trunk.stl").unlink()
+    run = ["run", "--robot", str(robot_file), "--duration", "0.2", "--no-record", "--json"]
+    assert exit_code(run) == 0

@@ -1,0 +1,394 @@
+"""`hexctl run` as a user calls it, and when the robot, the link or the disk fails."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from unittest.mock import ANY
+
+import pytest
+
+from hexctl.cli.main import exit_code
+from hexctl.recording import recording
+from hexctl.recording.rrd import ROOM_BYTES
+from tests.adapt.walking import stored_session
+from tests.cli.kits import Kit
+from tests.cli.terminals import OnTerminal, wait_until_it_grows
+from tests.vision.test_place import saved
+
+SHORT = ["run", "--no-record", "--duration", "3"]
+
+#: The contract of `run --json` (design: the command line).
+JSON_KEYS = """
+gait failed_leg failure duration_s distance_m deviation_m yaw_change_deg ideal_yaw_change_deg
+self_rotation_deg status stopped ticks overruns clipped_ticks tick_us realtime_factor recording
+"""
+
+#: A second is enough for the slowest machine to get on; a hang must not hang the suite.
+PATIENCE_S = 60.0
+
+WEAK = "2:weak:0.5"
+KITS = "tests.cli.kits"
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
+    assert exit_code([*arguments, "--json"]) == code
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert len(printed.out.splitlines()) == 1
+    outcome: dict[str, Any] = json.loads(printed.out, parse_constant=lambda name: pytest.fail(name))
+    return outcome
+
+
+def test_the_summary_says_how_it_went_and_how_to_look(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["run", "--duration", "2", "--failed-leg", "4"]) == 0
+    printed = capsys.readouterr().out
+    (recording,) = (tmp_path / "runs").iterdir()
+    for word in ("slots 1,4,1,4,1,4", "off line", "status     ok", f"hexctl view runs/{recording.name}"):
+        assert word in printed
+    assert recording.stat().st_size > 10_000
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Kit, "made", [])
+
+
+def _run(kit: str, *more: str, duration_s: int = 3) -> int:
+    return exit_code(["run", "--backend", f"{KITS}:{kit}", "--duration", str(duration_s), *more])
+
+
+def _one_line(captured: str) -> str:
+    (line,) = captured.splitlines()
+    return line
+
+
+def _strict(text: str) -> dict[str, Any]:
+    """The one JSON object of a text, which knows no NaN."""
+    outcome: dict[str, Any] = json.loads(_one_line(text), parse_constant=lambda name: pytest.fail(name))
+    return outcome
+
+
+@pytest.mark.parametrize(("kit", "reason"), [("Sick", "fault"), ("Lost", "pose lost")])
+def test_a_fault_of_the_robot_is_a_result_that_says_why(
+    kit: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(kit, "--no-record", duration_s=8) == 3
+    printed = capsys.readouterr()
+    assert f"status     aborted ({reason})" in printed.out
+    assert printed.err == ""
+    assert _run(kit, "--no-record", "--json", duration_s=8) == 3
+    outcome = _strict(capsys.readouterr().out)
+    assert (outcome["status"], outcome["stopped"]) == ("aborted", reason)
+    assert 0 < outcome["duration_s"] < 8
+
+
+@pytest.mark.parametrize(("kit", "word"), [("NoPipe", "Broken pipe"), ("NoPort", "/dev/ttyUSB7")])
+def test_a_robot_that_cannot_be_reached_is_one_line_and_leaves_nothing(
+    kit: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(kit) == 3
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert word in _one_line(printed.err)
+    assert list(tmp_path.iterdir()) == [], "no recording of a walk that never was"
+    assert [made.closed for made in Kit.made] == [1]
+
+
+@pytest.mark.parametrize("command", ["run", "diagnose"])
+def test_ctrl_c_before_the_first_command_commands_nothing_and_leaves_nothing(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "walk.rrd"
+    assert exit_code([command, "--backend", f"{KITS}:Interrupting", "--record", str(path)]) == 130
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    _one_line(printed.err)
+    assert [(made.closed, len(made.sent)) for made in Kit.made] == [(1, 0)]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_that_turns_before_it_walks_says_so_first(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run("Kit", "--no-record", "--failed-leg", "5", "--self-rotation", "rear", "--json") == 0
+    assert "turns until leg 5 trails" in _one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("block_ticks", [1, 2000], ids=["in the walk", "at its end"])
+def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
+    block_ticks: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(_: object) -> Iterator[None]:
+        yield
+        raise RuntimeError("no space\nleft")
+
+    monkeypatch.setattr(recording, "BLOCK_TICKS", block_ticks)
+    monkeypatch.setattr(recording, "send_parts", fail)
+    assert _run("Kit", "--turn", "5", "--json") == 3
+    printed = capsys.readouterr()
+    outcome = _strict(printed.out)
+    assert (outcome["status"], outcome["duration_s"]) == ("ok", pytest.approx(3))
+    assert "no space\\nleft" in _one_line(printed.err)
+
+
+@pytest.mark.slow
+def test_a_walk_changes_its_gait_in_stride_and_stands_up_off_a_dead_leg(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    options = ["--failed-leg", "1", "--self-rotation", "none", "--gait", "auto", "--then", "wave@3"]
+    assert exit_code(["run", "--no-record", "--duration", "6", "--json", *options]) == 0
+    outcome = _strict(capsys.readouterr().out)
+    assert (outcome["status"], outcome["hold"], outcome["gait"]["name"]) == ("ok", "line", "auto")
+    assert outcome["gait"]["posture"] == {"body_raise": 0.012, "shift": [0.0, 0.0], "tucked_legs": []}
+    assert outcome["gait"]["then"] == ["wave@3"]
+
+
+def test_a_robot_without_a_pose_at_the_start_says_why_it_holds_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    world = tmp_path / "blind.yaml"
+    world.write_text("lost_poses: 0.95\n", encoding="utf-8")
+    options = ["run", "--no-record", "--duration", "0.2", "--world", str(world), "--seed", "1"]
+    assert exit_code([*options, "--json"]) == 0
+    outcome = _strict(capsys.readouterr().out)
+    assert (outcome["hold"], outcome["hold_caveat"]) == ("none", ANY)
+
+
+def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["run", "--gait", "best", "--failed-leg", "2", "--duration", "1", "--no-record", "--json"]
+    assert exit_code(words) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["hold"] == "line"
+    assert "ant-locked-none-30s-line.npz" in printed.err
+    assert exit_code([*words, "--failure", "2:missing"]) == 2
+    assert "--gait" in _one_line(capsys.readouterr().err)
+
+
+def test_the_best_gait_of_a_session_is_that_of_its_baseline_where_no_trial_is_better(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    session = stored_session(tmp_path / "runs", 0.03, tripod=0.01)
+    words = ["run", "--failed-leg", "2", "--duration", "0.6", "--no-record", "--json"]
+    assert exit_code([*words, "--gait", f"best:{session}"]) == 0
+    printed = capsys.readouterr()
+    assert (session in printed.err, json.loads(printed.out)["gait"]["name"]) == (True, "tripod")
+    assert exit_code([*words, "--gait", "wave", "--then", f"best:{session}@0.5"]) == 0
+    line = _one_line(capsys.readouterr().err)
+    assert "0.5 s" in line
+    assert "tripod" in line
+
+
+def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for more, said in (([], True), (["--failed-leg", "2"], False)):
+        assert _run("Kit", "--no-record", "--self-rotation", "front", *more, duration_s=1) == 0
+        assert ("--self-rotation front changes nothing" in capsys.readouterr().err) is said
+
+
+@pytest.mark.slow
+def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.CaptureFixture[str]) -> None:
+    walk = ["run", "--gait", "tripod", "--failure", "5:locked@3", "--duration", "5", "--no-record"]
+    assert exit_code(walk) == 0
+    said = capsys.readouterr().out
+    assert "failed     leg 5 locked at 3 s" in said
+    assert "detected   leg 5 locked at 3." in said
+    assert "changed to slots" in said
+    assert exit_code([*walk, "--policy", "stop"]) == 4
+    said = capsys.readouterr().out
+    assert "stopped" in said
+    assert "aborted (leg 5 locked)" in said
+    assert exit_code([*walk, "--policy", "walk-on"]) == 0
+    assert "walked on" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_walk_that_came_nowhere_without_a_leg_proposes_the_stable_gait(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked = ["--failure", "2:limp,5:locked", "--duration", "4", "--no-record"]
+    assert exit_code(["run", *asked]) == 0
+    assert "next: the same with --gait auto" in capsys.readouterr().out
+    assert exit_code(["run", *asked, "--gait", "auto"]) == 0
+    assert "--gait auto" not in capsys.readouterr().out
+
+
+def test_json_keeps_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = run_json(capsys, "run", "--no-record", "--duration", "1", "--gait", "57", "--failure", WEAK)
+    assert set(outcome) >= set(JSON_KEYS.split())
+    assert (outcome["gait"]["slots"], outcome["gait"]["code"]) == ([4, 2, 3, 5, 1, 6], 57)
+    assert (outcome["failed_leg"], outcome["failure"]) == (2, "weak:0.5")
+    assert set(outcome["deviation_m"]) == {"final", "mean", "max", "signed"}
+    assert set(outcome["tick_us"]) == {"p50", "p99", "max"}
+    assert (outcome["duration_s"], outcome["status"]) == (pytest.approx(1.0), "ok")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "key", "low", "high"),
+    [
+        ("--gait tripod --heading 137", "distance_m", 0.25, 0.4),
+        ("--turn -20", "yaw_change_deg", -60, -24),
+        ("--turn -20", "distance_m", -0.05, 0.05),
+        ("--turn 10 --heading 0 --amplitude 0.08", "yaw_change_deg", 12, 30),
+        ("--world ice.yaml", "distance_m", 0, 0.25),
+    ],
+)
+def test_a_walk_goes_where_it_is_sent(
+    words: str, key: str, low: float, high: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("ice.yaml").write_text("friction: 0.02\n")
+    outcome = run_json(capsys, *SHORT, *words.split())
+    assert low < outcome[key] < high
+
+
+def test_a_fall_is_an_abort(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("top_heavy.yaml").write_text("payload_kg: 6\npayload_position_m: [0.5, 0.0, 0.3]\n")
+    assert run_json(capsys, *SHORT, "--world", "top_heavy.yaml", code=4)["status"] == "fell"
+
+
+@pytest.mark.parametrize(("kit", "more"), [("PipeBreaks", []), ("PortBreaks", ["--no-record", "--json"])])
+def test_a_link_that_breaks_in_the_walk_is_one_line(
+    kit: str, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(kit, *more) == 3
+    printed = capsys.readouterr()
+    assert "status" not in printed.out, "there is no result"
+    _one_line(printed.err)
+    assert [made.closed for made in Kit.made] == [1]
+    if not more:
+        (path,) = (tmp_path / "runs").iterdir()
+        assert path.stat().st_size > 10_000, "what was walked is kept"
+
+
+def test_two_runs_at_once_leave_two_recordings(tmp_path: Path) -> None:
+    for _ in range(2):
+        assert _run("Kit", duration_s=1) == 0
+    assert len(list((tmp_path / "runs").iterdir())) == 2
+
+
+@pytest.mark.realtime
+def test_ctrl_c_stops_softly_and_keeps_the_recording(tmp_path: Path) -> None:
+    path = tmp_path / "walk.rrd"
+    command = [sys.executable, "-m", "hexctl", "run", "--realtime", "--duration", "600", "--json"]
+    with subprocess.Popen(
+        [*command, "--record", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            wait_until_it_grows(path)
+            process.send_signal(signal.SIGTERM)
+            printed, complaints = process.communicate(timeout=PATIENCE_S)
+        finally:
+            process.kill()
+    assert (process.returncode, complaints) == (130, "")
+    outcome = json.loads(printed)
+    assert outcome["status"] == "aborted"
+    assert 0 < outcome["duration_s"] < 600
+    assert path.stat().st_size > 10_000
+
+
+@pytest.mark.realtime
+def test_a_terminal_shows_progress_and_the_result_at_the_end(tmp_path: Path) -> None:
+    shown = OnTerminal(["--duration", "1"], tmp_path, command="run", variables={"TERM": "xterm"})
+    try:
+        shown.wait("loading")
+        assert shown.code() == 0
+        text = shown.wait("next: hexctl view")
+    finally:
+        shown.end()
+    assert text.index("loading") < text.index("1 of 1 s") < text.index("ant in world flat")
+
+
+FULL_DISK = """
+import resource, signal, sys
+from hexctl.cli.main import exit_code
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
+sys.exit(exit_code(["run", "--duration", "20", "--json"]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("room", [True, False], ids=["full in the walk", "full before it"])
+def test_a_full_disk_is_said_before_the_walk_or_costs_neither_it_nor_its_result(
+    room: bool, tmp_path: Path
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, str(ROOM_BYTES - (not room))],
+        env={**os.environ, "RUST_LOG": "off"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 3, done.stderr
+    _one_line(done.stderr)
+    if room:
+        assert _strict(done.stdout)["status"] == "ok"
+    else:
+        assert (done.stdout, list(tmp_path.glob("runs/*"))) == ("", [])
+
+
+#: Servos of the current folder, whose time does not wait.
+OWN_KIT = """
+from hexctl.backends.clock import WallClock
+from hexctl.backends.mock import MockServos
+class KitTime:
+    now_s = 0.0
+    def now(self):
+        return self.now_s
+    def sleep(self, duration_s):
+        self.now_s += max(duration_s, 1e-9)
+class KitServos(MockServos):
+    def __init__(self, robot):
+        super().__init__(robot, clock=WallClock(time=KitTime()))
+"""
+
+
+@pytest.mark.slow
+def test_servos_in_the_current_folder_are_found_by_the_program_that_is_installed(tmp_path: Path) -> None:
+    program = Path(sys.executable).with_name("hexctl")
+    if not program.exists():
+        pytest.skip("hexctl is not installed next to this Python")
+    (tmp_path / "own_kit.py").write_text(OWN_KIT)
+    words = ["run", "--backend", "own_kit:KitServos", "--no-record", "--duration", "1", "--json"]
+    done = subprocess.run([program, *words], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    outcome = _strict(done.stdout)
+    assert (outcome["backend"], outcome["status"]) == ("own_kit:KitServos", "ok")
+    assert (outcome["distance_m"], outcome["deviation_m"]["final"]) == (None, None), "it knows no position"
+
+
+WALK = ["run", "--gait", "tripod", "--duration", "6", "--no-record", "--json"]
+
+
+def walked(capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
+    assert exit_code([*WALK, *more]) == 0
+    outcome: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return outcome
+
+
+@pytest.mark.slow
+def test_a_walk_ends_softly_inside_the_circle_around_its_start(capsys: pytest.CaptureFixture[str]) -> None:
+    free = walked(capsys)
+    assert (free["status"], free["stopped"]) == ("ok", None)
+    radius_m = free["distance_m"] / 2
+    kept = walked(capsys, "--arena", str(radius_m))
+    assert (kept["status"], kept["stopped"]) == ("cut_short", "arena")
+    assert 0 < kept["distance_m"] < radius_m
+    assert walked(capsys, "--arena", str(2 * free["distance_m"]))["status"] == "ok"
+
+
+def test_the_floor_of_a_simulation_is_none_that_a_camera_sees(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code([*WALK, "--arena", str(saved(tmp_path))]) == 2
+    assert "with --backend sim; allowed: a radius, or another --backend" in capsys.readouterr().err

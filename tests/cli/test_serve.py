@@ -1,0 +1,302 @@
+"""`hexctl serve` and `status`: what they print, and how they end."""
+
+import json
+import signal
+import socket
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from hexctl.backends.mock import MockServos
+from hexctl.cli.main import exit_code
+from hexctl.cli.network.status_command import status_rows, status_table
+from hexctl.server.serve_options import ServedOptions
+from hexctl.wire.certificates import make_certificates
+from hexctl.wire.links import CLEAR_COMMAND, Link
+from tests.server.processes import RECORDED, free_port, hexctl, program, served
+
+
+@pytest.mark.realtime
+def test_a_view_without_a_viewers_certificate_is_refused_before_anything_is_served(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
+    options = (
+        "--view",
+        "--listen",
+        f"tls/127.0.0.1:{free_port()}",
+        "--keys",
+        str(tmp_path / "keys" / "robot"),
+    )
+    assert exit_code(["serve", "--backend", "mock", *options]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.realtime
+def test_an_address_that_is_taken_is_said_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        assert exit_code(["serve", "--backend", "mock", "--listen", endpoint]) == 3
+    (line,) = capsys.readouterr().err.splitlines()
+    assert endpoint in line
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("method", ["connect", "read"])
+def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
+    method: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("no such register")
+
+    class Driver(MockServos):
+        pass
+
+    setattr(Driver, method, broken)
+    monkeypatch.setattr("tests.server.recorded.RecordedServos", Driver)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    assert exit_code(["serve", "--backend", RECORDED, "--listen", endpoint]) == 3
+    (*_, line) = capsys.readouterr().err.splitlines()
+    assert line.endswith(f"Driver.{method} raised ZeroDivisionError: no such register")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
+def test_it_ends_softly_when_asked(tmp_path: Path, number: signal.Signals) -> None:
+    with served(tmp_path, backend="mock") as robot:
+        assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
+        robot.wait_for("STOPPED: estop")
+        robot.signal(number)
+        assert robot.wait() == 0
+        assert "Traceback" not in robot.said()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("json_option", [(), ("--json",)])
+def test_a_stop_whose_fault_is_still_there_is_not_cleared(
+    json_option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = {"stopped": "fault: no power", "robot": "ant", "backend": "mock"}
+    robots = SimpleNamespace(clear=lambda **_: [answer], link=Link())
+    monkeypatch.setattr("hexctl.client.remote.remote_robots", lambda *_, **__: nullcontext(robots))
+    assert exit_code(["estop", "--clear", *json_option]) == 3
+    printed = capsys.readouterr().out
+    assert "fault: no power" in printed
+    assert ("not cleared, it is still stopped" in printed) is not bool(json_option)
+
+
+@pytest.mark.realtime
+def test_a_walk_over_the_link_says_what_a_walk_in_process_says(tmp_path: Path) -> None:
+    options = ("--gait", "tripod", "--duration", "2", "--json", "--no-record")
+    with served(tmp_path, backend="sim") as robot:
+        far = hexctl("run", "--backend", "zenoh", "--connect", robot.endpoint, *options)
+        assert far.returncode == 0, far.stderr
+    there, here = json.loads(far.stdout), json.loads(hexctl("run", *options).stdout)
+    assert there.keys() == here.keys()
+    assert there["status"] == here["status"] == "ok"
+    assert there["distance_m"] == pytest.approx(here["distance_m"], abs=0.02)
+    # Grid points that a busy machine skipped are counted, not lost.
+    assert there["ticks"] + there["overruns"] == pytest.approx(here["ticks"], abs=3)
+
+
+@pytest.mark.realtime
+def test_with_certificates_controllers_command_and_viewers_look(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    assert hexctl("keys", "new", str(keys)).returncode == 0
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    serve = ("serve", "--backend", "mock", "--listen", endpoint, "--keys", str(keys))
+    with program(tmp_path, "robot", "hexctl", *serve) as robot:
+        robot.wait_for("certificates")
+        here = ("--connect", endpoint, "--keys")
+        walk = ("run", "--backend", "zenoh", "--no-record", "--duration", "0.5", "--json")
+        assert hexctl(*walk, *here, str(keys)).returncode == 0
+        status = hexctl("status", "--json", *here, str(keys / "viewer"))
+        assert json.loads(status.stdout)["secured"] is True
+        for command in (walk, ("estop",)):
+            refused = hexctl(*command, *here, str(keys / "viewer"))
+            assert refused.returncode == 2
+            assert "'viewer'" in refused.stderr
+        assert hexctl("estop", *here, str(keys / "controller")).returncode == 0
+        stranger = hexctl("status", "--connect", endpoint.replace("tls", "tcp"))
+        assert stranger.returncode == 3
+        assert "--keys" in stranger.stderr
+
+
+@pytest.mark.realtime
+def test_watching_ends_with_an_interrupt(tmp_path: Path) -> None:
+    with (
+        served(tmp_path, backend="mock") as robot,
+        program(tmp_path, "watch", "hexctl", "status", "--watch", "--connect", robot.endpoint) as watch,
+    ):
+        watch.wait_for("posture")
+        watch.signal(signal.SIGINT)
+        assert watch.wait() == 0
+
+
+CALM: dict[str, Any] = {
+    "robot": "ant",
+    "backend": "sim",
+    "host": "lab-pc",
+    "user": "mia",
+    "pid": 12,
+    "simulated": {"world": "rough", "failure": "leg 5 locked"},
+    "stopped": None,
+    "posture": "idle",
+    "controller": None,
+    "controller_since_s": None,
+    "leases_refused": 0,
+    "commands": {"accepted": 7, "refused": 0, "late": 0},
+    "clipped": 2,
+    "malformed": {"requests": 0, "poses": 0},
+    "ticks": 100,
+    "overruns": 0,
+    "joints": "measured",
+    "pose": True,
+    "state_age_s": 0.0021,
+    "fault": None,
+    "battery_v": None,
+    "battery_share": None,
+    "endpoint": "tcp/127.0.0.1:7447",
+    "secured": False,
+    "insecure": False,
+}
+
+
+STOP = {"id": "00ff", "since_s": 1.5, "kept": True}
+
+ROS = {
+    "router": "tcp/localhost:7447",
+    "connected": True,
+    "drive": True,
+    "commands": 7,
+    "malformed": 2,
+    "trouble": "no ROS router",
+}
+
+SERVOS = {
+    **dict.fromkeys(("ages_s", "efforts", "currents_a"), [None] * 18),
+    "temperatures_c": [40.0] * 4 + [61.2] + [40.0] * 13,
+    "voltages_v": [12.0] * 17 + [11.5],
+    "errors": [""] * 18,
+}
+
+
+def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None:
+    odd = {
+        **CALM,
+        "controller": "lab[/red]",
+        "controller_since_s": 1.0,
+        "fault": "the board says: [/E12]",
+        "endpoint": "tcp/[fe80::1]:7447",
+        "simulated": True,
+    }
+    console = Console(width=100)
+    with console.capture() as shown:
+        console.print(status_table([{}, CALM, odd], CLEAR_COMMAND))
+    for text in ("ant (sim), world rough", "lab[/red], for 1.0 s", "[/E12]", "tcp/[fe80::1]:7447"):
+        assert text in shown.get()
+
+
+@pytest.mark.realtime
+def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
+    with served(tmp_path, "--world", "rough", "--failure", "5:limp", backend="sim") as robot:
+        shown = hexctl("status", "--connect", robot.endpoint)
+        simulated = robot.status()["simulated"]
+        walk = ("run", "--backend", "zenoh", "--connect", robot.endpoint, "--no-record", "--duration", "0.1")
+        other = hexctl(*walk, "--failed-leg", "3", "--self-rotation", "none")
+        same = hexctl(*walk, "--failure", "5:limp", "--self-rotation", "none")
+    assert simulated == {"world": "rough", "failure": "leg 5 limp"}
+    assert "failure leg 5 limp" in other.stderr
+    assert same.returncode == 0, same.stderr
+    assert "failure" not in same.stderr
+    assert "ant (sim), world rough, failure leg 5 limp" in shown.stdout, shown.stderr
+    assert "controller  none" in shown.stdout
+
+
+def test_what_is_told_in_another_way_costs_no_other_line() -> None:
+    odd = {
+        **CALM,
+        "stopped": {"id": 5},
+        "commands": "many",
+        "battery_v": "full",
+        "ros": "yes",
+        "malformed": 3,
+    }
+    rows = dict(status_rows(odd, CLEAR_COMMAND))
+    assert len({rows[name] for name in ("stopped", "commands", "battery", "ROS", "dropped")}) == 1
+    assert rows["robot"] == dict(status_rows(CALM, CLEAR_COMMAND))["robot"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "row", "shown"),
+    [
+        ({}, "stopped", "no"),
+        ({}, "served by", "mia on lab-pc, process 12"),
+        ({}, "robot", "ant (sim), world rough, failure leg 5 locked"),
+        ({"stopped": "fell"}, "stopped", "FELL: its body leant too far; hexctl estop --clear clears it"),
+        ({"stopped": "fault: low", "fault": "low"}, "stopped", "FAULT: low; see to it, then"),
+        ({"stopped": "fault: gone", "servos": SERVOS}, "stopped", "FAULT: gone; they answer again: hexctl"),
+        ({"stopped": "fault: low"}, "stopped", "FAULT: low; that is over: hexctl estop --clear"),
+        ({"stopped": "expired"}, "stopped", "EXPIRED: no command came in time; the next controller clears"),
+        (
+            {"stopped": "fell", "stop": {**STOP, "kept": False}},
+            "stopped",
+            "FELL: its body leant too far (00ff",
+        ),
+        (
+            {"stopped": "fell", "stop": {**STOP, "by": "m"}},
+            "stopped",
+            "FELL: its body leant too far (00ff, 1.5",
+        ),
+        (
+            {"cleared": {**STOP, "reason": "fell", "by": "mia"}},
+            "stopped",
+            "no (fell was cleared by mia, 1.5 s",
+        ),
+        ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),
+        ({"battery_v": 11.13, "battery_share": 0.4}, "battery", "11.1 V, 40%"),
+        ({"servos": SERVOS}, "servos", "up to 61 C (leg2_femur), 11.5 to 12.0 V"),
+        ({"servos": {**SERVOS, "temperatures_c": [None] * 18}}, "servos", "11.5 to 12.0 V"),
+        ({"fault": "low battery"}, "fault", "low battery"),
+        ({"joints": None}, "joints", "no state received yet"),
+        ({"joints": "echoed", "state_age_s": None}, "joints", "echoed targets, not measured"),
+        ({"pose": False}, "position", "not known"),
+        (
+            {"commands": {"accepted": 7, "late": 2, "stale_owner": 1}},
+            "commands",
+            "7 executed; 2 late, 1 stale",
+        ),
+        ({"malformed": {"requests": 4}, "leases_refused": 1}, "dropped", "4 requests, 1 lease refused"),
+        ({"malformed": {"requests": 1}, "leases_refused": 2}, "dropped", "1 request, 2 leases refused"),
+        ({"ticks": 1, "overruns": 1}, "loop", "1 tick of 20 ms, 1 skipped"),
+        ({"insecure": True}, "link", "tcp/127.0.0.1:7447, INSECURE"),
+        ({"servo_link": {"received": 90, "lost": 2}}, "servo link", "90 messages came; 2 lost"),
+        ({"secured": True}, "link", "tcp/127.0.0.1:7447, certificates"),
+        ({"simulated": None, "backend": "mavlink"}, "robot", "ant (mavlink)"),
+        ({"ros": ROS}, "ROS", "router tcp/localhost:7447; 7 commands, 2 malformed"),
+        (
+            {"ros": {**ROS, "connected": False, "drive": False}},
+            "ROS",
+            "no ROS router; ROS may stop the robot",
+        ),
+    ],
+    ids=str,
+)
+def test_what_a_person_must_see(changed: dict[str, Any], row: str, shown: str) -> None:
+    assert dict(status_rows({**CALM, **changed}, CLEAR_COMMAND))[row].startswith(shown)
+
+
+def test_a_calm_robot_has_no_rows_of_troubles_and_a_stop_is_cleared_by_the_command_that_is_given() -> None:
+    assert not {"fault", "dropped", "servo link", "ROS"} & dict(status_rows(CALM, CLEAR_COMMAND)).keys()
+    there = "hexctl estop --clear --connect tcp/127.0.0.1:7448"
+    assert there in dict(status_rows({"stopped": "estop"}, there))["stopped"]
+
+
+def test_only_a_simulation_tells_of_its_world() -> None:
+    assert ServedOptions(backend="mock").simulated is None
+    failed = {"world": "flat", "failure": "leg 2 locked"}
+    assert ServedOptions(backend="sim", failed_leg=2).simulated == failed

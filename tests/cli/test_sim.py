@@ -1,0 +1,120 @@
+"""`hexctl sim board` and `sim camera` as a user calls them."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hexctl.cli.main import exit_code
+from hexctl.vision.detection.lens import load_lens
+from hexctl.vision.video.video_source import open_video
+from hexctl.waiting import wait_for
+from tests.backends.mavlink.boards import PATIENCE_S, board
+from tests.server.processes import free_port, program, served
+
+
+@pytest.mark.realtime
+def test_a_port_in_use_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    with board("--backend", "mock") as running:
+        port = running.port.replace("udpout", "udpin")
+        assert exit_code(["sim", "board", "--backend", "mock", "--connect", port]) == 3
+        assert len(capsys.readouterr().err.splitlines()) == 1
+        report = running.end()
+    assert report["ticks"] > 0
+    assert report["overrides"] == 0
+
+
+@pytest.mark.realtime
+def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
+    words = ["sim", "board", "--backend", "mock", "--connect", f"udpin:127.0.0.1:{free_port()}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hexctl", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+    )
+    try:
+        assert process.stderr is not None
+        greeting = process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+    assert "udpin:127.0.0.1:" in greeting
+    assert (process.returncode, out, err) == (0, "", "")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("bus", "model", "robot"),
+    [
+        ("feetech", None, "phantomx"),
+        ("lx16a", None, "phantomx"),
+        ("servo2040", "fork", "ant"),
+        ("pca9685", None, "ant"),
+    ],
+)
+def test_a_walk_goes_through_a_simulated_bus(
+    bus: str, model: str | None, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A pseudo-terminal, and a socket for i2c."""
+    models = ("--model", model) if model else ()
+    with board("--bus", bus, *models, "--backend", "mock", "--robot", robot) as running:
+        words = ["--robot", robot, "--duration", "1", "--no-record", "--json"]
+        assert exit_code(["run", "--backend", bus, "--connect", running.port, *words]) == 0
+        assert json.loads(capsys.readouterr().out)["status"] == "ok"
+        report = running.end()
+    assert report["goals"] > 50
+    assert not report.get("torn")
+    assert not report.get("refused")
+    if bus == "pca9685":
+        assert not Path(running.port).parent.exists(), "its folder is gone"
+
+
+@pytest.mark.realtime
+def test_servos_of_another_driver_do_not_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    with board("--bus", "dynamixel", "--model", "ax12a", "--backend", "mock", "--robot", "phantomx") as made:
+        words = ["--robot", "phantomx", "--duration", "1", "--no-record", "--json"]
+        assert exit_code(["run", "--backend", "dynamixel", "--connect", made.port, *words]) == 3
+        assert "/dev/pts/" in capsys.readouterr().err
+        assert made.end()["packets"] == 0
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("reset@4", "loss of power"),  # whichever is asked first
+        ("unplug@4", "Remote I/O error"),
+    ],
+)
+def test_what_happens_to_boards_on_an_i2c_bus_is_said(
+    fault: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with board("--bus", "pca9685", "--backend", "mock", "--robot", "ant", "--fault", fault) as running:
+        words = ["--robot", "ant", "--duration", "60", "--no-record", "--json"]
+        assert exit_code(["run", "--backend", "pca9685", "--connect", running.port, *words]) == 3
+        assert message in json.loads(capsys.readouterr().out)["stopped"]
+        running.end()
+
+
+@pytest.mark.realtime
+def test_ctrl_c_ends_it_with_what_it_managed(tmp_path: Path) -> None:
+    with served(tmp_path, backend="sim") as robot:
+        arguments = ("hexctl", "sim", "camera", "--connect", robot.endpoint, "--fps", "10", "--json")
+        with program(tmp_path, "camera", *arguments) as camera:
+            camera.wait_for("Ctrl-C ends it")
+            url = camera.said().partition(" at ")[2].split()[0]
+            camera.wait_for("--lens ")
+            lens_file = camera.said().partition("--lens ")[2].split()[0]
+            assert load_lens(Path(lens_file)).calibrated
+            with open_video(url) as source:
+                wait_for(source.read, 30, "no picture came")
+            camera.signal(signal.SIGINT)
+            assert camera.wait() == 0
+            report = json.loads(camera.said().strip().splitlines()[-1])
+    assert report["delivered"] > 0
