@@ -1,8 +1,17 @@
-"""Leases: one controller at a time, for as long as it renews them."""
+"""One controller at a time, and which of its commands a robot accepts."""
 
+from dataclasses import replace
+from threading import Thread
+
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from hexctl.server.leases import LEASE_S, LeaseManager, LeaseRefusedError
+from hexctl.errors import CommandRefusedError, MessageError
+from hexctl.server.commands import CommandCounters, CommandHandler, TransitDelay
+from hexctl.server.leases import LEASE_S, Lease, LeaseManager, LeaseRefusedError
+from hexctl.wire.zenoh_messages import CommandTag, encode_positions
 
 
 def test_the_first_who_asks_holds_the_robot_and_the_second_is_told_who() -> None:
@@ -76,3 +85,141 @@ def test_commands_keep_a_lease_whose_renewals_are_lost_and_revive_none_that_has_
     long = leases.acquire("two", 3.0, duration_s=10.0)
     leases.heard(4.0)
     assert leases.holder(12.0) == long
+
+
+offsets = st.floats(-1e6, 1e6)
+
+
+@given(offsets, st.lists(st.floats(0, 0.01), min_size=1, max_size=50))
+def test_messages_that_take_as_long_as_ever_are_not_late(offset_s: float, delays_s: list[float]) -> None:
+    transit = TransitDelay()
+    for index, delay_s in enumerate(delays_s):
+        sent_s = index * 0.02
+        late_s = transit.delay_s(sent_s + offset_s, sent_s + delay_s)
+        assert -1e-6 <= late_s <= max(delays_s) + 1e-6
+
+
+@given(offsets, st.floats(0.05, 10))
+def test_a_message_that_waited_is_late_by_its_wait(offset_s: float, wait_s: float) -> None:
+    transit = TransitDelay()
+    for index in range(10):
+        transit.delay_s(index * 0.02 + offset_s, index * 0.02 + 0.001)
+    late_s = transit.delay_s(0.2 + offset_s, 0.2 + 0.001 + wait_s)
+    assert abs(late_s - wait_s) < 0.01 * wait_s + 1e-6
+
+
+def test_clocks_that_drift_apart_do_not_make_messages_late() -> None:
+    transit = TransitDelay()
+    late_s = [transit.delay_s(index * 0.02, index * 0.02 * (1 + 700e-6)) for index in range(100_000)]
+    assert max(late_s) < 1e-3
+
+
+PAYLOAD = encode_positions(np.zeros(18))
+
+
+def tag_for(lease: Lease, sequence: int, stamp_s: float = 0.0) -> CommandTag:
+    return CommandTag(
+        sequence=sequence,
+        stamp_ns=round(stamp_s * 1e9),
+        time_to_live_ms=200,
+        lease_id=lease.lease_id,
+        lease_sequence=lease.sequence,
+    )
+
+
+@pytest.fixture
+def lease() -> Lease:
+    return LeaseManager().acquire("alice", 0.0)
+
+
+def test_commands_in_order_and_on_time_are_obeyed(lease: Lease) -> None:
+    desk = CommandHandler()
+    for sequence in range(1, 20):
+        checked = desk.check(
+            PAYLOAD, tag_for(lease, sequence, sequence * 0.02).packed(), lease, sequence * 0.02
+        )
+        assert checked.command.tag.sequence == sequence
+        assert checked.good_for_s == pytest.approx(0.2, abs=1e-3)
+    assert desk.counters == CommandCounters()
+
+
+def test_repeated_and_overtaken_commands_are_dropped_and_counted(lease: Lease) -> None:
+    desk = CommandHandler()
+    for sequence in (1, 3):
+        desk.check(PAYLOAD, tag_for(lease, sequence).packed(), lease, 0.0)
+    assert desk.counters.lost == 1
+    for sequence in (3, 2, 1, 0):
+        with pytest.raises(CommandRefusedError, match="sequence"):
+            desk.check(PAYLOAD, tag_for(lease, sequence).packed(), lease, 0.0)
+    assert desk.counters.out_of_order == 4
+
+
+def test_a_command_that_waited_longer_than_its_time_to_live_is_dropped(lease: Lease) -> None:
+    desk = CommandHandler()
+    desk.check(PAYLOAD, tag_for(lease, 1, 0.0).packed(), lease, 100.0)
+    with pytest.raises(CommandRefusedError, match="late"):
+        desk.check(PAYLOAD, tag_for(lease, 2, 0.02).packed(), lease, 100.3)
+    assert desk.counters.late == 1
+    assert desk.check(PAYLOAD, tag_for(lease, 3, 0.3).packed(), lease, 100.3).delay_s < 1e-3
+
+
+def test_a_longer_time_to_live_than_the_robots_own_is_cut(lease: Lease) -> None:
+    tag = replace(tag_for(lease, 1), time_to_live_ms=60_000)
+    assert CommandHandler().check(PAYLOAD, tag.packed(), lease, 0.0).good_for_s == 0.2
+
+
+def test_a_shorter_time_to_live_counts(lease: Lease) -> None:
+    tag = replace(tag_for(lease, 1), time_to_live_ms=50)
+    assert CommandHandler().check(PAYLOAD, tag.packed(), lease, 0.0).good_for_s == pytest.approx(0.05)
+
+
+def test_commands_without_a_lease_of_an_old_one_or_of_a_guess_are_dropped(lease: Lease) -> None:
+    desk = CommandHandler()
+    tag = tag_for(lease, 1)
+    strangers = [replace(tag, lease_id=bytes(16)), replace(tag, lease_sequence=lease.sequence + 1)]
+    for other in strangers:
+        with pytest.raises(CommandRefusedError, match="lease"):
+            desk.check(PAYLOAD, other.packed(), lease, 0.0)
+    with pytest.raises(CommandRefusedError, match="lease"):
+        desk.check(PAYLOAD, tag.packed(), None, 0.0)
+    assert desk.counters.stale_owner == 3
+
+
+def test_only_what_carries_the_lease_in_force_may_wait(lease: Lease) -> None:
+    desk = CommandHandler()
+    tag = tag_for(lease, 1)
+    assert desk.admits(tag.packed(), lease)
+    for other in (replace(tag, lease_id=bytes(16)), replace(tag, lease_sequence=lease.sequence + 1)):
+        assert not desk.admits(other.packed(), lease)
+    assert not desk.admits(tag.packed(), None)
+    assert desk.counters == CommandCounters(stale_owner=3)
+    for attachment in (None, b"", tag.packed()[:-1], tag.packed() + b"x"):
+        assert not desk.admits(attachment, lease)
+    assert desk.counters == CommandCounters(stale_owner=3, malformed=4)
+
+
+def test_counts_of_many_threads_are_all_there(lease: Lease) -> None:
+    desk = CommandHandler()
+    threads = [Thread(target=lambda: [desk.admits(b"", lease) for _ in range(2000)]) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert desk.counters.malformed == 16_000
+
+
+def test_a_new_lease_counts_from_one_again(lease: Lease) -> None:
+    desk = CommandHandler()
+    desk.check(PAYLOAD, tag_for(lease, 500).packed(), lease, 0.0)
+    following = replace(lease, lease_id=bytes(range(16)), sequence=lease.sequence + 1)
+    desk.check(PAYLOAD, tag_for(following, 1, -1000.0).packed(), following, 5.0)
+    assert desk.newest_sequence == 1
+
+
+def test_what_is_no_command_is_counted(lease: Lease) -> None:
+    desk = CommandHandler()
+    good = tag_for(lease, 1).packed()
+    for payload, attachment in ((b"", good), (PAYLOAD, None), (PAYLOAD, b"x"), (PAYLOAD[:50], good)):
+        with pytest.raises(MessageError):
+            desk.check(payload, attachment, lease, 0.0)
+    assert desk.counters.malformed == 4

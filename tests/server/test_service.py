@@ -3,6 +3,7 @@
 import re
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ from hexctl.backends.bus.registers import table_of
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 from hexctl.server.keeper import Keeper, KeeperSpec
-from hexctl.server.server import RobotServer
 from hexctl.server.service import RobotService, ServiceStarted
 from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import a_map, bus_board
@@ -20,44 +20,38 @@ from tests.backends.pwm.boards import servo2040_board
 from tests.server.processes import free_port
 
 
+def local() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("options", "named"),
     [
-        (lambda: RobotService(backend="zenoh"), "served already; allowed: sim"),
-        (
-            lambda: RobotService(connect="/dev/ttyACM0"),
-            "allowed: with mavlink, dynamixel, feetech, lx16a, servo2040 and pca9685$",
-        ),
-        (lambda: RobotService(sit_after_s=float("nan")), "got nan; allowed: 1 to 3600 s"),
-        (lambda: RobotService(seed=-1), "seed: got -1"),
-        (
-            lambda: RobotService(backend="mock", failed_leg=5),
-            "failed_leg: got 5 with backend mock; allowed: with sim$",
-        ),
-        (
-            lambda: RobotService(backend="mock", world="rough"),
-            "world: got rough with backend mock; allowed: with sim$",
-        ),
+        ({"backend": "zenoh"}, "sim"),
+        ({"connect": "/dev/ttyACM0"}, "connect"),
+        ({"sit_after_s": float("nan")}, "sit"),
+        ({"seed": -1}, "seed"),
+        ({"backend": "mock", "failed_leg": 5}, "failed_leg"),
+        ({"backend": "mock", "world": "rough"}, "world"),
     ],
 )
-def test_what_cannot_be_served_is_refused_when_it_is_described(make: object, message: str) -> None:
-    with pytest.raises(InputError, match=message.replace("(", r"\(")):
-        make()  # type: ignore[operator]
+def test_what_cannot_be_served_is_refused_when_it_is_described(options: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        RobotService(**options)
 
 
 def test_a_port_that_is_missing_is_named_as_a_server_is_given_it(tmp_path: Path) -> None:
     file = tmp_path / "jethexa.yaml"
     shipped = (config_root() / "robots" / "jethexa.yaml").read_text(encoding="utf-8")
     file.write_text(re.sub(r"\n  port: .*", "", shipped), encoding="utf-8")
-    with pytest.raises(InputError, match=r"^connect: got none; allowed: the port of the bus"):
+    with pytest.raises(InputError, match=r"^connect"):
         RobotService(backend="lx16a", robot=str(file)).run(lambda: True)
 
 
 def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str]) -> None:
     started: list[ServiceStarted] = []
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    service = RobotService(backend="mock", listen=endpoint)
-    service.run(lambda: bool(started), on_started=started.append)
+    endpoint = local()
+    RobotService(backend="mock", listen=endpoint).run(lambda: bool(started), on_started=started.append)
     assert [(each.robot, each.backend, each.place) for each in started] == [("ant", "mock", endpoint)]
     assert capsys.readouterr() == ("", "")
 
@@ -65,17 +59,14 @@ def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str])
 def test_a_board_without_a_watchdog_is_said_to_be_one_at_every_start() -> None:
     with servo2040_board() as board:
         started: list[ServiceStarted] = []
-        service = RobotService(
-            backend="servo2040",
-            robot="ant",
-            listen=f"tcp/127.0.0.1:{free_port()}",
-            connect=board.path,
-        )
+        service = RobotService(backend="servo2040", robot="ant", listen=local(), connect=board.path)
         service.run(lambda: bool(started), on_started=started.append)
-    assert started[0].warnings == (
-        "servo2040 has no watchdog and its servos no feedback: if this computer dies, they keep their last "
-        "pulses; have a switch in their supply within reach",
-    )
+    (warning,) = started[0].warnings
+    assert "no watchdog" in warning
+
+
+def served_on_a_bus(path: str, stop: Callable[[], bool], **callbacks: Any) -> None:
+    RobotService(backend="feetech", robot="phantomx", listen=local(), connect=path).run(stop, **callbacks)
 
 
 def test_a_keeper_that_has_ended_is_told_without_making_the_robot_wait(
@@ -97,30 +88,10 @@ def test_a_keeper_that_has_ended_is_told_without_making_the_robot_wait(
         return bool(said) or time.monotonic() > until_s
 
     with bus_board(a_map()) as board:
-        service = RobotService(
-            backend="feetech",
-            robot="phantomx",
-            listen=f"tcp/127.0.0.1:{free_port()}",
-            connect=board.path,
+        served_on_a_bus(
+            board.path, stop, on_event=lambda line: said.append((threading.current_thread().name, line))
         )
-        service.run(stop, on_event=lambda line: said.append((threading.current_thread().name, line)))
     assert [thread for thread, line in said if "the keeper has ended" in line] == ["event log"]
-
-
-def test_its_events_name_the_command_that_ends_a_stop_with_the_address(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    commands: list[str] = []
-
-    class NotedServer(RobotServer):
-        def __init__(self, *args: Any, **options: Any) -> None:
-            super().__init__(*args, **options)
-            commands.append(self._event_log._clear)
-
-    monkeypatch.setattr("hexctl.server.service.RobotServer", NotedServer)
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    RobotService(backend="mock", listen=endpoint).run(lambda: True)
-    assert commands == [f"hexctl estop --clear --connect {endpoint}"]
 
 
 @pytest.mark.slow
@@ -132,11 +103,5 @@ def test_servos_that_keep_their_torque_are_mentioned_at_the_end(holds: bool) -> 
             servo.memory[table_of("sts3215").torque.address] = holds
         started: list[ServiceStarted] = []
         said: list[str] = []
-        service = RobotService(
-            backend="feetech",
-            robot="phantomx",
-            listen=f"tcp/127.0.0.1:{free_port()}",
-            connect=board.path,
-        )
-        service.run(lambda: bool(started), on_started=started.append, on_event=said.append)
-    assert (said[-1:] == ["the robot holds its pose; its servos keep their torque"]) is holds
+        served_on_a_bus(board.path, lambda: bool(started), on_started=started.append, on_event=said.append)
+    assert any("keep their torque" in line for line in said[-1:]) is holds

@@ -74,14 +74,6 @@ def test_a_finger_drives_and_letting_go_is_a_release() -> None:
         robot.wait(Decision(Velocity(), "page"))
 
 
-def test_a_page_that_is_closed_is_a_release() -> None:
-    with served() as robot:
-        with robot.client() as client:
-            client.send(json.dumps({"v": [1, 0, 0]}))
-            robot.wait(Decision(Velocity(1, 0, 0), "page"))
-        robot.wait(Decision(Velocity(), "page"))
-
-
 def test_a_page_that_falls_silent_stops_driving() -> None:
     with served() as robot, robot.client() as client:
         client.send(json.dumps({"v": [1, 0, 0]}))
@@ -225,18 +217,6 @@ def test_with_certificates_it_is_served_over_tls(tmp_path: Path) -> None:
             robot.wait(Decision(Velocity(1, 0, 0), "page"))
 
 
-def test_a_port_that_is_taken_is_said() -> None:
-    with served() as robot:
-        other = DrivePage(
-            PageAddress("127.0.0.1", robot.page.port),
-            robot.arbiter.source("page"),
-            Velocity,
-            robot.asked.append,
-        )
-        with pytest.raises(InputError, match=r"page: cannot listen on 127\.0\.0\.1:"), other:
-            pass
-
-
 @pytest.fixture
 def pictures() -> PictureRelay:
     """A relay that fetches nothing: what it has comes from the test."""
@@ -314,21 +294,3 @@ def test_idle_clients_give_way_to_a_new_one_and_the_one_that_drives_stays() -> N
         wait_for(lambda: robot.asked == ["stop"], 5.0, "the stop does not come")
         wait_for(lambda: idle[0].state is State.CLOSED, 5.0, "the client that was silent for longest stays")
         assert [one.state is State.OPEN for one in (driver, *idle[1:])] == [True] * (MOST_CLIENTS - 1)
-
-
-def test_without_a_camera_there_is_no_place_for_its_picture(pictures: PictureRelay) -> None:
-    with served() as robot:
-        assert b"<html data-view" not in got(robot)
-        with pytest.raises(InvalidStatus, match="404"):
-            robot.client(path="/view")
-    with served(pictures=pictures) as robot:
-        assert b"<html data-view" in got(robot)
-
-
-def got(robot: Served) -> bytes:
-    """The page."""
-    connection = http.client.HTTPConnection("127.0.0.1", robot.page.port, timeout=5)
-    connection.request("GET", "/")
-    body = connection.getresponse().read()
-    connection.close()
-    return body

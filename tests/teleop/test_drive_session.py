@@ -16,8 +16,6 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.drive.arbiter import Arbiter
 from hexctl.control.drive.drive import Drive
 from hexctl.control.guard import Guard
-from hexctl.errors import InputError
-from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.teleop.drive_session import DriveSession, Travel, name_of
 from hexctl.teleop.keyboard import Keyboard
@@ -275,26 +273,6 @@ def test_an_interrupt_before_the_first_command_commands_nothing() -> None:
         assert session.run(stop_requested=lambda: True) == "interrupted"
         assert not session.commanded
         assert guard.clock.now_s == begun_s
-
-
-def test_an_interrupt_ends_at_a_stand() -> None:
-    with Drive("ant") as drive:
-        drive.command(forward_m_s=0.1)
-        session = DriveSession(drive)
-        script = Script(session, {})
-        assert session.run([script], lambda: script.tick > 200) == "interrupted"
-        assert drive.at_rest
-
-
-def test_a_request_that_is_none_is_refused() -> None:
-    with Drive("ant") as drive, pytest.raises(InputError, match="request: got 'jump'"):
-        DriveSession(drive).ask("jump")
-
-
-def test_gaits_have_names_or_slots() -> None:
-    with Drive("ant") as drive:
-        assert name_of(make_gait(drive.robot, "wave").slots) == "wave"
-        assert name_of((5, 1, 2, 4, 3, 6)) == "5,1,2,4,3,6"
 
 
 def test_travel_is_the_length_of_a_path_its_speed_and_the_turn() -> None:

@@ -108,14 +108,6 @@ def test_what_was_typed_in_the_silence_moves_nothing_and_still_stops() -> None:
     assert "silent" not in typist.lines[-1]
 
 
-def test_a_terminal_that_never_answers_is_not_asked_to() -> None:
-    typist = Typist()
-    typist.type("www")
-    typist.now_s += 60.0
-    typist.keyboard.poll()
-    assert typist.arbiter.decide().velocity == Velocity(0.6, 0, 0)
-
-
 @pytest.mark.parametrize("key", [" ", "\x1b", "x"])
 def test_space_stands_still_and_lets_others_drive_after_it(key: str) -> None:
     typist = Typist()
@@ -166,13 +158,6 @@ def status(**others: Any) -> dict[str, Any]:
         "distance_m": None, "speed_m_s": None, "heading_deg": None,
     }  # fmt: skip
     return {**usual, **others}
-
-
-def test_what_the_robot_does_is_a_line() -> None:
-    assert line_of(status()) == "forward +0.100 m/s turn -29°/s · tripod · driving · 7.4 V · keyboard"
-    still = line_of(status(velocity=[-1e-5, -0.0, -1e-4], body_raise=-0.02))
-    assert still.startswith("forward +0.000 m/s · tripod · body -0.02 · driving")
-    assert "STOPPED: leg 3 limp (1 goes on)" in line_of(status(stopped="leg 3 limp"))
 
 
 def test_the_line_has_distance_speed_and_heading_in_80_columns_unless_there_is_a_message() -> None:

@@ -23,7 +23,6 @@ from hexctl.teleop.drive_session import DriveSession
 from hexctl.teleop.page_connection import (
     CONNECTIONS_S,
     MESSAGES_S,
-    MOST_ADDRESSES,
     Addresses,
     Allowance,
     LimitedConnection,
@@ -65,13 +64,6 @@ def test_an_address_that_connects_too_often_is_refused_and_others_are_not() -> N
     admitted = [addresses.admit("192.0.2.1") for _ in range(200)]
     assert sum(admitted) == CONNECTIONS_S
     assert addresses.admit("192.0.2.2")
-
-
-def test_addresses_without_end_take_no_memory_without_end() -> None:
-    addresses = Addresses(lambda: 0.0)
-    for number in range(2 * MOST_ADDRESSES):
-        assert addresses.admit(str(number))
-    assert len(addresses._allowances) == MOST_ADDRESSES
 
 
 @dataclass

@@ -11,7 +11,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.teleop import picture_relay
-from hexctl.teleop.picture_relay import PictureRelay, jpeg_size
+from hexctl.teleop.picture_relay import PictureRelay
 from hexctl.waiting import wait_for
 
 pytestmark = pytest.mark.realtime
@@ -179,13 +179,6 @@ def test_a_silent_camera_does_not_hold_up_the_end() -> None:
         ended.set()  # reached while the camera still waits
 
 
-def test_nobody_there_is_told() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with PictureRelay(f"http://127.0.0.1:{port}/") as made:
-        wait_for(lambda: made.trouble, 20.0, "no trouble was told")
-
-
 @pytest.mark.parametrize(
     "url",
     [
@@ -203,7 +196,3 @@ def test_nobody_there_is_told() -> None:
 def test_only_http_is_fetched(url: str) -> None:
     with pytest.raises(InputError, match="allowed"):
         PictureRelay(url)
-
-
-def test_the_size_of_a_jpeg() -> None:
-    assert jpeg_size(jpeg(width=640, height=360)) == (640, 360)

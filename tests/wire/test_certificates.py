@@ -1,4 +1,4 @@
-"""Certificates: made whole or not at all, private where they must be, and refused before a link is tried."""
+"""Certificates and the secret of the datagram stop: made together, private, and checked before a link."""
 
 import os
 import shutil
@@ -6,7 +6,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from cryptography.x509 import SubjectAlternativeName
 
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
@@ -20,7 +19,8 @@ from hexctl.wire.certificates import (
     make_certificates,
     renew_certificates,
 )
-from hexctl.wire.links import Role
+from hexctl.wire.links import Link, Role
+from hexctl.wire.stop_secret import NO_SECRET, SECRET_FILE, find_stop_secret, write_stop_secret
 
 
 @pytest.fixture
@@ -55,14 +55,6 @@ def test_a_pipe_in_place_of_a_file_is_refused(name: str, folder: Path) -> None:
     os.mkfifo(folder / "robot" / name, mode=0o600)
     with pytest.raises(InputError, match="robot"):
         find_credentials(folder / "robot", Role.ROBOT)
-
-
-def test_only_the_robots_names_hosts_and_keys_stay_out_of_repositories(folder: Path) -> None:
-    for role in Role:
-        extensions = load_certificate(folder / role.value / CERTIFICATE_FILE).extensions
-        named = any(isinstance(extension.value, SubjectAlternativeName) for extension in extensions)
-        assert named == (role is Role.ROBOT)
-    assert (folder / ".gitignore").read_text() == "*\n"
 
 
 def test_who_may_command_may_also_look_but_not_the_other_way_round(folder: Path) -> None:
@@ -129,23 +121,6 @@ def test_private_keys_that_have_gone_to_their_owners_are_not_needed(folder: Path
     assert after.not_valid_after_utc > before.not_valid_after_utc
 
 
-def test_a_folder_without_its_authority_cannot_be_renewed(folder: Path) -> None:
-    shutil.rmtree(folder / "authority")
-    with pytest.raises(InputError, match=r"authority/key\.pem"):
-        renew_certificates(folder, days=10)
-
-
-@pytest.mark.parametrize("missing", ["ca.pem", "key.pem"])
-def test_a_missing_or_broken_file_is_named(folder: Path, missing: str) -> None:
-    path = folder / "robot" / missing
-    path.write_text("nonsense")
-    with pytest.raises(InputError, match=missing):
-        find_credentials(folder, Role.ROBOT)
-    path.unlink()
-    with pytest.raises(InputError, match=missing):
-        find_credentials(folder, Role.ROBOT)
-
-
 def test_files_that_do_not_belong_together_are_refused(folder: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     make_certificates(other, hosts=["a"], days=1)
@@ -184,3 +159,64 @@ def test_the_command_makes_and_shows_them(
         assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (tmp_path / "b").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["keys"]
+
+
+def test_robot_and_controller_share_it_and_viewers_have_none(folder: Path) -> None:
+    link = Link(endpoint="tls/localhost:7447", credentials=folder)
+    secret = find_stop_secret(link, Role.ROBOT)
+    assert secret is not None
+    assert len(secret) == 32
+    assert find_stop_secret(link, Role.CONTROLLER) == secret
+    part = Link(endpoint="tls/localhost:7447", credentials=folder / "controller")
+    assert find_stop_secret(part, Role.CONTROLLER) == secret
+    assert sorted(path.parent.name for path in folder.rglob(SECRET_FILE)) == ["controller", "robot"]
+    assert {path.stat().st_mode & 0o777 for path in folder.rglob(SECRET_FILE)} == {0o600}
+
+
+def test_without_certificates_anybody_may_stop() -> None:
+    assert find_stop_secret(Link(), Role.ROBOT) == find_stop_secret(Link(), Role.CONTROLLER) == NO_SECRET
+
+
+def test_a_folder_of_before_gets_it_by_a_command_once(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in folder.rglob(SECRET_FILE):
+        path.unlink()
+    link = Link(endpoint="tls/localhost:7447", credentials=folder)
+    assert find_stop_secret(link, Role.ROBOT) is None
+    assert exit_code(["keys", "stop", str(folder)]) == 0
+    assert capsys.readouterr().out.count(SECRET_FILE) == 2
+    secret = find_stop_secret(link, Role.ROBOT)
+    assert secret is not None
+    assert exit_code(["keys", "stop", str(folder)]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert find_stop_secret(link, Role.ROBOT) == secret
+
+
+def test_both_ends_get_it_or_none(folder: Path) -> None:
+    for path in folder.rglob(SECRET_FILE):
+        path.unlink()
+    (folder / "controller" / SECRET_FILE).symlink_to(folder / "nowhere" / "x")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_stop_secret(folder)
+    assert not (folder / "robot" / SECRET_FILE).exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "mode", "said"),
+    [
+        (b"", 0o600, "has 0 bytes"),
+        (b"00" * 31, 0o600, "has 31 bytes"),
+        (b"no hex", 0o600, "is not a secret"),
+        (b"\xff", 0o600, "is not a secret"),
+        (b"00" * 1_000_000, 0o600, "it is larger than"),
+        (b"00" * 32, 0o640, "chmod 600"),
+        (b"00" * 32, 0o604, "chmod 600"),
+    ],
+)
+def test_what_is_no_secret_is_refused(folder: Path, content: bytes, mode: int, said: str) -> None:
+    path = folder / "robot" / SECRET_FILE
+    path.write_bytes(content)
+    path.chmod(mode)
+    with pytest.raises(InputError, match=said):
+        find_stop_secret(Link(endpoint="tls/localhost:7447", credentials=folder), Role.ROBOT)

@@ -1,22 +1,16 @@
-"""Links: keys, endpoints and link files."""
+"""Links, their files, page addresses, and whether something listens at an endpoint."""
 
+import socket
+import threading
 from pathlib import Path
 
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.wire.links import DEFAULT_ENDPOINT, KINDS, Endpoint, KeyMap, Link, load_link
-
-
-def test_every_kind_has_a_key_of_its_own_under_the_robots_name() -> None:
-    keys = KeyMap.of("ant")
-    assert {getattr(keys, kind) for kind in KINDS} == {f"hexctl/ant/{kind}" for kind in KINDS}
-
-
-def test_a_kind_may_travel_under_another_key() -> None:
-    keys = KeyMap.of("ant").renamed({"odom": "mocap/ant/odom"})
-    assert keys.odom == "mocap/ant/odom"
-    assert keys.command == "hexctl/ant/command"
+from hexctl.wire.connection_diagnosis import RefusalWatch, is_refused
+from hexctl.wire.links import Endpoint, KeyMap, load_link
+from hexctl.wire.page_address import PageAddress
+from tests.server.processes import free_port
 
 
 @pytest.mark.parametrize("key", ["", "/a", "a/", "a//b", "a/*", "a/**", "a?b", "a#b", "a b", "$a", "@a"])
@@ -81,10 +75,6 @@ def test_anything_else_is_refused(text: str) -> None:
         Endpoint.parse(text)
 
 
-def test_without_a_file_it_is_the_shipped_loopback() -> None:
-    assert load_link() == load_link("loopback") == Link(endpoint=DEFAULT_ENDPOINT)
-
-
 def test_a_file_is_read_and_what_is_given_besides_wins(tmp_path: Path) -> None:
     path = tmp_path / "lab.yaml"
     path.write_text(
@@ -118,6 +108,65 @@ def test_a_file_that_is_none_is_refused_with_its_key(tmp_path: Path, content: st
     assert "\n" not in str(refused.value)
 
 
-def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match="loopback"):
-        load_link("moon")
+@pytest.mark.parametrize("text", ["", ":", "host", "host:", "1.2.3.4:99999", "a:b"])
+def test_an_address_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="page: got "):
+        PageAddress.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "loopback"),
+    [("8017", "127.0.0.1", True), ("localhost:1", "localhost", True), ("[::1]:1", "::1", True),
+     ("0.0.0.0:1", "0.0.0.0", False), ("robot.local:1", "robot.local", False)],  # noqa: S104
+)  # fmt: skip
+def test_addresses_are_parsed(text: str, host: str, loopback: bool) -> None:
+    address = PageAddress.parse(text)
+    assert (address.host, address.loopback) == (host, loopback)
+
+
+WAIT_S = 60.0
+
+
+class Told:
+    """Takes what a watch tells."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.came = threading.Event()
+
+    def __call__(self, text: str) -> None:
+        self.texts.append(text)
+        self.came.set()
+
+
+@pytest.mark.parametrize("protocol", ["tcp", "tls"])
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_a_closed_port_refuses_and_an_open_one_does_not(protocol: str, host: str) -> None:
+    assert is_refused(Endpoint(protocol, host, free_port()))
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        assert not is_refused(Endpoint(protocol, host, int(listening.getsockname()[1])))
+
+
+def test_what_cannot_be_known_is_no_refusal() -> None:
+    assert not is_refused(Endpoint("quic", "127.0.0.1", free_port()))
+    assert not is_refused(Endpoint("tcp", f"{'a' * 70}.local", free_port()))
+
+
+def test_a_refusal_is_told_once_while_the_block_runs() -> None:
+    told, port = Told(), free_port()
+    with RefusalWatch(f"tcp/127.0.0.1:{port}", told):
+        assert told.came.wait(WAIT_S)
+    assert told.texts == [f"nothing listens at tcp/127.0.0.1:{port}"]
+
+
+def test_nothing_is_told_of_a_robot_that_has_answered_otherwise() -> None:
+    asked = threading.Event()
+    told = Told()
+
+    def answered() -> bool:
+        asked.set()
+        return True
+
+    with RefusalWatch(f"tcp/127.0.0.1:{free_port()}", told, answered=answered):
+        assert asked.wait(WAIT_S)
+    assert told.texts == []

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -104,19 +103,17 @@ def test_who_knocks_without_a_good_certificate_is_not_let_in(
 
 
 def test_only_a_robots_certificate_is_good_for_a_robot(link: Link, authority: Path) -> None:
-    for role, trusted in ((Role.VIEWER, False), (Role.CONTROLLER, False), (Role.ROBOT, True)):
+    for role, trusted in ((Role.CONTROLLER, False), (Role.ROBOT, True)):
         with posing_as_robot(link.endpoint, tls(authority / role.value, "listen")) as posing:
             ListeningRobot(link, posing).listen()
             if trusted:
                 assert let_in(link)
             else:
-                assert "is not good here (unsuitable certificate purpose)" in refused(link)
+                assert "certificate purpose" in refused(link)
 
 
 def test_a_certificate_of_another_authority(robot: ListeningRobot, other_authority: Path) -> None:
-    message = refused(replace(robot.link, credentials=other_authority))
-    assert "unable to get local issuer certificate" in message
-    assert "same authority on both ends" in message
+    assert "same authority" in refused(replace(robot.link, credentials=other_authority))
     assert not robot.heard
     assert let_in(robot.link)
 
@@ -126,78 +123,50 @@ def test_a_robot_under_another_name_than_its_certificates(tmp_path: Path) -> Non
     link = Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=tmp_path / "keys")
     with open_session(link, Role.ROBOT, KEYS) as opened:
         ListeningRobot(link, opened).listen()
-        assert "made for 127.0.0.1?" in refused(link)
+        assert "127.0.0.1" in refused(link)
         assert let_in(replace(link, endpoint=link.endpoint.replace("127.0.0.1", "localhost")))
 
 
 def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority: Path) -> None:
     plain = Link(endpoint=robot.link.endpoint.replace("tls/", "tcp/"))
-    assert "does it want tls/ and credentials?" in refused(plain)
+    assert "tls/" in refused(plain)
     assert not robot.heard
     open_one = Link(endpoint=f"tcp/127.0.0.1:{free_port()}")
     with open_session(open_one, Role.ROBOT, KEYS) as opened:
         ListeningRobot(open_one, opened).listen()
         secured = Link(endpoint=open_one.endpoint.replace("tcp/", "tls/"), credentials=authority)
-        assert "is it hexctl serve with credentials?" in refused(secured)
+        assert "credentials" in refused(secured)
         assert let_in(open_one, Role.VIEWER)
 
 
-def test_what_listens_and_says_nothing_is_not_taken_for_another_robot() -> None:
-    """As of a server that hangs: its kernel goes on taking connections."""
-    with socket.create_server(("127.0.0.1", 0)) as hung:
-        place = f"tcp/127.0.0.1:{hung.getsockname()[1]}"
-        assert f"nobody answers at {place}" in refused(Link(endpoint=place))
-
-
-@pytest.mark.parametrize(
-    ("endpoint", "words"),
-    [
-        ("tcp/127.0.0.1:{}", "nothing listens at"),
-        ("tcp/nowhere.invalid:{}", "no computer called nowhere.invalid"),
-        ("quic/127.0.0.1:{}", "no robot lets this end in at"),
-    ],
-)
-def test_where_no_robot_is(endpoint: str, words: str, authority: Path) -> None:
-    keys = authority if endpoint.startswith("quic") else None
-    link = Link(endpoint=endpoint.format(free_port()), credentials=keys, insecure=True)
-    assert words in refused(link)
+def test_where_no_robot_is(authority: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as hung:  # its kernel goes on taking connections
+        assert "nobody answers" in refused(Link(endpoint=f"tcp/127.0.0.1:{hung.getsockname()[1]}"))
+    assert "nothing listens" in refused(Link(endpoint=f"tcp/127.0.0.1:{free_port()}"))
+    assert "nowhere.invalid" in refused(Link(endpoint="tcp/nowhere.invalid:7447", insecure=True))
+    assert "no robot" in refused(Link(endpoint=f"quic/127.0.0.1:{free_port()}", credentials=authority))
 
 
 def test_where_a_robot_cannot_listen(robot: ListeningRobot) -> None:
-    for link, words in (
-        (robot.link, "already in use; by another robot or a ROS router? --listen gives each"),
-        (
-            Link(endpoint="tcp/192.0.2.1:7447", insecure=True),
-            "192.0.2.1 is none of this computer's addresses",
-        ),
-    ):
-        with pytest.raises(RobotFaultError, match="cannot listen at") as error:
+    for link in (robot.link, Link(endpoint="tcp/192.0.2.1:7447", insecure=True)):
+        with pytest.raises(RobotFaultError, match="cannot listen at"):
             open_session(link, Role.ROBOT, KEYS)
-        assert words in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("endpoint", "words"),
-    [
-        ("tcp/0.0.0.0:7447", "without certificates"),
-        ("tcp/192.168.1.20:7447", "without certificates"),
-        ("tcp/robot.local:7447", "insecure deliberately"),
-        ("tcp/[::]:7447", r"use tls/\[::\]:7447"),
-        ("tls/127.0.0.1:7447", "needs certificates"),
-        ("quic/0.0.0.0:7447", "needs certificates"),
-    ],
-)
-@pytest.mark.parametrize("role", list(Role))
-def test_beyond_this_computer_nothing_opens_without_certificates(
-    endpoint: str, words: str, role: Role
-) -> None:
-    with pytest.raises(InputError, match=words):
-        open_session(Link(endpoint=endpoint), role, KEYS)
+    "endpoint",
+    ["tcp/0.0.0.0:7447", "tcp/192.168.1.20:7447", "tcp/robot.local:7447", "tcp/[::]:7447",
+     "tls/127.0.0.1:7447", "quic/0.0.0.0:7447"],
+)  # fmt: skip
+def test_beyond_this_computer_nothing_opens_without_certificates(endpoint: str) -> None:
+    for role in Role:
+        with pytest.raises(InputError, match=r"certificates|insecure"):
+            open_session(Link(endpoint=endpoint), role, KEYS)
 
 
 def test_certificates_that_would_not_be_used_are_not_taken(authority: Path) -> None:
     for role in Role:
-        with pytest.raises(InputError, match=r"tcp knows no certificates; use tls/127\.0\.0\.1:7447"):
+        with pytest.raises(InputError, match=r"tls/127\.0\.0\.1:7447"):
             open_session(Link(credentials=authority), role, KEYS)
 
 
@@ -219,11 +188,6 @@ ALL_SAID = (
     *(KEYS.joint_states, KEYS.status, KEYS.imu, KEYS.truth, KEYS.command, KEYS.pose),
     *("hexctl/ant/*", "hexctl/**", "**"),
 )
-
-
-@pytest.fixture
-def protocol() -> str:
-    return "tls"
 
 
 @pytest.fixture
@@ -249,12 +213,6 @@ def hearing(session: zenoh.Session, key: str) -> list[bytes]:
     return heard
 
 
-def said_and_heard(robot: ListeningRobot, key: str, heard: list[bytes]) -> list[bytes]:
-    """What was heard at a key after the robot has spoken there."""
-    robot.session.put(key, b"own")
-    return heard
-
-
 @pytest.mark.parametrize("protocol", ["tls", "quic"])
 def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: ListeningRobot) -> None:
     states: list[bytes] = []
@@ -263,7 +221,7 @@ def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: Listening
         wait_until(lambda: accessed_robot.publisher.put(b"state") or states, "a state")
         for key in (KEYS.imu, KEYS.truth):
             heard = hearing(viewer, key)
-            wait_until(partial(said_and_heard, accessed_robot, key, heard), key)
+            wait_until(lambda: accessed_robot.session.put(key, b"own") or heard, key)  # noqa: B023
         for kind in ("lease", "estop", "describe"):
             assert answers(controller, getattr(KEYS, kind), b"controller") == [b"robot"]
         assert answers(controller, "hexctl/*/estop") == answers(controller, "hexctl/*/describe") == [b"robot"]
@@ -279,15 +237,15 @@ def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: Listening
     assert not [said for said in accessed_robot.heard if said[1] == b"viewer"]
 
 
-@pytest.mark.parametrize("mode", ["client", "peer", "router"])
 @pytest.mark.parametrize(
-    ("protocol", "role"),
+    ("protocol", "role", "mode"),
     [
-        ("tcp", Role.CONTROLLER),
-        ("tls", Role.CONTROLLER),
-        ("tls", Role.VIEWER),
-        ("quic", Role.CONTROLLER),
-        ("quic", Role.VIEWER),
+        ("tcp", Role.CONTROLLER, "peer"),
+        ("tcp", Role.CONTROLLER, "router"),
+        ("tls", Role.CONTROLLER, "client"),
+        ("tls", Role.VIEWER, "router"),
+        ("quic", Role.CONTROLLER, "router"),
+        ("quic", Role.VIEWER, "peer"),
     ],
 )
 def test_no_other_peer_publishes_answers_or_listens_in_the_robots_name(

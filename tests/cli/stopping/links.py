@@ -9,8 +9,7 @@ from pathlib import Path
 from hexctl.control.controllers import SITTING_S
 from hexctl.waiting import wait_for
 from tests.cli.stopping.drives import PATIENCE_S, Driven, Pad, Process
-from tests.server.cable import Cable
-from tests.server.processes import served
+from tests.server.processes import Cable, served
 
 #: How long after a robot has stood up it walks for certain.
 STOOD_S = 0.3

@@ -18,7 +18,7 @@ from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from tests.control.posed import PosedMock
 from tests.server.test_hostile_input import Item, spoiled
-from tests.wire.ros.test_velocity import twist
+from tests.wire.ros.test_telemetry import twist
 
 FORWARD = np.array([0.05, 0.0, 0.0])
 STANDING_UP_TICKS = 110

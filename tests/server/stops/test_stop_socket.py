@@ -14,17 +14,96 @@ from typing import Any
 import pytest
 
 from hexctl.control.guard import Guard
-from hexctl.server.stops import stop_socket
+from hexctl.server.stops import datagram_receiver, stop_socket
+from hexctl.server.stops.datagram_receiver import (
+    MOST_CALLS,
+    DatagramReceiver,
+    address_of,
+    bound_socket,
+)
 from hexctl.server.stops.latch import StopLatch
-from hexctl.server.stops.stop_socket import StopSocket
+from hexctl.server.stops.stop_socket import MOST_NONCES, AnsweredNonces, StopSocket, Waiting, sort_datagrams
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
-from hexctl.wire.links import Link, Role
+from hexctl.wire.links import Endpoint, Link, Role
 from hexctl.wire.stop import OTHERS_HOLD_S
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
 from hexctl.wire.stop_secret import SECRET_FILE, find_stop_secret
 from tests.control.posed import connected
 from tests.server.processes import free_port
+
+
+@pytest.mark.parametrize("at_a_time", [True, False])
+@pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
+def test_datagrams_come_with_their_senders_and_cut_off_behind_the_longest(host: str, at_a_time: bool) -> None:
+    endpoint = Endpoint.parse(f"tcp/{host}:{free_port()}")
+    with bound_socket(endpoint) as bound, socket.socket(bound.family, socket.SOCK_DGRAM) as client:
+        receiver = DatagramReceiver(bound, 160)
+        if not at_a_time:
+            receiver._receive = None
+        assert not receiver.wait(0.0)
+        assert receiver.take() == []
+        client.connect(bound.getsockname())
+        sent = [b"", b"x", bytes(range(160)), bytes(161), bytes(1000)]
+        for data in sent:
+            client.send(data)
+        assert receiver.wait(10.0)
+        taken = receiver.take()
+        assert [data for data, _ in taken] == [data[:161] for data in sent]
+        assert {address_of(sender) for _, sender in taken} == {client.getsockname()}
+
+
+def test_many_datagrams_come_in_order_and_a_flood_does_not_hold_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(datagram_receiver, "MOST_PER_CALL", 8)
+    with bound_socket(Endpoint.parse(f"tcp/127.0.0.1:{free_port()}")) as bound:
+        receiver = DatagramReceiver(bound, 160)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            for number in range(40):
+                client.sendto(bytes([number]), bound.getsockname())
+        taken = [[data[0] for data, _ in receiver.take()] for _ in range(3)]
+    assert taken == [list(range(8 * MOST_CALLS)), list(range(8 * MOST_CALLS, 40)), []]
+
+
+OPERATOR, STRANGER = ("10.0.0.1", 1), ("10.0.0.2", 2)
+
+
+def test_a_sender_of_a_thousand_does_not_keep_out_another() -> None:
+    waiting = Waiting()
+    waiting.add(b"mine", OPERATOR)
+    for number in range(1000):
+        waiting.add(number.to_bytes(2), STRANGER)
+    first = list(waiting)[:2]
+    assert sorted(first) == [((999).to_bytes(2), STRANGER), (b"mine", OPERATOR)]
+    assert len(list(waiting)) == 1001
+
+
+def test_a_copy_of_a_datagram_waits_once_for_its_first_sender() -> None:
+    waiting = Waiting()
+    waiting.add(b"mine", OPERATOR)
+    waiting.add(b"mine", STRANGER)
+    assert list(waiting) == [(b"mine", OPERATOR)]
+
+
+def test_datagrams_are_sorted_by_their_bytes() -> None:
+    kinds = {kind: StopDatagram(kind=kind, nonce=bytes([kind]) * 8).packed(b"") for kind in Kind}
+    old = StopDatagram(kind=Kind.ASK, nonce=b"answered").packed(b"")
+    answered = AnsweredNonces()
+    answered.add(b"answered")
+    came = [(data, OPERATOR) for data in (*kinds.values(), old, b"short", b"", bytes(160))]
+    stops, questions, foreign = sort_datagrams(came, mark_of(b""), answered)
+    assert list(stops) == [(kinds[Kind.STOP], OPERATOR)]
+    assert list(questions) == [(kinds[Kind.ASK], OPERATOR)]
+    assert foreign == 4
+
+
+def test_many_answered_nonces_take_bounded_space() -> None:
+    answered = AnsweredNonces()
+    for number in range(3 * MOST_NONCES):
+        answered.add(number.to_bytes(8))
+    known = [number.to_bytes(8) in answered for number in range(3 * MOST_NONCES)]
+    assert all(known[-MOST_NONCES:])
+    assert sum(known) <= 2 * MOST_NONCES
+
 
 SECRET = b"\1" * 32
 
