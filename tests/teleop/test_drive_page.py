@@ -118,17 +118,17 @@ def test_clients_hear_what_the_robot_does() -> None:
         assert said == {"robot": "ant", "battery_v": 7.4}
 
 
-@pytest.mark.parametrize(
-    "message",
-    ["", "{", "[]", "5", "null", '"v"', '{"v": 1}', '{"v": [1, 0]}', '{"v": [2, 0, 0]}', '{"v": [NaN, 0, 0]}',
-     '{"v": ["a", 0, 0]}', '{"v": [1e999, 0, 0]}', '{"x": 0}', b"\xff\xfe", "[" * 200],
-)  # fmt: skip
-def test_what_is_no_command_moves_nothing(message: str | bytes) -> None:
-    with served() as robot, robot.client() as client:
-        client.send(message)
-        client.send(json.dumps({"do": "stand"}))
-        wait_for(lambda: robot.asked == ["stand"], 5.0, "the connection is lost")
-        assert robot.arbiter.decide() == Decision()
+def test_what_is_no_command_moves_nothing() -> None:
+    messages = [
+        "", "{", "[]", "5", "null", '"v"', '{"v": 1}', '{"v": [1, 0]}', '{"v": [2, 0, 0]}',
+        '{"v": [NaN, 0, 0]}', '{"v": ["a", 0, 0]}', '{"v": [1e999, 0, 0]}', '{"x": 0}', b"\xff\xfe", "[" * 200,
+    ]  # fmt: skip
+    for message in messages:
+        with served() as robot, robot.client() as client:
+            client.send(message)
+            client.send(json.dumps({"do": "stand"}))
+            wait_for(lambda: robot.asked == ["stand"], 5.0, "the connection is lost")
+            assert robot.arbiter.decide() == Decision()
 
 
 def test_a_long_message_ends_its_connection_alone() -> None:
@@ -144,10 +144,10 @@ def refused(robot: Served, **options: Any) -> int:
     return int(caught.value.response.status_code)
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1"])
-def test_pages_from_elsewhere_are_refused(origin: str) -> None:
+def test_pages_from_elsewhere_are_refused() -> None:
     with served() as robot:
-        assert refused(robot, origin=origin) == 403
+        for origin in ("http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1"):
+            assert refused(robot, origin=origin) == 403
 
 
 def test_a_wrong_token_is_refused_and_the_right_one_is_not() -> None:
@@ -181,21 +181,18 @@ def test_the_page_is_one_file_that_loads_nothing_from_elsewhere() -> None:
         assert get(robot.page.port, "/other")[0] == 404
 
 
-@pytest.mark.parametrize(
-    ("host", "status"),
-    [("evil.example", 403), ("evil.example:8017", 403), ("", 403), ("localhost", 200), ("[::1]:80", 200),
-     ("192.168.1.7:8017", 200), (socket.gethostname(), 200)],
-)  # fmt: skip
-def test_names_that_are_not_this_computers_are_refused(host: str, status: int) -> None:
+def test_names_that_are_not_this_computers_are_refused() -> None:
+    allowed = ("localhost", "[::1]:80", "192.168.1.7:8017", socket.gethostname())
     with served() as robot:
-        assert get(robot.page.port, host=host or "-")[0] == status
+        for host in ("evil.example", "evil.example:8017", "-", *allowed):
+            assert get(robot.page.port, host=host)[0] == (200 if host in allowed else 403)
 
 
 def test_beyond_this_computer_it_takes_certificates_and_a_token() -> None:
     arbiter = Arbiter()
     address = PageAddress.parse("0.0.0.0:0")
     assert not address.loopback
-    with pytest.raises(InputError, match=r"page: got 0.0.0.0, .* without certificates; allowed: 127.0.0.1"):
+    with pytest.raises(InputError, match=r"page: got 0\.0\.0\.0"):
         DrivePage(address, arbiter.source("page"), Velocity, print)
 
 
@@ -262,22 +259,24 @@ def test_a_viewer_that_takes_nothing_holds_nobody_up(pictures: PictureRelay) -> 
         wait_for(lambda: robot.asked == ["stop"], 5.0, "the stop does not come")
 
 
-@pytest.mark.parametrize("path", ["/drive", "/view"])
-def test_what_a_camera_sees_needs_the_token_and_a_page_of_ours(path: str, pictures: PictureRelay) -> None:
+def test_what_a_camera_sees_needs_the_token_and_a_page_of_ours(pictures: PictureRelay) -> None:
     with served(pictures=pictures, token=TOKEN) as robot:
-        for wrong in ({"token": None}, {"token": "wrong"}, {"token": TOKEN, "origin": "http://elsewhere"}):
-            with pytest.raises(InvalidStatus, match="403"):
-                robot.client(path=path, **wrong)
-        with robot.client(path=path, token=TOKEN):
-            pass
+        for path in ("/drive", "/view"):
+            for wrong in (
+                {"token": None},
+                {"token": "wrong"},
+                {"token": TOKEN, "origin": "http://elsewhere"},
+            ):
+                assert refused(robot, path=path, **wrong) == 403
+            with robot.client(path=path, token=TOKEN):
+                pass
 
 
 def test_those_who_look_do_not_keep_out_who_drives(pictures: PictureRelay) -> None:
     with served(pictures=pictures) as robot, ExitStack() as stack:
         for _ in range(MOST_VIEWERS):
             stack.enter_context(robot.client(path="/view"))
-        with pytest.raises(InvalidStatus, match="503"):
-            robot.client(path="/view")
+        assert refused(robot, path="/view") == 503
         client = stack.enter_context(robot.client())
         client.send(json.dumps({"v": [1, 0, 0]}))
         robot.wait(Decision(Velocity(1, 0, 0), "page"))
