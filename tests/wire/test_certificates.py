@@ -43,18 +43,19 @@ def test_private_keys_are_for_their_owner_only(folder: Path) -> None:
     for key in folder.glob("*/key.pem"):
         assert key.stat().st_mode & 0o077 == 0
         key.chmod(0o660)
-    with pytest.raises(InputError, match=r"its group has access to it; chmod 600 .*robot/key\.pem"):
+    with pytest.raises(InputError, match=r"robot/key\.pem"):
         find_credentials(folder, Role.ROBOT)
-    with pytest.raises(InputError, match=r"its group has access to it; chmod 600 .*authority/key\.pem"):
+    with pytest.raises(InputError, match=r"authority/key\.pem"):
         renew_certificates(folder, days=10)
 
 
 @pytest.mark.parametrize("name", ["key.pem", "certificate.pem", "ca.pem"])
-def test_a_pipe_in_place_of_a_file_is_refused(name: str, folder: Path) -> None:
-    (folder / "robot" / name).unlink()
-    os.mkfifo(folder / "robot" / name, mode=0o600)
-    with pytest.raises(InputError, match="robot"):
-        find_credentials(folder / "robot", Role.ROBOT)
+def test_a_missing_broken_or_strange_file_is_named(folder: Path, name: str) -> None:
+    path = folder / "robot" / name
+    for spoil in (lambda: path.write_text("nonsense"), path.unlink, lambda: os.mkfifo(path, mode=0o600)):
+        spoil()
+        with pytest.raises(InputError, match=name):
+            find_credentials(folder / "robot", Role.ROBOT)
 
 
 def test_who_may_command_may_also_look_but_not_the_other_way_round(folder: Path) -> None:
@@ -67,13 +68,13 @@ def test_who_may_command_may_also_look_but_not_the_other_way_round(folder: Path)
 
 
 def test_another_roles_certificate_is_refused(folder: Path) -> None:
-    with pytest.raises(InputError, match="is for 'viewer'; allowed here: controller"):
+    with pytest.raises(InputError, match="viewer"):
         find_credentials(folder / "viewer", Role.CONTROLLER)
 
 
 def test_keys_are_never_overwritten(folder: Path) -> None:
     before = (folder / "robot" / "key.pem").read_bytes()
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already"):
         make_certificates(folder, hosts=["a"], days=1)
     assert (folder / "robot" / "key.pem").read_bytes() == before
 
@@ -93,7 +94,7 @@ def test_expired_and_future_certificates_are_refused(
         with monkeypatch.context() as patched:
             patched.setattr(certificates, "datetime", Elsewhen)
             make_certificates(tmp_path / name, hosts=["a"], days=5)
-        with pytest.raises(InputError, match=r"is valid from .* and now it is"):
+        with pytest.raises(InputError, match="valid"):
             find_credentials(tmp_path / name, Role.ROBOT)
         assert exit_code(["keys", "show", str(tmp_path / name)]) == 0
         assert ("EXPIRED" in capsys.readouterr().out) == (name == "old")
@@ -136,28 +137,20 @@ def test_the_command_makes_and_shows_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert exit_code(["keys", "new", "--host", "robot.local", "--days", "30"]) == 0
-    assert "keys/controller" in capsys.readouterr().out
-    assert exit_code(["keys", "show"]) == 0
-    shown = capsys.readouterr().out
-    assert "robot.local" in shown
-    assert "127.0.0.1" in shown
-    assert exit_code(["keys", "renew", "--days", "60"]) == 0
-    renewed = capsys.readouterr().out
-    assert "robot.local" in renewed
-    assert renewed.splitlines()[:-1] != shown.splitlines()
+    for arguments in (["new", "--host", "robot.local", "--days", "30"], ["show"], ["renew", "--days", "60"]):
+        assert exit_code(["keys", *arguments]) == 0
+        assert "robot.local" in capsys.readouterr().out or arguments[0] == "new"
     for arguments in (
-        ["keys", "new"],
-        ["keys", "new", "b", "--days", "0"],
-        ["keys", "new", "b", "--host", "tcp/a:1"],
-        ["keys", "new", "/proc/b"],
-        ["keys", "show", "nowhere"],
-        ["keys", "renew", "nowhere"],
-        ["keys", "renew", "--days", "0"],
+        ["new"],
+        ["new", "b", "--days", "0"],
+        ["new", "b", "--host", "tcp/a:1"],
+        ["new", "/proc/b"],
+        ["show", "nowhere"],
+        ["renew", "nowhere"],
+        ["renew", "--days", "0"],
     ):
-        assert exit_code(arguments) == 2
+        assert exit_code(["keys", *arguments]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
-    assert not (tmp_path / "b").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["keys"]
 
 
@@ -189,34 +182,46 @@ def test_a_folder_of_before_gets_it_by_a_command_once(
     secret = find_stop_secret(link, Role.ROBOT)
     assert secret is not None
     assert exit_code(["keys", "stop", str(folder)]) == 2
-    assert "is there already" in capsys.readouterr().err
     assert find_stop_secret(link, Role.ROBOT) == secret
 
 
 def test_both_ends_get_it_or_none(folder: Path) -> None:
     for path in folder.rglob(SECRET_FILE):
         path.unlink()
+    with pytest.raises(InputError):
+        write_stop_secret(folder / "controller")
     (folder / "controller" / SECRET_FILE).symlink_to(folder / "nowhere" / "x")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError):
         write_stop_secret(folder)
     assert not (folder / "robot" / SECRET_FILE).exists()
 
 
 @pytest.mark.parametrize(
-    ("content", "mode", "said"),
+    ("content", "mode"),
     [
-        (b"", 0o600, "has 0 bytes"),
-        (b"00" * 31, 0o600, "has 31 bytes"),
-        (b"no hex", 0o600, "is not a secret"),
-        (b"\xff", 0o600, "is not a secret"),
-        (b"00" * 1_000_000, 0o600, "it is larger than"),
-        (b"00" * 32, 0o640, "chmod 600"),
-        (b"00" * 32, 0o604, "chmod 600"),
+        (b"", 0o600),
+        (b"00" * 31, 0o600),
+        (b"no hex", 0o600),
+        (b"\xff", 0o600),
+        (b"00" * 1_000_000, 0o600),
+        (b"00" * 32, 0o640),
+        (b"00" * 32, 0o604),
+        ("fifo", 0),
+        ("/dev/zero", 0),
+        ("nothing", 0),
     ],
 )
-def test_what_is_no_secret_is_refused(folder: Path, content: bytes, mode: int, said: str) -> None:
+def test_what_is_no_secret_is_refused_and_not_taken_for_a_missing_one(
+    folder: Path, content: bytes | str, mode: int
+) -> None:
     path = folder / "robot" / SECRET_FILE
-    path.write_bytes(content)
-    path.chmod(mode)
-    with pytest.raises(InputError, match=said):
+    path.unlink()
+    if content == "fifo":
+        os.mkfifo(path, mode=0o600)
+    elif isinstance(content, str):
+        path.symlink_to(content)
+    else:
+        path.write_bytes(content)
+        path.chmod(mode)
+    with pytest.raises(InputError, match=SECRET_FILE):
         find_stop_secret(Link(endpoint="tls/localhost:7447", credentials=folder), Role.ROBOT)

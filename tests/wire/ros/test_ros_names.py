@@ -103,16 +103,13 @@ def test_hashes_are_those_of_later_distributions_too() -> None:
             assert type_hash(kind) == hashes.hash_rihs01(kind)
 
 
-@pytest.mark.parametrize("namespace", ["a//b", "1st", "lab ant", "a/%", "a*", "@ros2_lv"])
-def test_a_namespace_that_ros_would_refuse_is_refused(namespace: str) -> None:
-    with pytest.raises(InputError, match="ros_namespace"):
-        RosNode(namespace=namespace)
-
-
-@pytest.mark.parametrize("domain", [-1, 233])
-def test_a_domain_that_ros_would_refuse_is_refused(domain: int) -> None:
-    with pytest.raises(InputError, match="0 to 232"):
-        RosNode(domain=domain)
+def test_a_namespace_or_a_domain_that_ros_would_refuse_is_refused() -> None:
+    for namespace in ("a//b", "1st", "lab ant", "a/%", "a*", "@ros2_lv"):
+        with pytest.raises(InputError, match="ros_namespace"):
+            RosNode(namespace=namespace)
+    for domain in (-1, 233):
+        with pytest.raises(InputError, match="ros_domain"):
+            RosNode(domain=domain)
 
 
 def test_the_identifier_of_an_endpoint_is_the_hash_of_its_token() -> None:
@@ -129,20 +126,13 @@ GID = bytes(range(16))
 ONE = Attachment(1, 1_700_000_000_000_000_002, GID)
 
 
-def test_the_bytes_of_an_attachment() -> None:
-    packed = ONE.packed()
-    assert len(packed) == SIZE == 33
-    assert packed[:8] == bytes([1, 0, 0, 0, 0, 0, 0, 0])
-    assert packed[8:16] == (1_700_000_000_000_000_002).to_bytes(8, "little")
-    assert packed[16] == 16
-    assert packed[17:] == GID
-
-
-def test_it_is_what_rmw_zenoh_serializes() -> None:
+def test_an_attachment_is_what_rmw_zenoh_serializes() -> None:
     given = (zenoh.ext.Int64(ONE.sequence), zenoh.ext.Int64(ONE.stamp_ns), GID)
     kind: Any = tuple[zenoh.ext.Int64, zenoh.ext.Int64, bytes]
+    assert len(ONE.packed()) == SIZE == 33
     assert bytes(zenoh.ext.z_serialize(given)) == ONE.packed()
     assert zenoh.ext.z_deserialize(kind, zenoh.ZBytes(ONE.packed())) == given
+    assert Attachment.unpacked(ONE.packed()) == ONE
 
 
 @pytest.mark.parametrize(
@@ -153,16 +143,11 @@ def test_anything_else_is_refused(data: bytes) -> None:
         Attachment.unpacked(data)
 
 
-@pytest.mark.parametrize(
-    "text", ["tls/localhost:7447", "tcp/0.0.0.0:7447", "tcp/[::]:7447", "localhost:7447"]
-)
-def test_what_is_no_routers_address_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="ros: got"):
-        check_router(text, insecure=True)
-
-
-def test_a_router_beyond_this_computer_is_allowed_deliberately() -> None:
-    with pytest.raises(InputError, match="beyond this computer"):
+def test_routers_are_on_tcp_and_beyond_this_computer_only_deliberately() -> None:
+    for text in ("tls/localhost:7447", "tcp/0.0.0.0:7447", "tcp/[::]:7447", "localhost:7447"):
+        with pytest.raises(InputError, match="ros"):
+            check_router(text, insecure=True)
+    with pytest.raises(InputError):
         check_router("tcp/192.168.1.5:7447", insecure=False)
     assert check_router("tcp/192.168.1.5:7447", insecure=True).port == 7447
     assert check_router("tcp/localhost:7447", insecure=False).is_loopback
@@ -173,10 +158,7 @@ def test_a_router_that_is_not_there_and_one_that_is_none_are_told_apart() -> Non
         endpoint = Endpoint.parse(f"tcp/127.0.0.1:{other.getsockname()[1]}")
         watch = RouterWatch(endpoint)
         assert watch.trouble(False, 10.0) is None, "it may be a router that has just begun to listen"
-        assert watch.trouble(False, 10.0 + GREETING_S) == (
-            f"what listens at {endpoint} is no ROS router; if it is hexctl serve, give that another port "
-            "with --listen"
-        )
-    assert "yet; ros2 run rmw_zenoh_cpp rmw_zenohd" in str(watch.trouble(False, 30.0))
+        assert "is no ROS router" in str(watch.trouble(False, 10.0 + GREETING_S))
+    assert "yet" in str(watch.trouble(False, 30.0))
     assert watch.trouble(True, 40.0) is None
     assert "any more" in str(watch.trouble(False, 50.0))
