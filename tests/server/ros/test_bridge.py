@@ -14,10 +14,7 @@ import zenoh
 import zenoh.ext
 
 from hexctl.types import JOINT_NAMES
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.robot_link import robot_link
 from hexctl.wire import ros_cdr
-from hexctl.wire.links import Link
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.endpoints import SIZE, Attachment
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode, type_hash
@@ -132,17 +129,6 @@ def test_every_byte_of_an_attachment(network: tuple[Served, Peer]) -> None:
         assert 1.7e18 < stamp_ns < 4e18
         assert one[16] == 16
         assert one[17:] == xxhash.xxh3_128_digest(token.encode())[::-1]
-
-
-def test_battery_and_diagnostics_come_once_a_second(network: tuple[Served, Peer]) -> None:
-    _, node = network
-    told = node.subscribed("/diagnostics", telemetry.DIAGNOSTICS)
-    batteries = node.subscribed("/battery_state", ros_cdr.BATTERY_STATE)
-    wait_until(lambda: len(told) > 1 and batteries, "diagnostics")
-    stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in told]
-    assert np.median(np.diff(stamps)) == pytest.approx(1.0, rel=0.3)
-    assert told[-1].status[0].name == "hexctl: robot"
-    assert np.isnan(batteries[-1].voltage)
 
 
 class Wheel:
@@ -306,33 +292,3 @@ def test_a_router_that_goes_and_returns_is_found_again(tmp_path: Path) -> None:
             wait_until(lambda: not robot.status()["ros"]["connected"], "the loss of the router")
         robot.wait_for("no ROS router at")
         assert robot.status()["overruns"] <= robot.status()["ticks"] // 10
-
-
-def test_a_pose_from_outside_is_in_map(tmp_path: Path) -> None:
-    port = free_port()
-    options = ("--ros", f"tcp/127.0.0.1:{port}")
-    with router(port) as session, served(tmp_path, *options, backend="mock") as robot:
-        frames: dict[str, Any] = {}
-
-        def take(sample: Any) -> None:
-            told = decoded(telemetry.TRANSFORMS, bytes(sample.payload)).transforms
-            frames.update({one.child_frame_id: one for one in told})
-
-        found = session.declare_subscriber(data_key("tf", telemetry.TRANSFORMS), take)
-        wait_until(lambda: frames, "transforms")
-        assert "odom" not in frames
-        with robot_link(Link(endpoint=robot.endpoint)) as end:
-
-            def placed(x_m: float) -> bool:
-                pose = PlanarPose(x_m, -0.5, 0.7)
-                end.publish(pose, 0.12, position_variance_m2=1e-4, yaw_variance_rad2=1e-4)
-                if "odom" not in frames:
-                    return False
-                odom, body = frames["odom"], frames["base_link"]
-                assert (odom.header.frame_id, body.header.frame_id) == ("map", "odom")
-                assert abs(body.transform.translation.x) < 1e-3  # it stands
-                return bool(abs(odom.transform.translation.x - x_m) < 1e-3)
-
-            for x_m in (1.5, 2.5):
-                wait_until(lambda: placed(x_m), f"a map with the robot at {x_m} m")  # noqa: B023
-        found.undeclare()  # type: ignore[no-untyped-call]

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hexctl.ik.leg_odometer import GAP_S
-from hexctl.robot.failure import Failure
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
 from hexctl.server.ros.frames import BodyPose, DeadReckoning
@@ -15,17 +14,12 @@ from hexctl.server.ros.topics import RobotMessages
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
-from tests.driven import Command, Driven, driven
+from tests.driven import Driven, driven
 from tests.robots import shipped
 from tests.wire.ros.decoding import decoded
 
 ROLLED = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
 START = BodyPose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
-
-AHEAD: tuple[Command, ...] = ((1, 0, 0, 0), (8, 1, 0, 0))
-
-#: Tick of such a walk by which a missing leg was noticed.
-NOTICED = 250
 
 
 @pytest.fixture
@@ -68,19 +62,6 @@ def test_a_walk_goes_on_from_where_it_began(walk: Driven, with_imu: bool) -> Non
     np.testing.assert_allclose(rise_m, walk.height_m - walk.height_m[0], atol=0.004)
 
 
-def test_without_a_start_it_is_at_the_origin_as_high_as_the_legs_say(walk: Driven) -> None:
-    reckoning = DeadReckoning(shipped())
-    for index in range(2):
-        pose = reckoning.update(state(walk, index), None)
-    assert pose.position_m == pytest.approx([0, 0, walk.height_m[1]], abs=0.003)
-    np.testing.assert_allclose(pose.quaternion, [1, 0, 0, 0], atol=1e-3)
-
-
-def test_roll_and_pitch_are_those_of_the_imu(walk: Driven) -> None:
-    pose = DeadReckoning(shipped()).update(state(walk, 0), imu(walk, 0))
-    np.testing.assert_allclose(pose.quaternion, ROLLED, atol=1e-12)
-
-
 @pytest.mark.parametrize("broken", ["angles", "orientation"])
 def test_numbers_that_are_not_finite_leave_the_pose(walk: Driven, broken: str) -> None:
     reckoning = DeadReckoning(shipped(), START)
@@ -108,32 +89,6 @@ def test_a_state_that_comes_twice_is_taken_once(walk: Driven) -> None:
         pose = reckoning.update(state(walk, index), None)
     again = reckoning.update(state(walk, 101), None)
     np.testing.assert_array_equal(again.numbers, pose.numbers)
-
-
-def test_half_a_pose_is_none() -> None:
-    position, quaternion = START.position_m, START.quaternion
-    for half in ((None, quaternion), (position, None), (position * np.nan, quaternion)):
-        given = RobotState(
-            np.zeros(18), 0.0, True, base_position_world=half[0], base_quaternion_world=half[1]
-        )
-        assert BodyPose.of(given) is None
-
-
-@pytest.mark.slow
-def test_a_missing_leg_is_noticed_by_poses_from_outside_which_move_nothing() -> None:
-    walk = driven("pexod", AHEAD, failure=Failure(leg=2, kind="missing"), told=False)
-    alone, seen = DeadReckoning(shipped("pexod"), START), DeadReckoning(shipped("pexod"), START)
-    ways = []
-    for index in range(len(walk.times_s)):
-        ways.append([one.update(state(walk, index), None).position_m for one in (alone, seen)])
-        x_m, y_m, yaw = walk.poses[index].tolist()
-        seen.see(walk.times_s[index], BodyPose(np.array([x_m, y_m, 0.1]), about_z(yaw)))
-    steps_m = np.linalg.norm(np.diff(ways, axis=0), axis=2)
-    assert steps_m.max() < 0.012
-    true_m = np.hypot(*(walk.poses[-1] - walk.poses[NOTICED])[:2])
-    alone_m, seen_m = np.linalg.norm(np.array(ways[-1]) - np.array(ways[NOTICED]), axis=1)
-    assert abs(alone_m - true_m) > 0.7 * true_m
-    assert abs(seen_m - true_m) < 0.35 * true_m
 
 
 #: Turn and shift from the frame of the robot's own pose to that of the one from outside.
@@ -211,16 +166,6 @@ def in_map(found: dict[str, tuple[str, BodyPose]]) -> BodyPose:
 def same(one: BodyPose, other: BodyPose) -> None:
     np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-6)
     assert abs(one.quaternion @ other.quaternion) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_a_pose_of_its_own_is_in_odom_and_there_is_no_map() -> None:
-    walker = Walker()
-    for _ in range(3):
-        pose = walker.true_pose()
-        found = walker.own()
-        assert "odom" not in found
-        assert found["base_link"][0] == "odom"
-        np.testing.assert_array_equal(found["base_link"][1].numbers, pose.numbers)
 
 
 @pytest.mark.parametrize("has_imu", [True, False])
