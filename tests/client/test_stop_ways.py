@@ -163,10 +163,7 @@ def test_a_folder_without_the_secret_and_quic_are_trouble(tmp_path: Path) -> Non
     make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
     for path in tmp_path.rglob(SECRET_FILE):
         path.unlink()
-    links = (
-        Link(endpoint="tls/localhost:7447", credentials=tmp_path / "keys"),
-        Link(endpoint="quic/localhost:1"),
-    )
+    without = Link(endpoint="tls/localhost:7447", credentials=tmp_path / "keys")
     for link in (without, Link(endpoint="quic/localhost:7447")):
         with by_datagram(link) as way:
             assert way.trouble
@@ -178,7 +175,6 @@ class BrokenSession:
     asked = 0
 
     def get(self, *_args: object, **_options: object) -> list[Any]:
-        """No answer, after one error."""
         BrokenSession.asked += 1
         if BrokenSession.asked == 1:
             raise zenoh.ZError("closed")
@@ -221,7 +217,6 @@ class OnTheLink:
     claims: list[str] = field(default_factory=list)
 
     def answer(self, key: str, content: dict[str, Any]) -> dict[str, Any] | None:
-        """Answer to a query at a key."""
         if self.silent:
             return None
         if key.endswith("/estop"):
@@ -248,7 +243,6 @@ class SharedSession:
         self._robots = robots
 
     def get(self, key: str, *, payload: bytes | None = None, **_options: object) -> list[Any]:
-        """Answers of the robots that give one."""
         content = json.loads(payload or b"{}")
         given = (robot.answer(key, content) for robot in self._robots)
         answers = [answer for answer in given if answer is not None]

@@ -46,11 +46,9 @@ class Item:
         self.dropped = False
 
     def reply(self, key: str, payload: bytes) -> None:
-        """Keep the answer."""
         self.answers.append(payload)
 
     def drop(self) -> None:
-        """Keep that it was let go."""
         self.dropped = True
 
 

@@ -240,8 +240,6 @@ ATTACKS: dict[str, Callable[[Served], Any]] = {
 #: Attacks of the soak test, and the time in s in which a stop of each is confirmed.
 LONG_ATTACKS: dict[str, tuple[Callable[[Served], Any], float]] = {
     **{name: (attack, CONFIRMED_S) for name, attack in ATTACKS.items()},
-    "both ways at 1,000/s": (lambda robot: both_ways(robot, 1_000), CONFIRMED_S),
-    "both ways at 10,000/s": (lambda robot: both_ways(robot, 10_000), CONFIRMED_S),
     "both ways at full speed": (lambda robot: both_ways(robot, 0), CONFIRMED_AT_FULL_SPEED_S),
 }
 
@@ -328,7 +326,6 @@ class StubbornClient:
         self._old.append(stop_id)
 
     def act(self) -> None:
-        """One turn."""
         wanted: list[dict[str, Any]] = [{}, {"id": ""}, {"id": self._chance.choice(self._old)}]
         with suppress(HexctlError):
             for described in ask(self._session, KEYS.describe):

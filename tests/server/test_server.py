@@ -4,7 +4,6 @@ import json
 import os
 import socket
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,14 +11,13 @@ import pytest
 
 from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
 from hexctl.server.inbox import Arrival
 from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
 from hexctl.wire.description import user_name
-from hexctl.wire.links import KeyMap, Link
+from hexctl.wire.links import Link
 from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose
 from hexctl.wire.stop import UNNAMED
 from hexctl.wire.zenoh_messages import (
@@ -78,7 +76,6 @@ class Bench:
         self.server._handle(Arrival("command", item, self.servos.time.now_s - waited_s))
 
     def give_up(self, op: str, **more: Any) -> dict[str, Any]:
-        """Rest with the lease, or release it."""
         return self.ask("lease", {"op": op, "lease": self.lease["lease"], **more})
 
     def pose_from_outside(self, position: Any, quaternion: Any, *, for_s: float = 0.02) -> None:
@@ -380,21 +377,6 @@ def test_servos_that_raise_while_a_command_is_answered_are_a_fault_with_a_name(
         bench.ticks(1)
 
 
-@pytest.mark.parametrize("part", ["position", "quaternion"])
-def test_half_a_pose_is_published_and_comes_as_half_a_pose(bench: Bench, part: str) -> None:
-    (other,) = {"position", "quaternion"} - {part}
-    setattr(bench.servos, f"{other}_world", None)
-    bench.ticks(1)
-    latest = LatestValues()
-    for kind, payload, tag in bench.said[-2:]:
-        latest.put(kind, SimpleNamespace(payload=payload, attachment=tag))
-    state = StateSubscriber(KeyMap.of("ant"), latest).newest(0.0)
-    np.testing.assert_array_equal(
-        getattr(state, f"base_{part}_world"), getattr(bench.servos, f"{part}_world")
-    )
-    assert getattr(state, f"base_{other}_world") is None
-
-
 @pytest.mark.parametrize(("position", "quaternion"), [(HERE, None), (None, UPRIGHT), (HERE, UPRIGHT)])
 def test_a_pose_from_outside_that_stops_coming_is_lost_whatever_the_robot_knows_itself(
     bench: Bench, position: Any, quaternion: Any
@@ -457,14 +439,6 @@ def test_only_a_simulated_robot_tells_the_truth(bench: Bench, monkeypatch: pytes
     position, quaternion = decode_pose([payload for kind, payload, _ in bench.said if kind == "truth"][-1])
     assert position == pytest.approx(HERE)
     assert quaternion == pytest.approx(UPRIGHT)
-
-
-def test_status_and_battery_go_out_now_and_then(bench: Bench) -> None:
-    bench.ticks(100)
-    kinds = [kind for kind, _, _ in bench.said]
-    assert kinds.count("joint_states") == 100
-    assert kinds.count("status") == 10
-    assert kinds.count("battery") == 2
 
 
 def test_reading_for_an_answer_does_not_count_towards_a_fall(bench: Bench) -> None:

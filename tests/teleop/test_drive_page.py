@@ -74,28 +74,6 @@ def test_a_finger_drives_and_letting_go_is_a_release() -> None:
         robot.wait(Decision(Velocity(), "page"))
 
 
-def test_a_page_that_falls_silent_stops_driving() -> None:
-    with served() as robot, robot.client() as client:
-        client.send(json.dumps({"v": [1, 0, 0]}))
-        robot.wait(Decision(Velocity(1, 0, 0), "page"))
-        robot.now_s = 0.51
-        assert robot.arbiter.decide() == Decision()
-
-
-def test_a_finger_that_is_down_while_a_stop_is_cleared_has_to_be_lifted_first() -> None:
-    with served() as robot, robot.client() as client:
-        client.send(json.dumps({"v": [1, 0, 0]}))
-        robot.wait(Decision(Velocity(1, 0, 0), "page"))
-        robot.arbiter.clear()
-        client.send(json.dumps({"v": [1, 0, 0]}))
-        client.send(json.dumps({"do": "stand"}))
-        wait_for(lambda: robot.asked == ["stand"], 5.0, "the connection is lost")
-        assert robot.arbiter.decide() == Decision()
-        client.send(json.dumps({"release": True}))
-        client.send(json.dumps({"v": [1, 0, 0]}))
-        robot.wait(Decision(Velocity(1, 0, 0), "page"))
-
-
 def test_one_client_drives_and_any_may_stop() -> None:
     with served() as robot, robot.client() as first, robot.client() as second:
         first.send(json.dumps({"v": [1, 0, 0]}))

@@ -16,7 +16,6 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.drive.arbiter import Arbiter
 from hexctl.control.drive.drive import Drive
 from hexctl.control.guard import Guard
-from hexctl.robot.failure import Failure
 from hexctl.teleop.drive_session import DriveSession, Travel, name_of
 from hexctl.teleop.keyboard import Keyboard
 from hexctl.types import N_JOINTS, FloatArray, RobotState
@@ -180,14 +179,6 @@ def test_a_height_at_which_nothing_walks_is_said() -> None:
         assert script.told["velocity"] == [0, 0, 0]
 
 
-def test_a_gait_that_was_glided_to_is_the_one_that_is_told() -> None:
-    with Drive("ant", failure=Failure(leg=5, kind="locked")) as drive:
-        session = DriveSession(drive)
-        script = Script(session, {150: "quit"})
-        session.run([script])
-        assert script.told["gait"] == name_of(drive.gait_now.slots) != "tripod"
-
-
 def test_a_crowd_of_requests_keeps_no_other_from_being_done() -> None:
     with Drive("ant") as drive:
         session = DriveSession(drive)
@@ -276,14 +267,6 @@ def test_travel_is_the_length_of_a_path_its_speed_and_the_turn() -> None:
     assert travel.heading_deg == pytest.approx(90.0)
 
 
-def test_noise_of_a_standing_robot_is_no_travel() -> None:
-    travel, random = Travel(), np.random.default_rng(2)
-    for tick in range(500):
-        travel.add(pose(random.uniform(-0.002, 0.002, 3), None), 0.1 * tick)
-    assert travel.distance_m == 0.0
-    assert travel.heading_deg is None
-
-
 def pose(position: FloatArray, quaternion: FloatArray | None) -> RobotState:
     """State of a robot that is somewhere."""
     return RobotState(
@@ -293,23 +276,3 @@ def pose(position: FloatArray, quaternion: FloatArray | None) -> RobotState:
         base_position_world=position,
         base_quaternion_world=quaternion,
     )
-
-
-def test_a_driven_robot_reports_its_travel() -> None:
-    with Drive("ant") as drive:
-        drive.reset()
-        session, seen = DriveSession(drive), list[dict[str, Any]]()
-        stick = drive.arbiter.source("page")
-
-        class Stick:
-            def poll(self) -> None:
-                stick.command(drive.share(1, 0, 0))
-
-            def report(self, status: dict[str, Any]) -> None:
-                seen.append(status)
-
-        session.run([Stick()], lambda: len(seen) > 30)
-    assert seen[0]["distance_m"] == 0.0
-    assert seen[-1]["distance_m"] > 0.1
-    assert seen[-1]["speed_m_s"] > 0.05
-    assert abs(seen[-1]["heading_deg"]) < 20

@@ -122,7 +122,6 @@ class Driven:
         return min(LOST_S, time.monotonic() - at_s)
 
     def stand(self) -> None:
-        """Clear a stop."""
 
         def stands() -> bool:
             self.session.ask("stand")

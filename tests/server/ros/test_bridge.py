@@ -139,7 +139,6 @@ class Wheel:
         self._publisher = node.publisher("/cmd_vel", kind)
 
     def say(self, forward: float, turn: float = 0.0) -> None:
-        """Publish a velocity once."""
         make = self._node.make
         linear = make(VECTOR, x=forward, y=0.0, z=0.0)
         angular = make(VECTOR, x=0.0, y=0.0, z=turn)
@@ -151,7 +150,6 @@ class Wheel:
         self._publisher.publish(header=header, twist=make(TWIST, linear=linear, angular=angular))
 
     def until(self, condition: Any, what: str, forward: float, turn: float = 0.0) -> None:
-        """Publish at 20 Hz until something is so."""
 
         def said() -> bool:
             self.say(forward, turn)
@@ -199,34 +197,6 @@ def test_a_stop_is_always_taken(network: tuple[Served, Peer]) -> None:
     wait_until(lambda: call(node.session, "clear_stop") == (True, "no longer stopped"), "the end of its hold")
     assert call(node.session, "sit")[0]
     wait_until(lambda: robot.status()["posture"] == "limp", "a robot that sits")
-
-
-def test_joints_are_commanded_as_ros2_control_does(network: tuple[Served, Peer]) -> None:
-    robot, node = network
-    states = node.subscribed("/joint_states", ros_cdr.JOINT_STATE)
-    publisher = node.publisher("/robot_joint_command", ros_cdr.JOINT_STATE)
-    wait_until(lambda: states, "joint states")
-    names = list(reversed(JOINT_NAMES))
-    stamp = node.make("builtin_interfaces/msg/Time", sec=0, nanosec=0)
-    wanted = dict(zip(states[-1].name, states[-1].position, strict=True))
-    wanted["leg3_tibia"] -= 0.1
-    none = np.zeros(0)
-
-    def arrived() -> bool:
-        publisher.publish(
-            header=node.make("std_msgs/msg/Header", stamp=stamp, frame_id=""),
-            name=names,
-            position=np.array([wanted[name] for name in names]),
-            velocity=none,
-            effort=none,
-        )
-        time.sleep(0.02)
-        now = dict(zip(states[-1].name, states[-1].position, strict=True))
-        return bool(abs(now["leg3_tibia"] - wanted["leg3_tibia"]) < 0.03)
-
-    wait_until(arrived, "the joint's angle")
-    assert robot.status()["ros"]["motion"] == "joints"
-    wait_until(lambda: robot.status()["stopped"] == "expired", "the freeze after the last command")
 
 
 def test_garbage_on_every_topic_moves_nothing(network: tuple[Served, Peer]) -> None:

@@ -31,14 +31,12 @@ class Node:
     condition = None
 
     def connect(self, *_: object) -> "Node":
-        """Itself."""
         return self
 
     def offer(self, _: object) -> None:
         """Take a state."""
 
     def status(self) -> dict[str, Any]:
-        """Nothing."""
         return {}
 
 
@@ -46,7 +44,6 @@ class Answers(list[tuple[bool, str]]):
     """Answers of a service."""
 
     def answer(self, success: bool, message: str) -> None:
-        """Keep an answer."""
         self.append((success, message))
 
 
@@ -63,11 +60,9 @@ class Bench:
         self.servos.clock.tick()
 
     def send(self, command: RosCommand) -> None:
-        """Let a command arrive now."""
         self.server._handle(Arrival("ros", command, self.servos.time.now_s))
 
     def call(self, service: Service) -> tuple[bool, str]:
-        """Answer of a service."""
         answers = Answers()
         self.send(Called(service, answers))
         (answer,) = answers
@@ -81,11 +76,9 @@ class Bench:
             self.server._tick()
 
     def joints(self) -> FloatArray:
-        """Targets that the servos got last."""
         return self.servos.sent[-1].joint_positions_rad
 
     def status(self) -> dict[str, Any]:
-        """Status of the server."""
         return self.server.status()
 
     def moved(self, ticks: int, velocity: FloatArray | None = None) -> float:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from hexctl.ik.leg_odometer import GAP_S
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
 from hexctl.server.ros.frames import BodyPose, DeadReckoning
@@ -74,23 +73,6 @@ def test_numbers_that_are_not_finite_leave_the_pose(walk: Driven, broken: str) -
     np.testing.assert_allclose(after.quaternion, before.quaternion, atol=0.02)
 
 
-def test_a_gap_is_no_step_of_the_legs_but_a_turn_of_the_imu(walk: Driven) -> None:
-    reckoning = DeadReckoning(shipped(), START)
-    before = reckoning.update(state(walk, 100), imu(walk, 100))
-    after = reckoning.update(state(walk, 120, walk.times_s[100] + GAP_S), imu(walk, 120))
-    np.testing.assert_array_equal(after.position_m[:2], before.position_m[:2])
-    turned = float(yaw_rad(after.quaternion) - yaw_rad(before.quaternion))
-    assert turned == pytest.approx(walk.poses[120, 2] - walk.poses[100, 2], abs=1e-9)
-
-
-def test_a_state_that_comes_twice_is_taken_once(walk: Driven) -> None:
-    reckoning = DeadReckoning(shipped(), START)
-    for index in (100, 101):
-        pose = reckoning.update(state(walk, index), None)
-    again = reckoning.update(state(walk, 101), None)
-    np.testing.assert_array_equal(again.numbers, pose.numbers)
-
-
 #: Turn and shift from the frame of the robot's own pose to that of the one from outside.
 SHIFT_M, TURN = np.array([3.0, -1.0, 0.0]), about_z(2.0)
 
@@ -104,7 +86,6 @@ class Walker:
     messages: RobotMessages = field(default_factory=lambda: RobotMessages(shipped(), urdf_of(shipped())))
     index: int = 0
     has_imu: bool = True
-    wanted: bool = True
     last: RobotSnapshot | None = None
 
     def true_pose(self) -> BodyPose:
@@ -127,15 +108,14 @@ class Walker:
             state, orientation, stopped=None, posture="", controller=None, posed_at_s=posed_at_s
         )
         self.index += 1
-        self.messages.follow(self.last, wanted=self.wanted)
-        return frames(self.messages.moving_frames(self.last)) if self.wanted else {}
+        self.messages.follow(self.last, wanted=True)
+        return frames(self.messages.moving_frames(self.last))
 
     def own(self) -> dict[str, tuple[str, BodyPose]]:
         """Frames after a state with a pose of the robot's own."""
         return self.next(self.true_pose(), None)
 
     def outside(self, jump_m: FloatArray | float = 0.0, *, level: bool = False) -> BodyPose:
-        """Pose from outside, now."""
         true = self.true_pose()
         quaternion = about_z(float(yaw_rad(true.quaternion))) if level else true.quaternion
         return BodyPose(SHIFT_M + turned(TURN, true.position_m) + jump_m, product(TURN, quaternion))
@@ -213,19 +193,6 @@ def test_while_the_pose_is_lost_map_stays_and_the_legs_go_on() -> None:
     assert np.linalg.norm(found["base_link"][1].position_m - before.position_m) < 0.012
 
 
-def test_between_two_poses_from_outside_the_legs_move_the_body() -> None:
-    walker = Walker(index=80)
-    walker.own()
-    pose = walker.outside()
-    first = walker.posed(pose)
-    for _ in range(5):
-        true = walker.outside()
-        held = walker.next(pose, walker.last.posed_at_s if walker.last else None)
-    np.testing.assert_array_equal(held["odom"][1].numbers, first["odom"][1].numbers)
-    assert np.linalg.norm(in_map(held).position_m - true.position_m) < 0.002
-    assert np.linalg.norm(pose.position_m - true.position_m) > 0.005
-
-
 def test_a_camera_sees_no_roll_and_pitch_which_stay_the_robots_own() -> None:
     walker = Walker(index=60)
     walker.own()
@@ -260,20 +227,3 @@ def test_odometry_is_that_of_dead_reckoning() -> None:
     np.testing.assert_array_equal([at.x, at.y, at.z], found["base_link"][1].position_m)
     assert 0.03 < told.twist.twist.linear.x < 0.3
     assert abs(told.twist.twist.linear.y) < 0.1
-
-
-def test_dead_reckoning_begins_when_it_is_wanted_and_then_never_pauses() -> None:
-    walker, ever = Walker(index=80), Walker(index=80)
-    for each in (walker, ever):
-        each.own()
-    walker.wanted = False
-    walker.posed(walker.outside())
-    assert walker.last is not None
-    assert walker.messages.odometry(walker.last) is None
-    walker.index -= 1
-    walker.wanted = True
-    for wanted in (True, False, False, False, True):
-        walker.wanted = wanted
-        found = walker.posed(walker.outside())
-        always = ever.posed(ever.outside())
-    np.testing.assert_array_equal(found["base_link"][1].numbers, always["base_link"][1].numbers)

@@ -108,15 +108,6 @@ def test_endpoints_have_numbers_of_their_own_and_no_unknown_orientation_is_sent(
     assert len({one.entity_id for one in endpoints}) == len(TOPICS)
 
 
-def test_robots_of_two_namespaces_are_told_apart_in_the_diagnostics() -> None:
-    messages = RobotMessages(ROBOT, "", RosNode(namespace="lab/ant").full_name)
-    told = messages.diagnostics(snapshot(walking(ROBOT.stance_angles_rad)))
-    for payload in (told, messages.silence()):
-        assert decoded(telemetry.DIAGNOSTICS, payload).status[0].name == "lab/ant/hexctl: robot"
-    alone = RobotMessages(ROBOT, "", RosNode().full_name).silence()
-    assert decoded(telemetry.DIAGNOSTICS, alone).status[0].name == "hexctl: robot"
-
-
 SERVOS = ServoReadings(
     ages_s=np.zeros(N_JOINTS),
     efforts=np.zeros(N_JOINTS),

@@ -118,13 +118,11 @@ class Bench:
         self.sent = 0
 
     def ask(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: Any) -> StopDatagram:
-        """The answer to a datagram."""
         answer = self.stop_socket.answer(self.datagram(kind, secret, **values))
         assert answer is not None
         return StopDatagram.unpacked(answer, secret)
 
     def datagram(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: Any) -> bytes:
-        """A datagram with a nonce of its own."""
         self.sent += 1
         return StopDatagram(kind=kind, nonce=self.sent.to_bytes(8), **values).packed(secret)
 
