@@ -97,7 +97,7 @@ def test_clients_hear_what_the_robot_does() -> None:
 
 
 def test_what_is_no_command_moves_nothing() -> None:
-    messages = [
+    messages: list[str | bytes] = [
         "", "{", "[]", "5", "null", '"v"', '{"v": 1}', '{"v": [1, 0]}', '{"v": [2, 0, 0]}',
         '{"v": [NaN, 0, 0]}', '{"v": ["a", 0, 0]}', '{"v": [1e999, 0, 0]}', '{"x": 0}',
         b"\xff\xfe", "[" * 200,
