@@ -27,19 +27,31 @@ pytestmark = pytest.mark.realtime
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """A client that is refused in these tests would not be admitted later either."""
-    monkeypatch.setattr(zenoh_session, "CONNECT_MS", 1500)
+    monkeypatch.setattr(zenoh_session, "CONNECT_MS", 1000)
 
 
 @pytest.fixture
-def link(authority: Path) -> Link:
-    return Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=authority)
+def protocol() -> str:
+    return "tls"
+
+
+@pytest.fixture
+def link(protocol: str, authority: Path) -> Link:
+    keys = None if protocol == "tcp" else authority
+    return Link(endpoint=f"{protocol}/127.0.0.1:{free_port()}", credentials=keys)
+
+
+@contextmanager
+def listening(link: Link) -> Iterator[ListeningRobot]:
+    with open_session(link, Role.ROBOT, KEYS) as session:
+        robot = ListeningRobot(link, session)
+        robot.listen()
+        yield robot
 
 
 @pytest.fixture
 def robot(link: Link) -> Iterator[ListeningRobot]:
-    with open_session(link, Role.ROBOT, KEYS) as opened:
-        robot = ListeningRobot(link, opened)
-        robot.listen()
+    with listening(link) as robot:
         yield robot
 
 
@@ -121,8 +133,7 @@ def test_a_certificate_of_another_authority(robot: ListeningRobot, other_authori
 def test_a_robot_under_another_name_than_its_certificates(tmp_path: Path) -> None:
     make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
     link = Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=tmp_path / "keys")
-    with open_session(link, Role.ROBOT, KEYS) as opened:
-        ListeningRobot(link, opened).listen()
+    with listening(link):
         assert "127.0.0.1" in refused(link)
         assert let_in(replace(link, endpoint=link.endpoint.replace("127.0.0.1", "localhost")))
 
@@ -132,8 +143,7 @@ def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority:
     assert "tls/" in refused(plain)
     assert not robot.heard
     open_one = Link(endpoint=f"tcp/127.0.0.1:{free_port()}")
-    with open_session(open_one, Role.ROBOT, KEYS) as opened:
-        ListeningRobot(open_one, opened).listen()
+    with listening(open_one):
         secured = Link(endpoint=open_one.endpoint.replace("tcp/", "tls/"), credentials=authority)
         assert "credentials" in refused(secured)
         assert let_in(open_one, Role.VIEWER)
@@ -174,8 +184,7 @@ def test_all_addresses_are_for_listening_only() -> None:
     everywhere = Link(endpoint=f"tcp/0.0.0.0:{free_port()}", insecure=True)
     with pytest.raises(InputError, match="where a robot listens"):
         open_session(everywhere, Role.VIEWER, KEYS)
-    with open_session(everywhere, Role.ROBOT, KEYS) as opened:
-        ListeningRobot(everywhere, opened).listen()
+    with listening(everywhere):
         near = Link(endpoint=everywhere.endpoint.replace("0.0.0.0", "127.0.0.1"))  # noqa: S104  meant so
         assert let_in(near, Role.VIEWER)
 
@@ -190,22 +199,6 @@ ALL_SAID = (
 )
 
 
-@pytest.fixture
-def accessed_robot(protocol: str, authority: Path) -> Iterator[ListeningRobot]:
-    keys = None if protocol == "tcp" else authority
-    link = Link(endpoint=f"{protocol}/127.0.0.1:{free_port()}", credentials=keys)
-    with open_session(link, Role.ROBOT, KEYS) as session:
-        accessed_robot = ListeningRobot(link, session)
-        accessed_robot.listen()
-        yield accessed_robot
-
-
-@contextmanager
-def client(accessed_robot: ListeningRobot, role: Role) -> Iterator[zenoh.Session]:
-    with open_session(accessed_robot.link, role, KEYS) as session:
-        yield session
-
-
 def hearing(session: zenoh.Session, key: str) -> list[bytes]:
     """What is heard at a key from now on."""
     heard: list[bytes] = []
@@ -214,14 +207,17 @@ def hearing(session: zenoh.Session, key: str) -> list[bytes]:
 
 
 @pytest.mark.parametrize("protocol", ["tls", "quic"])
-def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: ListeningRobot) -> None:
+def test_a_controller_commands_and_a_viewer_only_reads(robot: ListeningRobot) -> None:
     states: list[bytes] = []
-    with client(accessed_robot, Role.CONTROLLER) as controller, client(accessed_robot, Role.VIEWER) as viewer:
+    with (
+        open_session(robot.link, Role.CONTROLLER, KEYS) as controller,
+        open_session(robot.link, Role.VIEWER, KEYS) as viewer,
+    ):
         viewer.declare_subscriber(KEYS.joint_states, lambda sample: states.append(bytes(sample.payload)))
-        wait_until(lambda: accessed_robot.publisher.put(b"state") or states, "a state")
+        wait_until(lambda: robot.publisher.put(b"state") or states, "a state")
         for key in (KEYS.imu, KEYS.truth):
             heard = hearing(viewer, key)
-            wait_until(lambda: accessed_robot.session.put(key, b"own") or heard, key)  # noqa: B023
+            wait_until(lambda: robot.session.put(key, b"own") or heard, key)  # noqa: B023
         for kind in ("lease", "estop", "describe"):
             assert answers(controller, getattr(KEYS, kind), b"controller") == [b"robot"]
         assert answers(controller, "hexctl/*/estop") == answers(controller, "hexctl/*/describe") == [b"robot"]
@@ -231,10 +227,10 @@ def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: Listening
         for session, name in ((viewer, b"viewer"), (controller, b"controller")):
             session.put(KEYS.command, name)
             session.put(KEYS.pose, name)
-        wait_until(lambda: ("pose", b"controller") in accessed_robot.heard, "what the controller may say")
+        wait_until(lambda: ("pose", b"controller") in robot.heard, "what the controller may say")
         time.sleep(GRACE_S)
-    assert ("command", b"controller") in accessed_robot.heard
-    assert not [said for said in accessed_robot.heard if said[1] == b"viewer"]
+    assert ("command", b"controller") in robot.heard
+    assert not [said for said in robot.heard if said[1] == b"viewer"]
 
 
 @pytest.mark.parametrize(
@@ -249,9 +245,9 @@ def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: Listening
     ],
 )
 def test_no_other_peer_publishes_answers_or_listens_in_the_robots_name(
-    accessed_robot: ListeningRobot, authority: Path, role: Role, mode: str
+    robot: ListeningRobot, authority: Path, role: Role, mode: str
 ) -> None:
-    settings = {} if accessed_robot.link.credentials is None else tls(authority / role.value, "connect")
+    settings = {} if robot.link.credentials is None else tls(authority / role.value, "connect")
     heard: list[bytes] = []
     listened: list[bytes] = []
 
@@ -260,8 +256,8 @@ def test_no_other_peer_publishes_answers_or_listens_in_the_robots_name(
         query.drop()
 
     with (
-        client(accessed_robot, Role.CONTROLLER) as victim,
-        knocking(accessed_robot.link.endpoint, settings, mode) as impostor,
+        open_session(robot.link, Role.CONTROLLER, KEYS) as victim,
+        knocking(robot.link.endpoint, settings, mode) as impostor,
     ):
         for key in (KEYS.joint_states, KEYS.status, KEYS.imu, KEYS.truth):
             victim.declare_subscriber(key, lambda sample: heard.append(bytes(sample.payload)))
@@ -270,35 +266,33 @@ def test_no_other_peer_publishes_answers_or_listens_in_the_robots_name(
         for key in (KEYS.lease, KEYS.describe, KEYS.estop, "hexctl/**"):
             impostor.declare_queryable(key, answer)
         token = impostor.liveliness().declare_token("hexctl/ant/alive")
-        wait_until(lambda: accessed_robot.publisher.put(b"state") or b"state" in heard, "a state")
+        wait_until(lambda: robot.publisher.put(b"state") or b"state" in heard, "a state")
         for key in ALL_SAID:
             impostor.put(key, b"impostor")
             impostor.delete(key)
         victim.put(KEYS.command, b"secret")
         for kind in ("lease", "describe", "estop"):
             assert answers(victim, getattr(KEYS, kind)) == [b"robot"]
-        assert answers(accessed_robot.session, KEYS.lease) == [b"robot"]
+        assert answers(robot.session, KEYS.lease) == [b"robot"]
         assert not list(victim.liveliness().get("**", timeout=GRACE_S))
         token.undeclare()  # type: ignore[no-untyped-call]
     assert set(heard) == {b"state"}
     assert b"secret" not in listened
-    assert ("command", b"secret") in accessed_robot.heard
-    said = {kind for kind, payload in accessed_robot.heard if payload in (b"impostor", b"")}
+    assert ("command", b"secret") in robot.heard
+    said = {kind for kind, payload in robot.heard if payload in (b"impostor", b"")}
     assert said <= {"lease", "describe", "estop"} | (
         {"command", "pose"} if role is Role.CONTROLLER else set()
     )
 
 
 @pytest.mark.parametrize("protocol", ["tcp", "tls"])
-def test_a_message_that_is_too_long_is_dropped_on_the_way(protocol: str, authority: Path) -> None:
-    keys = authority if protocol == "tls" else None
-    link = Link(endpoint=f"{protocol}/127.0.0.1:{free_port()}", credentials=keys)
+def test_a_message_that_is_too_long_is_dropped_on_the_way(link: Link) -> None:
     sizes: list[int] = []
     with (
-        open_session(link, Role.ROBOT, KEYS) as accessed_robot,
+        open_session(link, Role.ROBOT, KEYS) as opened,
         open_session(link, Role.CONTROLLER, KEYS) as sender,
     ):
-        accessed_robot.declare_subscriber(KEYS.command, lambda sample: sizes.append(len(sample.payload)))
+        opened.declare_subscriber(KEYS.command, lambda sample: sizes.append(len(sample.payload)))
         wait_until(lambda: sender.put(KEYS.command, b"") or sizes, "a message")
         for size in (MAX_MESSAGE_BYTES // 2, *[2 * MAX_MESSAGE_BYTES] * 5, 20_000_000, 7):
             sender.put(KEYS.command, bytes(size), congestion_control=zenoh.CongestionControl.BLOCK)
