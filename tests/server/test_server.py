@@ -45,6 +45,12 @@ class Bench:
         self.servos.clock.tick()
         self.lease: dict[str, Any] = {}
         self.sequence = 0
+        self.stance_rad = self.servos.robot.stance_angles_rad
+
+    def obey(self) -> None:
+        """Take the lease and command the stance."""
+        self.acquire()
+        self.command(self.stance_rad)
 
     def ask(self, kind: str, content: dict[str, Any] | None = None) -> dict[str, Any]:
         item: Any = Item(b"" if content is None else json.dumps(content).encode(), None)
@@ -107,7 +113,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
 
 def test_a_command_reaches_the_servos_at_once_and_comes_back_as_a_state(bench: Bench) -> None:
     bench.acquire()
-    wanted = bench.servos.robot.stance_angles_rad + 0.01
+    wanted = bench.stance_rad + 0.01
     bench.command(wanted)
     np.testing.assert_array_equal(bench.servos.sent[-1].joint_positions_rad, wanted)
     assert bench.last_state()[1].command_sequence == 1
@@ -124,7 +130,7 @@ def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:
         lease_sequence=lease["sequence"],
     )
     put = bench.server._transport._putter("command")
-    pose = encode_positions(bench.servos.robot.stance_angles_rad)
+    pose = encode_positions(bench.stance_rad)
     own = replace(tag, lease_id=bytes.fromhex(lease["lease"]), sequence=1).packed()
     put(Item(pose, own))
     for _ in range(1000):
@@ -138,7 +144,7 @@ def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:
 
 def test_a_short_time_to_live_ends_the_motion_sooner(bench: Bench) -> None:
     bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad, ttl_ms=50)
+    bench.command(bench.stance_rad, ttl_ms=50)
     bench.ticks(2)
     assert bench.stopped is None
     bench.ticks(2)
@@ -147,26 +153,24 @@ def test_a_short_time_to_live_ends_the_motion_sooner(bench: Bench) -> None:
 
 
 def test_silence_takes_the_lease_away_and_a_new_one_lifts_the_stop(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     bench.ticks(12)
     assert bench.stopped == "expired"
     assert bench.server.status()["controller"] is None
     n_before = len(bench.servos.sent)
-    bench.command(bench.servos.robot.stance_angles_rad + 0.05)
+    bench.command(bench.stance_rad + 0.05)
     assert len(bench.servos.sent) == n_before
     assert bench.server.status()["commands"]["stale_owner"] == 1
     bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad + 0.05)
+    bench.command(bench.stance_rad + 0.05)
     assert len(bench.servos.sent) == n_before + 1
 
 
 def test_the_status_has_the_id_of_a_stop_and_says_whether_the_robot_is_at_rest(bench: Bench) -> None:
     assert bench.server.status()["stop"] is None
     bench.acquire()
-    stance_rad = bench.servos.robot.stance_angles_rad
     for tick in range(20):
-        bench.command(stance_rad + 0.01 * (tick % 2) + 0.005 * tick)
+        bench.command(bench.stance_rad + 0.01 * (tick % 2) + 0.005 * tick)
         bench.ticks(1)
     assert bench.server.status()["at_rest"] is False
     answer = bench.ask("estop", {"op": "stop"})
@@ -197,11 +201,10 @@ def test_a_lease_says_which_states_are_of_before(bench: Bench) -> None:
 
 
 def test_a_stop_reaches_a_robot_in_the_middle_of_commands(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     assert bench.ask("estop")["stopped"] == "estop"
     n_before = len(bench.servos.sent)
-    bench.command(bench.servos.robot.stance_angles_rad + 0.1)
+    bench.command(bench.stance_rad + 0.1)
     bench.ticks(1000)
     assert len(bench.servos.sent) == n_before
     assert "error" in bench.acquire()
@@ -237,18 +240,16 @@ def test_servos_that_cannot_be_reached_neither_rest_nor_hold(bench: Bench) -> No
 
 
 def test_a_command_that_waited_while_the_robot_was_held_up_is_late(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     n_before = len(bench.servos.sent)
     bench.servos.time.work(0.3)
-    bench.command(bench.servos.robot.stance_angles_rad + 0.05, waited_s=0.3)
+    bench.command(bench.stance_rad + 0.05, waited_s=0.3)
     assert len(bench.servos.sent) == n_before
     assert bench.server.status()["commands"]["late"] == 1
 
 
 def test_a_fall_while_it_is_silent_is_no_longer_mere_silence(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     bench.ticks(12)
     assert bench.stopped == "expired"
     bench.servos.lean(80)
@@ -276,8 +277,8 @@ def test_a_controller_that_rests_is_not_silent_unless_a_later_command_comes(
 ) -> None:
     """Commands and requests come on two threads of Zenoh: a rest may overtake the command before it."""
     bench.acquire()
-    wanted = bench.servos.robot.stance_angles_rad + 0.01
-    bench.command(bench.servos.robot.stance_angles_rad)
+    wanted = bench.stance_rad + 0.01
+    bench.command(bench.stance_rad)
     bench.give_up("rest", **of_command)
     if of_command:
         bench.command(wanted)
@@ -292,8 +293,7 @@ def test_a_rest_of_an_earlier_lease_is_none_of_the_next_one_and_needs_a_number(b
         assert "after" in bench.give_up("rest", after=after)["error"]
     bench.give_up("rest", after=5)
     bench.give_up("release")
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     bench.ticks(30)
     assert bench.stopped == "expired"
 
@@ -306,7 +306,7 @@ def test_a_controller_that_leaves_in_mid_motion_counts_as_silent_unless_it_rests
 ) -> None:
     bench.acquire()
     for angle_rad in (0.01, 0.02, 0.02 + last_step_rad):
-        bench.command(bench.servos.robot.stance_angles_rad + angle_rad)
+        bench.command(bench.stance_rad + angle_rad)
         bench.ticks(1)
     if rests:
         bench.give_up("rest")
@@ -368,11 +368,10 @@ def test_servos_that_raise_while_a_command_is_answered_are_a_fault_with_a_name(
     def read() -> None:
         raise error
 
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     monkeypatch.setattr(bench.servos, "read", read)
     with pytest.raises(RobotFaultError, match=type(error).__name__):
-        bench.command(bench.servos.robot.stance_angles_rad + 0.01)
+        bench.command(bench.stance_rad + 0.01)
     with pytest.raises(RobotFaultError, match=r"PosedMock\.read"):
         bench.ticks(1)
 
@@ -442,11 +441,10 @@ def test_only_a_simulated_robot_tells_the_truth(bench: Bench, monkeypatch: pytes
 
 
 def test_reading_for_an_answer_does_not_count_towards_a_fall(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     bench.servos.lean(80)
     for _ in range(20):
-        bench.command(bench.servos.robot.stance_angles_rad)
+        bench.command(bench.stance_rad)
     assert bench.stopped is None
 
 

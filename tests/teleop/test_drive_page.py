@@ -55,6 +55,15 @@ class Served:
             f"ws://127.0.0.1:{self.page.port}{path}", origin=Origin(origin or own), subprotocols=words
         )
 
+    def drives(self, client: ClientConnection) -> None:
+        """A client drives forward."""
+        client.send(json.dumps({"v": [1, 0, 0]}))
+        self.wait(Decision(Velocity(1, 0, 0), "page"))
+
+    def does(self, request: str) -> None:
+        """It was asked for something, once."""
+        wait_for(lambda: self.asked == [request], 5.0, f"{request} does not come")
+
     def wait(self, decision: Decision) -> None:
         wait_for(lambda: self.arbiter.decide() == decision, 5.0, f"it is {self.arbiter.decide()}")
 
@@ -76,12 +85,11 @@ def test_a_finger_drives_and_letting_go_is_a_release() -> None:
 
 def test_one_client_drives_and_any_may_stop() -> None:
     with served() as robot, robot.client() as first, robot.client() as second:
-        first.send(json.dumps({"v": [1, 0, 0]}))
-        robot.wait(Decision(Velocity(1, 0, 0), "page"))
+        robot.drives(first)
         second.send(json.dumps({"v": [-1, 0, 0]}))
         second.send(json.dumps({"release": True}))
         second.send(json.dumps({"do": "stop"}))
-        wait_for(lambda: robot.asked == ["stop"], 5.0, "the stop does not come")
+        robot.does("stop")
         assert robot.arbiter.decide() == Decision(Velocity(1, 0, 0), "page")
         robot.now_s = 0.6
         second.send(json.dumps({"v": [-1, 0, 0]}))
@@ -106,15 +114,14 @@ def test_what_is_no_command_moves_nothing() -> None:
         with served() as robot, robot.client() as client:
             client.send(message)
             client.send(json.dumps({"do": "stand"}))
-            wait_for(lambda: robot.asked == ["stand"], 5.0, "the connection is lost")
+            robot.does("stand")
             assert robot.arbiter.decide() == Decision()
 
 
 def test_a_long_message_ends_its_connection_alone() -> None:
     with served() as robot, robot.client() as client, robot.client() as other:
         client.send("x" * 1000)
-        other.send(json.dumps({"v": [1, 0, 0]}))
-        robot.wait(Decision(Velocity(1, 0, 0), "page"))
+        robot.drives(other)
 
 
 def refused(robot: Served, **options: Any) -> int:
@@ -135,8 +142,7 @@ def test_a_wrong_token_is_refused_and_the_right_one_is_not() -> None:
         assert refused(robot) == 403
         assert refused(robot, token="x" * 12) == 403
         with robot.client(token=TOKEN) as client:
-            client.send(json.dumps({"v": [1, 0, 0]}))
-            robot.wait(Decision(Velocity(1, 0, 0), "page"))
+            robot.drives(client)
             assert client.subprotocol == PROTOCOL
 
 
@@ -189,8 +195,7 @@ def test_with_certificates_it_is_served_over_tls(tmp_path: Path) -> None:
             origin=Origin(f"https://{own}"),
             subprotocols=[Subprotocol(PROTOCOL), Subprotocol(f"token.{TOKEN}")],
         ) as client:
-            client.send(json.dumps({"v": [1, 0, 0]}))
-            robot.wait(Decision(Velocity(1, 0, 0), "page"))
+            robot.drives(client)
 
 
 @pytest.fixture
@@ -235,7 +240,7 @@ def test_a_viewer_that_takes_nothing_holds_nobody_up(pictures: PictureRelay) -> 
             robot.page.report({"robot": str(index)})
             wait_for(lambda: json.loads(client.recv(timeout=5)) == {"robot": str(index)}, 5.0, "no status")  # noqa: B023
         client.send(json.dumps({"do": "stop"}))
-        wait_for(lambda: robot.asked == ["stop"], 5.0, "the stop does not come")
+        robot.does("stop")
 
 
 def test_what_a_camera_sees_needs_the_token_and_a_page_of_ours(pictures: PictureRelay) -> None:
@@ -257,18 +262,16 @@ def test_those_who_look_do_not_keep_out_who_drives(pictures: PictureRelay) -> No
             stack.enter_context(robot.client(path="/view"))
         assert refused(robot, path="/view") == 503
         client = stack.enter_context(robot.client())
-        client.send(json.dumps({"v": [1, 0, 0]}))
-        robot.wait(Decision(Velocity(1, 0, 0), "page"))
+        robot.drives(client)
 
 
 def test_idle_clients_give_way_to_a_new_one_and_the_one_that_drives_stays() -> None:
     with served() as robot, ExitStack() as stack:
         driver = stack.enter_context(robot.client())
-        driver.send(json.dumps({"v": [1, 0, 0]}))
-        robot.wait(Decision(Velocity(1, 0, 0), "page"))
+        robot.drives(driver)
         idle = [stack.enter_context(robot.client()) for _ in range(MOST_CLIENTS - 1)]
         stopping = stack.enter_context(robot.client())
         stopping.send(json.dumps({"do": "stop"}))
-        wait_for(lambda: robot.asked == ["stop"], 5.0, "the stop does not come")
+        robot.does("stop")
         wait_for(lambda: idle[0].state is State.CLOSED, 5.0, "the client that was silent for longest stays")
         assert [one.state is State.OPEN for one in (driver, *idle[1:])] == [True] * (MOST_CLIENTS - 1)

@@ -35,8 +35,12 @@ class Typist:
         return self.arbiter.decide()
 
 
-def test_each_key_changes_the_speed_that_is_set_and_it_holds() -> None:
-    typist = Typist()
+@pytest.fixture
+def typist() -> Typist:
+    return Typist()
+
+
+def test_each_key_changes_the_speed_that_is_set_and_it_holds(typist: Typist) -> None:
     assert typist.type("www").velocity == Velocity(0.6, 0, 0)
     for _ in range(100):
         typist.now_s += 1.0
@@ -47,8 +51,7 @@ def test_each_key_changes_the_speed_that_is_set_and_it_holds() -> None:
     assert typist.type("wwwwwwww").velocity.forward_m_s == 1.0
 
 
-def test_an_arrow_that_comes_in_parts_is_one_key() -> None:
-    typist = Typist()
+def test_an_arrow_that_comes_in_parts_is_one_key(typist: Typist) -> None:
     for part in ("\x1b[", "A"):
         decision = typist.type(part)
     assert decision.velocity == Velocity(0.2, 0, 0)
@@ -59,8 +62,7 @@ def test_an_arrow_that_comes_in_parts_is_one_key() -> None:
     "parts",
     [["\x1b[20~"], ["\x1b[1", "0~"], ["\x1b", "[11~"], ["\x1b[1;5A"], ["\x1b[0n"], ["\x1b", "[", "0", "n"]],
 )
-def test_other_keys_and_answers_are_no_digits(parts: list[str]) -> None:
-    typist = Typist()
+def test_other_keys_and_answers_are_no_digits(typist: Typist, parts: list[str]) -> None:
     typist.type("ww")
     for part in parts:
         assert typist.type(part).velocity == Velocity(0.4, 0, 0)
@@ -68,8 +70,7 @@ def test_other_keys_and_answers_are_no_digits(parts: list[str]) -> None:
 
 
 @pytest.mark.parametrize("begun", ["\x1b", "\x1b[", "\x1b[1", "\x1bO"])
-def test_a_space_counts_whatever_was_begun(begun: str) -> None:
-    typist = Typist()
+def test_a_space_counts_whatever_was_begun(typist: Typist, begun: str) -> None:
     typist.type("ww")
     assert typist.type(begun + " ").velocity == Velocity()
     typist.type("ww")
@@ -78,8 +79,7 @@ def test_a_space_counts_whatever_was_begun(begun: str) -> None:
     assert typist.asked == []
 
 
-def test_a_terminal_that_answers_no_more_has_its_speed_taken_back() -> None:
-    typist = Typist()
+def test_a_terminal_that_answers_no_more_has_its_speed_taken_back(typist: Typist) -> None:
     typist.type("www")
     typist.now_s += 60.0
     typist.keyboard.poll()
@@ -96,8 +96,7 @@ def test_a_terminal_that_answers_no_more_has_its_speed_taken_back() -> None:
     assert typist.arbiter.decide() == Decision(Velocity(), "keyboard")
 
 
-def test_what_was_typed_in_the_silence_moves_nothing_and_still_stops() -> None:
-    typist = Typist()
+def test_what_was_typed_in_the_silence_moves_nothing_and_still_stops(typist: Typist) -> None:
     typist.type("\x1b[0nw")
     typist.now_s += 10.0
     typist.type("wwg1x\x1b[0n\x1b[0n")
@@ -107,8 +106,7 @@ def test_what_was_typed_in_the_silence_moves_nothing_and_still_stops() -> None:
 
 
 @pytest.mark.parametrize("key", [" ", "\x1b", "x"])
-def test_space_stands_still_and_lets_others_drive_after_it(key: str) -> None:
-    typist = Typist()
+def test_space_stands_still_and_lets_others_drive_after_it(typist: Typist, key: str) -> None:
     typist.type("www")
     typist.type(key)
     for _ in range(ESCAPE_TICKS):  # Esc may be the beginning of another key
@@ -121,8 +119,7 @@ def test_space_stands_still_and_lets_others_drive_after_it(key: str) -> None:
 
 
 @pytest.mark.parametrize("keys", ["ww", "xw", "0ww"])
-def test_a_speed_from_before_a_stand_is_forgotten(keys: str) -> None:
-    typist = Typist()
+def test_a_speed_from_before_a_stand_is_forgotten(typist: Typist, keys: str) -> None:
     typist.type(keys)
     typist.arbiter.clear()  # as `Drive.stand` does
     for _ in range(3):
@@ -131,14 +128,12 @@ def test_a_speed_from_before_a_stand_is_forgotten(keys: str) -> None:
     assert typist.type("w").velocity == Velocity(0.2, 0, 0)
 
 
-def test_keys_ask_for_what_they_say() -> None:
-    typist = Typist()
+def test_keys_ask_for_what_they_say(typist: Typist) -> None:
     typist.type("guj10q")
     assert [request for request, _ in typist.asked] == ["gait", "up", "down", "stand", "sit", "quit"]
 
 
-def test_a_terminal_that_has_gone_is_a_release_and_the_end() -> None:
-    typist = Typist()
+def test_a_terminal_that_has_gone_is_a_release_and_the_end(typist: Typist) -> None:
     typist.type("www")
     os.close(typist.writing)
     typist.keyboard.poll()

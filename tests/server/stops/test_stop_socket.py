@@ -127,8 +127,12 @@ class Bench:
         return StopDatagram(kind=kind, nonce=self.sent.to_bytes(8), **values).packed(secret)
 
 
-def test_a_stop_by_datagram_is_asked_for_by_its_host() -> None:
-    bench = Bench()
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_a_stop_by_datagram_is_asked_for_by_its_host(bench: Bench) -> None:
     epoch = bench.ask().epoch
     bench.stop_socket.answer(bench.datagram(Kind.STOP, epoch=epoch, request=b"12345678"), "10.0.0.7")
     stop = bench.latch.current()
@@ -140,8 +144,7 @@ def test_a_stop_by_datagram_is_asked_for_by_its_host() -> None:
     assert bench.latch.current() == again, "its session says more"
 
 
-def test_a_question_stops_nothing_and_an_answer_says_how_the_robot_is() -> None:
-    bench = Bench()
+def test_a_question_stops_nothing_and_an_answer_says_how_the_robot_is(bench: Bench) -> None:
     answer = bench.ask()
     assert (answer.kind, answer.robot, answer.stopped, answer.reason) == (Kind.STATE, "ant", False, "")
     assert answer.nonce == (1).to_bytes(8)
@@ -159,8 +162,7 @@ def test_a_question_stops_nothing_and_an_answer_says_how_the_robot_is() -> None:
     assert bench.ask().echoed
 
 
-def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing() -> None:
-    bench = Bench()
+def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing(bench: Bench) -> None:
     guessed = bench.ask(Kind.STOP, epoch=b"x" * 16, request=b"mine    ")
     assert bench.guard.stopped is None
     assert not any(guessed.request), "it was not obeyed, and the answer has the epoch that is"
@@ -179,8 +181,7 @@ def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing() -> None:
     assert bench.guard.stopped is None
 
 
-def test_what_is_not_signed_as_ours_gets_no_answer() -> None:
-    bench = Bench()
+def test_what_is_not_signed_as_ours_gets_no_answer(bench: Bench) -> None:
     epoch = bench.ask().epoch
     state = bench.stop_socket.answer(bench.datagram()) or b""
     for data in (
@@ -243,8 +244,7 @@ def test_a_stop_comes_through_a_flood(flooded_with: str) -> None:
         assert bench.stop_socket.dropped == 0, "the kernel has dropped them"
 
 
-def test_a_repeated_datagram_gets_no_second_answer_and_one_that_asks_again_does() -> None:
-    bench = Bench()
+def test_a_repeated_datagram_gets_no_second_answer_and_one_that_asks_again_does(bench: Bench) -> None:
     with opened(bench) as client:
         stop: dict[str, Any] = {"kind": Kind.STOP, "epoch": bench.latch.epoch, "request": b"mine    "}
         recorded = bench.datagram(**stop)
