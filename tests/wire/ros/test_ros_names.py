@@ -36,16 +36,13 @@ def test_tokens_are_those_of_the_design_document() -> None:
         f"@ros2_lv/2/aac3178e/0/10/MS/%/%/listener/%chatter/std_msgs::msg::dds_::String_/{STRING_HASH}"
         "/::,10:,:,:,,"
     )
+    mangled = chatter(RosNode(namespace="/lab/ant/")).token("1")
+    assert "/MP/%/%lab%ant/hexctl/%lab%ant%chatter/" in mangled
     talker = RosNode(name="talker", domain=2)
     assert chatter(talker).token("8b20").endswith(f"/10/MP/%/%/talker/%chatter/{STRING_OF}/::,7:,:,:,,")
 
 
 STRING_OF = f"std_msgs::msg::dds_::String_/{STRING_HASH}"
-
-
-def test_a_namespace_stands_in_tokens_with_its_slashes_mangled() -> None:
-    token = chatter(RosNode(namespace="/lab/ant/")).token("1")
-    assert "/MP/%/%lab%ant/hexctl/%lab%ant%chatter/" in token
 
 
 def test_topics_resolve_as_in_ros() -> None:
