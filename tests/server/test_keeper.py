@@ -30,6 +30,9 @@ from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
 from tests.robots import edited_file, put
 from tests.server.processes import TIMEOUT_S, program, served, wait_until
 
+#: What a keeper says when all joints followed.
+SAT = "sat down, and its torque is off"
+
 WALK = ("hexctl", "run", "--backend", "zenoh", "--duration", "60", "--no-record")
 
 #: Horns mounted so that sitting fits into the travel of the servos.
@@ -81,7 +84,7 @@ def test_a_robot_whose_server_ends_in_mid_motion_sits_down(tmp_path: Path) -> No
         ):
             wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
             server.signal(signal.SIGKILL)
-            wait_until(lambda: "serve gone: the robot sat down" in server.said(), "the keeper")
+            wait_until(lambda: f"serve gone: the robot {SAT}" in server.said(), "the keeper")
         end = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
         assert _goals(tmp_path, bus.port) == pytest.approx(end, abs=0.01)
 
@@ -99,7 +102,7 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_when_the_server_hangs(tmp_path:
             # Legs get their pulses one after the other, which takes a second.
             wait_until(lambda: server.status()["commands"]["accepted"] > 100, "commands")
             server.signal(signal.SIGSTOP)
-            wait_until(lambda: "serve hangs: the robot sat down" in server.said(), "the keeper")
+            wait_until(lambda: f"serve hangs: the robot {SAT}" in server.said(), "the keeper")
         bus = I2cSocket(boards.port)
         off = [bus.read_byte_data(0x40 + n // 16, 0x09 + 4 * (n % 16)) for n in range(18)]
         bus.close()
@@ -151,7 +154,7 @@ def test_it_lets_down_what_it_finds(driver: str, model: str, fault: str | None, 
             if driver == "dynamixel":
                 servo.memory[98] = 255
         done = take_over(keeper(driver, file, bus.path))
-        assert done == "sat down, and its torque is off"
+        assert done == SAT
         assert not any(servo.holds for servo in bus._servos)
 
 
