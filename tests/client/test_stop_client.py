@@ -304,8 +304,8 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request_and_its_log_tells_
             assert [answer["failures"] for answer in robots.heal(2)] == [[]]
             with pytest.raises(InputError, match="LEG:KIND"):
                 robots.fail("limp")
-        robot.wait_for("told to break legs: now leg 5 limp")
-        robot.wait_for("told to break legs: now all are whole")
+        robot.wait_for("leg 5 limp")
+        robot.wait_for("all are whole")
         with controlling(tmp_path, robot.endpoint):
             robot.wait_for("commanded by")
             robot.signal(signal.SIGINT)
