@@ -1,37 +1,57 @@
-"""Stopping from anywhere: by each of the two ways alone, connected beforehand, and what failure says."""
+"""Stopping from anywhere, and robots on a link seen from outside: real processes."""
 
 import os
+import re
 import signal
 import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import hexctl
 from hexctl.client.datagram_stop import Sighting
+from hexctl.client.remote import RemoteRobots, remote_robots
 from hexctl.client.stop_client import ReadyStop, clear_stop, estop
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.waiting import wait_for
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.zenoh_session import open_session
 from tests.cli.terminals import OnTerminal
-from tests.server.cable import Cable
-from tests.server.processes import Served, controlling, free_port, served, wait_until
+from tests.server.processes import (
+    Cable,
+    Served,
+    controlling,
+    free_port,
+    served,
+    stopped_by_session,
+    wait_until,
+)
 from tests.server.processes import hexctl as hexctl_command
-from tests.server.test_link_faults import STILL_ON_A_BUSY_MACHINE_S, stopped
+from tests.server.test_link_faults import STILL_ON_A_BUSY_MACHINE_S, stopped, wait_for_motion
 
 pytestmark = pytest.mark.realtime
 
 
-@contextmanager
-def walking(folder: Path, *options: str) -> Iterator[Served]:
-    """A robot that is swayed by a controller."""
-    with served(folder, *options) as robot, controlling(folder, robot.endpoint, "again=1") as controller:
-        controller.wait_for("moving")
-        yield robot
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """A robot that a controller sways whenever it is not stopped."""
+    folder = tmp_path_factory.mktemp("robot")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("XDG_STATE_HOME", str(folder / "state"))
+        with served(folder) as robot, controlling(folder, robot.endpoint, "again=1"):
+            yield robot
+
+
+@pytest.fixture
+def walking(robot: Served) -> Iterator[Served]:
+    """The robot while it moves; what stops it is cleared afterwards."""
+    wait_for_motion(robot)
+    yield robot
+    if stopped(robot) == "estop":
+        clear_stop(connect=robot.endpoint)
+    assert stopped(robot) != "estop"
 
 
 def rests(robot: Served, since_s: float) -> bool:
@@ -40,69 +60,79 @@ def rests(robot: Served, since_s: float) -> bool:
     return robot.log().moved_after(since_s) <= STILL_ON_A_BUSY_MACHINE_S
 
 
-def test_both_ways_confirm_one_stop_that_is_cleared_by_its_id(tmp_path: Path) -> None:
-    with walking(tmp_path) as robot:
-        at_s = time.monotonic()
-        result = hexctl.estop(connect=robot.endpoint)
-        assert rests(robot, at_s)
-        assert (result.stopped, result.robot, result.at_rest) == ("estop", "ant", True)
-        assert result.echoed, "these servos measure nothing"
-        assert "datagram" in result.ways
-        assert result.took_s <= result.rested_s + 0.5
-        status = robot.status()
-        assert status["stop"]["id"] == result.stop_id
-        assert status["at_rest"] is True
-        assert status["stop_port"] == int(robot.endpoint.rpartition(":")[2])
-        (cleared,) = clear_stop(connect=robot.endpoint)
-        assert cleared["stopped"] is None
-        assert cleared["cleared"]["id"] == result.stop_id
+def port_of(robot: Served) -> int:
+    return int(robot.endpoint.rpartition(":")[2])
 
 
-def test_a_session_stops_where_no_datagram_comes_through(tmp_path: Path) -> None:
-    with walking(tmp_path) as robot, Cable(robot.endpoint) as cable:  # which carries TCP alone
+def test_both_ways_confirm_one_stop_that_is_cleared_by_its_id(walking: Served) -> None:
+    at_s = time.monotonic()
+    result = hexctl.estop(connect=walking.endpoint)
+    assert rests(walking, at_s)
+    assert (result.stopped, result.robot, result.at_rest) == ("estop", "ant", True)
+    assert result.echoed, "these servos measure nothing"
+    assert "datagram" in result.ways
+    assert result.took_s <= result.rested_s + 0.5
+    status = walking.status()
+    assert status["stop"]["id"] == result.stop_id
+    assert status["at_rest"] is True
+    assert status["stop_port"] == port_of(walking)
+    (cleared,) = clear_stop(connect=walking.endpoint)
+    assert cleared["stopped"] is None
+    assert cleared["cleared"]["id"] == result.stop_id
+
+
+def test_a_session_stops_where_no_datagram_comes_through(walking: Served) -> None:
+    with Cable(walking.endpoint) as cable:  # which carries TCP only
         at_s = time.monotonic()
         result = estop(connect=cable.endpoint)
-        assert rests(robot, at_s)
-        assert result.ways == ("session",)
-        assert result.at_rest
-        assert result.echoed
-        assert result.answers[0]["stopped"] == "estop"
+        assert rests(walking, at_s)
+    assert result.ways == ("session",)
+    assert result.at_rest
+    assert result.echoed
+    assert result.answers[0]["stopped"] == "estop"
 
 
-def test_a_datagram_stops_where_no_session_comes_through(tmp_path: Path) -> None:
-    with walking(tmp_path) as robot:
-        port = int(robot.endpoint.rpartition(":")[2])
-        with UdpRelay(port) as relay:  # which carries UDP alone
-            at_s = time.monotonic()
-            result = estop(connect=f"tcp/127.0.0.1:{relay.port}")
-            assert rests(robot, at_s)
-        assert result.ways == ("datagram",)
-        assert result.answers == ()
+def test_a_datagram_stops_where_no_session_comes_through(walking: Served) -> None:
+    with UdpRelay(port_of(walking)) as relay:
+        at_s = time.monotonic()
+        result = estop(connect=f"tcp/127.0.0.1:{relay.port}")
+        assert rests(walking, at_s)
+    assert result.ways == ("datagram",)
+    assert result.answers == ()
 
 
-def test_a_stop_that_is_ready_says_how_it_reaches_the_robot_and_needs_no_new_connection(
-    tmp_path: Path,
-) -> None:
-    with walking(tmp_path) as robot, ReadyStop(connect=robot.endpoint) as ready:
+def test_stops_of_a_client_that_is_ready_have_one_claim_and_after_a_clear_another(walking: Served) -> None:
+    with ReadyStop(connect=walking.endpoint, stays=False) as ready:
         wait_until(lambda: ready.reach.ways == ("datagram", "session"), "both ways")
-        assert str(ready.reach) == "ant is reached by datagram and session"
-        assert stopped(robot) != "estop", "nothing is pressed yet"
+        assert stopped(walking) != "estop", "nothing is pressed yet"
         at_s = time.monotonic()
         ready.press()
         assert ready.wait_for_rest().stopped == "estop"
-        assert rests(robot, at_s)
+        assert rests(walking, at_s)
+        first = walking.status()["stop"]
+        for _ in range(10):
+            ready.press()
+            again = walking.status()["stop"]
+        assert again["claims"] == first["claims"]
+        assert len(first["claims"]) == 1
+        assert ready.trouble is None
+        clear_stop(connect=walking.endpoint)
+        ready.press()
+        wait_until(lambda: (walking.status()["stop"] or {}).get("claims"), "a claimed stop")
+        assert walking.status()["stop"]["id"] != first["id"]
 
 
 def test_a_stop_that_is_ready_says_when_the_robot_is_out_of_reach_and_back(tmp_path: Path) -> None:
     port = free_port()
-    with ReadyStop(connect=f"tcp/127.0.0.1:{port}") as ready:
+    with ReadyStop(connect=f"tcp/127.0.0.1:{port}", stays=False) as ready:
         assert "NOT REACHABLE" in str(ready.reach)
+        ready.press()
+        assert "127.0.0.1" in wait_until(lambda: ready.trouble, "trouble")
+    with ReadyStop(connect=f"tcp/127.0.0.1:{port}") as ready:
         with served(tmp_path, port=port):
-            wait_until(lambda: "datagram" in ready.reach.ways, "the robot")
+            wait_until(lambda: ready.reach.ways == ("datagram", "session"), "the robot")
         wait_until(lambda: ready.reach.ways == (), "its end")
         assert "NOT REACHABLE" in str(ready.reach)
-        with served(tmp_path, port=port, name="back"):
-            wait_until(lambda: ready.reach.ways == ("datagram", "session"), "its return")
 
 
 def seen(at_s: float, stopped: str | None = "estop") -> Sighting:
@@ -110,46 +140,45 @@ def seen(at_s: float, stopped: str | None = "estop") -> Sighting:
     return Sighting(at_s=at_s, stopped=stopped, stop_id="00" * 8, at_rest=True, kept=True, robot="ant")
 
 
-def test_what_one_way_sees_is_no_rest_while_the_other_sees_a_robot_that_is_not_stopped() -> None:
-    ready, now_s = ReadyStop(connect=f"tcp/127.0.0.1:{free_port()}"), time.monotonic()
-    try:
-        ready.press()
-        ready._datagrams.obeyed = b"\0" * 8
-        for later_s in (0.0, 0.3, 0.6):
-            ready._see("datagram", seen(now_s + later_s))
-        ready._see("session", seen(now_s + 0.4, None))
-        assert ready._rested_since_s() is None, "of several robots one has not stopped"
-        ready._see("session", seen(now_s + 0.5))
-        assert ready._rested_since_s() == now_s
-        ready._see("session", seen(now_s - 0.1, None))
-        assert ready._rested_since_s() == now_s, "asked for before the robot was at rest"
-    finally:
-        ready._datagrams.end()
-
-
-def test_what_was_asked_before_a_press_does_not_confirm_it() -> None:
+@pytest.fixture
+def unheard() -> Iterator[ReadyStop]:
+    """A stop without a robot: what it sees comes from the test."""
     ready = ReadyStop(connect=f"tcp/127.0.0.1:{free_port()}", stays=False)
-    try:
-        ready._datagrams.obeyed = b"\0" * 8  # a stop of before, which has been cleared since
-        asked_s = time.monotonic()
-        ready.press()
-        ready._see("datagram", seen(asked_s))
-        assert ready._order.wanted.is_set(), "the stop goes on being sent"
-        ready._see("datagram", seen(time.monotonic()))
-        assert not ready._order.wanted.is_set()
-    finally:
-        ready._datagrams.end()
+    ready._datagrams.obeyed = b"\0" * 8  # a stop of before, which has been cleared since
+    yield ready
+    ready._datagrams.end()
 
 
-def test_a_robot_that_is_not_there_is_an_error_and_no_success() -> None:
-    port = free_port()
-    with pytest.raises(RobotFaultError, match=f"nothing listens at tcp/127.0.0.1:{port}"):
-        estop(connect=f"tcp/127.0.0.1:{port}")
-    with pytest.raises(InputError, match="connect: got"):
+def test_what_one_way_sees_is_no_rest_while_the_other_sees_a_robot_that_is_not_stopped(
+    unheard: ReadyStop,
+) -> None:
+    now_s = time.monotonic()
+    unheard.press()
+    unheard._datagrams.obeyed = b"\0" * 8
+    for later_s in (0.0, 0.3, 0.6):
+        unheard._see("datagram", seen(now_s + later_s))
+    unheard._see("session", seen(now_s + 0.4, None))
+    assert unheard._rested_since_s() is None, "of several robots one has not stopped"
+    unheard._see("session", seen(now_s + 0.5))
+    assert unheard._rested_since_s() == now_s
+    unheard._see("session", seen(now_s - 0.1, None))
+    assert unheard._rested_since_s() == now_s, "asked for before the robot was at rest"
+
+
+def test_what_was_asked_before_a_press_does_not_confirm_it(unheard: ReadyStop) -> None:
+    asked_s = time.monotonic()
+    unheard.press()
+    unheard._see("datagram", seen(asked_s))
+    assert unheard._order.wanted.is_set(), "the stop goes on being sent"
+    unheard._see("datagram", seen(time.monotonic()))
+    assert not unheard._order.wanted.is_set()
+
+
+def test_a_robot_that_is_not_there_or_does_not_answer_is_an_error_and_no_success() -> None:
+    with pytest.raises(RobotFaultError, match="nothing listens at"):
+        estop(connect=f"tcp/127.0.0.1:{free_port()}")
+    with pytest.raises(InputError, match="connect"):
         estop(connect="somewhere")
-
-
-def test_where_something_listens_and_no_answer_comes_through_it_says_what_else_stops_the_robot() -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent, socket.socket(type=socket.SOCK_DGRAM) as drain:
         port = silent.getsockname()[1]
         drain.bind(("127.0.0.1", port))
@@ -157,47 +186,34 @@ def test_where_something_listens_and_no_answer_comes_through_it_says_what_else_s
             estop(connect=f"tcp/127.0.0.1:{port}")
 
 
-#: Keys that stop; the last pauses what is printed unless that is switched off.
+#: Keys that stop; Ctrl-S usually pauses what is printed.
 KEYS = {"a key": " ", "Ctrl-S": "\x13"}
 
 
 @pytest.mark.parametrize("how", [*KEYS, "the terminal goes"])
-def test_one_key_stops_and_so_does_a_terminal_that_goes(tmp_path: Path, how: str) -> None:
-    with walking(tmp_path) as robot:
-        terminal = OnTerminal(["--ready", "--connect", robot.endpoint], tmp_path, command="estop")
-        try:
-            terminal.wait("any key stops it")
-            assert stopped(robot) != "estop"
-            at_s = time.monotonic()
-            if how in KEYS:
-                terminal.type(KEYS[how])
-                terminal.wait(r"stopped \(estop\), its targets no longer change")
-                terminal.wait("Ctrl-C ends the watch")
-                terminal.process.send_signal(signal.SIGINT)
-                assert terminal.code() == 0
-            else:
-                terminal.close()
-            wait_until(lambda: stopped(robot) == "estop", "the stop")
-            assert rests(robot, at_s)
-        finally:
-            terminal.end()
-
-
-def test_in_a_terminal_it_reports_who_cleared_the_stop_and_that_the_robot_moves(tmp_path: Path) -> None:
-    with walking(tmp_path) as robot:
-        terminal = OnTerminal(["--connect", robot.endpoint], tmp_path, command="estop")
-        try:
+def test_one_key_stops_and_so_does_a_terminal_that_goes(walking: Served, tmp_path: Path, how: str) -> None:
+    terminal = OnTerminal(["--ready", "--connect", walking.endpoint], tmp_path, command="estop")
+    try:
+        terminal.wait("any key stops it")
+        assert stopped(walking) != "estop"
+        at_s = time.monotonic()
+        if how in KEYS:
+            terminal.type(KEYS[how])
+            terminal.wait(r"stopped \(estop\), its targets no longer change")
+        else:
+            terminal.close()
+        wait_until(lambda: stopped(walking) == "estop", "the stop")
+        assert rests(walking, at_s)
+        if how == "a key":
             terminal.wait("Ctrl-C ends the watch")
-            assert stopped(robot) == "estop"
-            (cleared,) = clear_stop(connect=robot.endpoint)
-            assert cleared["stopped"] is None
+            clear_stop(connect=walking.endpoint)
             terminal.wait(rf"(?i)cleared by .*process {os.getpid()}")
             terminal.wait("(?i)the robot moves again")
-            assert stopped(robot) != "estop", "it is not stopped again"
+            assert stopped(walking) != "estop", "it is not stopped again"
             terminal.process.send_signal(signal.SIGINT)
             assert terminal.code() == 0
-        finally:
-            terminal.end()
+    finally:
+        terminal.end()
 
 
 class UdpRelay:
@@ -234,34 +250,66 @@ class UdpRelay:
                 continue
 
 
-#: For a stop of the command line.
-WAIT_S = 30.0
+def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_name(
+    walking: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.wire.description.user_name", lambda: "neighbour")
+    by_default = Link(endpoint=walking.endpoint, named=False)
+    with open_session(by_default, Role.CONTROLLER, KeyMap.of("*")) as session:
+        robots = RemoteRobots(session, by_default)
+        assert [answer["stopped"] for answer in robots.stop()] == ["estop"]
+        with pytest.raises(InputError, match="name it"):
+            robots.clear()
+        assert robots.await_statuses()[0]["stopped"] == "estop"
+    with remote_robots(Role.CONTROLLER, connect=walking.endpoint) as named:
+        assert [answer["stopped"] for answer in named.clear()] == [None]
 
 
-def test_stops_in_a_row_have_one_claim_and_one_after_a_clear_has_another(tmp_path: Path) -> None:
-    with served(tmp_path, backend="mock") as robot, ReadyStop(connect=robot.endpoint, stays=False) as ready:
+class SilentSession:
+    """A session on which no robot answers."""
 
-        def stop() -> dict[str, Any] | None:
-            ready.press()
-            stopped: dict[str, Any] | None = robot.status()["stop"]
-            return stopped
-
-        first = wait_for(stop, WAIT_S, "the robot is not stopped")
-        for _ in range(20):
-            again = stop()
-        assert again is not None
-        assert again["claims"] == first["claims"]
-        assert len(first["claims"]) == 1
-        assert ready.trouble is None
-        assert hexctl_command("estop", "--clear", "--connect", robot.endpoint).returncode == 0
-        assert robot.status()["stop"] is None
-        after = wait_for(stop, WAIT_S, "the robot is not stopped again")
-        wait_for(lambda: robot.status()["stop"]["claims"], WAIT_S, "the stop is not claimed")
-        assert after["id"] != first["id"]
+    def get(self, *_args: object, **_options: object) -> list[object]:
+        return []
 
 
-def test_a_stop_that_reaches_no_robot_says_so() -> None:
-    with ReadyStop(connect="tcp/127.0.0.1:1", stays=False) as ready:
-        ready.press()
-        trouble = wait_for(lambda: ready.trouble, WAIT_S, "nothing is said")
-    assert "127.0.0.1:1" in trouble
+def test_silence_is_an_error_with_the_endpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexctl.client.remote.ANSWER_TIMEOUT_S", 0.1)
+    robots = RemoteRobots(SilentSession(), Link(endpoint="tcp/127.0.0.1:9"))  # type: ignore[arg-type]
+    for ask in (robots.await_statuses, robots.stop, robots.clear):
+        with pytest.raises(RobotFaultError, match=r"tcp/127\.0\.0\.1:9"):
+            ask()
+
+
+def test_commands_say_which_robot_answered_and_a_real_robot_lets_no_leg_fail(walking: Served) -> None:
+    here = ("--connect", walking.endpoint)
+    failed = hexctl_command("sim", "fail", "5:limp", *here)
+    assert failed.returncode == 3
+    assert "not simulated" in failed.stderr
+    stop = stopped_by_session(
+        lambda: hexctl_command("estop", *here), lambda done: "started by" in done.stderr
+    )
+    clear = hexctl_command("estop", "--clear", *here)
+    for done in (stop, clear):
+        assert done.returncode == 0, done.stderr
+        assert f"process {walking.process.pid}" in done.stderr
+
+
+def test_legs_of_a_served_simulation_fail_and_heal_on_request_and_its_log_tells_it(tmp_path: Path) -> None:
+    with served(tmp_path, backend="sim") as robot:
+        changes = (("fail", "5:limp"), ("fail", "2:stuck:femur"), ("heal", "5"), ("fail", "7:limp"))
+        told = [hexctl_command("sim", *change, "--connect", robot.endpoint) for change in changes]
+        with remote_robots(Role.CONTROLLER, connect=robot.endpoint) as robots:
+            assert robots.statuses()[0]["simulated"]["failure"] == "leg 2 femur stuck"
+            assert robots.statuses()[0]["failures"] == ["2:stuck:femur:0"]
+            assert [answer["failures"] for answer in robots.heal(2)] == [[]]
+            with pytest.raises(InputError, match="LEG:KIND"):
+                robots.fail("limp")
+        robot.wait_for("leg 5 limp")
+        robot.wait_for("all are whole")
+        with controlling(tmp_path, robot.endpoint):
+            robot.wait_for("commanded by")
+            robot.signal(signal.SIGINT)
+            assert robot.wait() == 0
+    assert [done.returncode for done in told] == [0, 0, 0, 2]
+    assert told[1].stdout == "failed now: leg 2 femur stuck, leg 5 limp\n"
+    assert re.search(r" ended while hexctl on .* commanded it; ", robot.said().splitlines()[-1])

@@ -1,4 +1,4 @@
-"""Robots and controllers in processes of their own, on loopback and free ports, each ended by its id."""
+"""Robots and controllers in processes, on loopback and free ports, and a cable that can be cut."""
 
 import contextlib
 import io
@@ -8,12 +8,14 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from types import TracebackType
+from typing import Any, Self, TypeVar
 
 from hexctl.cli.main import exit_code
 from hexctl.waiting import wait_for
@@ -197,3 +199,67 @@ def hexctl_process(*arguments: str, timeout_s: float = TIMEOUT_S) -> subprocess.
         timeout=timeout_s,
         check=False,
     )
+
+
+class Cable:
+    """Listens on a free port of loopback and forwards to an endpoint.
+
+    Attributes:
+        endpoint: where a controller connects instead.
+    """
+
+    def __init__(self, endpoint: str) -> None:
+        host, _, port = endpoint.partition("/")[2].rpartition(":")
+        self._target = (host, int(port))
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
+        self._flows = threading.Event()
+        self._flows.set()
+        self._sockets: list[socket.socket] = []
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._flows.set()
+        for end in (self._listener, *self._sockets):
+            end.close()
+
+    def cut(self, how: str) -> float:
+        """Hold what is sent, as a pulled plug does, or close the connections; return when."""
+        self._flows.clear()
+        if how == "close":
+            for end in self._sockets:
+                with contextlib.suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+            self._sockets.clear()
+        return time.monotonic()
+
+    def mend(self) -> None:
+        """Let everything flow again, what was held first."""
+        self._flows.set()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                near, _ = self._listener.accept()
+                far = socket.create_connection(self._target)
+            except OSError:
+                return
+            self._sockets += [near, far]
+            for source, sink in ((near, far), (far, near)):
+                threading.Thread(target=self._forward, args=(source, sink), daemon=True).start()
+
+    def _forward(self, source: socket.socket, sink: socket.socket) -> None:
+        try:
+            while data := source.recv(65_536):
+                self._flows.wait()
+                sink.sendall(data)
+        except OSError:
+            pass
+        finally:
+            source.close()
+            sink.close()

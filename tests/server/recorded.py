@@ -64,13 +64,9 @@ class ServoLog:
     relaxed: FloatArray
 
     @classmethod
-    def read(cls, path: Path, newest: int | None = None) -> "ServoLog":
-        """Read the log of a robot that may still be running, or only its newest rows."""
-        with path.open("rb") as file:
-            if newest is not None:
-                whole = path.stat().st_size // _ROW.size
-                file.seek(max(0, whole - newest) * _ROW.size)
-            data = file.read()
+    def read(cls, path: Path) -> "ServoLog":
+        """Read the log of a robot that may still be running."""
+        data = path.read_bytes()
         rows = np.array(list(_ROW.iter_unpack(data[: len(data) // _ROW.size * _ROW.size]))).reshape(-1, 20)
         return cls(rows[:, 0], rows[:, 2:], rows[:, 1] == _RELAX)
 

@@ -4,7 +4,6 @@ Options: `loss=SHARE` and `reorder=SHARE` of the commands; `jump=SECONDS` of the
 `again=1` to take a new lease whenever one is lost, over one session; `keys=FOLDER` of certificates.
 """
 
-import math
 import random
 import sys
 import time
@@ -26,10 +25,6 @@ from tests.robots import shipped
 
 SWAY_RAD = 0.25
 SWAY_HZ = 0.8
-
-#: Between two commands: so long that a robot may take it for silence, which is then no fault of the link.
-HELD_UP_S = 0.1
-HELD_UP = "held up by a busy machine"
 
 
 class LossyPublisher:
@@ -132,17 +127,13 @@ def control(endpoint: str, given: dict[str, str]) -> int:
 def sway(guard: Guard, jump_s: float) -> None:
     """Command a slow wave, and say when the joints move."""
     robot, wall = guard.robot, time.time_ns
-    step, last_s = 0, math.inf
+    step = 0
     while True:
         guard.clock.tick()
-        if guard.clock.now_s - last_s > HELD_UP_S:
-            say(HELD_UP)
         guard.read()
         angle = SWAY_RAD * np.sin(2 * np.pi * SWAY_HZ * step * guard.clock.period_s)
-        # Made now, not at the tick: where it has no priority it may have been held up since.
-        now_s = guard.clock.now_s
-        guard.write(JointTargets(robot.stance_angles_rad + angle, now_s))
-        last_s = now_s
+        # Made now, not at the tick: without priority it may have been held up since.
+        guard.write(JointTargets(robot.stance_angles_rad + angle, guard.clock.now_s))
         step += 1
         if step == 25:
             say("moving")

@@ -4,22 +4,26 @@ import json
 import random
 import struct
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hexctl.backends.zenoh.zenoh_client import ask
 from hexctl.server.inbox import Arrival
 from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
-from hexctl.wire.links import Link
+from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import encode_pose
 from hexctl.wire.zenoh_messages import CommandTag, encode_positions
+from hexctl.wire.zenoh_session import open_session
 from tests.control.posed import PosedMock
+from tests.server.processes import TIMEOUT_S, served
 from tests.wire.test_zenoh_messages import COMMAND_BYTES
 
-#: Messages at each key; the soak test has the hundred thousand.
-TIMES = 10_000
+#: Messages at each key in the ordinary tests.
+TIMES = 3_000
 
 GOOD = {
     "command": encode_positions(np.zeros(18)),
@@ -42,11 +46,9 @@ class Item:
         self.dropped = False
 
     def reply(self, key: str, payload: bytes) -> None:
-        """Keep the answer."""
         self.answers.append(payload)
 
     def drop(self) -> None:
-        """Keep that it was let go."""
         self.dropped = True
 
 
@@ -72,18 +74,8 @@ def spoiled(good: bytes, chance: random.Random) -> bytes:
 
 
 @pytest.mark.parametrize("kind", list(GOOD))
-def test_spoiled_messages_move_nothing_and_are_counted(kind: str) -> None:
-    check_spoiled(kind, TIMES)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("kind", list(GOOD))
-def test_a_hundred_thousand_spoiled_messages_move_nothing_and_are_counted(kind: str) -> None:
-    check_spoiled(kind, 10 * TIMES)
-
-
-def check_spoiled(kind: str, times: int) -> None:
-    """Send spoiled messages to a key, and check that they move nothing and are counted."""
+@pytest.mark.parametrize("times", [TIMES, pytest.param(100_000, marks=pytest.mark.soak)])
+def test_spoiled_messages_move_nothing_and_are_counted(kind: str, times: int) -> None:
     chance = random.Random(kind)
     servos = PosedMock()
     server = RobotServer(servos, Link(), backend="mock")
@@ -119,7 +111,7 @@ def test_spoiled_commands_of_the_lease_holder_never_leave_the_limits(
     item: Any = Item(b'{"op": "acquire", "owner": "mallory"}', None)
     server._handle(Arrival("lease", item, time.monotonic()))
     given = json.loads(item.answers[0])
-    for sequence in range(1, 10_000):
+    for sequence in range(1, 5_000):
         tag = CommandTag(
             sequence=sequence,
             stamp_ns=0,
@@ -145,3 +137,34 @@ def test_a_message_of_a_million_joints_is_dropped() -> None:
         server._handle(Arrival(kind, item, 0.0))
     assert server.status()["commands"]["malformed"] == 1
     assert not servos.sent
+
+
+#: Messages over a link.
+LINK_TIMES = 100_000
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", ["command", "pose", "lease", "estop", "describe", "status"])
+def test_a_hundred_thousand_spoiled_messages_over_the_link_move_nothing_and_delay_no_stop(
+    tmp_path: Path, kind: str
+) -> None:
+    chance, keys = random.Random(kind), KeyMap.of("ant")
+    good = GOOD.get(kind, b"{}")
+    with (
+        served(tmp_path) as robot,
+        open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, keys) as session,
+    ):
+        key = getattr(keys, kind)
+        for _ in range(LINK_TIMES):
+            session.put(key, spoiled(good, chance), attachment=spoiled(COMMAND_BYTES, chance))
+        assert robot.process.poll() is None
+        began_s = time.monotonic()
+        assert [one["stopped"] for one in ask(session, keys.estop, {"op": "stop"})] == ["estop"]
+        assert time.monotonic() - began_s < TIMEOUT_S
+        status = robot.status()
+        assert status["stopped"] == "estop"
+        assert robot.log().times_s.size == 0
+        if kind == "command":
+            counts = status["commands"]
+            dropped = counts["malformed"] + counts["stale_owner"] + counts["overflowed"]
+            assert dropped > LINK_TIMES / 100  # Zenoh drops what a robot cannot take; what came is counted

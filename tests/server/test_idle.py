@@ -1,173 +1,153 @@
-"""A robot without commands holds its pose, sits down after a while, and goes limp."""
+"""A robot without commands holds its pose, sits down, and goes limp; and when it counts as at rest."""
 
 import numpy as np
+import pytest
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
-from hexctl.control.guard import Guard
-from hexctl.ik.legs import solve_legs
 from hexctl.server.idle import IdleSupervisor
-from tests.control.posed import PosedMock, connected, send
+from hexctl.server.rest_watch import RestWatch
+from tests.control.posed import connected, send
 from tests.robots import ROBOT_NAMES, shipped
 
 
-def let_pass(guard_and_servos: tuple[Guard, PosedMock], posture: IdleSupervisor, duration_s: float) -> None:
-    guard, _ = guard_and_servos
-    for _ in range(round(duration_s / PERIOD_S)):
-        guard.clock.tick()
-        guard.read()
-        posture.tick(guard.clock.now_s)
+def test_joints_that_move_are_not_at_rest_and_those_that_tremble_are() -> None:
+    watch, at_s = RestWatch(), 0.0
+    angles_rad = np.zeros(18)
+
+    def look(times: int, step_rad: float, noise_rad: float = 0.0) -> bool:
+        nonlocal at_s
+        for tick in range(times):
+            at_s += 0.02
+            angles_rad[4] += step_rad
+            watch.note(angles_rad + noise_rad * (tick % 2), at_s)
+        return watch.at_rest
+
+    assert not look(5, 0.0), "too little was seen"
+    assert look(10, 0.0)
+    assert not look(10, 0.005)
+    assert not look(5, 0.0), "it has moved of late"
+    assert look(10, 0.0, noise_rad=0.005)
 
 
-def commanded_once() -> tuple[tuple[Guard, PosedMock], IdleSupervisor]:
-    guard, servos = connected()
-    posture = IdleSupervisor(guard, sit_after_s=1.0)
-    send(guard, guard.robot.stance_angles_rad)
-    posture.commanded(guard.clock.now_s)
-    return (guard, servos), posture
+def test_unknown_and_unreached_joints_and_one_array_that_changes_are_not_at_rest() -> None:
+    unknown, moving, unreached = RestWatch(), RestWatch(), RestWatch()
+    angles_rad = np.zeros(18)
+    for tick in range(20):
+        angles_rad += 0.01
+        moving.note(angles_rad, 0.02 * tick)
+        unknown.note(np.full(18, np.nan), 0.02 * tick)
+        # What is told of them is of before, and does not change however they move.
+        unreached.note(np.zeros(18), 0.02 * tick, reached=tick < 15)
+        assert unreached.at_rest == (10 <= tick < 15)
+    assert not moving.at_rest
+    assert not unknown.at_rest
+
+
+class Idle:
+    """A robot that was commanded once, unless told otherwise, and sits down after a second."""
+
+    def __init__(self, *, commanded: bool = True) -> None:
+        self.guard, self.servos = connected()
+        self.posture = IdleSupervisor(self.guard, sit_after_s=1.0)
+        if commanded:
+            self.command()
+
+    def command(self) -> None:
+        send(self.guard, self.guard.robot.stance_angles_rad)
+        self.posture.commanded(self.guard.clock.now_s)
+
+    def after(self, duration_s: float) -> tuple[str, int]:
+        """What it does after a time, and how many targets it has sent so far."""
+        for _ in range(round(duration_s / PERIOD_S)):
+            self.guard.clock.tick()
+            self.guard.read()
+            self.posture.tick(self.guard.clock.now_s)
+        return self.posture.name, len(self.servos.sent)
 
 
 def test_it_holds_after_silence_then_sits_within_limits_and_relaxes() -> None:
-    (guard, servos), posture = commanded_once()
-    let_pass((guard, servos), posture, 0.5)
-    assert (guard.stopped, posture.name) == ("expired", "holding")
-    n_before = len(servos.sent)
-    let_pass((guard, servos), posture, 0.6)
-    assert posture.name == "sitting"
-    let_pass((guard, servos), posture, SITTING_S + 0.1)
-    assert posture.name == "limp"
-    assert servos.limp
-    sat = np.array([targets.joint_positions_rad for targets in list(servos.sent)[n_before:]])
-    np.testing.assert_allclose(sat[-1], sitting_angles_rad(guard.robot), atol=0.05)
-    assert (np.abs(np.diff(sat, axis=0)) <= guard.robot.joint_max_speed_rad_s * PERIOD_S + 1e-9).all()
-    assert guard.stopped == "expired"
-
-
-def test_after_any_other_stop_it_holds_for_good() -> None:
-    (guard, servos), posture = commanded_once()
-    guard.stop("estop")
-    let_pass((guard, servos), posture, 5.0)
-    assert posture.name == "holding"
-    assert len(servos.sent) == 1
-    assert not servos.limp
-
-
-def test_a_controller_that_comes_is_given_as_long_as_a_command() -> None:
-    (guard, servos), posture = commanded_once()
-    guard.pause_watchdog()
-    let_pass((guard, servos), posture, 0.9)
-    posture.controlled(guard.clock.now_s)
-    let_pass((guard, servos), posture, 0.9)
-    assert posture.name == "commanded"
-    let_pass((guard, servos), posture, 0.2)
-    assert posture.name == "sitting"
-
-
-def test_a_robot_that_sits_down_stops_at_that_when_a_controller_comes() -> None:
-    (guard, servos), posture = commanded_once()
-    guard.pause_watchdog()
-    let_pass((guard, servos), posture, 1.5)
-    assert posture.name == "sitting"
-    posture.controlled(guard.clock.now_s)
-    n_before = len(servos.sent)
-    let_pass((guard, servos), posture, 0.9)
-    assert (posture.name, len(servos.sent)) == ("holding", n_before)
-    let_pass((guard, servos), posture, SITTING_S + 0.3)
-    assert posture.name == "limp"
-
-
-def test_a_controller_that_comes_moves_no_limp_robot() -> None:
-    (guard, servos), posture = commanded_once()
-    guard.pause_watchdog()
-    let_pass((guard, servos), posture, 1.5 + SITTING_S)
-    n_before = len(servos.sent)
-    posture.controlled(guard.clock.now_s)
-    let_pass((guard, servos), posture, 3.0)
-    assert (posture.name, len(servos.sent)) == ("limp", n_before)
-
-
-def test_a_stop_while_sitting_down_ends_the_motion() -> None:
-    (guard, servos), posture = commanded_once()
-    let_pass((guard, servos), posture, 1.5)
-    assert posture.name == "sitting"
-    guard.stop("estop")
-    n_before = len(servos.sent)
-    let_pass((guard, servos), posture, 5.0)
-    assert len(servos.sent) == n_before
-    assert not servos.limp
-
-
-def test_a_robot_whose_controller_left_in_good_order_sits_down_too() -> None:
-    (guard, servos), posture = commanded_once()
-    guard.pause_watchdog()
-    let_pass((guard, servos), posture, 4.0)
-    assert posture.name == "limp"
-    assert guard.stopped is None
+    idle = Idle()
+    robot = idle.guard.robot
+    posture, n_before = idle.after(0.5)
+    assert (idle.guard.stopped, posture) == ("expired", "holding")
+    assert idle.after(0.6)[0] == "sitting"
+    assert idle.after(SITTING_S + 0.1)[0] == "limp"
+    assert idle.servos.limp
+    sat = np.array([targets.joint_positions_rad for targets in list(idle.servos.sent)[n_before:]])
+    np.testing.assert_allclose(sat[-1], sitting_angles_rad(robot), atol=0.05)
+    assert (np.abs(np.diff(sat, axis=0)) <= robot.joint_max_speed_rad_s * PERIOD_S + 1e-9).all()
+    assert idle.guard.stopped == "expired"
 
 
 def test_before_the_first_command_nothing_moves() -> None:
-    guard, servos = connected()
-    posture = IdleSupervisor(guard, sit_after_s=1.0)
-    let_pass((guard, servos), posture, 5.0)
-    assert posture.name == "idle"
-    assert not servos.sent
+    assert Idle(commanded=False).after(5.0) == ("idle", 0)
+
+
+def test_after_any_other_stop_it_holds_for_good_and_after_the_clear_until_the_next_command() -> None:
+    idle = Idle()
+    idle.guard.stop("estop")
+    assert idle.after(60.0) == ("holding", 1)
+    idle.guard.clear()
+    assert idle.after(30.0) == ("idle", 1)
+    assert not idle.servos.limp
+    idle.command()
+    assert idle.after(5.0)[0] == "limp"
+
+
+@pytest.mark.parametrize(("reason", "sits_s"), [("expired", 1.5), ("hot: leg2 femur 72 C", 0.5)])
+def test_a_stop_while_it_sits_down_ends_the_motion(reason: str, sits_s: float) -> None:
+    idle = Idle()
+    idle.guard.stop(reason)
+    posture, n_before = idle.after(sits_s)
+    assert posture == "sitting"
+    idle.guard.stop("estop")
+    assert idle.after(5.0) == ("holding", n_before)
+    assert not idle.servos.limp
+
+
+def test_with_hot_servos_it_sits_at_once_and_goes_limp() -> None:
+    idle = Idle()
+    idle.guard.stop("hot: leg2 femur 72 C")
+    assert idle.after(0.1)[0] == "sitting"
+    assert idle.after(SITTING_S + 0.1)[0] == "limp"
+    assert idle.servos.limp
+    sat = idle.servos.sent[-1].joint_positions_rad
+    np.testing.assert_allclose(sat, sitting_angles_rad(idle.guard.robot), atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("left_s", "before", "soon", "later"),
+    [
+        (0.9, "commanded", "commanded", "limp"),  # it is given as long as a command
+        (1.5, "sitting", "holding", "limp"),  # it stops at that
+        (1.5 + SITTING_S, "limp", "limp", "limp"),  # and moves no limp robot
+    ],
+)
+def test_a_robot_that_was_left_in_good_order_waits_for_the_controller_that_comes(
+    left_s: float, before: str, soon: str, later: str
+) -> None:
+    idle = Idle()
+    idle.guard.pause_watchdog()
+    posture, n_before = idle.after(left_s)
+    assert (posture, idle.guard.stopped) == (before, None)
+    idle.posture.controlled(idle.guard.clock.now_s)
+    assert idle.after(0.9) == (soon, n_before)
+    assert idle.after(SITTING_S + 0.3)[0] == later
 
 
 def test_a_command_ends_the_sitting() -> None:
-    (guard, servos), posture = commanded_once()
-    let_pass((guard, servos), posture, 1.5)
-    guard.clear()
-    send(guard, guard.robot.stance_angles_rad)
-    posture.commanded(guard.clock.now_s)
-    posture.tick(guard.clock.now_s)
-    assert posture.name == "commanded"
+    idle = Idle()
+    idle.after(1.5)
+    idle.guard.clear()
+    idle.command()
+    assert idle.after(0.02)[0] == "commanded"
 
 
-def test_every_shipped_robot_sits_lower_than_it_stands_within_its_ranges() -> None:
+def test_every_shipped_robot_sits_elsewhere_than_it_stands_within_its_ranges() -> None:
     for name in ROBOT_NAMES:
         robot = shipped(name)
         pose = sitting_angles_rad(robot)
         assert (pose >= robot.joint_lower_rad).all()
         assert (pose <= robot.joint_upper_rad).all()
         assert not np.allclose(pose, robot.stance_angles_rad)
-        assert solve_legs(robot, robot.stance_feet_body).reachable.all()
-
-
-def test_after_a_stop_is_cleared_nothing_moves_before_the_next_command() -> None:
-    (guard, servos), posture = commanded_once()
-    guard.stop("estop")
-    let_pass((guard, servos), posture, 60.0)
-    guard.clear()
-    n_before = len(servos.sent)
-    let_pass((guard, servos), posture, 30.0)
-    assert posture.name == "idle"
-    assert len(servos.sent) == n_before
-    assert not servos.limp
-    send(guard, guard.robot.stance_angles_rad)
-    posture.commanded(guard.clock.now_s)
-    let_pass((guard, servos), posture, 5.0)
-    assert posture.name == "limp"
-
-
-def test_with_hot_servos_it_sits_at_once_and_goes_limp() -> None:
-    (guard, servos), posture = commanded_once()
-    guard.stop("hot: leg2 femur 72 C")
-    let_pass((guard, servos), posture, 0.1)
-    assert posture.name == "sitting"
-    let_pass((guard, servos), posture, SITTING_S + 0.1)
-    assert posture.name == "limp"
-    assert servos.limp
-    np.testing.assert_allclose(
-        servos.sent[-1].joint_positions_rad, sitting_angles_rad(guard.robot), atol=0.05
-    )
-
-
-def test_a_stop_while_hot_servos_sit_ends_the_motion() -> None:
-    (guard, servos), posture = commanded_once()
-    guard.stop("hot: leg2 femur 72 C")
-    let_pass((guard, servos), posture, 0.5)
-    guard.stop("estop")
-    n_before = len(servos.sent)
-    let_pass((guard, servos), posture, 3.0)
-    assert posture.name == "holding"
-    assert len(servos.sent) == n_before

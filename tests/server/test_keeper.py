@@ -1,7 +1,11 @@
 """What becomes of a robot on a bus when the process that serves it is killed, or hangs."""
 
+import math
 import os
 import signal
+import threading
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -10,19 +14,24 @@ import pytest
 from hexctl.backends.bus.tools import scan_bus
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
+from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.control.controllers import sitting_angles_rad
+from hexctl.control.guard import Guard
+from hexctl.errors import HexctlError
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.server.keeper import KeeperSpec, take_over, wait_for_the_end
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets
+from hexctl.wire.links import Link
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.mavlink.boards import board
 from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
 from tests.robots import edited_file, put
-from tests.server.processes import program, served, wait_until
+from tests.server.processes import TIMEOUT_S, program, served, wait_until
 
-pytestmark = pytest.mark.realtime
+#: What a keeper says when all joints followed.
+SAT = "sat down, and its torque is off"
 
 WALK = ("hexctl", "run", "--backend", "zenoh", "--duration", "60", "--no-record")
 
@@ -63,10 +72,8 @@ def _goals(folder: Path, device: str) -> FloatArray:
     return bus_map_of(file.content.servos, "feetech").angles_rad(counts)
 
 
-@pytest.mark.parametrize(("number", "how"), [(signal.SIGKILL, "serve gone"), (signal.SIGSTOP, "serve hangs")])
-def test_a_robot_whose_server_ends_in_mid_motion_sits_down(
-    number: signal.Signals, how: str, tmp_path: Path
-) -> None:
+@pytest.mark.realtime
+def test_a_robot_whose_server_ends_in_mid_motion_sits_down(tmp_path: Path) -> None:
     file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
     file.rename(tmp_path / "robot.yaml")
     robot = ("--robot", str(tmp_path / "robot.yaml"))
@@ -76,16 +83,14 @@ def test_a_robot_whose_server_ends_in_mid_motion_sits_down(
             program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
         ):
             wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
-            server.signal(number)
-            wait_until(lambda: f"{how}: the robot sat down, and its torque is off" in server.said(), how)
+            server.signal(signal.SIGKILL)
+            wait_until(lambda: f"serve gone: the robot {SAT}" in server.said(), "the keeper")
         end = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
         assert _goals(tmp_path, bus.port) == pytest.approx(end, abs=0.01)
 
 
-@pytest.mark.parametrize(("number", "how"), [(signal.SIGKILL, "serve gone"), (signal.SIGSTOP, "serve hangs")])
-def test_hobby_servos_on_an_i2c_bus_are_let_down_too(
-    number: signal.Signals, how: str, tmp_path: Path
-) -> None:
+@pytest.mark.realtime
+def test_hobby_servos_on_an_i2c_bus_are_let_down_when_the_server_hangs(tmp_path: Path) -> None:
     file = edited_file(tmp_path, put("servos", {"tibia": {"offset_deg": 40}}), base="ant")
     robot = ("--robot", str(file))
     with board("--bus", "pca9685", "--backend", "mock", *robot) as boards:
@@ -96,8 +101,8 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_too(
             assert "warning: pca9685 has no watchdog" in server.said()
             # Legs get their pulses one after the other, which takes a second.
             wait_until(lambda: server.status()["commands"]["accepted"] > 100, "commands")
-            server.signal(number)
-            wait_until(lambda: f"{how}: the robot sat down, and its torque is off" in server.said(), how)
+            server.signal(signal.SIGSTOP)
+            wait_until(lambda: f"serve hangs: the robot {SAT}" in server.said(), "the keeper")
         bus = I2cSocket(boards.port)
         off = [bus.read_byte_data(0x40 + n // 16, 0x09 + 4 * (n % 16)) for n in range(18)]
         bus.close()
@@ -105,13 +110,7 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_too(
     assert off == [0x10] * 18
 
 
-def test_hobby_servos_without_pulses_are_left_alone() -> None:
-    with pca9685_board() as boards:
-        spec = KeeperSpec(backend="pca9685", robot="ant", connect=boards.path, sits=True)
-        assert take_over(spec) == "had no torque"
-        assert not boards.pulses_us().any()
-
-
+@pytest.mark.realtime
 def test_a_server_that_ends_as_it_should_ends_its_keeper(tmp_path: Path) -> None:
     with board("--bus", "feetech", "--backend", "mock", "--robot", "phantomx") as bus:
         options = ("--robot", "phantomx", "--connect", bus.port)
@@ -122,12 +121,25 @@ def test_a_server_that_ends_as_it_should_ends_its_keeper(tmp_path: Path) -> None
         assert len(scan_bus(bus.port, "feetech", 1_000_000, ids=range(4))) == 3, "the port is free again"
 
 
+def test_servos_without_torque_are_left_alone() -> None:
+    with pca9685_board() as boards:
+        assert take_over(keeper("pca9685", "ant", boards.path)) == "had no torque"
+        assert not boards.pulses_us().any()
+    with bus_board(a_map()) as bus:
+        assert take_over(keeper("feetech", "phantomx", bus.path)) == "had no torque"
+        assert not any(servo.holds for servo in bus._servos)
+
+
+def keeper(backend: str, robot: object, connect: str, *, sits: bool = True) -> KeeperSpec:
+    return KeeperSpec(backend=backend, robot=str(robot), connect=connect, sits=sits)
+
+
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("driver", "model", "fault"),
     [
         ("dynamixel", "xl430-w250", None),
         ("feetech", "sts3215", "hot:2:femur:69"),
-        ("feetech", "sts3215", None),
     ],
 )
 def test_it_lets_down_what_it_finds(driver: str, model: str, fault: str | None, tmp_path: Path) -> None:
@@ -141,11 +153,12 @@ def test_it_lets_down_what_it_finds(driver: str, model: str, fault: str | None, 
             servo.write(servo._table.torque.address, bytes([joint != 7]))
             if driver == "dynamixel":
                 servo.memory[98] = 255
-        done = take_over(KeeperSpec(backend=driver, robot=str(file), connect=bus.path, sits=True))
-        assert done == "sat down, and its torque is off"
+        done = take_over(keeper(driver, file, bus.path))
+        assert done == SAT
         assert not any(servo.holds for servo in bus._servos)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("tripped", "done"),
     [
@@ -167,7 +180,7 @@ def test_joints_that_do_not_follow_keep_it_from_sitting_only_where_they_are_many
             if joint in tripped:
                 servo.trip()
         raised._positions_rad += np.isin(np.arange(18), tripped) * 0.6  # far from where they sit
-        said = take_over(KeeperSpec(backend="dynamixel", robot=str(file), connect=bus.path, sits=True))
+        said = take_over(keeper("dynamixel", file, bus.path))
         names = ", ".join(JOINT_NAMES[joint].replace("_", " ") for joint in tripped)
         assert said == done.format(f"{names} do not follow")
         assert sum(servo.holds for servo in bus._servos) == (0 if len(tripped) == 1 else 18 - len(tripped))
@@ -183,20 +196,13 @@ def test_hobby_servos_of_a_board_that_was_reset_are_not_powered_again(sits: bool
         boards.chips[0x41].reset()
         before = boards.pulses_us()
         assert 0 < np.count_nonzero(before) < 18
-        done = take_over(KeeperSpec(backend="pca9685", robot="ant", connect=boards.path, sits=sits))
+        done = take_over(keeper("pca9685", "ant", boards.path, sits=sits))
         if sits:
             assert done == "had lost the pulses of some servos, and its torque is off"
             assert not boards.pulses_us().any()
         else:
             assert done == "holds, where its servos still have pulses"
             assert boards.pulses_us() == pytest.approx(before)
-
-
-def test_a_robot_without_torque_is_left_alone() -> None:
-    with bus_board(a_map()) as bus:
-        spec = KeeperSpec(backend="feetech", robot="phantomx", connect=bus.path, sits=True)
-        assert take_over(spec) == "had no torque"
-        assert not any(servo.holds for servo in bus._servos)
 
 
 def test_a_robot_that_holds_is_not_told_anew_where_to_be() -> None:
@@ -209,7 +215,90 @@ def test_a_robot_that_holds_is_not_told_anew_where_to_be() -> None:
             servo.write(servo._table.torque.address, b"\1")
         goals = bus._family.goals(0.0)
         robot._positions_rad -= 0.05
-        spec = KeeperSpec(backend="feetech", robot="phantomx", connect=bus.path, sits=False)
-        assert take_over(spec) == "holds"
+        assert take_over(keeper("feetech", "phantomx", bus.path, sits=False)) == "holds"
         assert bus._family.goals(0.0) == pytest.approx(goals)
         assert all(servo.holds for servo in bus._servos)
+
+
+#: Servers that are killed in the soak test.
+KILLS = 50
+
+#: How long the walk may take to begin; on a busy machine some do not.
+MOVES_WITHIN_S = 20.0
+
+#: How long a robot may go on moving, and how far its joints may be from where they stay, in rad.
+LAST_MOTION_S, STILL_RAD = 0.25, 0.02
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
+@pytest.mark.parametrize(
+    ("driver", "model"),
+    [("dynamixel", "xl430-w250"), ("dynamixel", "ax12a"), ("feetech", "sts3215"), ("lx16a", "lx16a")],
+)
+def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
+    driver: str, model: str, number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fifty times; the keeper then holds the robot, as its file says."""
+    content = {**FITTING, "model": model, "if_computer_dies": "hold"}
+    file = edited_file(tmp_path, put("servos", content), base="phantomx")
+    bus_map = bus_map_of(load_robot_file(file).content.servos, driver)
+    last_motions_s: list[float] = []
+    for kill in range(2 * KILLS):
+        if len(last_motions_s) == KILLS:
+            break
+        robot = MockServos(load_robot_file(file).robot)
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / f"state{kill}"))  # a stop outlasts its server
+        with (
+            bus_board(bus_map, servos=robot) as bus,
+            served(
+                tmp_path, "--robot", str(file), "--connect", bus.path, backend=driver, name=f"robot{kill}"
+            ) as server,
+        ):
+            moved = threading.Event()
+            walking = threading.Thread(target=_walk_until_it_fails, args=(server.endpoint, str(file), moved))
+            walking.start()
+            if not moved.wait(MOVES_WITHIN_S) or not _all_move(robot):  # the machine is too busy for a walk
+                server.signal(signal.SIGKILL)
+                wait_until(lambda: "hexctl: serve " in server.said(), "the keeper")
+                walking.join(TIMEOUT_S)
+                continue
+            server.signal(number)
+            at_s, angles_rad = _watched(robot, 2.0)
+            far = np.abs(angles_rad - angles_rad[-1]).max(axis=-1) > STILL_RAD
+            last_motions_s.append(float(at_s[far].max(initial=0.0)))
+            wait_until(lambda: "the robot holds" in server.said(), "the keeper")
+            server.signal(signal.SIGKILL)
+            walking.join(TIMEOUT_S)
+    assert len(last_motions_s) == KILLS
+    assert max(last_motions_s) <= LAST_MOTION_S, sorted(last_motions_s)[-5:]
+
+
+def _all_move(robot: MockServos) -> bool:
+    """Whether all joints move, as in a walk."""
+    _, angles_rad = _watched(robot, 0.3)
+    return float(np.ptp(angles_rad, axis=0).min()) > STILL_RAD
+
+
+def _watched(robot: MockServos, duration_s: float) -> tuple[FloatArray, FloatArray]:
+    """Times, (n,), and joint angles then, (n, 18), for a while."""
+    begun_s = time.monotonic()
+    at_s: list[float] = []
+    angles_rad: list[FloatArray] = []
+    while not at_s or at_s[-1] < duration_s:
+        angles_rad.append(robot.read().joint_positions_rad.copy())
+        at_s.append(time.monotonic() - begun_s)
+        time.sleep(0.005)
+    return np.array(at_s), np.stack(angles_rad)
+
+
+def _walk_until_it_fails(endpoint: str, file: str, moved: threading.Event) -> None:
+    """Swing all joints by 10 degrees about the stance, over the link, until the robot has gone."""
+    with suppress(HexctlError), Guard(ZenohServos(file, link=Link(endpoint=endpoint))) as guard:
+        for tick in range(500):
+            now_s = guard.clock.tick().time_s
+            guard.read()
+            swing_rad = 0.17 * math.sin(8.0 * now_s) * min(1.0, tick / 25)
+            guard.write(JointTargets(guard.robot.stance_angles_rad + swing_rad, now_s))
+            if tick == 60:
+                moved.set()

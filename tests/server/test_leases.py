@@ -1,17 +1,26 @@
-"""Leases: one controller at a time, for as long as it renews them."""
+"""One controller at a time, and which of its commands a robot accepts."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from hexctl.server.leases import LEASE_S, LeaseManager, LeaseRefusedError
+from hexctl.errors import CommandRefusedError, MessageError
+from hexctl.server.commands import CommandCounters, CommandHandler, TransitDelay
+from hexctl.server.leases import LEASE_S, Lease, LeaseManager, LeaseRefusedError
+from hexctl.wire.zenoh_messages import CommandTag, encode_positions
 
 
 def test_the_first_who_asks_holds_the_robot_and_the_second_is_told_who() -> None:
     desk = LeaseManager()
     lease = desk.acquire("alice", 10.0)
     assert desk.holder(10.5) == lease
-    with pytest.raises(LeaseRefusedError, match="held by alice for 1 s"):
+    with pytest.raises(LeaseRefusedError, match="alice"):
         desk.acquire("bob", 10.9)
     assert desk.refused == 1
+    assert len(LeaseManager().acquire("a" * 10_000, 0.0).owner) == 80
 
 
 def test_a_lease_ends_unless_it_is_renewed() -> None:
@@ -21,11 +30,11 @@ def test_a_lease_ends_unless_it_is_renewed() -> None:
         desk.renew(lease.lease_id, third * LEASE_S / 3)
     assert desk.holder(3.9 * LEASE_S) is not None
     assert desk.holder(4.1 * LEASE_S) is None
-    with pytest.raises(LeaseRefusedError, match="no client holds"):
+    with pytest.raises(LeaseRefusedError):
         desk.renew(lease.lease_id, 4.1 * LEASE_S)
 
 
-def test_later_leases_have_higher_numbers_and_other_ids() -> None:
+def test_later_leases_have_higher_numbers_and_other_ids_and_earlier_ones_are_worth_nothing() -> None:
     desk = LeaseManager()
     first = desk.acquire("alice", 0.0)
     desk.release(first.lease_id, 0.1)
@@ -33,23 +42,15 @@ def test_later_leases_have_higher_numbers_and_other_ids() -> None:
     assert second.sequence == first.sequence + 1
     assert second.lease_id != first.lease_id
     for stale in (desk.renew, desk.release):
-        with pytest.raises(LeaseRefusedError, match="bob holds"):
+        with pytest.raises(LeaseRefusedError, match="bob"):
             stale(first.lease_id, 0.3)
     assert desk.holder(0.3) == second
-
-
-def test_a_lease_can_be_taken_away() -> None:
-    desk = LeaseManager()
-    lease = desk.acquire("alice", 0.0)
     desk.revoke()
-    assert desk.holder(0.1) is None
+    assert desk.holder(0.4) is None
+    refused = desk.refused
     with pytest.raises(LeaseRefusedError):
-        desk.renew(lease.lease_id, 0.1)
-    assert desk.refused == 0, "nobody else has asked"
-    desk.acquire("bob", 0.1)
-    with pytest.raises(LeaseRefusedError):
-        desk.renew(lease.lease_id, 0.1)
-    assert desk.refused == 1
+        desk.renew(second.lease_id, 0.4)
+    assert desk.refused == refused, "no other client has asked"
 
 
 def test_a_lease_cannot_be_guessed() -> None:
@@ -61,18 +62,123 @@ def test_a_lease_cannot_be_guessed() -> None:
     assert desk.holder(0.1) is not None
 
 
-def test_a_name_without_end_is_cut() -> None:
-    assert len(LeaseManager().acquire("a" * 10_000, 0.0).owner) == 80
-
-
 def test_commands_keep_a_lease_whose_renewals_are_lost_and_revive_none_that_has_ended() -> None:
     leases = LeaseManager(duration_s=1.0)
     lease = leases.acquire("one", 0.0)
     leases.heard(0.9)
-    assert leases.holder(1.8) is not None
-    assert leases.holder(1.8).lease_id == lease.lease_id  # type: ignore[union-attr]
+    held = leases.holder(1.8)
+    assert held is not None
+    assert held.lease_id == lease.lease_id
     leases.heard(2.0)
     assert leases.holder(2.0) is None
     long = leases.acquire("two", 3.0, duration_s=10.0)
     leases.heard(4.0)
     assert leases.holder(12.0) == long
+
+
+offsets = st.floats(-1e6, 1e6)
+
+
+@given(offsets, st.lists(st.floats(0, 0.01), min_size=1, max_size=50), st.floats(0.05, 10))
+def test_a_message_is_late_by_what_it_waited_longer_than_ever(
+    offset_s: float, delays_s: list[float], wait_s: float
+) -> None:
+    transit = TransitDelay()
+    for index, delay_s in enumerate(delays_s):
+        late_s = transit.delay_s(index * 0.02 + offset_s, index * 0.02 + delay_s)
+        assert -1e-6 <= late_s <= max(delays_s) + 1e-6
+    sent_s = len(delays_s) * 0.02
+    late_s = transit.delay_s(sent_s + offset_s, sent_s + min(delays_s) + wait_s)
+    assert abs(late_s - wait_s) < 0.01 * wait_s + 1e-3
+
+
+def test_clocks_that_drift_apart_do_not_make_messages_late() -> None:
+    transit = TransitDelay()
+    late_s = [transit.delay_s(index * 0.02, index * 0.02 * (1 + 700e-6)) for index in range(50_000)]
+    assert max(late_s) < 1e-3
+
+
+PAYLOAD = encode_positions(np.zeros(18))
+
+
+def tag_for(lease: Lease, sequence: int, stamp_s: float = 0.0) -> CommandTag:
+    return CommandTag(
+        sequence=sequence,
+        stamp_ns=round(stamp_s * 1e9),
+        time_to_live_ms=200,
+        lease_id=lease.lease_id,
+        lease_sequence=lease.sequence,
+    )
+
+
+@pytest.fixture
+def lease() -> Lease:
+    return LeaseManager().acquire("alice", 0.0)
+
+
+@pytest.fixture
+def desk() -> CommandHandler:
+    return CommandHandler()
+
+
+def test_commands_in_order_and_on_time_are_obeyed(desk: CommandHandler, lease: Lease) -> None:
+    for sequence in range(1, 20):
+        at_s = sequence * 0.02
+        checked = desk.check(PAYLOAD, tag_for(lease, sequence, at_s).packed(), lease, at_s)
+        assert checked.command.tag.sequence == sequence
+        assert checked.good_for_s == pytest.approx(0.2, abs=1e-3)
+    assert desk.counters == CommandCounters()
+
+
+def test_repeated_and_overtaken_commands_are_dropped_and_counted(desk: CommandHandler, lease: Lease) -> None:
+    for sequence in (1, 3):
+        desk.check(PAYLOAD, tag_for(lease, sequence).packed(), lease, 0.0)
+    assert desk.counters.lost == 1
+    for sequence in (3, 2, 1, 0):
+        with pytest.raises(CommandRefusedError):
+            desk.check(PAYLOAD, tag_for(lease, sequence).packed(), lease, 0.0)
+    assert desk.counters.out_of_order == 4
+    following = replace(lease, lease_id=bytes(range(16)), sequence=lease.sequence + 1)
+    desk.check(PAYLOAD, tag_for(following, 1, -1000.0).packed(), following, 5.0)
+    assert desk.newest_sequence == 1, "a new lease counts from one again"
+
+
+def test_a_command_that_waited_longer_than_its_time_to_live_is_dropped(
+    desk: CommandHandler, lease: Lease
+) -> None:
+    desk.check(PAYLOAD, tag_for(lease, 1, 0.0).packed(), lease, 100.0)
+    with pytest.raises(CommandRefusedError):
+        desk.check(PAYLOAD, tag_for(lease, 2, 0.02).packed(), lease, 100.3)
+    assert desk.counters.late == 1
+    assert desk.check(PAYLOAD, tag_for(lease, 3, 0.3).packed(), lease, 100.3).delay_s < 1e-3
+
+
+@pytest.mark.parametrize(("wanted_ms", "given_s"), [(60_000, 0.2), (50, 0.05)])
+def test_a_time_to_live_is_at_most_that_of_the_robot(
+    desk: CommandHandler, lease: Lease, wanted_ms: int, given_s: float
+) -> None:
+    tag = replace(tag_for(lease, 1), time_to_live_ms=wanted_ms)
+    assert desk.check(PAYLOAD, tag.packed(), lease, 0.0).good_for_s == pytest.approx(given_s)
+
+
+def test_only_commands_under_the_lease_in_force_are_admitted_and_obeyed(
+    desk: CommandHandler, lease: Lease
+) -> None:
+    tag = tag_for(lease, 1)
+    assert desk.admits(tag.packed(), lease)
+    strangers = [replace(tag, lease_id=bytes(16)), replace(tag, lease_sequence=lease.sequence + 1)]
+    for other, held in ((strangers[0], lease), (strangers[1], lease), (tag, None)):
+        assert not desk.admits(other.packed(), held)
+        with pytest.raises(CommandRefusedError):
+            desk.check(PAYLOAD, other.packed(), held, 0.0)
+    assert desk.counters == CommandCounters(stale_owner=6)
+
+
+def test_what_is_no_command_is_counted(desk: CommandHandler, lease: Lease) -> None:
+    good = tag_for(lease, 1).packed()
+    for attachment in (None, b"", good[:-1], good + b"x"):
+        assert not desk.admits(attachment, lease)
+    for payload, attachment in ((b"", good), (PAYLOAD, None), (PAYLOAD, b"x"), (PAYLOAD[:50], good)):
+        with pytest.raises(MessageError):
+            desk.check(payload, attachment, lease, 0.0)
+    assert desk.counters == CommandCounters(malformed=8)

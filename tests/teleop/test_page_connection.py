@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import cast
 
 import pytest
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.protocol import State
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
@@ -23,7 +23,6 @@ from hexctl.teleop.drive_session import DriveSession
 from hexctl.teleop.page_connection import (
     CONNECTIONS_S,
     MESSAGES_S,
-    MOST_ADDRESSES,
     Addresses,
     Allowance,
     LimitedConnection,
@@ -43,10 +42,7 @@ LOST_S = 5.0
 #: Stops of each flood: in the ordinary tests, and in the soak test.
 FEW, MANY = 3, 100
 
-FLOODS = [
-    *itertools.product(("valid", "invalid", "gait"), ("30", "1500", "15000", "full")),
-    ("connect", "full"),
-]
+FLOODS = [*itertools.product(("valid", "invalid", "gait"), ("30", "1500", "full")), ("connect", "full")]
 
 
 def test_an_allowance_fills_up_to_what_is_allowed_in_a_second() -> None:
@@ -65,13 +61,6 @@ def test_an_address_that_connects_too_often_is_refused_and_others_are_not() -> N
     admitted = [addresses.admit("192.0.2.1") for _ in range(200)]
     assert sum(admitted) == CONNECTIONS_S
     assert addresses.admit("192.0.2.2")
-
-
-def test_addresses_without_end_take_no_memory_without_end() -> None:
-    addresses = Addresses(lambda: 0.0)
-    for number in range(2 * MOST_ADDRESSES):
-        assert addresses.admit(str(number))
-    assert len(addresses._allowances) == MOST_ADDRESSES
 
 
 @dataclass
@@ -109,11 +98,17 @@ class Driven:
         )
 
     def client(self) -> ClientConnection:
-        """A client that has connected."""
+        """A client that has connected, as soon as its address may after a flood."""
         own = f"127.0.0.1:{self.page.port}"
-        client: ClientConnection = connect(
-            f"ws://{own}/drive", origin=Origin(f"http://{own}"), subprotocols=[Subprotocol(PROTOCOL)]
-        )
+        origin, words = Origin(f"http://{own}"), [Subprotocol(PROTOCOL)]
+
+        def connected() -> ClientConnection | None:
+            with suppress(WebSocketException, EOFError, OSError):
+                return connect(f"ws://{own}/drive", origin=origin, subprotocols=words, open_timeout=1.0)
+            return None
+
+        client = wait_for(connected, 10.0, "the page takes no client")
+        assert client is not None
         client.send(json.dumps({"release": True}))  # as the page does at its start
         return client
 
@@ -127,7 +122,6 @@ class Driven:
         return min(LOST_S, time.monotonic() - at_s)
 
     def stand(self) -> None:
-        """Clear a stop."""
 
         def stands() -> bool:
             self.session.ask("stand")
@@ -136,8 +130,8 @@ class Driven:
         wait_for(stands, 10.0, "the stop is not cleared", poll_s=0.1)
 
 
-@contextmanager
-def driven() -> Iterator[Driven]:
+@pytest.fixture(scope="module")
+def robot() -> Iterator[Driven]:
     with Drive("ant", backend="sim", realtime=True) as drive:
         robot = Driven(drive)
         with robot.page:
@@ -172,7 +166,7 @@ def stops_s(robot: Driven, kind: str, rate: str, times: int) -> list[float]:
     """Times of stops during a flood."""
     with robot.client() as client, flooded(robot.page.port, kind, rate):
         threading.Thread(target=_drain, args=(client,), daemon=True).start()
-        time.sleep(1.0)  # until it floods
+        time.sleep(0.5)  # until it floods
         times_s = []
         for number in range(times):
             times_s.append(robot.stop_s(client))
@@ -182,34 +176,24 @@ def stops_s(robot: Driven, kind: str, rate: str, times: int) -> list[float]:
 
 
 @pytest.mark.parametrize("kind", ["valid", "invalid", "gait", "connect"])
-def test_a_flood_at_full_speed_delays_no_stop(kind: str) -> None:
-    with driven() as robot:
-        times_s = stops_s(robot, kind, "full", FEW)
+def test_a_flood_at_full_speed_delays_no_stop(robot: Driven, kind: str) -> None:
+    times_s = stops_s(robot, kind, "full", FEW)
     assert sorted(times_s)[FEW // 2] <= STOP_S, times_s
     assert max(times_s) <= 2 * STOP_S, times_s  # beside other tests a machine may be busy
 
 
-def test_a_client_that_sends_too_much_is_closed_and_may_connect_again() -> None:
-    with driven() as robot, robot.client() as client:
+def test_a_client_that_sends_too_much_is_closed_and_may_connect_again(robot: Driven) -> None:
+    with robot.client() as client:
         with suppress(ConnectionClosed):
             for _ in range(2 * int(MESSAGES_S)):
                 client.send(json.dumps({"do": "up"}))
         wait_for(lambda: client.state is State.CLOSED, 5.0, "the connection is not closed")
         with robot.client() as again:
             assert robot.stop_s(again) < LOST_S
+        robot.stand()
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("kind", "rate"), FLOODS)
-def test_a_flood_delays_none_of_a_hundred_stops(
-    kind: str, rate: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with driven() as robot:
-        times_s = sorted(stops_s(robot, kind, rate, MANY))
-    with capsys.disabled():
-        within = sum(stop_s <= STOP_S for stop_s in times_s)
-        sys.stdout.write(
-            f"\n{kind} at {rate}/s: {within} of {MANY} within {STOP_S} s, median {times_s[MANY // 2]:.3f}, "
-            f"maximum {times_s[-1]:.3f} s\n"
-        )
-    assert times_s[-1] <= STOP_S
+def test_a_flood_delays_none_of_a_hundred_stops(robot: Driven, kind: str, rate: str) -> None:
+    assert max(stops_s(robot, kind, rate, MANY)) <= STOP_S

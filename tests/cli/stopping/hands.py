@@ -14,8 +14,7 @@ from hexctl.waiting import wait_for
 from pictures.browser import BrowserError, browser
 from tests.cli.stopping.drives import PATIENCE_S, Driven, LostDriveError, Pad, Process, local
 from tests.cli.terminals import COMMAND, WITH_TERMINAL, OnTerminal
-from tests.server.cable import Cable
-from tests.server.processes import RECORDED, served
+from tests.server.processes import RECORDED, Cable, served
 from tests.server.recorded import VARIABLE
 
 #: How long a browser that has just begun may hang, for up to 0.7 s at a time.

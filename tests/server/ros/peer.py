@@ -100,7 +100,6 @@ class Peer:
         return got
 
     def publisher(self, topic: str, kind: str) -> Any:
-        """A publisher of a topic."""
         publisher = ROS2Publisher(
             topic, kind, msg_definition=definition(kind), type_hash=type_hash(kind), router_port=self._port
         )

@@ -1,6 +1,7 @@
 """A served robot in ROS 2, seen by a peer of another project through a router: no ROS here."""
 
 import io
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,22 +14,20 @@ import zenoh
 import zenoh.ext
 
 from hexctl.types import JOINT_NAMES
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.robot_link import robot_link
 from hexctl.wire import ros_cdr
-from hexctl.wire.links import Link
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.endpoints import SIZE, Attachment
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode, type_hash
+from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED
 from tests.server.processes import Served, free_port, served, wait_until
 from tests.server.ros.peer import Peer, peer, router
 from tests.wire.ros.decoding import decoded
 
 pytestmark = pytest.mark.realtime
 
-EMPTY = "std_msgs/msg/Empty"
+EMPTY, VECTOR = "std_msgs/msg/Empty", "geometry_msgs/msg/Vector3"
 
-#: What `ros2 topic list -t` shows of a robot that ROS may not drive.
+#: What `ros2 topic list -t` shows of a robot that ROS may drive.
 TOPICS = {
     "/joint_states": ["sensor_msgs/msg/JointState"],
     "/odom": ["nav_msgs/msg/Odometry"],
@@ -39,15 +38,17 @@ TOPICS = {
     "/diagnostics": ["diagnostic_msgs/msg/DiagnosticArray"],
     "/robot_description": ["std_msgs/msg/String"],
     "/hexctl/estop": ["std_msgs/msg/Empty"],
+    "/cmd_vel": [TWIST, TWIST_STAMPED],
+    "/robot_joint_command": [ros_cdr.JOINT_STATE],
 }
 
 
 @pytest.fixture(scope="module")
 def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Peer]]:
-    """A robot in the simulation that was there before its router, and a peer."""
+    """A robot in the simulation that was there before its router and that ROS may drive, and a peer."""
     port = free_port()
     folder = tmp_path_factory.mktemp("ros")
-    options = ("--ros", f"tcp/127.0.0.1:{port}")
+    options = ("--ros", f"tcp/127.0.0.1:{port}", "--ros-drive")
     with served(folder, *options, backend="sim") as robot, router(port), peer(port) as node:
         yield robot, node
 
@@ -56,29 +57,25 @@ def data_key(topic: str, kind: str) -> str:
     return RosEndpoint(RosNode(), Kind.PUBLISHER, topic, kind, 0).key
 
 
-def test_topics_are_listed_with_their_types(network: tuple[Served, Peer]) -> None:
-    wait_until(lambda: network[1].topics() == TOPICS, "the list")
-
-
-def test_the_info_of_a_topic_says_who_and_how(network: tuple[Served, Peer]) -> None:
-    info = network[1].info("/tf_static")
+def test_the_node_and_its_topics_are_listed_with_who_and_how(network: tuple[Served, Peer]) -> None:
+    _, node = network
+    wait_until(lambda: {name: sorted(kinds) for name, kinds in node.topics().items()} == TOPICS, "the list")
+    assert len(node.tokens("@ros2_lv/0/*/0/0/NN/%/%/hexctl")) == 1
+    info = node.info("/tf_static")
     (publisher,) = info.publishers
     assert (publisher.node_name, publisher.node_namespace) == ("hexctl", "/")
     assert publisher.type_hash == type_hash("tf2_msgs/msg/TFMessage")
     assert publisher.qos == ":1:,1:,:,:,,"
-    (stop,) = network[1].info("/hexctl/estop").subscribers
+    (stop,) = node.info("/hexctl/estop").subscribers
     assert stop.type_hash == type_hash(EMPTY)
-
-
-def test_the_node_is_listed(network: tuple[Served, Peer]) -> None:
-    assert len(network[1].tokens("@ros2_lv/0/*/0/0/NN/%/%/hexctl")) == 1
+    assert {one.topic_type for one in node.info("/cmd_vel").subscribers} == {TWIST, TWIST_STAMPED}
 
 
 def test_joints_and_odometry_are_echoed(network: tuple[Served, Peer]) -> None:
     _, node = network
     joints = node.subscribed("/joint_states", ros_cdr.JOINT_STATE)
     poses = node.subscribed("/odom", ros_cdr.ODOMETRY)
-    wait_until(lambda: len(joints) > 50 and len(poses) > 50, "a second of states")
+    wait_until(lambda: len(joints) > 20 and len(poses) > 20, "states")
     assert tuple(joints[-1].name) == JOINT_NAMES
     assert np.isfinite(joints[-1].position).all()
     assert poses[-1].header.frame_id == "odom"
@@ -134,46 +131,92 @@ def test_every_byte_of_an_attachment(network: tuple[Served, Peer]) -> None:
         assert one[17:] == xxhash.xxh3_128_digest(token.encode())[::-1]
 
 
-def test_a_publisher_counts_from_one(network: tuple[Served, Peer]) -> None:
-    session = network[1].session
-    samples: list[Any] = []
-    subscriber = session.declare_subscriber(data_key("imu/data", ros_cdr.IMU), samples.append)
-    wait_until(lambda: samples, "an orientation")
-    subscriber.undeclare()  # type: ignore[no-untyped-call]
-    assert Attachment.unpacked(bytes(samples[0].attachment)).sequence == 1
-    message = decoded(ros_cdr.IMU, bytes(samples[0].payload))
-    assert message.orientation.w == pytest.approx(1.0, abs=0.05)
-    assert message.angular_velocity_covariance[0] == -1
+class Wheel:
+    """Publishes a velocity of one type, as teleop_twist_keyboard or Nav2 do."""
+
+    def __init__(self, node: Peer, kind: str) -> None:
+        self._node, self._kind = node, kind
+        self._publisher = node.publisher("/cmd_vel", kind)
+
+    def say(self, forward: float, turn: float = 0.0) -> None:
+        make = self._node.make
+        linear = make(VECTOR, x=forward, y=0.0, z=0.0)
+        angular = make(VECTOR, x=0.0, y=0.0, z=turn)
+        if self._kind == TWIST:
+            self._publisher.publish(linear=linear, angular=angular)
+            return
+        stamp = make("builtin_interfaces/msg/Time", sec=0, nanosec=0)  # as the newer teleop leaves it
+        header = make("std_msgs/msg/Header", stamp=stamp, frame_id="base_link")
+        self._publisher.publish(header=header, twist=make(TWIST, linear=linear, angular=angular))
+
+    def until(self, condition: Any, what: str, forward: float, turn: float = 0.0) -> None:
+
+        def said() -> bool:
+            self.say(forward, turn)
+            time.sleep(0.05)
+            return bool(condition())
+
+        wait_until(said, what)
 
 
-def test_battery_and_diagnostics_come_once_a_second(network: tuple[Served, Peer]) -> None:
-    _, node = network
-    told = node.subscribed("/diagnostics", telemetry.DIAGNOSTICS)
-    batteries = node.subscribed("/battery_state", ros_cdr.BATTERY_STATE)
-    wait_until(lambda: len(told) > 2 and batteries, "diagnostics")
-    stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in told]
-    assert np.median(np.diff(stamps)) == pytest.approx(1.0, rel=0.3)
-    assert told[-1].status[0].name == "hexctl: robot"
-    assert np.isnan(batteries[-1].voltage)
-
-
-def test_services_say_that_driving_is_off(network: tuple[Served, Peer]) -> None:
-    key = RosEndpoint(RosNode(), Kind.SERVICE, "~/stand", "std_srvs/srv/Trigger", 0).key
-    asked = Attachment(7, 1, bytes(range(16))).packed()
-    replies = list(network[1].session.get(key, payload=b"\0\1\0\0\0", attachment=asked))
+def call(session: zenoh.Session, service: str) -> tuple[bool, str]:
+    """Answer of a service without fields."""
+    key = RosEndpoint(RosNode(), Kind.SERVICE, f"~/{service}", "std_srvs/srv/Trigger", 0).key
+    asked = Attachment(7, time.time_ns(), bytes(range(16))).packed()
+    replies = list(session.get(key, payload=b"\0\1\0\0\0", attachment=asked))
     (sample,) = [reply.ok for reply in replies if reply.ok is not None]
     answered = Attachment.unpacked(bytes(sample.attachment or b""))
     assert (answered.sequence, answered.gid) == (7, bytes(range(16)))
-    assert bytes(sample.payload)[4] == 0
-    assert b"--ros-drive" in bytes(sample.payload)
+    payload = bytes(sample.payload)
+    return bool(payload[4]), payload[12:-1].decode()
+
+
+@pytest.mark.parametrize("kind", [TWIST, TWIST_STAMPED])
+def test_a_velocity_moves_the_robot_and_silence_stops_it(network: tuple[Served, Peer], kind: str) -> None:
+    robot, node = network
+    poses = node.subscribed("/odom", ros_cdr.ODOMETRY)
+    wheel = Wheel(node, kind)
+    wait_until(lambda: poses, "a pose")
+    start = poses[-1].pose.pose.position.x
+    wheel.until(lambda: poses[-1].pose.pose.position.x > start + 0.1, "10 cm of walking", 0.08)
+    wheel.until(lambda: robot.status()["controller"] == "ROS 2", "the lease of ROS", 0.08)
+    fastest = max(one.twist.twist.linear.x for one in poses)
+    assert 0.02 < fastest < 0.4
+    wait_until(lambda: robot.status()["controller"] is None, "the end of the lease")
+    wait_until(lambda: abs(poses[-1].twist.twist.linear.x) < 0.01, "a stand")
+    assert robot.status()["stopped"] is None
 
 
 def test_a_stop_is_always_taken(network: tuple[Served, Peer]) -> None:
     robot, node = network
-    assert robot.status()["stopped"] is None
+    assert call(node.session, "stand") == (True, "standing up")
     node.publisher("/hexctl/estop", EMPTY).publish()
     wait_until(lambda: robot.status()["stopped"] == "estop", "the stop")
     assert robot.status()["ros"]["stops"] == 1
+    assert not call(node.session, "stand")[0]
+    wait_until(lambda: call(node.session, "clear_stop") == (True, "no longer stopped"), "the end of its hold")
+    assert call(node.session, "sit")[0]
+    wait_until(lambda: robot.status()["posture"] == "limp", "a robot that sits")
+
+
+def test_garbage_on_every_topic_moves_nothing(network: tuple[Served, Peer]) -> None:
+    robot, node = network
+    call(node.session, "clear_stop")
+    chance = np.random.default_rng(3)
+    for topic, kind in (
+        ("cmd_vel", TWIST),
+        ("cmd_vel", TWIST_STAMPED),
+        ("robot_joint_command", ros_cdr.JOINT_STATE),
+    ):
+        key = RosEndpoint(RosNode(), Kind.PUBLISHER, topic, kind, 0).key
+        for _ in range(1000):
+            node.session.put(key, b"\0\1\0\0" + chance.bytes(int(chance.integers(0, 40))))
+        node.session.put(key, bytes(200_000))
+    wait_until(lambda: robot.status()["ros"]["malformed"] > 2, "the count")
+    status = robot.status()
+    assert status["controller"] is None
+    assert status["ros"]["commands"] > 0
+    assert status["overruns"] < status["ticks"] / 10
 
 
 def test_a_robot_of_humble_has_humbles_keys_in_its_namespace(tmp_path: Path) -> None:
@@ -212,37 +255,10 @@ def test_a_router_that_goes_and_returns_is_found_again(tmp_path: Path) -> None:
         for times in (1, 2):
             with router(port) as session:
                 hear_joints(session)
+                success, why = call(session, "stand")
+                assert not success
+                assert "--ros-drive" in why
                 wait_until(lambda: robot.said().count("found") >= times, "the line on the router")  # noqa: B023
             wait_until(lambda: not robot.status()["ros"]["connected"], "the loss of the router")
         robot.wait_for("no ROS router at")
         assert robot.status()["overruns"] <= robot.status()["ticks"] // 10
-
-
-def test_a_pose_from_outside_is_in_map(tmp_path: Path) -> None:
-    port = free_port()
-    options = ("--ros", f"tcp/127.0.0.1:{port}")
-    with router(port) as session, served(tmp_path, *options, backend="mock") as robot:
-        frames: dict[str, Any] = {}
-
-        def take(sample: Any) -> None:
-            told = decoded(telemetry.TRANSFORMS, bytes(sample.payload)).transforms
-            frames.update({one.child_frame_id: one for one in told})
-
-        found = session.declare_subscriber(data_key("tf", telemetry.TRANSFORMS), take)
-        wait_until(lambda: frames, "transforms")
-        assert "odom" not in frames
-        with robot_link(Link(endpoint=robot.endpoint)) as end:
-
-            def placed(x_m: float) -> bool:
-                pose = PlanarPose(x_m, -0.5, 0.7)
-                end.publish(pose, 0.12, position_variance_m2=1e-4, yaw_variance_rad2=1e-4)
-                if "odom" not in frames:
-                    return False
-                odom, body = frames["odom"], frames["base_link"]
-                assert (odom.header.frame_id, body.header.frame_id) == ("map", "odom")
-                assert abs(body.transform.translation.x) < 1e-3  # it stands
-                return bool(abs(odom.transform.translation.x - x_m) < 1e-3)
-
-            for x_m in (1.5, 2.5):
-                wait_until(lambda: placed(x_m), f"a map with the robot at {x_m} m")  # noqa: B023
-        found.undeclare()  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""The frames that a pose from outside makes: `map` -> `odom` -> `base_link`, read by a decoder of others."""
+"""Dead reckoning, and the frames of a pose from outside: map -> odom -> base_link."""
 
 from dataclasses import dataclass, field
 
@@ -6,16 +6,72 @@ import numpy as np
 import pytest
 
 from hexctl.robot.formats.urdf import urdf_of
-from hexctl.robot.rotations import about_z, product, turned, yaw_rad
-from hexctl.server.ros.frames import BodyPose
+from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
+from hexctl.server.ros.frames import BodyPose, DeadReckoning
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
-from tests.driven import driven
+from tests.driven import Driven, driven
 from tests.robots import shipped
 from tests.wire.ros.decoding import decoded
+
+ROLLED = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
+START = BodyPose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
+
+
+@pytest.fixture
+def walk() -> Driven:
+    return driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+
+
+def state(walk: Driven, index: int, at_s: float | None = None) -> RobotState:
+    return RobotState(walk.joints_rad[index], walk.times_s[index] if at_s is None else at_s, True)
+
+
+def imu(walk: Driven, index: int) -> FloatArray:
+    """What an IMU measures that began elsewhere, on a body that leans."""
+    return product(about_z(walk.poses[index, 2] + 2.9), ROLLED)
+
+
+def away(walk: Driven) -> complex:
+    """True way from the first to the last place, in the frame of the first."""
+    moved = (walk.poses[-1] - walk.poses[0])[:2] @ np.array([1, 1j])
+    return complex(moved * np.exp(-1j * walk.poses[0, 2]))
+
+
+@pytest.mark.parametrize("with_imu", [True, False])
+def test_a_walk_goes_on_from_where_it_began(walk: Driven, with_imu: bool) -> None:
+    reckoning = DeadReckoning(shipped(), START)
+    poses = [
+        reckoning.update(state(walk, index), imu(walk, index) if with_imu else None)
+        for index in range(len(walk.times_s))
+    ]
+    np.testing.assert_array_equal(poses[0].position_m, START.position_m)
+    np.testing.assert_allclose(poses[0].quaternion, START.quaternion, atol=1e-12)
+    moved = complex(*(poses[-1].position_m - START.position_m)[:2]) * np.exp(-0.4j)
+    assert abs(moved - away(walk)) < 0.06 * abs(away(walk))
+    turned = wrapped_rad(float(yaw_rad(poses[-1].quaternion)) - 0.4)
+    true = walk.poses[-1, 2] - walk.poses[0, 2]
+    assert turned == pytest.approx(true, abs=1e-9 if with_imu else 0.15 * abs(true))
+    steps_m = np.linalg.norm(np.diff([one.position_m for one in poses], axis=0), axis=1)
+    assert steps_m.max() < 0.012
+    rise_m = [one.position_m[2] - START.position_m[2] for one in poses]
+    np.testing.assert_allclose(rise_m, walk.height_m - walk.height_m[0], atol=0.004)
+
+
+@pytest.mark.parametrize("broken", ["angles", "orientation"])
+def test_numbers_that_are_not_finite_leave_the_pose(walk: Driven, broken: str) -> None:
+    reckoning = DeadReckoning(shipped(), START)
+    before = reckoning.update(state(walk, 100), imu(walk, 100))
+    angles, orientation = walk.joints_rad[101].copy(), imu(walk, 101)
+    (angles if broken == "angles" else orientation)[:] = np.nan
+    reckoning.update(RobotState(angles, walk.times_s[101], True), orientation)
+    after = reckoning.update(state(walk, 102), imu(walk, 102))
+    assert np.linalg.norm(after.position_m - before.position_m) < 0.01
+    np.testing.assert_allclose(after.quaternion, before.quaternion, atol=0.02)
+
 
 #: Turn and shift from the frame of the robot's own pose to that of the one from outside.
 SHIFT_M, TURN = np.array([3.0, -1.0, 0.0]), about_z(2.0)
@@ -30,7 +86,6 @@ class Walker:
     messages: RobotMessages = field(default_factory=lambda: RobotMessages(shipped(), urdf_of(shipped())))
     index: int = 0
     has_imu: bool = True
-    wanted: bool = True
     last: RobotSnapshot | None = None
 
     def true_pose(self) -> BodyPose:
@@ -53,15 +108,14 @@ class Walker:
             state, orientation, stopped=None, posture="", controller=None, posed_at_s=posed_at_s
         )
         self.index += 1
-        self.messages.follow(self.last, wanted=self.wanted)
-        return frames(self.messages.moving_frames(self.last)) if self.wanted else {}
+        self.messages.follow(self.last, wanted=True)
+        return frames(self.messages.moving_frames(self.last))
 
     def own(self) -> dict[str, tuple[str, BodyPose]]:
         """Frames after a state with a pose of the robot's own."""
         return self.next(self.true_pose(), None)
 
     def outside(self, jump_m: FloatArray | float = 0.0, *, level: bool = False) -> BodyPose:
-        """Pose from outside, now."""
         true = self.true_pose()
         quaternion = about_z(float(yaw_rad(true.quaternion))) if level else true.quaternion
         return BodyPose(SHIFT_M + turned(TURN, true.position_m) + jump_m, product(TURN, quaternion))
@@ -92,16 +146,6 @@ def in_map(found: dict[str, tuple[str, BodyPose]]) -> BodyPose:
 def same(one: BodyPose, other: BodyPose) -> None:
     np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-6)
     assert abs(one.quaternion @ other.quaternion) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_a_pose_of_its_own_is_in_odom_and_there_is_no_map() -> None:
-    walker = Walker()
-    for _ in range(3):
-        pose = walker.true_pose()
-        found = walker.own()
-        assert "odom" not in found
-        assert found["base_link"][0] == "odom"
-        np.testing.assert_array_equal(found["base_link"][1].numbers, pose.numbers)
 
 
 @pytest.mark.parametrize("has_imu", [True, False])
@@ -149,19 +193,6 @@ def test_while_the_pose_is_lost_map_stays_and_the_legs_go_on() -> None:
     assert np.linalg.norm(found["base_link"][1].position_m - before.position_m) < 0.012
 
 
-def test_between_two_poses_from_outside_the_legs_move_the_body() -> None:
-    walker = Walker(index=80)
-    walker.own()
-    pose = walker.outside()
-    first = walker.posed(pose)
-    for _ in range(5):
-        true = walker.outside()
-        held = walker.next(pose, walker.last.posed_at_s if walker.last else None)
-    np.testing.assert_array_equal(held["odom"][1].numbers, first["odom"][1].numbers)
-    assert np.linalg.norm(in_map(held).position_m - true.position_m) < 0.002
-    assert np.linalg.norm(pose.position_m - true.position_m) > 0.005
-
-
 def test_a_camera_sees_no_roll_and_pitch_which_stay_the_robots_own() -> None:
     walker = Walker(index=60)
     walker.own()
@@ -196,20 +227,3 @@ def test_odometry_is_that_of_dead_reckoning() -> None:
     np.testing.assert_array_equal([at.x, at.y, at.z], found["base_link"][1].position_m)
     assert 0.03 < told.twist.twist.linear.x < 0.3
     assert abs(told.twist.twist.linear.y) < 0.1
-
-
-def test_dead_reckoning_begins_when_it_is_wanted_and_then_never_pauses() -> None:
-    walker, ever = Walker(index=80), Walker(index=80)
-    for each in (walker, ever):
-        each.own()
-    walker.wanted = False
-    walker.posed(walker.outside())
-    assert walker.last is not None
-    assert walker.messages.odometry(walker.last) is None
-    walker.index -= 1
-    walker.wanted = True
-    for wanted in (True, False, False, False, True):
-        walker.wanted = wanted
-        found = walker.posed(walker.outside())
-        always = ever.posed(ever.outside())
-    np.testing.assert_array_equal(found["base_link"][1].numbers, always["base_link"][1].numbers)

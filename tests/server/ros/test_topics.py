@@ -1,22 +1,29 @@
-"""What the topics of a robot say, compared with its own kinematics."""
+"""What the topics and the diagnostics of a robot say, and where it listens beside a ROS router."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
+from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
+from hexctl.server.ros.diagnostics import silent, statuses
+from hexctl.server.ros.ros_options import ENDPOINT_BESIDE_ROUTER, RosOptions
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import TOPICS, RobotMessages, measured_ns, publisher_endpoint
-from hexctl.types import RobotState
+from hexctl.types import N_JOINTS, RobotState, ServoReadings
 from hexctl.wire import ros_cdr
+from hexctl.wire.links import load_link
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.ros_names import RosNode
+from hexctl.wire.ros.telemetry import Level
 from tests.wire.ros.decoding import decoded
 
 ROBOT = load_robot("ant")
-QUATERNION = Rotation.from_euler("zyx", [0.4, 0.1, -0.05]).as_quat()[[3, 0, 1, 2]]
+#: Turned by 0.4, 0.1 and -0.05 rad about z, y and x.
+QUATERNION = np.array([0.978784085054, -0.014542269399, 0.053927616469, 0.197134597238])
 
 
 def snapshot(state: RobotState) -> RobotSnapshot:
@@ -36,6 +43,8 @@ def walking(angles_rad: np.ndarray) -> RobotState:
 
 
 def test_feet_in_tf_are_where_the_kinematics_has_them(messages: RobotMessages) -> None:
+    from scipy.spatial.transform import Rotation
+
     angles_rad = np.random.default_rng(2).uniform(ROBOT.joint_lower_rad, ROBOT.joint_upper_rad)
     shown = snapshot(walking(angles_rad))
     moving = decoded(telemetry.TRANSFORMS, messages.moving_frames(shown)).transforms
@@ -69,6 +78,8 @@ def test_a_robot_that_does_not_know_where_it_is_has_no_odometry(messages: RobotM
 
 
 def test_a_twist_is_in_the_frame_of_the_body(messages: RobotMessages) -> None:
+    from scipy.spatial.transform import Rotation
+
     forward = Rotation.from_quat(QUATERNION[[1, 2, 3, 0]]).apply([0.1, 0.0, 0.0])
     for index in range(10):
         state = RobotState(
@@ -91,22 +102,95 @@ def test_stamps_are_those_of_the_measurement(messages: RobotMessages) -> None:
     assert stamp.sec * 10**9 + stamp.nanosec == 10**18 - 10_000_000
 
 
-def test_an_orientation_that_is_not_known_is_not_sent(messages: RobotMessages) -> None:
-    none = RobotSnapshot(
-        walking(ROBOT.stance_angles_rad), None, stopped=None, posture="idle", controller=None
-    )
+def test_endpoints_have_numbers_of_their_own_and_no_unknown_orientation_is_sent(
+    messages: RobotMessages,
+) -> None:
+    state = walking(ROBOT.stance_angles_rad)
+    none = RobotSnapshot(state, None, stopped=None, posture="idle", controller=None)
     assert messages.imu(none) is None
-
-
-def test_endpoints_have_numbers_of_their_own() -> None:
     endpoints = [publisher_endpoint(RosNode(), topic) for topic in TOPICS]
     assert len({one.entity_id for one in endpoints}) == len(TOPICS)
 
 
-def test_robots_of_two_namespaces_are_told_apart_in_the_diagnostics() -> None:
-    messages = RobotMessages(ROBOT, "", RosNode(namespace="lab/ant").full_name)
-    told = messages.diagnostics(snapshot(walking(ROBOT.stance_angles_rad)))
-    for payload in (told, messages.silence()):
-        assert decoded(telemetry.DIAGNOSTICS, payload).status[0].name == "lab/ant/hexctl: robot"
-    alone = RobotMessages(ROBOT, "", RosNode().full_name).silence()
-    assert decoded(telemetry.DIAGNOSTICS, alone).status[0].name == "hexctl: robot"
+SERVOS = ServoReadings(
+    ages_s=np.zeros(N_JOINTS),
+    efforts=np.zeros(N_JOINTS),
+    currents_a=np.full(N_JOINTS, np.nan),
+    voltages_v=np.full(N_JOINTS, 7.4),
+    temperatures_c=np.full(N_JOINTS, 35.0),
+)
+STATE = RobotState(np.zeros(N_JOINTS), 0.0, True, servos=SERVOS, battery_v=11.1, battery_share=0.5)
+
+
+def told(state: RobotState, stopped: str | None = None) -> RobotSnapshot:
+    return RobotSnapshot(state, orientation=None, stopped=stopped, posture="commanded", controller="me")
+
+
+def test_all_is_well() -> None:
+    robot, *servos = statuses(told(STATE))
+    assert robot.level is Level.OK
+    assert (robot.values["battery (V)"], robot.values["charge (%)"]) == ("11.1", "50")
+    assert len(servos) == N_JOINTS
+    assert servos[3].name == "hexctl: leg2_coxa"
+    assert servos[3].values == {"temperature (C)": "35", "voltage (V)": "7.4", "effort (%)": "0"}
+    assert len(statuses(told(replace(STATE, servos=None)))) == 1
+    assert [one.level for one in silent()] == [Level.STALE]
+
+
+@pytest.mark.parametrize(
+    ("change", "stopped", "level", "word"),
+    [
+        ({"warnings": ("leg 2: low voltage",)}, None, Level.WARN, "low voltage"),
+        ({"age_s": np.inf}, None, Level.STALE, "nothing new"),
+        ({}, "fell", Level.ERROR, "stopped: fell (its body leant too far)"),
+        ({"healthy": False, "fault": "no power"}, None, Level.ERROR, "no power"),
+    ],
+)
+def test_levels_of_a_robot(change: dict[str, object], stopped: str | None, level: Level, word: str) -> None:
+    robot = statuses(told(replace(STATE, **change), stopped))[0]  # type: ignore[arg-type]
+    assert (robot.level, word in robot.message) == (level, True)
+
+
+@pytest.mark.parametrize(
+    ("temperature_c", "age_s", "error", "level"),
+    [
+        (35.0, 0.0, "stale", Level.STALE),
+        (62.0, 0.0, "", Level.WARN),
+        (69.0, 0.0, "", Level.ERROR),
+        (35.0, np.inf, "", Level.STALE),
+        (35.0, 0.0, "overload", Level.ERROR),
+        (np.nan, 0.0, "", Level.OK),
+    ],
+)
+def test_levels_of_a_servo(temperature_c: float, age_s: float, error: str, level: Level) -> None:
+    temperatures, ages = SERVOS.temperatures_c.copy(), SERVOS.ages_s.copy()
+    temperatures[4], ages[4] = temperature_c, age_s
+    stale = np.arange(N_JOINTS) == 4 if error == "stale" else None
+    errors = tuple(error if joint == 4 and stale is None else "" for joint in range(N_JOINTS))
+    servos = replace(SERVOS, temperatures_c=temperatures, ages_s=ages, errors=errors)
+    levels = [
+        status.level for status in statuses(told(replace(STATE, servos=servos, stale_joints=stale)))[1:]
+    ]
+    assert levels == [level if joint == 4 else Level.OK for joint in range(N_JOINTS)]
+
+
+def test_the_default_port_is_left_to_the_router() -> None:
+    assert RosOptions().link_beside_router(load_link()).endpoint == ENDPOINT_BESIDE_ROUTER
+    for endpoint in ("tcp/127.0.0.1:7447", "tcp/0.0.0.0:7447", "tls/localhost:7447"):
+        with pytest.raises(InputError, match="7448"):
+            RosOptions().link_beside_router(load_link(endpoint=endpoint))
+    other = load_link(endpoint="tcp/127.0.0.1:7500")
+    assert RosOptions().link_beside_router(other) == other
+    assert RosOptions(router="tcp/10.0.0.2:7447").link_beside_router(load_link()) == load_link()
+
+
+def test_options_are_checked_when_they_are_given_and_warn_who_may_drive() -> None:
+    with pytest.raises(InputError, match="ros_domain"):
+        RosOptions(domain=999)
+    with pytest.raises(InputError, match="ros"):
+        RosOptions(router="7447")
+    beside, may = RosOptions().warnings(RosOptions().link_beside_router(load_link()))
+    assert "7448" in beside
+    assert "may stop" in may
+    (may,) = RosOptions(drive=True).warnings(load_link(endpoint="tcp/127.0.0.1:7500"))
+    assert "may drive" in may

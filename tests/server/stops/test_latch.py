@@ -1,5 +1,6 @@
 """The latch: every stop has an id, a stop that is repeated is one, and a clear ends what was valid before."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,9 @@ from hexctl.wire.stop import (
     HOLD_S,
     MOST_CLAIMS,
     OTHERS_HOLD_S,
+    REPEATED_WITHIN_S,
     UNNAMED,
+    Clear,
     Stop,
     claim_of,
     new_clear_key,
@@ -196,3 +199,25 @@ def test_a_claim_survives_a_restart(guard: Guard, tmp_path: Path) -> None:
     stop = now(again)
     assert again.clear(stop.stop_id, stop.since_s + 60.0) is not None
     assert again.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None
+
+
+@pytest.mark.parametrize(
+    ("claims", "repeats", "hold_s"),
+    [((), 0, 1.0), ((), 3, 8.0), ((), 6, 60.0), (("a",), 0, 120.0), (("a",), 3, 960.0), (("a",), 4, 960.0)],
+)
+def test_a_stop_holds_twice_as_long_with_each_repetition_up_to_a_bound(
+    claims: tuple[str, ...], repeats: int, hold_s: float
+) -> None:
+    stop = Stop(
+        stop_id="0", reason="fell", since_s=5.0, before_start_s=7.0, by="mia", claims=claims, repeats=repeats
+    )
+    assert stop.hold_s(proved=False) == hold_s
+    assert stop.hold_left_s(6.0, proved=False) == hold_s - 1.0
+    told = stop.to_json(6.0, kept=True)
+    assert (told["since_s"], told["others_in_s"]) == (8.0, hold_s - 1.0)
+    assert told["clear_in_s"] == (0.0 if claims else hold_s - 1.0), "with the keys of its claims"
+    cleared = Clear(stop=stop, by="ben", at_s=10.0)
+    assert cleared.repeats_at(10.0 + REPEATED_WITHIN_S - 0.1) == repeats + 1
+    assert cleared.repeats_at(10.0 + REPEATED_WITHIN_S) == 0
+    assert replace(cleared, proved=True).repeats_at(10.0) == 0
+    assert replace(cleared, stop=replace(stop, by=None)).repeats_at(10.0) == 0

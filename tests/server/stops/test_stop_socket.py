@@ -14,17 +14,95 @@ from typing import Any
 import pytest
 
 from hexctl.control.guard import Guard
-from hexctl.server.stops import stop_socket
+from hexctl.server.stops import datagram_receiver, stop_socket
+from hexctl.server.stops.datagram_receiver import (
+    MOST_CALLS,
+    DatagramReceiver,
+    address_of,
+    bound_socket,
+)
 from hexctl.server.stops.latch import StopLatch
-from hexctl.server.stops.stop_socket import StopSocket
+from hexctl.server.stops.stop_socket import MOST_NONCES, AnsweredNonces, StopSocket, Waiting, sort_datagrams
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
-from hexctl.wire.links import Link, Role
+from hexctl.wire.links import Endpoint, Link, Role
 from hexctl.wire.stop import OTHERS_HOLD_S
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
 from hexctl.wire.stop_secret import SECRET_FILE, find_stop_secret
 from tests.control.posed import connected
 from tests.server.processes import free_port
+
+
+@pytest.mark.parametrize(("host", "at_a_time"), [("127.0.0.1", True), ("[::1]", True), ("127.0.0.1", False)])
+def test_datagrams_come_with_their_senders_and_cut_off_behind_the_longest(host: str, at_a_time: bool) -> None:
+    endpoint = Endpoint.parse(f"tcp/{host}:{free_port()}")
+    with bound_socket(endpoint) as bound, socket.socket(bound.family, socket.SOCK_DGRAM) as client:
+        receiver = DatagramReceiver(bound, 160)
+        if not at_a_time:
+            receiver._receive = None
+        assert not receiver.wait(0.0)
+        assert receiver.take() == []
+        client.connect(bound.getsockname())
+        sent = [b"", b"x", bytes(range(160)), bytes(161), bytes(1000)]
+        for data in sent:
+            client.send(data)
+        assert receiver.wait(10.0)
+        taken = receiver.take()
+        assert [data for data, _ in taken] == [data[:161] for data in sent]
+        assert {address_of(sender) for _, sender in taken} == {client.getsockname()}
+
+
+def test_many_datagrams_come_in_order_and_a_flood_does_not_hold_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(datagram_receiver, "MOST_PER_CALL", 8)
+    with bound_socket(Endpoint.parse(f"tcp/127.0.0.1:{free_port()}")) as bound:
+        receiver = DatagramReceiver(bound, 160)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            for number in range(40):
+                client.sendto(bytes([number]), bound.getsockname())
+        taken = [[data[0] for data, _ in receiver.take()] for _ in range(3)]
+    assert taken == [list(range(8 * MOST_CALLS)), list(range(8 * MOST_CALLS, 40)), []]
+
+
+OPERATOR, STRANGER = ("10.0.0.1", 1), ("10.0.0.2", 2)
+
+
+def test_a_sender_of_a_thousand_does_not_keep_out_another() -> None:
+    waiting = Waiting()
+    waiting.add(b"mine", OPERATOR)
+    for number in range(1000):
+        waiting.add(number.to_bytes(2), STRANGER)
+    first = list(waiting)[:2]
+    assert sorted(first) == [((999).to_bytes(2), STRANGER), (b"mine", OPERATOR)]
+    assert len(list(waiting)) == 1001
+
+
+def test_a_copy_of_a_datagram_waits_once_for_its_first_sender() -> None:
+    waiting = Waiting()
+    waiting.add(b"mine", OPERATOR)
+    waiting.add(b"mine", STRANGER)
+    assert list(waiting) == [(b"mine", OPERATOR)]
+
+
+def test_datagrams_are_sorted_by_their_bytes() -> None:
+    kinds = {kind: StopDatagram(kind=kind, nonce=bytes([kind]) * 8).packed(b"") for kind in Kind}
+    old = StopDatagram(kind=Kind.ASK, nonce=b"answered").packed(b"")
+    answered = AnsweredNonces()
+    answered.add(b"answered")
+    came = [(data, OPERATOR) for data in (*kinds.values(), old, b"short", b"", bytes(160))]
+    stops, questions, foreign = sort_datagrams(came, mark_of(b""), answered)
+    assert list(stops) == [(kinds[Kind.STOP], OPERATOR)]
+    assert list(questions) == [(kinds[Kind.ASK], OPERATOR)]
+    assert foreign == 4
+
+
+def test_many_answered_nonces_take_bounded_space() -> None:
+    answered = AnsweredNonces()
+    for number in range(3 * MOST_NONCES):
+        answered.add(number.to_bytes(8))
+    known = [number.to_bytes(8) in answered for number in range(3 * MOST_NONCES)]
+    assert all(known[-MOST_NONCES:])
+    assert sum(known) <= 2 * MOST_NONCES
+
 
 SECRET = b"\1" * 32
 
@@ -40,26 +118,21 @@ class Bench:
         self.sent = 0
 
     def ask(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: Any) -> StopDatagram:
-        """The answer to a datagram."""
         answer = self.stop_socket.answer(self.datagram(kind, secret, **values))
         assert answer is not None
         return StopDatagram.unpacked(answer, secret)
 
     def datagram(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: Any) -> bytes:
-        """A datagram with a nonce of its own."""
         self.sent += 1
         return StopDatagram(kind=kind, nonce=self.sent.to_bytes(8), **values).packed(secret)
 
 
-def test_an_answer_says_whether_the_robot_measures_its_joints() -> None:
-    bench = Bench()
-    assert not bench.ask().echoed
-    bench.stop_socket = StopSocket(bench.link, "ant", bench.latch, lambda: True, lambda: True)
-    assert bench.ask().echoed
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
 
 
-def test_a_stop_by_datagram_is_asked_for_by_its_host() -> None:
-    bench = Bench()
+def test_a_stop_by_datagram_is_asked_for_by_its_host(bench: Bench) -> None:
     epoch = bench.ask().epoch
     bench.stop_socket.answer(bench.datagram(Kind.STOP, epoch=epoch, request=b"12345678"), "10.0.0.7")
     stop = bench.latch.current()
@@ -71,12 +144,12 @@ def test_a_stop_by_datagram_is_asked_for_by_its_host() -> None:
     assert bench.latch.current() == again, "its session says more"
 
 
-def test_a_question_stops_nothing_and_an_answer_says_how_the_robot_is() -> None:
-    bench = Bench()
+def test_a_question_stops_nothing_and_an_answer_says_how_the_robot_is(bench: Bench) -> None:
     answer = bench.ask()
     assert (answer.kind, answer.robot, answer.stopped, answer.reason) == (Kind.STATE, "ant", False, "")
     assert answer.nonce == (1).to_bytes(8)
     assert answer.at_rest
+    assert not answer.echoed
     assert bench.guard.stopped is None
     bench.guard.stop("expired")
     assert not bench.ask().stopped, "silence is no stop that stays"
@@ -85,10 +158,11 @@ def test_a_question_stops_nothing_and_an_answer_says_how_the_robot_is() -> None:
     stop = bench.latch.current()
     assert stop is not None
     assert (answer.stopped, answer.reason, answer.stop_id.hex()) == (True, "fell", stop.stop_id)
+    bench.stop_socket = StopSocket(bench.link, "ant", bench.latch, lambda: True, lambda: True)
+    assert bench.ask().echoed
 
 
-def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing() -> None:
-    bench = Bench()
+def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing(bench: Bench) -> None:
     guessed = bench.ask(Kind.STOP, epoch=b"x" * 16, request=b"mine    ")
     assert bench.guard.stopped is None
     assert not any(guessed.request), "it was not obeyed, and the answer has the epoch that is"
@@ -107,8 +181,7 @@ def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing() -> None:
     assert bench.guard.stopped is None
 
 
-def test_what_is_not_signed_as_ours_gets_no_answer() -> None:
-    bench = Bench()
+def test_what_is_not_signed_as_ours_gets_no_answer(bench: Bench) -> None:
     epoch = bench.ask().epoch
     state = bench.stop_socket.answer(bench.datagram()) or b""
     for data in (
@@ -171,8 +244,7 @@ def test_a_stop_comes_through_a_flood(flooded_with: str) -> None:
         assert bench.stop_socket.dropped == 0, "the kernel has dropped them"
 
 
-def test_a_repeated_datagram_gets_no_second_answer_and_one_that_asks_again_does() -> None:
-    bench = Bench()
+def test_a_repeated_datagram_gets_no_second_answer_and_one_that_asks_again_does(bench: Bench) -> None:
     with opened(bench) as client:
         stop: dict[str, Any] = {"kind": Kind.STOP, "epoch": bench.latch.epoch, "request": b"mine    "}
         recorded = bench.datagram(**stop)
@@ -205,17 +277,6 @@ def test_of_a_flood_the_stop_and_the_newest_question_are_answered_and_then_it_re
     assert len(rests_s) == 1
 
 
-def test_it_answers_over_a_socket_and_no_more_than_was_asked() -> None:
-    bench = Bench()
-    with opened(bench) as client:
-        asked = bench.datagram()
-        client.send(asked)
-        answer = client.recv(2000)
-    assert len(answer) == len(asked)
-    assert StopDatagram.unpacked(answer, b"").robot == "ant"
-    assert bench.stop_socket.answered == 1
-
-
 def test_certificates_bring_the_secret_and_without_it_it_is_said(tmp_path: Path) -> None:
     make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
     link = Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=tmp_path / "keys")
@@ -238,12 +299,12 @@ def test_a_port_that_is_taken_no_name_and_quic_leave_it_without_and_it_is_said(t
     second = Bench(first.link)
     with first.stop_socket, second.stop_socket:
         assert first.stop_socket.trouble is None
-        assert "cannot be had" in (second.stop_socket.trouble or "")
+        assert "UDP" in (second.stop_socket.trouble or "")
     nowhere = Link(endpoint=f"tls/robot..local:{free_port()}", credentials=tmp_path)
     (tmp_path / SECRET_FILE).write_text("00" * 32, encoding="ascii")
     (tmp_path / SECRET_FILE).chmod(0o600)
     with Bench(nowhere).stop_socket as none:
-        assert "cannot be had" in (none.trouble or "")
+        assert "UDP" in (none.trouble or "")
     quic = Link(endpoint=f"quic/127.0.0.1:{free_port()}", credentials=tmp_path)
     with Bench(quic).stop_socket as none:
         assert "quic" in (none.trouble or "")

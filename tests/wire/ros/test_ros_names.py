@@ -1,14 +1,19 @@
-"""Keys and tokens, compared with the examples of rmw_zenoh's design document."""
+"""Keys, tokens and attachments compared with rmw_zenoh's design document, and which routers are allowed."""
 
+import socket
 from typing import Any
 
 import pytest
 import xxhash
+import zenoh.ext
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from hexctl.errors import InputError
-from hexctl.wire.ros.ros_names import SERVICE_HASHES, Kind, Qos, RosEndpoint, RosNode, dds_type, type_hash
+from hexctl.errors import InputError, MessageError
+from hexctl.wire.links import Endpoint
+from hexctl.wire.ros.endpoints import SIZE, Attachment
+from hexctl.wire.ros.ros_names import SERVICE_HASHES, Kind, Qos, RosEndpoint, RosNode, type_hash
+from hexctl.wire.ros.ros_session import GREETING_S, RouterWatch, check_router
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 ADD_HASH = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a"
@@ -31,20 +36,13 @@ def test_tokens_are_those_of_the_design_document() -> None:
         f"@ros2_lv/2/aac3178e/0/10/MS/%/%/listener/%chatter/std_msgs::msg::dds_::String_/{STRING_HASH}"
         "/::,10:,:,:,,"
     )
+    mangled = chatter(RosNode(namespace="/lab/ant/")).token("1")
+    assert "/MP/%/%lab%ant/hexctl/%lab%ant%chatter/" in mangled
     talker = RosNode(name="talker", domain=2)
     assert chatter(talker).token("8b20").endswith(f"/10/MP/%/%/talker/%chatter/{STRING_OF}/::,7:,:,:,,")
 
 
 STRING_OF = f"std_msgs::msg::dds_::String_/{STRING_HASH}"
-
-
-def test_a_namespace_stands_in_tokens_with_its_slashes_mangled() -> None:
-    token = chatter(RosNode(namespace="/lab/ant/")).token("1")
-    assert "/MP/%/%lab%ant/hexctl/%lab%ant%chatter/" in token
-
-
-def test_a_latched_endpoint_is_transient_local() -> None:
-    assert str(Qos(1, latched=True)) == ":1:,1:,:,:,,"
 
 
 def test_topics_resolve_as_in_ros() -> None:
@@ -102,20 +100,13 @@ def test_hashes_are_those_of_later_distributions_too() -> None:
             assert type_hash(kind) == hashes.hash_rihs01(kind)
 
 
-def test_names_of_types() -> None:
-    assert dds_type("std_srvs/srv/Trigger") == "std_srvs::srv::dds_::Trigger_"
-
-
-@pytest.mark.parametrize("namespace", ["a//b", "1st", "lab ant", "a/%", "a*", "@ros2_lv"])
-def test_a_namespace_that_ros_would_refuse_is_refused(namespace: str) -> None:
-    with pytest.raises(InputError, match="ros_namespace"):
-        RosNode(namespace=namespace)
-
-
-@pytest.mark.parametrize("domain", [-1, 233])
-def test_a_domain_that_ros_would_refuse_is_refused(domain: int) -> None:
-    with pytest.raises(InputError, match="0 to 232"):
-        RosNode(domain=domain)
+def test_a_namespace_or_a_domain_that_ros_would_refuse_is_refused() -> None:
+    for namespace in ("a//b", "1st", "lab ant", "a/%", "a*", "@ros2_lv"):
+        with pytest.raises(InputError, match="ros_namespace"):
+            RosNode(namespace=namespace)
+    for domain in (-1, 233):
+        with pytest.raises(InputError, match="ros_domain"):
+            RosNode(domain=domain)
 
 
 def test_the_identifier_of_an_endpoint_is_the_hash_of_its_token() -> None:
@@ -126,3 +117,45 @@ def test_the_identifier_of_an_endpoint_is_the_hash_of_its_token() -> None:
     assert endpoint.gid("1") == high_first[::-1]
     assert endpoint.gid("1")[:8] == int.from_bytes(high_first[8:], "big").to_bytes(8, "little")
     assert endpoint.gid("1") != endpoint.gid("2")
+
+
+GID = bytes(range(16))
+ONE = Attachment(1, 1_700_000_000_000_000_002, GID)
+
+
+def test_an_attachment_is_what_rmw_zenoh_serializes() -> None:
+    given = (zenoh.ext.Int64(ONE.sequence), zenoh.ext.Int64(ONE.stamp_ns), GID)
+    kind: Any = tuple[zenoh.ext.Int64, zenoh.ext.Int64, bytes]
+    assert len(ONE.packed()) == SIZE == 33
+    assert bytes(zenoh.ext.z_serialize(given)) == ONE.packed()
+    assert zenoh.ext.z_deserialize(kind, zenoh.ZBytes(ONE.packed())) == given
+    assert Attachment.unpacked(ONE.packed()) == ONE
+
+
+@pytest.mark.parametrize(
+    "data", [b"", ONE.packed()[:-1], ONE.packed() + b"\0", ONE.packed()[:16] + bytes(17)]
+)
+def test_anything_else_is_refused(data: bytes) -> None:
+    with pytest.raises(MessageError, match="33"):
+        Attachment.unpacked(data)
+
+
+def test_routers_are_on_tcp_and_beyond_this_computer_only_deliberately() -> None:
+    for text in ("tls/localhost:7447", "tcp/0.0.0.0:7447", "tcp/[::]:7447", "localhost:7447"):
+        with pytest.raises(InputError, match="ros"):
+            check_router(text, insecure=True)
+    with pytest.raises(InputError):
+        check_router("tcp/192.168.1.5:7447", insecure=False)
+    assert check_router("tcp/192.168.1.5:7447", insecure=True).port == 7447
+    assert check_router("tcp/localhost:7447", insecure=False).is_loopback
+
+
+def test_a_router_that_is_not_there_and_one_that_is_none_are_told_apart() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        endpoint = Endpoint.parse(f"tcp/127.0.0.1:{other.getsockname()[1]}")
+        watch = RouterWatch(endpoint)
+        assert watch.trouble(False, 10.0) is None, "it may be a router that has just begun to listen"
+        assert "is no ROS router" in str(watch.trouble(False, 10.0 + GREETING_S))
+    assert "yet" in str(watch.trouble(False, 30.0))
+    assert watch.trouble(True, 40.0) is None
+    assert "any more" in str(watch.trouble(False, 50.0))

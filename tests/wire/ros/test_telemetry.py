@@ -1,12 +1,19 @@
-"""Messages that a robot sends, read by a decoder of others."""
+"""Messages to and from ROS, read by a decoder of others; velocities that are refused."""
+
+import random
 
 import numpy as np
+import pytest
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.msg import get_types_from_msg
 
+from hexctl.errors import MessageError
+from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
+from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
+from tests.server.test_hostile_input import spoiled
 from tests.wire.ros.decoding import decoded
 
 STAMP_NS = 1_700_000_001_000_000_002
@@ -46,10 +53,6 @@ def test_diagnostics() -> None:
     assert [(one.key, one.value) for one in status.values] == [("battery (V)", "11.1")]
 
 
-def test_a_text() -> None:
-    assert decoded(telemetry.STRING, telemetry.encode_string("<robot/>")).data == "<robot/>"
-
-
 def test_an_answer_of_a_trigger() -> None:
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg("bool success\nstring message", "a/msg/Answer"))
@@ -57,3 +60,39 @@ def test_an_answer_of_a_trigger() -> None:
         message = store.types["a/msg/Answer"](success, text)
         payload = telemetry.encode_trigger_answer(success, text)
         assert payload == bytes(store.serialize_cdr(message, "a/msg/Answer"))
+
+
+def twist(kind: str, velocity: FloatArray) -> bytes:
+    """A velocity as a message of a type."""
+    forward, left, turn = velocity.tolist()
+    message = ros_cdr.make(
+        TWIST,
+        linear=ros_cdr.make("geometry_msgs/msg/Vector3", x=forward, y=left, z=7.0),
+        angular=ros_cdr.make("geometry_msgs/msg/Vector3", x=7.0, y=7.0, z=turn),
+    )
+    if kind == TWIST_STAMPED:
+        message = ros_cdr.make(TWIST_STAMPED, header=ros_cdr.header(0, "base_link"), twist=message)
+    return ros_cdr.encode(message)
+
+
+KINDS = pytest.mark.parametrize("kind", [TWIST, TWIST_STAMPED])
+
+
+@KINDS
+def test_a_velocity_is_forward_left_and_turn_and_finite(kind: str) -> None:
+    wanted = np.array([0.1, -0.05, 0.3])
+    np.testing.assert_array_equal(decode_velocity(kind, twist(kind, wanted)), wanted)
+    for bad in (np.nan, np.inf, -np.inf):
+        with pytest.raises(MessageError, match="finite"):
+            decode_velocity(kind, twist(kind, np.array([0.0, 0.0, bad])))
+
+
+@KINDS
+def test_spoiled_messages_are_refused_or_finite(kind: str) -> None:
+    chance, good, refused = random.Random(kind), twist(kind, np.array([0.1, 0.0, 0.0])), 0
+    for _ in range(3000):
+        try:
+            assert np.isfinite(decode_velocity(kind, spoiled(good, chance))).all()
+        except MessageError:
+            refused += 1
+    assert refused > 1000
