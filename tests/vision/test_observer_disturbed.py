@@ -14,7 +14,7 @@ from hexctl.robot.rotations import about_z
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
+from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.tags import MODULES, UNIT_CORNERS, Picture, tag_modules
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observer
@@ -26,16 +26,26 @@ from tests.vision.scenes import FLOOR_CORNERS
 
 pytestmark = pytest.mark.slow
 
+
 ROBOT = load_robot("ant")
+
+
 HERE = Camera(WEBCAM.scaled(960, 540), CAMERA.rotation, CAMERA.position_floor)
+
+
 TAG = tag_on(ROBOT)
+
+
 TAG_HEIGHT_M = ROBOT.standing_height_m + TAG.height_m
+
 
 #: Ticks of 20 ms for each picture, and by how many of them it comes late.
 TICKS, LATE_TICKS = 4, 4
 
+
 #: Greatest step of what is published beyond that of the robot, in m.
 NO_JUMP_M = 0.02
+
 
 #: What is done to a picture, by its number and the true pose in it; None is a picture that never comes.
 Disturbance = Callable[[Picture, int, PlanarPose], Picture | None]
@@ -73,15 +83,12 @@ def filmed() -> Filmed:
     return Filmed(walk, pictures)
 
 
-def followed(
-    filmed: Filmed, disturb: Disturbance, *, legs: bool = True, camera: Camera = HERE, tag: PlacedTag = TAG
-) -> list[Seen]:
+def followed(filmed: Filmed, disturb: Disturbance, *, camera: Camera = HERE) -> list[Seen]:
     """What is published tick by tick, of pictures that come late."""
-    observer = Observer(ROBOT, camera, FLOOR_CORNERS, tag, latency_s=0.02 * LATE_TICKS)
+    observer = Observer(ROBOT, camera, FLOOR_CORNERS, TAG, latency_s=0.02 * LATE_TICKS)
     seen = []
     for tick, at_s in enumerate(filmed.walk.times_s.tolist()):
-        if legs:
-            observer.listen(LegState(at_s, filmed.walk.joints_rad[tick], None, None))
+        observer.listen(LegState(at_s, filmed.walk.joints_rad[tick], None, None))
         taken, found = tick - LATE_TICKS, None
         if taken >= 0 and taken % TICKS == 0:
             picture = disturb(filmed.pictures[taken // TICKS], taken // TICKS, filmed.pose(taken))
@@ -125,10 +132,10 @@ def usual(picture: Picture, _number: int, _pose: PlanarPose) -> Picture:
     return picture
 
 
-def tag_px(pose: PlanarPose, camera: Camera = HERE) -> FloatArray:
+def tag_px(pose: PlanarPose) -> FloatArray:
     """Corners of the robot's tag in the picture, (4, 2)."""
     corners = pose.of_points(0.1 * UNIT_CORNERS)
-    return camera.pixels(np.column_stack([corners, np.full(4, TAG_HEIGHT_M)]))
+    return HERE.pixels(np.column_stack([corners, np.full(4, TAG_HEIGHT_M)]))
 
 
 def unseen(number: int) -> bool:
@@ -146,16 +153,6 @@ def glare(picture: Picture, number: int, pose: PlanarPose) -> Picture:
     return np.asarray(np.clip(picture + cv2.GaussianBlur(light, (0, 0), 4), 0, 255), dtype=np.uint8)
 
 
-def half_covered(picture: Picture, number: int, pose: PlanarPose) -> Picture:
-    """A cable hangs over half of the tag."""
-    if not unseen(number):
-        return picture
-    covered, corners_px = picture.copy(), tag_px(pose)
-    left, right = corners_px[:, 0].min() - 4, corners_px[:, 0].mean()
-    covered[:, int(left) : int(right)] = 90
-    return covered
-
-
 def dropped(picture: Picture, number: int, _pose: PlanarPose) -> Picture | None:
     """Every third picture is lost, and half a second of them at once."""
     return None if number % 3 == 0 or 30 <= number < 36 else picture
@@ -169,13 +166,6 @@ def shadow(picture: Picture, number: int, _pose: PlanarPose) -> Picture:
     return dark
 
 
-def smeared(picture: Picture, number: int, _pose: PlanarPose) -> Picture:
-    """Each other picture is smeared by 12 px, as by a long exposure and a knocked stand."""
-    if number % 2:
-        return picture
-    return np.asarray(cv2.blur(picture, (12, 1)), dtype=np.uint8)
-
-
 def test_undisturbed_it_is_followed(filmed: Filmed) -> None:
     """What disturbances are compared with."""
     seen = followed(filmed, usual)
@@ -185,11 +175,8 @@ def test_undisturbed_it_is_followed(filmed: Filmed) -> None:
     assert jump_m(filmed, seen) < 0.01
 
 
-@pytest.mark.parametrize("disturb", [glare, half_covered])
-def test_a_tag_that_cannot_be_read_for_a_while_makes_no_jump_and_is_told(
-    filmed: Filmed, disturb: Disturbance
-) -> None:
-    seen = followed(filmed, disturb)
+def test_a_tag_that_cannot_be_read_for_a_while_makes_no_jump_and_is_told(filmed: Filmed) -> None:
+    seen = followed(filmed, glare)
     hidden = [one.found for one in seen[int(2.1 * 50) : int(3.4 * 50)] if one.found is not None]
     assert not any(hidden)
     assert sights(seen) == {"seeing", "bridging"}
@@ -198,13 +185,8 @@ def test_a_tag_that_cannot_be_read_for_a_while_makes_no_jump_and_is_told(
     assert seen[-1].estimate.restarts == 0
 
 
-def test_without_legs_the_same_glare_would_lose_it(filmed: Filmed) -> None:
-    """What bridges: a robot that tells nothing is believed to stop."""
-    assert off_m(filmed, followed(filmed, glare, legs=False)) > 0.05
-
-
-@pytest.mark.parametrize("disturb", [dropped, shadow, smeared])
-def test_pictures_that_are_lost_dark_or_smeared_make_no_jump(filmed: Filmed, disturb: Disturbance) -> None:
+@pytest.mark.parametrize("disturb", [dropped, shadow])
+def test_pictures_that_are_lost_or_dark_make_no_jump(filmed: Filmed, disturb: Disturbance) -> None:
     seen = followed(filmed, disturb)
     assert off_m(filmed, seen) < 0.02
     assert jump_m(filmed, seen) < NO_JUMP_M
@@ -247,22 +229,6 @@ def with_tag(picture: Picture, number: int, pose: PlanarPose) -> Picture:
     covers = cv2.warpPerspective(np.full_like(large, 255), turn, size) > 127
     soft = cv2.GaussianBlur(np.where(covers, drawn, picture), (0, 0), 0.7)
     return np.where(cv2.dilate(covers.astype(np.uint8), np.ones((3, 3))) > 0, soft, picture).astype(np.uint8)
-
-
-def test_of_two_robots_each_is_followed_by_its_own_number(filmed: Filmed) -> None:
-    """The other one walks beside it, 25 cm away, by the same legs."""
-    aside = PlanarPose(0.0, 0.25, 0.0)
-
-    def both(picture: Picture, _number: int, pose: PlanarPose) -> Picture:
-        return with_tag(picture, 11, pose.after(aside))
-
-    seen = followed(filmed, both)
-    assert share_found(seen) > 0.95
-    assert off_m(filmed, seen) < 0.012
-    other = followed(filmed, both, tag=PlacedTag(11, 0.1, aside, TAG.height_m))
-    assert share_found(other) > 0.95
-    assert off_m(filmed, other) < 0.015
-    assert max(jump_m(filmed, seen), jump_m(filmed, other)) < NO_JUMP_M
 
 
 def test_a_second_tag_with_the_same_number_draws_no_robot_away(filmed: Filmed) -> None:

@@ -1,0 +1,390 @@
+"""A rendered camera: its pictures, faults, delivery, and the robot that it follows."""
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.robot.loader import load_robot
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import FloatArray
+from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.lens import Lens, save_lens
+from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
+from hexctl.vision.detection.tags import SeenTag, TagFinder
+from hexctl.vision.twin import posture_history
+from hexctl.vision.twin.camera_faults import CameraFault, CameraFaults, parse_camera_fault, with_hand
+from hexctl.vision.twin.delivery import Delivery, TakenPicture
+from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_robot
+from hexctl.vision.twin.rendering import CameraFlaws
+from hexctl.vision.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
+from hexctl.vision.twin.twin_options import parse_point
+from hexctl.vision.video.video_source import VideoSource, open_video
+from hexctl.waiting import wait_for
+from hexctl.wire.links import Link
+from tests.server.processes import Served, free_port, served
+from tests.vision.feeding import plain
+from tests.vision.scenes import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, scene, standing, tag_on
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("moved:0.05,0,-0.1@10", CameraFault(kind="moved", at_s=10, values=(0.05, 0, -0.1))),
+        ("turned:-2.5", CameraFault(kind="turned", values=(-2.5,))),
+        ("covered:2@0.5", CameraFault(kind="covered", at_s=0.5, values=(2.0,))),
+    ],
+)
+def test_a_fault_is_understood(text: str, fault: CameraFault) -> None:
+    assert parse_camera_fault(text) == fault
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "moved", "moved:1,2", "moved:1,2,3@", "turned:nan", "covered:0@1", "covered:2@-1", "fogged:1"],
+)
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="fault"):
+        parse_camera_fault(text)
+
+
+def test_a_camera_stands_still_until_it_is_moved_and_turned() -> None:
+    faults = CameraFaults((parse_camera_fault("moved:0.1,0,0.2@5"), parse_camera_fault("turned:90@6")))
+    assert faults.camera(CAMERA, 4.9) == CAMERA
+    moved = faults.camera(CAMERA, 5.0)
+    assert np.allclose(moved.position_floor, CAMERA.position_floor + np.array([0.1, 0, 0.2]))
+    assert (moved.rotation == CAMERA.rotation).all()
+    turned = faults.camera(CAMERA, 6.0)
+    assert np.allclose(CAMERA.rotation[:2, 2] @ turned.rotation[:2, 2], 0)
+    assert turned.rotation[1, 2] > 0  # from ahead to the left
+    assert turned.tilt_rad == pytest.approx(CAMERA.tilt_rad)
+
+
+def test_a_hand_is_over_the_tag_for_as_long_as_asked() -> None:
+    faults = CameraFaults((parse_camera_fault("covered:2@3"),))
+    assert [faults.cover(at_s) for at_s in (2.9, 3.0, 4.9, 5.0)] == [False, True, True, False]
+
+
+@pytest.mark.slow
+def test_a_covered_tag_is_not_seen_and_the_others_are() -> None:
+    robot = load_robot("ant")
+    posture = standing(robot, PlanarPose(0.2, -0.1, 0.5))
+    with scene(flaws=CameraFlaws()) as renderer:
+        picture = renderer.draw_color(posture)
+        covered = with_hand(picture, CAMERA, posture, tag_on(robot))
+    finder = TagFinder()
+    assert ROBOT_TAG in finder.search(picture[..., 1].copy(), thorough=True)
+    assert set(finder.search(covered[..., 1].copy(), thorough=True)) == set(FLOOR_TAGS)
+
+
+def brightness(jpeg: bytes) -> int:
+    return round(
+        float(np.mean(np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE))))
+    )
+
+
+def test_pictures_arrive_in_order_and_none_before_it_is_due() -> None:
+    arrived: list[tuple[int, float]] = []
+    delivery = Delivery(lambda jpeg: arrived.append((brightness(jpeg), time.monotonic())))
+    began_s = time.monotonic()
+    due_s = [began_s + 0.1 + 0.02 * number for number in range(8)]
+    for number, due_at_s in enumerate(due_s):
+        delivery.send(TakenPicture(partial(plain, 10 * number), began_s, due_at_s))
+    wait_for(lambda: len(arrived) == 8, 10, "not all pictures arrived")
+    delivery.close()
+    assert [bright for bright, _ in arrived] == [10 * number for number in range(8)]
+    assert all(at_s >= due_at_s for (_, at_s), due_at_s in zip(arrived, due_s, strict=True))
+    assert delivery.delivered == 8
+    assert delivery.latency_s >= sum(due_s) - 8 * began_s
+
+
+def test_a_picture_that_takes_too_long_is_late() -> None:
+    arrived: list[bytes] = []
+    delivery = Delivery(arrived.append)
+    now_s = time.monotonic()
+    delivery.send(TakenPicture(lambda: plain(0), now_s - 1, now_s - 0.5))
+    wait_for(lambda: arrived, 10, "no picture arrived")
+    delivery.close()
+    assert delivery.late == 1
+
+
+def test_what_is_on_its_way_at_the_end_is_lost() -> None:
+    arrived: list[bytes] = []
+    delivery = Delivery(arrived.append)
+    delivery.send(TakenPicture(lambda: plain(0), 0.0, time.monotonic() + 3600))
+    delivery.close()
+    assert arrived == []
+
+
+HERE = standing(load_robot("ant"), PlanarPose(0.1, 0, 0))
+
+
+@pytest.mark.slow
+def test_noise_is_as_strong_as_asked() -> None:
+    with scene(flaws=CameraFlaws(noise=5, blur_px=0)) as renderer:
+        first, second = (renderer.draw_color(HERE).astype(float) for _ in range(2))
+    assert (first - second)[:100].std() == pytest.approx(5 * np.sqrt(2), rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_long_exposure_smears_a_robot_that_moved_and_not_the_floor() -> None:
+    there = standing(load_robot("ant"), PlanarPose(0.2, 0, 0))
+    with scene(flaws=CameraFlaws(noise=0, exposure_s=0.02)) as renderer:
+        renderer.draw(HERE)
+        smeared = renderer.draw(there).astype(int)
+        still = renderer.draw(there).astype(int)
+    assert abs(smeared - still).max() > 50
+    assert (smeared[500:] == still[500:]).all()
+
+
+@pytest.mark.slow
+def test_a_shadow_wanders() -> None:
+    with scene(flaws=CameraFlaws(noise=0, shadow=0.6)) as renderer:
+        dark = [renderer.draw(HERE, at_s)[600].argmin() for at_s in (0.0, 1.0)]
+        assert renderer.draw(HERE, 0.0)[600].min() < 0.5 * renderer.draw(HERE, 0.0)[600].max()
+    assert dark[1] > dark[0] + 100
+
+
+@pytest.mark.slow
+def test_a_fisheye_is_drawn_as_it_sees() -> None:
+    matrix = np.array([[640.0, 0, 640], [0, 640, 360], [0, 0, 1]])
+    bends = np.array([-0.02, 0.004, 0, 0])
+    fisheye = Lens(width_px=1280, height_px=720, matrix=matrix, model="equidistant", distortion=bends)
+    camera = Camera.looking(fisheye, np.array([-1.0, 0.0, 1.2]), np.zeros(3))
+    with scene(camera, CameraFlaws(noise=0)) as renderer:
+        found = TagFinder().search(renderer.draw(HERE), thorough=True)
+    assert {0, 1, 3} <= set(found)
+    for tag_id in (0, 1, 3):
+        seen = tag_pose(camera, found[tag_id].corners_px, 0.0)
+        assert seen is not None
+        assert (
+            np.hypot(seen.pose.x_m - FLOOR_TAGS[tag_id].pose.x_m, seen.pose.y_m - FLOOR_TAGS[tag_id].pose.y_m)
+            < 0.003
+        )
+
+
+def test_a_lens_that_sees_too_much_is_refused() -> None:
+    matrix = np.array([[200.0, 0, 640], [0, 200, 360], [0, 0, 1]])
+    wide = Lens(width_px=1280, height_px=720, matrix=matrix, model="equidistant", distortion=np.zeros(4))
+    with pytest.raises(InputError, match="narrower"), scene(Camera.looking(wide, np.ones(3), np.zeros(3))):
+        pass
+
+
+JOINTS = np.arange(18.0)
+
+
+def turned(yaw_rad: float) -> FloatArray:
+    return np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
+
+
+def test_between_two_states_it_is_between_them() -> None:
+    history = PostureHistory()
+    history.add_joints(1.0, JOINTS)
+    history.add_joints(1.02, JOINTS + 0.2)
+    history.add_truth(1.0, np.array([0.0, 1.0, 0.1]), turned(0.1))
+    history.add_truth(1.02, np.array([0.1, 1.0, 0.1]), -turned(0.2))  # the same orientation as turned(0.2)
+    posture = history.at(1.005)
+    assert posture is not None
+    assert posture.position_floor == pytest.approx([0.025, 1.0, 0.1])
+    assert posture.quaternion_floor == pytest.approx(turned(0.125), abs=1e-5)
+    assert posture.joint_positions_rad == pytest.approx(JOINTS + 0.05)
+
+
+def test_before_and_after_all_states_it_is_the_nearest() -> None:
+    history = PostureHistory()
+    for number in range(KEPT + 50):
+        history.add_joints(number / 50, JOINTS)
+        history.add_truth(number / 50, np.array([number, 0.0, 0.1]), turned(0))
+    early, late = history.at(0.0), history.at(1e6)
+    assert early is not None
+    assert late is not None
+    assert (early.position_floor[0], late.position_floor[0]) == (50, KEPT + 49)
+    assert history.newest_at_s == (KEPT + 49) / 50
+
+
+def test_without_both_joints_and_truth_there_is_no_posture() -> None:
+    history = PostureHistory()
+    history.add_truth(1.0, np.zeros(3), turned(0))
+    assert history.at(1.0) is None
+    assert history.newest_at_s is None
+    history.add_joints(1.1, JOINTS)
+    assert history.at(1.0) is not None
+
+
+@pytest.mark.realtime
+def test_a_robot_that_is_not_simulated_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(posture_history, "FIRST_TRUTH_S", 0.5)
+    with (
+        served(tmp_path, backend="mock") as robot,
+        pytest.raises(RobotFaultError, match="ant"),
+        followed_robot(Link(endpoint=robot.endpoint)),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"fps": 0.5}, "fps"),
+        ({"latency_ms": -1.0}, "latency_ms"),
+        ({"noise": float("nan")}, "noise"),
+        ({"drop": 1.5}, "drop"),
+        ({"size_px": (10, 10)}, "size_px"),
+        ({"position_m": (0.0, 0.0, 0.0)}, "position_m"),
+        ({"position_m": (0.0, 0.0, 1.0), "look_at_m": (0.0, 0.0, 1.0)}, "position_m"),
+        ({"faults": ("fogged",)}, "fault"),
+        ({"http_port": 70_000}, "http_port"),
+    ],
+)
+def test_an_option_that_is_not_allowed_is_refused(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        TwinCamera(**options)
+
+
+def test_the_lens_is_a_webcams_one_of_its_size_or_that_of_a_file(tmp_path: Path) -> None:
+    assert TwinCamera().camera() == CAMERA
+    assert TwinCamera(size_px=(640, 360)).camera().lens == WEBCAM.scaled(640, 360)
+    other = TwinCamera(size_px=(640, 480)).camera().lens
+    assert (other.width_px, other.height_px) == (640, 480)
+    assert not other.distortion.any()
+    save_lens(WEBCAM, tmp_path / "lens.yaml")
+    assert TwinCamera(lens=tmp_path / "lens.yaml").camera() == CAMERA
+    with pytest.raises(InputError, match="same shape"):
+        TwinCamera(lens=tmp_path / "lens.yaml", size_px=(640, 480)).camera()
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("robot"), backend="sim") as running:
+        yield running
+
+
+class Running:
+    """A camera in a thread.
+
+    Attributes:
+        url: of its pictures.
+        said: events that it told.
+        report: what it managed, at its end.
+    """
+
+    def __init__(self, options: TwinCamera) -> None:
+        self.said: list[str] = []
+        self.report: TwinReport | None = None
+        self.url = ""
+        self._over = threading.Event()
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, args=(options,))
+        self._thread.start()
+        wait_for(lambda: self.url or not self._thread.is_alive(), 30, "the camera never began")
+        self._raise()
+
+    def _run(self, options: TwinCamera) -> None:
+        try:
+            self.report = options.run(self._over.is_set, on_started=self._started, on_event=self.said.append)
+        except Exception as error:  # noqa: BLE001  raised again where the test sees it
+            self._error = error
+
+    def _started(self, started: TwinStarted) -> None:
+        assert started.robot == "ant"
+        self.url = started.url
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    def end(self) -> None:
+        """End it; raises what it raised."""
+        self._over.set()
+        self._thread.join()
+        self._raise()
+
+
+@contextmanager
+def running(**options: Any) -> Iterator[Running]:
+    """A camera, until the block ends."""
+    camera = Running(TwinCamera(fps=10, **options))
+    try:
+        yield camera
+    finally:
+        camera.end()
+
+
+def tags(source: VideoSource) -> dict[int, SeenTag]:
+    """Tags in the next picture; none without a picture."""
+    frame = source.read(10)
+    return {} if frame is None else TagFinder().search(frame.gray(), thorough=True)
+
+
+@pytest.mark.realtime
+def test_it_shows_the_robot_where_it_truly_is(robot: Served) -> None:
+    with (
+        followed_robot(Link(endpoint=robot.endpoint)) as (model, history),
+        running(connect=robot.endpoint, robot="ant") as camera,
+        open_video(camera.url) as source,
+    ):
+        found = wait_for(
+            lambda: seen if {*FLOOR_TAGS, ROBOT_TAG} == set(seen := tags(source)) else None,
+            30,
+            "not all tags were seen",
+        )
+        truth = history.at(history.newest_at_s or 0.0)
+    assert truth is not None
+    height_m = float(truth.position_floor[2]) + tag_on(model).height_m
+    seen = tag_pose(CAMERA, found[ROBOT_TAG].corners_px, height_m)
+    assert seen is not None
+    assert (seen.pose.x_m, seen.pose.y_m) == pytest.approx(truth.position_floor[:2], abs=0.005)
+    assert abs(wrapped_rad(seen.pose.yaw_rad - float(yaw_rad(truth.quaternion_floor)))) < 0.02
+    report = camera.report
+    assert report is not None
+    assert report.delivered > 0
+    assert report.latency_s is not None
+    assert report.latency_s >= 0.0799
+    assert report.drawn >= report.delivered + report.dropped
+
+
+@pytest.mark.realtime
+def test_pictures_that_are_lost_are_counted(robot: Served) -> None:
+    with (
+        running(connect=robot.endpoint, drop=1.0) as camera,
+        pytest.raises(RobotFaultError, match="no video comes"),
+    ):
+        open_video(camera.url)
+    assert camera.report is not None
+    assert camera.report.dropped == camera.report.drawn > 0
+    assert camera.report.to_dict()["latency_ms"] is None
+
+
+@pytest.mark.realtime
+def test_a_robot_that_falls_silent_is_told(tmp_path: Path) -> None:
+    with served(tmp_path, backend="sim") as robot, running(connect=robot.endpoint) as camera:
+        robot.end()
+        wait_for(lambda: camera.said, 10, "the silence was never told")
+        with open_video(camera.url) as source:
+            wait_for(lambda: ROBOT_TAG in tags(source), 30, "the robot is not shown any more")
+
+
+@pytest.mark.realtime
+def test_a_port_in_use_and_a_place_without_a_robot_are_said(robot: Served) -> None:
+    with running(connect=robot.endpoint) as camera:
+        port = int(camera.url.split(":")[2].split("/")[0])
+        with pytest.raises(RobotFaultError, match=f"http_port: got {port}"):
+            Running(TwinCamera(connect=robot.endpoint, http_port=port))
+    with pytest.raises(RobotFaultError, match="nothing listens"):
+        Running(TwinCamera(connect=f"tcp/127.0.0.1:{free_port()}"))
+
+
+def test_a_point_is_three_numbers() -> None:
+    assert parse_point("-1.63,0,1.63") == (-1.63, 0.0, 1.63)
+    for text in ("1,2", "1,2,3,4", "x,y,z", "nan,0,1", "1000,0,1", ""):
+        with pytest.raises(ValueError, match="X,Y,Z"):
+            parse_point(text)
