@@ -1,4 +1,4 @@
-"""What is drawn about a walk: gait diagram, ribbon, support polygon, centre of gravity, guard and events."""
+"""What is drawn about a walk: gait, ribbon, support, servos, guard, events and failures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,13 +10,18 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import COLUMN_NAMES, TickLog
+from hexctl.control.table import ServoRows
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.ik.legs import foot_positions_body
 from hexctl.ik.support_polygon import centre_of_mass_body, support, to_world
+from hexctl.palette import TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.recording import Recording
+from hexctl.runs.run import Run, RunResult, run
+from hexctl.runs.run_spec import spec_of
+from hexctl.types import FloatArray, ServoReadings
 from tests.recording.conftest import ReadBack, Trial, make_plan, write
 from tests.robots import shipped
 
@@ -71,16 +76,6 @@ def test_the_gait_diagram_says_what_is_commanded_and_what_else_is_felt(read: Rea
             assert told == other[row - 4 : row + 1].all()
 
 
-def test_without_contacts_the_gait_diagram_is_as_commanded(trial: Trial, tmp_path: Path) -> None:
-    log = rewritten(trial)
-    log.contacts_known = False
-    read = recorded(trial, log, tmp_path / "unfelt.rrd")
-    drawn = np.array(lane(read, paths.gait_path(2), len(log)))[log["phase"] == WALK]
-    np.testing.assert_array_equal(drawn == style.SWING, commanded_swing(trial)[:, 1])
-    assert set(drawn) == {style.STANCE, style.SWING}
-    assert read.values(f"/{paths.foot_path(2)}", "Points3D:colors")[0] == [style.packed(style.UNFELT_COLOR)]
-
-
 def test_polygon_and_centre_of_gravity_are_those_of_the_measured_robot(read: ReadBack, trial: Trial) -> None:
     log, robot = trial.log, trial.robot
     rows = np.arange(0, len(log), 5)
@@ -99,19 +94,9 @@ def test_polygon_and_centre_of_gravity_are_those_of_the_measured_robot(read: Rea
     assert colors == [steady if margin > 0 else unsteady for margin in found.margin_m]
 
 
-def test_the_margin_is_negative_where_the_centre_is_outside(read: ReadBack) -> None:
-    margins = [value[0] for value in read.values(f"/{paths.MARGIN}", "Scalars:scalars")]
-    assert min(margins) < 0 < max(margins) < shipped().stance_radius_m
-
-
 def test_stability_is_the_share_of_the_walk(trial: Trial, tmp_path: Path) -> None:
-    """A robot without a foot on the floor never stands, one with all of them always."""
-    felt = np.zeros((len(trial.log), 6), dtype=bool)
-    read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "flying.rrd")
-    assert read.values("/__properties/trial", "stability") == [[0.0]]
-    felt[:] = True
-    read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "standing.rrd")
-    assert read.values("/__properties/trial", "stability") == [[1.0]]
+    """A robot without a foot on the floor does not stand, one with all of them does."""
+    felt = np.ones((len(trial.log), 6), dtype=bool)
     walk = np.flatnonzero(trial.log["phase"] == WALK)
     felt[walk[: walk.size // 4]] = False
     read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "both.rrd")
@@ -151,7 +136,7 @@ def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_
     assert "clipped: leg2_femur" in told
     happened = np.round(read.times_s(f"/{paths.EVENTS}", "TextLog:text") * 50).astype(int).tolist()
     assert (90, "noticed: leg 5 locked") in zip(happened, told, strict=True)
-    assert "missed 3 ticks: the one before took too long" in told
+    assert any(text.startswith("missed 3 ticks") for text in told)
     assert [text for text in told if text.endswith("begins")] == [f"{phase} begins" for phase in PHASES]
     assert told[-1] == "trial over, ok"
 
@@ -196,10 +181,8 @@ def test_only_what_went_wrong_is_an_error(trial: Trial, tmp_path: Path) -> None:
     no_pose = {"deviation": None, "distance_m": None}
     cases: list[tuple[dict[str, Any], str, bool]] = [
         ({"status": "ok", **no_pose}, "INFO", False),
-        ({"status": "cut_short"}, "INFO", False),
         ({"status": "no_progress"}, "WARN", False),
         ({"status": "aborted", "stopped": "requested"}, "INFO", False),
-        ({"status": "aborted", "stopped": "estop"}, "ERROR", True),
         ({"status": "fell"}, "ERROR", True),
     ]
     for number, (changes, level, stopped) in enumerate(cases):
@@ -261,3 +244,149 @@ def test_the_velocity_of_a_steered_walk_is_drawn_and_an_open_loop_walk_has_none(
     np.testing.assert_allclose(drawn, velocity[40::5], atol=1e-4)
     vectors = np.array(steered.values(arrows, "Arrows3D:vectors")).reshape(-1, 3)
     np.testing.assert_allclose(vectors, [[0.3, -0.04, 0.0]] * len(drawn), atol=1e-3)
+
+
+BROKEN_S, HEALED_S = 3.0, 6.0
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    """A leg goes limp in mid-walk and heals, and the walk recovers both times."""
+    broken: dict[str, Any] = {"failure": f"2:limp@{BROKEN_S}", "heal": [f"2@{HEALED_S}"]}
+    path = tmp_path_factory.mktemp("failing") / "a.rrd"
+    return run(gait="tripod", duration_s=13.0, policy="glide", record=str(path), **broken)
+
+
+@pytest.fixture(scope="module")
+def failing(walked: RunResult) -> ReadBack:
+    assert walked.recording is not None
+    return ReadBack(walked.recording)
+
+
+def timed(failing: ReadBack, path: str, component: str) -> Any:
+    """Values with their times in the walk."""
+    times = failing.times_s(f"/{path}", component, paths.WALK_TIMELINE)
+    return list(zip(times.tolist(), failing.values(f"/{path}", component), strict=True))
+
+
+def test_events_have_the_times_of_the_summary(walked: RunResult, failing: ReadBack) -> None:
+    noticed, healed = walked.trial.noticed
+    said = {value[0]: time for time, value in timed(failing, paths.EVENTS, "TextLog:text")}
+    assert said["world: leg 2 limp"] == pytest.approx(BROKEN_S)
+    assert said["world: leg 2 whole again"] == pytest.approx(HEALED_S)
+    assert said["noticed: leg 2 limp, by following"] == pytest.approx(noticed.at_s)
+    assert said["noticed: leg 2 follows again"] == pytest.approx(healed.at_s)
+    assert said[f"policy: {healed.did}"] == pytest.approx(healed.at_s)
+    assert said["walk begins"] == 0
+
+
+def test_lanes_tell_what_is_broken_and_what_was_noticed(walked: RunResult, failing: ReadBack) -> None:
+    noticed, healed = (one.at_s for one in walked.trial.noticed)
+    broken = [(pytest.approx(time), [state]) for time, state in (
+        (0, style.WHOLE), (BROKEN_S, "broken: leg 2 limp"), (HEALED_S, style.WHOLE)
+    )]  # fmt: skip
+    believed = [(pytest.approx(time), [state]) for time, state in (
+        (0, style.WATCHING), (noticed, "noticed: leg 2 limp"), (healed, style.WATCHING)
+    )]  # fmt: skip
+    assert timed(failing, paths.BROKEN, "StateChange:state") == broken
+    assert timed(failing, paths.NOTICED, "StateChange:state") == believed
+    states = [state for _, (state,) in (*broken, *believed)]
+    assert {*states} <= {*style.LANE_COLORS}, "each has a colour"
+    assert style.label_of("broken: leg 2 limp") == "leg 2 limp"
+
+
+def test_a_leg_is_red_while_it_is_broken_and_marked_while_it_is_noticed(
+    walked: RunResult, failing: ReadBack
+) -> None:
+    noticed, healed = (one.at_s for one in walked.trial.noticed)
+    whole, failed = (style.packed(colors["tibia"]) for colors in (style.LINK_COLORS, style.FAILED_COLORS))
+    colors = timed(failing, paths.link_path(2, "tibia"), "Capsules3D:colors")
+    assert [(round(time, 6), *color) for time, color in colors] == [
+        (0, whole), (BROKEN_S, failed), (HEALED_S, whole)
+    ]  # fmt: skip
+    assert len(timed(failing, paths.link_path(3, "tibia"), "Capsules3D:colors")) == 1
+    labels = timed(failing, paths.foot_path(2), "Points3D:labels")
+    assert [(round(time, 6), label) for time, label in labels] == [(BROKEN_S, ["leg 2 limp"]), (HEALED_S, [])]
+    marks = timed(failing, paths.noticed_path(2), "Points3D:labels")
+    shown = [
+        timed(failing, paths.label_path(path(2)), "Points3D:labels")
+        for path in (paths.foot_path, paths.noticed_path)
+    ]
+    assert shown == [labels, marks], "labels are those of foot and mark, in the colour of texts"
+    texts = failing.values(f"/{paths.label_path(paths.noticed_path(2))}", "Points3D:colors")
+    assert texts == [[style.packed(TEXT_COLOR)], []]
+    assert [(round(time, 6), label) for time, label in marks] == [
+        (round(noticed, 6), ["noticed: limp"]), (round(healed, 6), [])
+    ]  # fmt: skip
+
+
+def test_the_evidence_rises_to_an_alarm_when_the_leg_is_noticed(walked: RunResult, failing: ReadBack) -> None:
+    noticed = walked.trial.noticed[0].at_s
+    times, drawn = zip(*timed(failing, paths.SUSPICION, "Scalars:scalars"), strict=True)
+    evidence, at = np.array(drawn), np.array(times)
+    assert evidence.shape[1] == 7
+    assert (evidence[:, 6] == 1).all()
+    alarm = evidence[np.isclose(at, noticed)]
+    assert alarm.size
+    assert alarm[0, 1] > 1
+    assert evidence[at < BROKEN_S, :6].max() < 1
+
+
+def test_blocks_give_the_same_tracks_of_failures(
+    walked: RunResult, failing: ReadBack, tmp_path: Path
+) -> None:
+    connected = Run(spec_of({"gait": "tripod", "duration_s": 13.0}))
+    with Recording(tmp_path / "b.rrd", connected.robot, connected.plan, title="blocks") as recording:
+        for start in range(0, len(walked.log), 60):
+            recording.write_block(walked.log, start, min(start + 60, len(walked.log)))
+    blocks = ReadBack(tmp_path / "b.rrd")
+    whole, parts = failing.temporal(), blocks.temporal()
+    for name in whole:
+        if (
+            "failures" in name[0]
+            or "noticed" in name[0]
+            or name[1] in ("Capsules3D:colors", "Points3D:labels")
+        ):
+            assert parts[name] == whole[name], name
+
+
+def test_a_walk_that_watches_no_legs_has_no_lane_of_what_it_noticed(trial: Trial, tmp_path: Path) -> None:
+    failing = ReadBack(write(tmp_path / "a.rrd", trial))
+    assert timed(failing, paths.BROKEN, "StateChange:state") == [(0, ["broken: leg 5 locked"])]
+    assert not timed(failing, paths.NOTICED, "StateChange:state")
+    assert not timed(failing, paths.SUSPICION, "Scalars:scalars")
+
+
+UNKNOWN = np.full(18, np.nan)
+
+
+def _readings(second: int) -> ServoReadings:
+    """Servos that get warmer by a degree in a second; the last one tells nothing, and none its current."""
+    temperatures_c: FloatArray = np.arange(30.0, 48.0) + second
+    temperatures_c[-1] = np.nan
+    return ServoReadings(
+        ages_s=np.full(18, 0.016),
+        efforts=UNKNOWN,
+        currents_a=UNKNOWN,
+        voltages_v=np.full(18, 11.75),
+        temperatures_c=temperatures_c,
+    )
+
+
+def _with_servos(trial: Trial) -> Trial:
+    log = TickLog()
+    log.extend({name: trial.log[name] for name in COLUMN_NAMES})
+    log.frame, log.contacts_known = trial.log.frame, trial.log.contacts_known
+    log.servo_rows = ServoRows((row, _readings(row // 50)) for row in range(0, len(log), 50))
+    return replace(trial, log=log)
+
+
+def test_temperatures_and_voltages_are_drawn_once_a_second(trial: Trial, tmp_path: Path) -> None:
+    with_servos = _with_servos(trial)
+    read = ReadBack(write(tmp_path / "servos.rrd", with_servos, block_ticks=70))
+    drawn = np.array(read.values(f"/{paths.TEMPERATURES}", "Scalars:scalars"), dtype=float)
+    wanted = np.stack([servos.temperatures_c for _, servos in with_servos.log.servo_rows])
+    np.testing.assert_allclose(drawn, wanted, atol=1e-2)
+    seconds = read.times_s(f"/{paths.VOLTAGES}", "Scalars:scalars")
+    np.testing.assert_allclose(seconds, np.arange(len(wanted)), atol=1e-9)
+    assert read.values(f"/{paths.CURRENTS}", "Scalars:scalars") == []

@@ -166,20 +166,6 @@ def test_each_tag_is_on_its_page_upright_and_in_its_size(paper: Any) -> None:
     assert steps_mm == pytest.approx(1000 * SQUARE_M, abs=0.1)
 
 
-def test_around_each_tag_a_module_is_white() -> None:
-    first, second, *_ = pages(Sheet())
-    for page in (first, second):
-        for tag in TagFinder().search(page, thorough=True).values():
-            module_px = tag.edge_px / 8
-            low, high = tag.corners_px.min(axis=0), tag.corners_px.max(axis=0)
-            top, bottom = (round(at) for at in (low[1] - 0.9 * module_px, high[1] + 0.9 * module_px))
-            left, right = (round(at) for at in (low[0] - 0.9 * module_px, high[0] + 0.9 * module_px))
-            around = page[max(top, 0) : bottom, max(left, 0) : right].copy()
-            inner = round(0.8 * module_px)
-            around[inner:-inner, inner:-inner] = 255
-            assert around.min() == 255
-
-
 def test_the_bar_is_100_mm_long() -> None:
     for page in pages(Sheet())[1:]:
         low = page[round(-30 * PX_PER_MM) : round(-6 * PX_PER_MM)]

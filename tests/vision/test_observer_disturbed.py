@@ -153,19 +153,6 @@ def glare(picture: Picture, number: int, pose: PlanarPose) -> Picture:
     return np.asarray(np.clip(picture + cv2.GaussianBlur(light, (0, 0), 4), 0, 255), dtype=np.uint8)
 
 
-def dropped(picture: Picture, number: int, _pose: PlanarPose) -> Picture | None:
-    """Every third picture is lost, and half a second of them at once."""
-    return None if number % 3 == 0 or 30 <= number < 36 else picture
-
-
-def shadow(picture: Picture, number: int, _pose: PlanarPose) -> Picture:
-    """A sharp shadow, which takes 60 % of the light, goes over robot and tags."""
-    edge = 40 * number % picture.shape[1]
-    dark = picture.copy()
-    dark[:, edge : edge + 250] = 0.4 * dark[:, edge : edge + 250]
-    return dark
-
-
 def test_undisturbed_it_is_followed(filmed: Filmed) -> None:
     """What disturbances are compared with."""
     seen = followed(filmed, usual)
@@ -181,14 +168,6 @@ def test_a_tag_that_cannot_be_read_for_a_while_makes_no_jump_and_is_told(filmed:
     assert not any(hidden)
     assert sights(seen) == {"seeing", "bridging"}
     assert off_m(filmed, seen) < 0.03
-    assert jump_m(filmed, seen) < NO_JUMP_M
-    assert seen[-1].estimate.restarts == 0
-
-
-@pytest.mark.parametrize("disturb", [dropped, shadow])
-def test_pictures_that_are_lost_or_dark_make_no_jump(filmed: Filmed, disturb: Disturbance) -> None:
-    seen = followed(filmed, disturb)
-    assert off_m(filmed, seen) < 0.02
     assert jump_m(filmed, seen) < NO_JUMP_M
     assert seen[-1].estimate.restarts == 0
 

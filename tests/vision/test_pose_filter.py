@@ -9,7 +9,7 @@ import pytest
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.estimation.pose_belief import POSE, STATES, OwnMotion, PoseBelief, Sighting
+from hexctl.vision.estimation.pose_belief import STATES, OwnMotion, PoseBelief, Sighting
 from hexctl.vision.estimation.pose_filter import HISTORY_S, PoseFilter
 from tests.driven import Command, driven
 from tests.vision.sightings import SIGMA, Eye, followed
@@ -42,25 +42,6 @@ def test_covariances_follow_the_derivatives_of_the_step(how: str) -> None:
     noise = stepped(replace(start, covariance=np.zeros((STATES, STATES))), how).covariance
     expected = jacobian @ start.covariance @ jacobian.T + noise
     assert stepped(start, how).covariance == pytest.approx(expected, rel=1e-4, abs=1e-14)
-
-
-def test_parts_of_a_motion_are_the_whole() -> None:
-    own = OwnMotion(0.0, 0.2, np.array([0.02, 0.0, 0.0]))
-    parts = belief().moved(own, 0.05).moved(own, 0.2)
-    assert parts.mean[POSE] == pytest.approx(belief().moved(own, 0.2).mean[POSE], abs=1e-3)
-    assert parts.at_s == 0.2
-
-
-def test_a_step_of_odometry_that_is_off_does_not_turn_the_velocity_round() -> None:
-    """Where the weight goes from feet to feet, one step is off by its own length: it coasts on ahead."""
-    now = belief(np.zeros(STATES))
-    for tick, forward_m in enumerate([0.004] * 20 + [-0.004]):
-        now = now.moved(OwnMotion(0.02 * tick, 0.02 * (tick + 1), np.array([forward_m, 0.0, 0.0])), 0.42)
-    assert 0.05 < now.mean[7] < 0.2
-    stopped = now
-    for tick in range(21, 36):
-        stopped = stopped.moved(OwnMotion(0.02 * tick, 0.02 * (tick + 1), np.zeros(3)), 0.72)
-    assert abs(stopped.mean[7]) < 0.002
 
 
 def test_slip_is_learned() -> None:

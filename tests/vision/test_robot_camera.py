@@ -4,7 +4,6 @@ import csv
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +22,7 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observation, Observer
-from hexctl.vision.place import CameraPose, FloorTag, Place, RobotTag, arena_of, load_place, store
+from hexctl.vision.place import CameraPose, FloorTag, Place, RobotTag, arena_of, load_place
 from hexctl.vision.pose_stream import COLUMNS, CameraReport, CameraStatus, PoseOutputs, PoseStream, PoseTable
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
 from hexctl.vision.video.video_source import Frame, VideoSource, open_video
@@ -131,23 +130,6 @@ def test_a_camera_with_other_pictures_is_stored_so_that_the_arena_is_what_it_see
 
 
 @pytest.mark.slow
-def test_a_floor_that_is_learned_again_keeps_lens_and_latency(tmp_path: Path, recorded: Path) -> None:
-    looked(tmp_path, recorded, bar_mm=98.0, tag_height_mm=50.0)
-    before = replace(load_place(tmp_path / "place.yaml"), latency_s=0.123)
-    store(before, tmp_path / "place.yaml", "latency_s")
-    camera = RobotCamera(
-        camera=recorded / "walk.mp4", place=str(tmp_path / "place.yaml"), relearn=True, no_link=True
-    )
-    started: list[CameraStarted] = []
-    camera.run(lambda: bool(started), on_started=started.append)
-    after = load_place(tmp_path / "place.yaml")
-    assert started[0].learned
-    assert (after.lens, after.latency_s, after.bar_mm) == (before.lens, 0.123, 98.0)
-    assert after.robot_tag == before.robot_tag
-    assert set(after.floor_tags) == set(before.floor_tags)
-
-
-@pytest.mark.slow
 def test_learning_that_is_stopped_stores_nothing(tmp_path: Path, recorded: Path) -> None:
     asked: list[None] = []
 
@@ -159,36 +141,6 @@ def test_learning_that_is_stopped_stores_nothing(tmp_path: Path, recorded: Path)
     report = camera.run(stop_requested)
     assert (report.pictures, report.look_s) == (0, None)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_without_a_calibration_the_lens_is_assumed_and_that_is_said(tmp_path: Path, recorded: Path) -> None:
-    started: list[CameraStarted] = []
-    statuses: list[CameraStatus] = []
-    camera = RobotCamera(
-        camera=str(recorded / "walk.mp4"), place=tmp_path / "place.yaml", latency_ms=0.0, no_link=True
-    )
-    camera.run(lambda: False, on_started=started.append, on_status=statuses.append)
-    assert any("assumed" in doubt for doubt in started[0].doubts)
-    assert load_place(tmp_path / "place.yaml").lens is None
-
-
-@pytest.mark.slow
-def test_a_bar_measured_later_corrects_the_place_and_that_is_said(tmp_path: Path, recorded: Path) -> None:
-    _, first = looked(tmp_path, recorded)
-    _, later = looked(tmp_path, recorded, bar_mm=98.0)
-    assert not later.learned
-    (doubt,) = later.doubts
-    assert "98 mm" in doubt
-    known = load_place(tmp_path / "place.yaml")
-    assert known.bar_mm == 98
-    for number, corners in first.place.floor_corners.items():
-        assert np.allclose(known.floor_corners[number], 0.98 * corners, atol=1e-5)
-    high_m = later.place.camera.position_m[2]
-    assert high_m == pytest.approx(0.98 * first.place.camera.position_m[2], rel=2e-3)
-    _, again = looked(tmp_path, recorded)
-    assert again.doubts == ()
-    assert again.place.bar_mm == 98
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera, place_camera, reprojection_px, sees_tags, visible_circle
-from hexctl.vision.detection.camera_watch import LEAST_LOOKS, MOST_LOOKS, CameraChange, CameraWatch
+from hexctl.vision.detection.camera_watch import CameraChange, CameraWatch
 from hexctl.vision.detection.floor import LearnedFloor, averaged_corners, learn_floor
 from hexctl.vision.detection.lens import Lens
 from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, tag_pose
@@ -21,6 +21,8 @@ from hexctl.vision.twin.rendering import SceneRenderer
 from tests.vision.scenes import CAMERA, FLOOR_CORNERS, FLOOR_TAGS, ROBOT_TAG, WEBCAM, scene, standing, tag_on
 
 ROBOT = load_robot("ant")
+
+
 HEIGHT_M = ROBOT.standing_height_m + tag_on(ROBOT).height_m
 
 
@@ -69,6 +71,10 @@ def test_a_camera_above_the_floor_sees_a_circle_below_it() -> None:
     assert middle == pytest.approx((0.3, -0.2), abs=0.11)
     # The picture is 720 px high; a tag has to be seen whole.
     assert radius_m == pytest.approx(1.9 * 360 / 955 - 0.07, abs=0.1)
+    up = Camera.looking(WEBCAM, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.9]))
+    for camera, height_m, edge_m in ((up, 0.1, 0.1), (CAMERA, HEIGHT_M, 0.01)):
+        with pytest.raises(InputError):
+            visible_circle(camera, height_m, edge_m)
 
 
 @pytest.mark.slow
@@ -85,15 +91,6 @@ def test_tags_are_found_where_they_are_said_to_be_and_not_found_outside() -> Non
                 picture = renderer.draw(standing(ROBOT, PlanarPose(float(x_m), float(y_m), 0.3)))
                 assert (ROBOT_TAG in finder.search(picture, thorough=True)) == expected, (x_m, y_m)
             assert sees_tags(CAMERA, points, HEIGHT_M, 0.1).all() == expected
-
-
-@pytest.mark.slow
-def test_a_camera_that_sees_no_floor_gives_no_arena() -> None:
-    up = Camera.looking(WEBCAM, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.9]))
-    with pytest.raises(InputError, match="floor"):
-        visible_circle(up, 0.1, 0.1)
-    with pytest.raises(InputError, match="tag"):
-        visible_circle(CAMERA, HEIGHT_M, 0.01)
 
 
 AWAY = standing(ROBOT, PlanarPose(0.3, 0.3, 0.0))
@@ -129,20 +126,6 @@ def test_a_camera_that_stays_is_not_said_to_have_moved(usual: Picture) -> None:
     assert list(changes(watching, usual, 60)) == []
     assert set(watching.visible) == set(FLOOR_TAGS)
     assert CameraWatch(CAMERA, {}, TagFinder()).look(usual) is None
-
-
-@pytest.mark.slow
-def test_many_looks_make_the_place_of_the_camera_better() -> None:
-    believed = Camera(WEBCAM, CAMERA.rotation, CAMERA.position_floor + np.array([0.0, 0.0, 0.004]))
-    watching = CameraWatch(believed, FLOOR_CORNERS, TagFinder())
-    with SceneRenderer(ROBOT, CAMERA, FLOOR_TAGS, tag_on(ROBOT)) as renderer:
-        pictures = [renderer.draw(AWAY) for _ in range(5)]
-    for look in range(4 * len(FLOOR_TAGS) * (MOST_LOOKS - 1)):
-        watching.look(pictures[look % 5])
-    assert watching.camera is believed, "fewer looks than of which a floor is learned do not count"
-    for look in range(4 * len(FLOOR_TAGS) * (LEAST_LOOKS + 1)):
-        watching.look(pictures[look % 5])
-    assert np.linalg.norm(watching.camera.position_floor - CAMERA.position_floor) < 0.002
 
 
 @pytest.mark.slow
@@ -293,13 +276,6 @@ def test_what_cannot_be_trusted_is_told() -> None:
     assumed = Lens.assumed(1280, 720, 67)
     camera = Camera(assumed, CAMERA.rotation, CAMERA.position_floor)
     assert "only assumed" in learn_floor(assumed, [seen_by(camera)], EDGES_M).doubts[0]
-
-
-def test_tags_that_few_pictures_show_are_not_used() -> None:
-    shown = {tag_id: SeenTag(tag_id, corners, 50) for tag_id, corners in seen_by(CAMERA).items()}
-    pictures = [shown, *[{0: shown[0]}] * 9]
-    assert set(averaged_corners(pictures)) == {0}
-    assert averaged_corners([]) == {}
 
 
 @pytest.mark.parametrize(
