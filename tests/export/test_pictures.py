@@ -15,7 +15,7 @@ from hexctl.export.captions import FLASH_S
 from hexctl.export.export_options import PictureOptions
 from hexctl.export.pictures import write_pictures
 from hexctl.export.race import CHEER_S, FAILED_BADGE, WON_BADGE, RaceRenderer
-from hexctl.export.render import CAMERAS, NoRendererError, RunRenderer, open_context
+from hexctl.export.render import NoRendererError, RunRenderer, open_context
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedEvent, RecordedTrial
 
 
@@ -83,17 +83,6 @@ def test_an_mp4_that_decodes(walk: RecordedTrial, tmp_path: Path) -> None:
     assert frames[40].mean() > frames[0].mean()
 
 
-@pytest.mark.usefixtures("drawn")
-def test_captions(walk: RecordedTrial, tmp_path: Path) -> None:
-    write(tmp_path / "a.gif", walk, duration_s=0.2, captions=("a caption",), width_px=100)
-    with Image.open(tmp_path / "a.gif") as gif:
-        picture = np.asarray(gif.convert("L"))
-    assert picture.shape == (76 + 26, 100)
-    assert np.ptp(picture[76:].astype(int)) > 50
-    with pytest.raises(InputError, match="captions"):
-        write(tmp_path / "b.gif", walk, walk, captions=("one",))
-
-
 def test_what_is_out_of_range_is_refused(walk: RecordedTrial, tmp_path: Path) -> None:
     for options in ({"camera": "below"}, {"width_px": 20}, {"fps": 200.0}):
         with pytest.raises(InputError, match=next(iter(options))):
@@ -142,23 +131,6 @@ def test_without_a_renderer_one_line_says_what_to_install(walk: RecordedTrial, m
     with pytest.raises(NoRendererError, match="libegl1") as refused:
         RunRenderer(walk, "side", 64, 48)
     assert "\n" not in str(refused.value)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("_renderer")
-def test_every_camera_sees_the_robot_from_its_side(walk: RecordedTrial) -> None:
-    pictures = {}
-    for camera in CAMERAS:
-        renderer = RunRenderer(walk, camera, 96, 72)
-        pictures[camera] = renderer.draw(0)
-        later = renderer.draw(len(walk) - 1)
-        renderer.close()
-        assert pictures[camera].shape == (72, 96, 3)
-        blue = pictures[camera].astype(int)
-        body = (blue[..., 2] - blue[..., 0] > 60).sum()
-        assert 20 < body < 96 * 72 / 2, camera
-        assert (later != pictures[camera]).any()
-    assert len({picture.tobytes() for picture in pictures.values()}) == len(CAMERAS)
 
 
 def tinted(trial: RecordedTrial) -> tuple[list[int], list[int]]:

@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,18 +16,16 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import COLUMN_NAMES, Recorder, TickLog
-from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.recording import live as live_module
 from hexctl.recording import live_feed
-from hexctl.recording.live import LiveView, rows_of, watch_states
+from hexctl.recording.live import LiveView, rows_of
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import load_rerun
 from hexctl.runs.run import run
-from hexctl.types import RobotState
 from hexctl.waiting import wait_for
 from tests.recorders import Calling
 from tests.robots import shipped
@@ -112,23 +109,6 @@ def test_a_viewer_that_dies_or_hangs_holds_nothing_up(tmp_path: Path, who: str, 
     assert not live.open
 
 
-class Unreadable(TickLog):
-    """A log whose rows cannot be read."""
-
-    def rows(self, name: str, start: int, stop: int) -> Any:
-        raise ValueError(f"no {name}")
-
-
-@pytest.mark.realtime
-def test_what_a_live_view_raises_is_kept_and_ends_it(tmp_path: Path) -> None:
-    with viewing(tmp_path / "shown.rrd") as live:
-        with pytest.raises(ValueError, match="no time_s"):
-            live.write_block(Unreadable(), 0, 1)
-        assert live.lost is not None
-        assert "no time_s" in live.lost
-        live.close(leave_viewer=False)
-
-
 @pytest.mark.realtime
 def test_what_a_slow_viewer_leaves_waiting_is_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -141,31 +121,6 @@ def test_what_a_slow_viewer_leaves_waiting_is_bounded(
         assert live.lost is not None
         assert "too slow" in live.lost
         live.close(leave_viewer=False)
-
-
-class Shown:
-    """Stands in for a live view, and keeps the frames of the logs that it is given."""
-
-    lost: str | None = None
-    open = True
-
-    def __init__(self) -> None:
-        self.frames: list[TrialFrame | None] = []
-
-    def begin(self, *_: Any, **__: Any) -> None:
-        """Begin to show."""
-
-    def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        """Keep the frame."""
-        self.frames.append(log.frame)
-
-
-def test_a_robot_that_knows_its_position_alone_can_be_watched() -> None:
-    shown: Any = Shown()
-    state = RobotState(shipped().stance_angles_rad, 0.0, True, base_position_world=np.array([1.0, 2.0, 0.1]))
-    watch_states(shown, shipped(), lambda _: state, place="home", stop_requested=lambda: bool(shown.frames))
-    (frame,) = shown.frames
-    assert (frame.origin_world.tolist(), frame.yaw_rad) == ([1.0, 2.0, 0.1], 0.0)
 
 
 def test_what_is_sent_arrives_up_to_where_it_was_cut_off() -> None:

@@ -23,18 +23,12 @@ from hexctl.control.log import COLUMN_NAMES, PACED_BLOCK_TICKS, Recorders, TickL
 from hexctl.control.table import Table
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
-from hexctl.control.trial_plan import GaitChange
-from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, RecordingError
-from hexctl.gait.gait import make_gait
-from hexctl.gait.posture import Posture
 from hexctl.ik.legs import foot_positions_body
 from hexctl.recording import paths, rrd
 from hexctl.recording import recording as module
-from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import END
-from hexctl.recording.trial_summary import make_markdown, make_properties
 from hexctl.recording.viewer import viewer_binary
 from hexctl.robot.loader import load_robot
 from hexctl.types import JOINT_KINDS
@@ -165,20 +159,6 @@ def test_blocks_give_the_same_recording(
     assert blocks.entities == read.entities
 
 
-def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: Path) -> None:
-    log = TickLog()
-    nowhere = {"base_position_world": np.nan, "base_quaternion_world": np.nan}
-    log.extend({name: trial.log[name] * nowhere.get(name, 1) for name in COLUMN_NAMES})
-    path = tmp_path / "blind.rrd"
-    with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
-        recording.write_block(log, 0, len(log))
-    read = ReadBack(path)
-    positions = np.array(read.values("/world/robot", "Transform3D:translation"))[:, 0]
-    np.testing.assert_allclose(positions, [[0, 0, trial.robot.standing_height_m]] * len(positions), atol=1e-6)
-    assert not read.values("/deviation", "Scalars:scalars")
-    assert len(_joints(read, 1)) == len(log)
-
-
 @pytest.mark.slow
 def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, tmp_path: Path) -> None:
     lost = slice(100, 110)
@@ -265,20 +245,6 @@ def test_a_recording_that_is_deleted_as_it_is_closed_is_reported(
     monkeypatch.setattr(module, "disconnect", delete)
     with pytest.raises(RecordingError, match="deleted"):
         write(path, trial)
-
-
-def test_a_folder_that_is_deleted_before_the_first_write_is_a_recording_error(
-    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "runs" / "trial.rrd"
-
-    def delete_first(*given: Any, **more: Any) -> Any:
-        shutil.rmtree(path.parent)
-        return make_blueprint(*given, **more)
-
-    monkeypatch.setattr(module, "make_blueprint", delete_first)
-    with pytest.raises(RecordingError):
-        Recording(path, trial.robot, trial.plan, title="deleted")
 
 
 CHILD = """
@@ -374,31 +340,6 @@ def test_without_rerun_the_extra_is_named(
     assert not (tmp_path / "trial.rrd").exists()
 
 
-class FullDisk(Recording):
-    """A recording that cannot be written from some tick on."""
-
-    def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        if stop > 100:
-            raise OSError("no space left")
-        super().write_block(log, start, stop)
-
-
-@pytest.mark.slow
-def test_a_recorder_that_raises_leaves_the_others_whole(trial: Trial, tmp_path: Path) -> None:
-    whole = Recording(tmp_path / "whole.rrd", trial.robot, trial.plan, title="whole")
-    full = FullDisk(tmp_path / "full.rrd", trial.robot, trial.plan, title="full")
-    recorders = Recorders(full, whole)
-    with SimServos(trial.robot, failure=trial.plan.belief) as servos, whole, full:
-        result = run_trial(Guard(servos), trial.plan, recorders=recorders)
-        whole.finish(result, {})
-    assert result.to_dict() == trial.result.to_dict()
-    assert str(recorders.error_of(full)) == "no space left"
-    assert recorders.error_of(whole) is None
-    read = ReadBack(whole.path)
-    assert len(read.values("/world/robot", "Transform3D:translation")) == len(trial.log)
-    assert read.values("/__properties/trial", "status") == [["ok"]]
-
-
 class NeverBack:
     """A stream whose writer has died: its calls come back only when the test lets them."""
 
@@ -490,6 +431,7 @@ def record(name):
 robot = load_robot("ant")
 """
 
+
 #: Two threads of each recording that is kept; one or two may be on their way out.
 CLOSED = """
 def threads():
@@ -501,6 +443,7 @@ for index in range(5):
     record(index)
 wait_for(lambda: threads() <= first + 2, 60, "closed recordings keep their threads")
 """
+
 
 OF_THE_PROGRAM = """
 rr.init("a program of its own")
@@ -519,43 +462,3 @@ def test_closed_recordings_are_let_go_and_that_of_the_program_itself_goes_on(
     command = [sys.executable, "-c", OPENED + script, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-
-
-def rows_of(text: str) -> dict[str, str]:
-    """The rows of a panel."""
-    cells = [line.strip("| ").split(" | ") for line in text.splitlines() if line.count("|") == 3]
-    return {cell[0].strip("*"): cell[1] for cell in cells if len(cell) == 2}
-
-
-@pytest.mark.parametrize(
-    ("held", "word"),
-    [
-        ({"hold": "line"}, "line"),
-        ({"hold": "line", "hold_lost_s": 3.02}, "3.0 s"),
-        ({"hold": "heading", "limited_ticks": 25}, "0.5 s"),
-        ({"hold": "none", "hold_caveat": "no yaw was measured"}, "no yaw was measured"),
-    ],
-)
-def test_what_was_held_is_said(trial: Trial, held: dict[str, object], word: str) -> None:
-    result: TrialResult = replace(trial.result, **held)  # type: ignore[arg-type]
-    panel = make_markdown("a walk", trial.robot, trial.plan, result, None, {})
-    assert word in rows_of(panel)["held"]
-    properties = make_properties("a walk", trial.robot, trial.plan, result, None, {})
-    assert properties["hold"] == held["hold"]
-    assert properties.get("hold_caveat") == held.get("hold_caveat")
-
-
-def test_changes_of_gait_and_posture_are_said_where_there_are_any(trial: Trial) -> None:
-    posture = Posture(body_raise=0.012, shift=(0.02, -0.01), tucked_legs=(5,))
-    gait = replace(trial.plan.gait, posture=posture, swing_share=0.25)
-    change = GaitChange(gait=replace(gait, slots=make_gait(trial.robot, "wave").slots), at_s=1.5)
-    plan = replace(trial.plan, gait=gait, changes=(change,))
-    told = rows_of(make_markdown("a walk", trial.robot, plan, trial.result, None, {}))
-    slots = " ".join(map(str, change.gait.slots))
-    assert told["then"].startswith(slots)
-    assert told["then"].endswith("at 1.5 s")
-    assert all(value in told["posture"] for value in ("0.012 m", "+0.02 m", "-0.01 m", "5", "25 %"))
-    properties = make_properties("a walk", trial.robot, plan, trial.result, None, {})
-    assert properties["then"] == [f"{slots.replace(' ', ',')}@1.5"]
-    plain = rows_of(make_markdown("a walk", trial.robot, trial.plan, trial.result, None, {}))
-    assert not {"then", "posture"} & set(plain)

@@ -25,7 +25,6 @@ from hexctl.recording.rrd_reader import (
     check_viewable,
     read_chunks,
 )
-from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import ReadBack, Trial, damage, messages, write
 from tests.recording.made_up import damaged_recordings
 
@@ -47,31 +46,6 @@ def test_a_recording_without_its_end_is_not_whole(
 @pytest.fixture(scope="module")
 def trial_file(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("tools") / "trial.rrd", trial)
-
-
-@pytest.fixture(scope="module")
-def cut_off(trial_file: Path) -> Path:
-    """The recording as a power cut leaves it: it ends in the middle of something."""
-    path = trial_file.with_name("cut.rrd")
-    content = trial_file.read_bytes()
-    path.write_bytes(content[: len(content) * 9 // 10])
-    return path
-
-
-def rrd(tool: str, *arguments: str | Path) -> "subprocess.CompletedProcess[str]":
-    command = [str(viewer_binary()), "rrd", tool, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-
-
-def test_what_was_cut_off_in_mid_message_can_be_repaired(cut_off: Path, trial_file: Path) -> None:
-    repaired = cut_off.with_name("repaired.rrd")
-    done = rrd("optimize", cut_off, "-o", repaired)
-    assert done.returncode == 0, done.stderr
-    assert rrd("verify", repaired).returncode == 0
-    read = ReadBack(repaired)
-    assert len(read.blueprints) == 1
-    assert read.temporal()
-    assert read.entities <= ReadBack(trial_file).entities
 
 
 def test_a_full_disk_says_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

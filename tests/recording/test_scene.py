@@ -11,17 +11,14 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
 from hexctl.control.log import TickLog
-from hexctl.palette import BACKGROUND
 from hexctl.recording import paths, style
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import Recording
 from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
-from hexctl.recording.sessions.session_figures import write_overview_file
-from hexctl.recording.style import packed
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_meshes
 from hexctl.types import JointTargets
-from tests.recording.conftest import SESSION, ReadBack, Trial, make_plan, write
+from tests.recording.conftest import ReadBack, Trial, make_plan
 from tests.robot.meshmaking import glb_box, stl_box
 from tests.robots import edited_file, put, shipped
 
@@ -90,49 +87,8 @@ def test_bumps_have_the_heights_of_the_floor_and_face_up() -> None:
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (facing[:, 2] > 0).all()
     assert (mesh.normals[:, 2] > 0).all()
-
-
-def test_a_long_walk_over_bumps_stays_small() -> None:
-    floor = make_floor(World(roughness_m=0.01), seed=3)
-    mesh = make_floor_mesh(floor.heights_m, np.array([50.0, 50.0]))
-    assert len(mesh.positions) <= 1.1 * MAX_VERTICES
-
-
-#: What gives a view a background of its own, which follows the viewer's theme without, by class.
-BACKGROUNDS = {"TimeSeries": "PlotBackground", "3D": "Background", "2D": "Background"}
-
-
-def backgrounds(path: Path) -> list[tuple[str, int | None]]:
-    """Class and background colour of each view that has one."""
-    reader = rr.chunk.RrdReader(path)
-    values: dict[str, dict[str, Any]] = {}
-    for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks():
-        batch = chunk.to_record_batch()
-        found = values.setdefault(str(chunk.entity_path), {})
-        found |= {name: batch.column(name).to_pylist()[-1] for name in batch.schema.names if ":" in name}
-    views = []
-    for entity, found in values.items():
-        (kind,) = found.get("ViewBlueprint:class_identifier", [None])
-        if kind in BACKGROUNDS:
-            part = BACKGROUNDS[kind]
-            (color,) = values.get(f"{entity}/{part}", {}).get(f"{part}:color", [None])
-            views.append((kind, color))
-    return sorted(views)
-
-
-@pytest.mark.parametrize("kind", ["trial", "overview"])
-def test_scenes_are_dark_in_a_light_theme_too_and_plots_follow_it(
-    kind: str, trial: Trial, tmp_path: Path
-) -> None:
-    path = tmp_path / f"{kind}.rrd"
-    if kind == "trial":
-        write(path, trial)
-    else:
-        write_overview_file(path, SESSION)
-    found = backgrounds(path)
-    assert {name for name, _ in found} == {"TimeSeries", "3D" if kind == "trial" else "2D"}
-    assert {color for name, color in found if name != "TimeSeries"} == {packed(BACKGROUND)}
-    assert {color for name, color in found if name == "TimeSeries"} == {None}
+    long = make_floor_mesh(floor.heights_m, np.array([50.0, 50.0]))
+    assert len(long.positions) <= 1.1 * MAX_VERTICES
 
 
 def test_a_recording_opens_with_the_time_of_the_walk_and_a_live_view_follows_it(

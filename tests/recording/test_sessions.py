@@ -10,7 +10,7 @@ import pytest
 import rerun as rr
 
 from hexctl.errors import InputError, RecordingError
-from hexctl.palette import INVALID_COLOR, deviation_color
+from hexctl.palette import deviation_color
 from hexctl.recording.sessions import session_figures as module
 from hexctl.recording.sessions.belief_figure import height
 from hexctl.recording.sessions.session_figures import visible_m, write_overview_file
@@ -18,7 +18,6 @@ from hexctl.recording.sessions.session_overview import (
     GaitBeliefs,
     SearchStep,
     drawable,
-    make_table,
 )
 from hexctl.recording.style import packed
 from hexctl.recording.viewer import viewer_binary
@@ -50,13 +49,6 @@ def test_each_trajectory_appears_with_its_trial_left_of_the_line_upward(written:
         assert list(strips) == [trial.index]
         (strip,) = strips[trial.index]
         np.testing.assert_allclose(strip, trial.path_m * [1, -1], atol=1e-6)
-
-
-def test_trajectories_are_coloured_by_deviation_and_invalid_ones_are_grey(written: Path) -> None:
-    for trial in SESSION.trials:
-        colors = rows(written, f"/above/trials/{trial.index:03d}", "LineStrips2D:colors")[trial.index]
-        valid = trial.score_m is not None
-        assert colors == [packed(deviation_color(trial.deviation_m, valid=valid) if valid else INVALID_COLOR)]
 
 
 def test_the_best_so_far_changes_where_it_is_beaten(written: Path) -> None:
@@ -91,18 +83,6 @@ def test_the_baseline_is_a_level_line_from_before_the_first_trial(tmp_path: Path
     assert "/curve/baseline/wave" not in ReadBack(path).entities
     invalid = rows(path, "/curve/invalid", "Scalars:scalars")
     assert invalid[2][0] > 160.0, "a baseline that is worse than every trial is inside the picture"
-
-
-def test_line_bands_start_table_and_layout_are_in_the_file(written: Path) -> None:
-    read = ReadBack(written)
-    half_widths = [read.values(f"/above/bands/{band}", "LineStrips2D:radii")[0][0] for band in (1, 2)]
-    assert half_widths == pytest.approx([0.1, 0.025])
-    (line,) = read.values("/above/line_of_travel", "LineStrips2D:strips")[0]
-    assert line == [[0.0, 0.0], [4.5, 0.0]]
-    assert read.values("/above/start", "Points2D:positions") == [[[0.0, 0.0]]]
-    assert read.values("/table", "TextDocument:text") == [[make_table(SESSION)]]
-    assert len(read.blueprints) == 1
-    assert read.blueprints[0].application_id == read.recordings[0].application_id
 
 
 def test_rerun_finds_nothing_wrong_with_any_session(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 from hexctl.errors import InputError
 from hexctl.recording import paths
 from hexctl.recording.recorded_trial import read_trial
-from hexctl.recording.rrd_reader import CHUNK, check_viewable, rerun_chunks
+from hexctl.recording.rrd_reader import check_viewable, rerun_chunks
 from hexctl.recording.side_by_side import names_of, write_together
 from hexctl.runs.run import run
 from tests.recording.conftest import ReadBack, messages
@@ -90,17 +90,6 @@ def test_links_lead_to_a_server_where_there_is_one(recordings: list[Path], tmp_p
     ]
     assert "(http://127.0.0.1:1/walks/1-a%20walk.rrd)" in texts[0]
     assert "(http://127.0.0.1:1/walks/2-b.rrd)" in texts[1]
-
-
-def test_a_walk_that_is_cut_off_stands_in_the_scene_up_to_there(
-    recordings: list[Path], tmp_path: Path
-) -> None:
-    content, cut = recordings[1].read_bytes(), tmp_path / "cut.rrd"
-    start, stop = list(messages(content, CHUNK))[-2]
-    cut.write_bytes(content[: (start + stop) // 2])
-    scene, _, copy = write_together([recordings[0], cut], tmp_path / "new")
-    np.testing.assert_array_equal(read_trial(copy).measured_rad, read_trial(cut).measured_rad)
-    assert ReadBack(scene).values(f"/lane2/{paths.ROBOT}", "Transform3D:translation")
 
 
 @pytest.mark.parametrize("kind", [0, 1, 3])

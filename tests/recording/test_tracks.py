@@ -10,7 +10,6 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import COLUMN_NAMES, TickLog
-from hexctl.control.table import ServoRows
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.gait.foot_trajectory import gait_feet_body
@@ -19,9 +18,7 @@ from hexctl.ik.support_polygon import centre_of_mass_body, support, to_world
 from hexctl.palette import TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.recording import Recording
-from hexctl.runs.run import Run, RunResult, run
-from hexctl.runs.run_spec import spec_of
-from hexctl.types import FloatArray, ServoReadings
+from hexctl.runs.run import RunResult, run
 from tests.recording.conftest import ReadBack, Trial, make_plan, write
 from tests.robots import shipped
 
@@ -94,15 +91,6 @@ def test_polygon_and_centre_of_gravity_are_those_of_the_measured_robot(read: Rea
     assert colors == [steady if margin > 0 else unsteady for margin in found.margin_m]
 
 
-def test_stability_is_the_share_of_the_walk(trial: Trial, tmp_path: Path) -> None:
-    """A robot without a foot on the floor does not stand, one with all of them does."""
-    felt = np.ones((len(trial.log), 6), dtype=bool)
-    walk = np.flatnonzero(trial.log["phase"] == WALK)
-    felt[walk[: walk.size // 4]] = False
-    read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "both.rrd")
-    assert read.values("/__properties/trial", "stability") == [[pytest.approx(0.75, abs=0.01)]]
-
-
 def test_the_ribbon_lies_between_line_and_trail_and_shows_the_side(read: ReadBack, trial: Trial) -> None:
     frame = trial.log.frame
     assert frame is not None
@@ -165,32 +153,6 @@ def test_a_stop_is_marked_with_its_reason(tmp_path: Path) -> None:
     assert read.values(f"/{paths.EVENTS}", "TextLog:level")[-1] == ["ERROR"]
 
 
-def ended(path: Path, trial: Trial, changes: dict[str, Any]) -> tuple[list[str], str]:
-    """Level and text of how a trial is said to have ended, and the guard's last state."""
-    result = replace(trial.result, **changes)
-    with Recording(path, trial.robot, trial.plan, title="ended", floor=trial.floor) as recording:
-        recording.write_block(trial.log, 0, len(trial.log))
-        recording.finish(result, {})
-    read = ReadBack(path)
-    (level,), (text,) = (read.values(f"/{paths.EVENTS}", f"TextLog:{what}")[-1] for what in ("level", "text"))
-    return [level, text], lane(read, paths.GUARD, len(trial.log))[-1]
-
-
-@pytest.mark.slow
-def test_only_what_went_wrong_is_an_error(trial: Trial, tmp_path: Path) -> None:
-    no_pose = {"deviation": None, "distance_m": None}
-    cases: list[tuple[dict[str, Any], str, bool]] = [
-        ({"status": "ok", **no_pose}, "INFO", False),
-        ({"status": "no_progress"}, "WARN", False),
-        ({"status": "aborted", "stopped": "requested"}, "INFO", False),
-        ({"status": "fell"}, "ERROR", True),
-    ]
-    for number, (changes, level, stopped) in enumerate(cases):
-        said, guard = ended(tmp_path / f"{number}.rrd", trial, changes)
-        assert said[0] == level, said
-        assert (guard == style.STOPPED) == stopped, said
-
-
 def test_a_robot_that_knows_its_position_alone_is_drawn_on_its_way(
     read: ReadBack, trial: Trial, tmp_path: Path
 ) -> None:
@@ -209,18 +171,6 @@ def test_a_robot_that_knows_its_position_alone_is_drawn_on_its_way(
     assert alone.values(f"/{paths.CENTRE}", "Points3D:positions") == []
 
 
-def test_a_body_whose_orientation_is_lost_is_drawn_in_the_last_one(
-    read: ReadBack, trial: Trial, tmp_path: Path
-) -> None:
-    path, component = f"/{paths.ROBOT}", "Transform3D:quaternion"
-    lost = trial.log["base_quaternion_world"].copy()
-    lost[70:150] = np.nan
-    log = rewritten(trial, base_quaternion_world=lost)
-    halves = ReadBack(write(tmp_path / "lost.rrd", replace(trial, log=log), block_ticks=100))
-    drawn, whole = halves.values(path, component), read.values(path, component)
-    assert drawn == whole[:70] + [whole[69]] * 80 + whole[150:]
-
-
 def test_torques_are_drawn_where_they_are_known(read: ReadBack, trial: Trial, tmp_path: Path) -> None:
     path, torques_nm = f"/{paths.TORQUES}", trial.log["joint_torques_nm"]
     drawn = np.array(read.values(path, "Scalars:scalars"))
@@ -230,20 +180,6 @@ def test_torques_are_drawn_where_they_are_known(read: ReadBack, trial: Trial, tm
     unknown[10:] = np.nan
     partly = recorded(trial, rewritten(trial, joint_torques_nm=unknown), tmp_path / "partly.rrd")
     assert len(partly.values(path, "Scalars:scalars")) == 2
-
-
-def test_the_velocity_of_a_steered_walk_is_drawn_and_an_open_loop_walk_has_none(
-    read: ReadBack, trial: Trial, tmp_path: Path
-) -> None:
-    path, arrows = f"/{paths.VELOCITY}", f"/{paths.VELOCITY_ARROW}"
-    assert read.values(path, "Scalars:scalars") == []
-    velocity = np.full((len(trial.log), 3), np.nan)
-    velocity[40:] = [0.15, -0.02, 0.1]
-    steered = recorded(trial, rewritten(trial, velocity_body=velocity), tmp_path / "steered.rrd")
-    drawn = np.array(steered.values(path, "Scalars:scalars"))
-    np.testing.assert_allclose(drawn, velocity[40::5], atol=1e-4)
-    vectors = np.array(steered.values(arrows, "Arrows3D:vectors")).reshape(-1, 3)
-    np.testing.assert_allclose(vectors, [[0.3, -0.04, 0.0]] * len(drawn), atol=1e-3)
 
 
 BROKEN_S, HEALED_S = 3.0, 6.0
@@ -320,73 +256,8 @@ def test_a_leg_is_red_while_it_is_broken_and_marked_while_it_is_noticed(
     ]  # fmt: skip
 
 
-def test_the_evidence_rises_to_an_alarm_when_the_leg_is_noticed(walked: RunResult, failing: ReadBack) -> None:
-    noticed = walked.trial.noticed[0].at_s
-    times, drawn = zip(*timed(failing, paths.SUSPICION, "Scalars:scalars"), strict=True)
-    evidence, at = np.array(drawn), np.array(times)
-    assert evidence.shape[1] == 7
-    assert (evidence[:, 6] == 1).all()
-    alarm = evidence[np.isclose(at, noticed)]
-    assert alarm.size
-    assert alarm[0, 1] > 1
-    assert evidence[at < BROKEN_S, :6].max() < 1
-
-
-def test_blocks_give_the_same_tracks_of_failures(
-    walked: RunResult, failing: ReadBack, tmp_path: Path
-) -> None:
-    connected = Run(spec_of({"gait": "tripod", "duration_s": 13.0}))
-    with Recording(tmp_path / "b.rrd", connected.robot, connected.plan, title="blocks") as recording:
-        for start in range(0, len(walked.log), 60):
-            recording.write_block(walked.log, start, min(start + 60, len(walked.log)))
-    blocks = ReadBack(tmp_path / "b.rrd")
-    whole, parts = failing.temporal(), blocks.temporal()
-    for name in whole:
-        if (
-            "failures" in name[0]
-            or "noticed" in name[0]
-            or name[1] in ("Capsules3D:colors", "Points3D:labels")
-        ):
-            assert parts[name] == whole[name], name
-
-
 def test_a_walk_that_watches_no_legs_has_no_lane_of_what_it_noticed(trial: Trial, tmp_path: Path) -> None:
     failing = ReadBack(write(tmp_path / "a.rrd", trial))
     assert timed(failing, paths.BROKEN, "StateChange:state") == [(0, ["broken: leg 5 locked"])]
     assert not timed(failing, paths.NOTICED, "StateChange:state")
     assert not timed(failing, paths.SUSPICION, "Scalars:scalars")
-
-
-UNKNOWN = np.full(18, np.nan)
-
-
-def _readings(second: int) -> ServoReadings:
-    """Servos that get warmer by a degree in a second; the last one tells nothing, and none its current."""
-    temperatures_c: FloatArray = np.arange(30.0, 48.0) + second
-    temperatures_c[-1] = np.nan
-    return ServoReadings(
-        ages_s=np.full(18, 0.016),
-        efforts=UNKNOWN,
-        currents_a=UNKNOWN,
-        voltages_v=np.full(18, 11.75),
-        temperatures_c=temperatures_c,
-    )
-
-
-def _with_servos(trial: Trial) -> Trial:
-    log = TickLog()
-    log.extend({name: trial.log[name] for name in COLUMN_NAMES})
-    log.frame, log.contacts_known = trial.log.frame, trial.log.contacts_known
-    log.servo_rows = ServoRows((row, _readings(row // 50)) for row in range(0, len(log), 50))
-    return replace(trial, log=log)
-
-
-def test_temperatures_and_voltages_are_drawn_once_a_second(trial: Trial, tmp_path: Path) -> None:
-    with_servos = _with_servos(trial)
-    read = ReadBack(write(tmp_path / "servos.rrd", with_servos, block_ticks=70))
-    drawn = np.array(read.values(f"/{paths.TEMPERATURES}", "Scalars:scalars"), dtype=float)
-    wanted = np.stack([servos.temperatures_c for _, servos in with_servos.log.servo_rows])
-    np.testing.assert_allclose(drawn, wanted, atol=1e-2)
-    seconds = read.times_s(f"/{paths.VOLTAGES}", "Scalars:scalars")
-    np.testing.assert_allclose(seconds, np.arange(len(wanted)), atol=1e-9)
-    assert read.values(f"/{paths.CURRENTS}", "Scalars:scalars") == []

@@ -105,16 +105,6 @@ def test_jethexa_stands_as_its_description_says_with_centred_servos() -> None:
     np.testing.assert_array_equal(load_robot_file("jethexa").raw_map.raw(np.zeros(18)), 500)
 
 
-def test_lukas_has_the_mass_and_the_planted_feet_of_its_model() -> None:
-    """Keyframe `plant`, with the knee relative to the femur as its notes correct it: 0, 20 and 60 degrees."""
-    robot = shipped("lukas")
-    assert robot.mass_kg == pytest.approx(3.494, abs=0.002)
-    feet = foot_positions_body(robot, np.radians(np.tile([0, -20, -60], 6)))
-    assert 1000 * feet[1] == pytest.approx(
-        [0, 100 + 12.5 + 84.57 + 25.27, 15.25 + 38.4 - 30.78 - 143.29], abs=0.1
-    )
-
-
 @pytest.mark.parametrize("name", VENDORS_ROBOTS)
 def test_each_is_possible_fits_its_servos_and_says_what_to_measure(name: str) -> None:
     report = check_robot(name).to_dict()

@@ -47,11 +47,6 @@ def test_a_value_of_a_wrong_type_is_refused(change: dict[str, Any], named: str) 
         Failure(**{"leg": 5, **change})
 
 
-def test_an_event_breaks_one_leg() -> None:
-    with pytest.raises(InputError, match="leg 4"):
-        FailureEvent(at_s=1.0, leg=4, failure=Failure(leg=5))
-
-
 @pytest.mark.parametrize("fails", [(), ("5:limp@6",), ("4:limp@1",)])
 def test_a_leg_that_is_whole_is_not_to_heal(fails: tuple[str, ...]) -> None:
     with pytest.raises(InputError, match="heal: got 5@5"):

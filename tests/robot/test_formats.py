@@ -15,7 +15,7 @@ from hexctl.backends.sim.simulation_model import make_body
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
-from hexctl.robot.formats.link_frames import FOOT_LINKS, JOINT_LINKS, fixed_transforms, link_transforms
+from hexctl.robot.formats.link_frames import FOOT_LINKS, fixed_transforms, link_transforms
 from hexctl.robot.formats.link_masses import link_mass, trunk_mass
 from hexctl.robot.formats.mjcf import CAMERAS, mjcf_of
 from hexctl.robot.formats.urdf import COMMAND_TOPIC, TOPIC_SYSTEM, urdf_of
@@ -54,14 +54,6 @@ def test_masses_are_those_of_the_simulated_robot(name: str) -> None:
         assert part.com_m == pytest.approx(model.body_ipos[body], abs=1e-12)
         # MuJoCo sorts the principal moments.
         assert sorted(part.moments_kg_m2) == pytest.approx(sorted(model.body_inertia[body]), rel=1e-9)
-
-
-def test_a_tilted_link_is_hardest_to_turn_across_its_length() -> None:
-    mass = link_mass(shipped("phantomx"), 2)
-    along = np.array([np.sin(mass.tilt_rad), 0.0, np.cos(mass.tilt_rad)])
-    outward, up = shipped("phantomx").link_vectors_m[2]
-    assert along == pytest.approx(np.array([outward, 0.0, up]) / np.hypot(outward, up))
-    assert mass.moments_kg_m2[2] < mass.moments_kg_m2[0] == mass.moments_kg_m2[1]
 
 
 @pytest.fixture(params=ROBOT_NAMES)
@@ -172,15 +164,6 @@ def test_transforms_of_links_are_those_of_the_urdf(name: str) -> None:
             mujoco.mju_quat2Mat(matrix, transforms.quaternions[index])
             assert found_m == pytest.approx(transforms.translations_m[index], abs=1e-9)
             assert turn @ data.xmat[below].reshape(3, 3) == pytest.approx(matrix.reshape(3, 3), abs=1e-9)
-
-
-def test_transforms_of_many_ticks_are_those_of_each() -> None:
-    robot = shipped()
-    many = link_transforms(robot, poses(robot, 4).reshape(2, 2, N_JOINTS))
-    one = link_transforms(robot, poses(robot, 4)[3])
-    assert many.quaternions.shape == (2, 2, N_JOINTS, 4)
-    assert np.array_equal(many.quaternions[1, 1], one.quaternions)
-    assert many.children == JOINT_LINKS
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

@@ -15,64 +15,6 @@ from tests.robot.meshmaking import stl_box
 from tests.robots import ROBOT_NAMES, Edit, drop, edited_file, put, shipped
 
 
-def test_ant_has_the_numbers_of_the_paper() -> None:
-    ant = shipped("ant")
-    azimuths = np.radians(np.arange(6) * 60)
-    circle = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(6)], axis=-1)
-    np.testing.assert_allclose(ant.mount_positions_body, 0.080 * circle, atol=1e-12)
-    np.testing.assert_allclose(ant.mount_yaws_rad, azimuths, atol=1e-12)
-    np.testing.assert_allclose(ant.link_vectors_m, [[0.0503, -0.0112], [0.0724, 0.0], [0.1165, 0.0]])
-    np.testing.assert_allclose(ant.stance_feet_body, 0.204 * circle + [0, 0, -0.121], atol=1e-12)
-    np.testing.assert_allclose(ant.joint_max_torque_nm, 2.5)
-    np.testing.assert_allclose(ant.joint_max_speed_rad_s, np.radians(450))
-    assert ant.mass_kg == pytest.approx(1.000)
-    assert (ant.body.mass_kg, ant.size_m) == (0.100, 1.0)
-    assert (ant.gait.pace_hz, ant.gait.amplitude, ant.gait.height) == (0.9, 0.11, 0.02)
-
-
-def test_phantomx_has_the_vendors_numbers() -> None:
-    phantomx = shipped("phantomx")
-    lengths = np.hypot(*phantomx.link_vectors_m.T)
-    np.testing.assert_allclose(lengths, [0.0529, 0.0618, 0.1309], atol=1e-4)
-    np.testing.assert_allclose(
-        phantomx.mount_positions_body[:, :2],
-        [[0.125, 0.065], [0, 0.1], [-0.125, 0.065], [-0.125, -0.065], [0, -0.1], [0.125, -0.065]],
-    )
-    np.testing.assert_allclose(np.degrees(phantomx.mount_yaws_rad), [45, 90, 135, -135, -90, -45])
-    assert phantomx.body.mass_kg == 1.522
-    assert phantomx.mass_kg == pytest.approx(3.22, abs=0.005)
-    np.testing.assert_allclose(phantomx.link_masses_kg, [0.0247, 0.0858, 0.1718])
-    np.testing.assert_allclose(phantomx.body.com_m, [0.001522, 0.000302, 0.015345], atol=5e-5)
-    assert phantomx.body.inertia_kg_m2 == (0.004466, 0.008489, 0.009202)
-    assert phantomx.link_coms_m is not None
-    np.testing.assert_allclose(
-        phantomx.link_coms_m, [[0.019066, 0.006577], [0.020226, -0.00063], [0.036797, -0.011991]], atol=6e-5
-    )
-    np.testing.assert_allclose(phantomx.dry_friction_nm, 0.5)
-    # An XL430-W250 at 12 V has 1.5 N m and 61 rev/min. The vendor's description has an effort of 3 N m.
-    np.testing.assert_allclose(phantomx.joint_max_torque_nm, 1.5)
-    assert phantomx.joint_no_load_speed_rad_s is not None
-    np.testing.assert_allclose(phantomx.joint_no_load_speed_rad_s, 61 / 60 * 2 * np.pi)
-    np.testing.assert_allclose(np.degrees(phantomx.joint_max_speed_rad_s), 180)
-    np.testing.assert_allclose(np.degrees(phantomx.joint_upper_rad[0]), 55)
-
-
-def test_pexod_has_the_numbers_of_its_papers() -> None:
-    pexod = shipped("pexod")
-    np.testing.assert_allclose(np.hypot(*pexod.link_vectors_m.T), [0.060, 0.085, 0.140])
-    np.testing.assert_allclose(
-        pexod.mount_yaws_rad[:3], [np.pi / 2 - 0.3, np.pi / 2, np.pi / 2 + 0.3], atol=1e-5
-    )
-    np.testing.assert_allclose(pexod.mount_yaws_rad[3:], -pexod.mount_yaws_rad[2::-1])
-    np.testing.assert_allclose(
-        pexod.mount_positions_body[:3, :2], [[0.11, 0.04], [-0.01, 0.08], [-0.13, 0.04]]
-    )
-    assert pexod.mass_kg == pytest.approx(2.495)
-    assert pexod.foot_radius_m == 0.025
-    np.testing.assert_allclose(np.degrees(pexod.joint_upper_rad[:3]), [90, 45, 45])
-    np.testing.assert_allclose(pexod.joint_max_speed_rad_s, 7.0, atol=0.002)
-
-
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_shipped_robots_have_their_legs_counter_clockwise_from_the_front(name: str) -> None:
     robot = shipped(name)

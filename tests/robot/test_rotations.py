@@ -40,12 +40,6 @@ def test_yaw_and_tilt_of_a_turned_body(yaw: float, pitch: float, roll: float) ->
     assert float(cos_tilt(float(quaternion[1]), float(quaternion[2]))) == pytest.approx(up[2], abs=1e-12)
 
 
-def test_many_orientations_at_once_equal_each_alone() -> None:
-    quaternions = np.array([[_quaternion(0.3 * i, 0.1 * j, 0.2) for j in range(3)] for i in range(4)])
-    alone = [[float(yaw_rad(quaternion)) for quaternion in row] for row in quaternions]
-    np.testing.assert_array_equal(yaw_rad(quaternions), alone)
-
-
 def test_the_order_of_scipy_is_the_same_turn() -> None:
     quaternions = np.array([_quaternion(0.3, 0.1, 0.2), _quaternion(-2.0, 0.4, 1.0)])
     vector = np.array([0.3, -0.2, 0.9])
@@ -90,13 +84,6 @@ def test_a_steady_motion_is_seen_in_the_frame_of_the_body() -> None:
     np.testing.assert_allclose(found[3:], turn, atol=1e-12)
     # Averaged over 0.1 s, in which the body turns on by 0.08 rad.
     np.testing.assert_allclose(found[:3], velocity, atol=0.02)
-
-
-def test_a_sign_of_the_quaternion_is_no_turn() -> None:
-    twist = BodyTwist()
-    pose = quaternion(Rotation.from_euler("z", 1.0))
-    twist.of(0.0, np.zeros(3), pose)
-    np.testing.assert_allclose(twist.of(0.02, np.zeros(3), -pose), np.zeros(6), atol=1e-7)
 
 
 def test_the_first_pose_and_one_after_a_gap_have_no_velocity() -> None:

@@ -3,7 +3,6 @@
 import csv
 import math
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +16,6 @@ from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.vision import pose_stream
 from hexctl.vision.detection.lens import save_lens
-from hexctl.vision.detection.overlay import Overlay
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate
@@ -143,17 +141,6 @@ def test_learning_that_is_stopped_stores_nothing(tmp_path: Path, recorded: Path)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
-def test_a_floor_without_the_home_tag_is_refused(tmp_path: Path) -> None:
-    with VideoWriter(tmp_path / "empty.mp4") as writer:
-        for number in range(5):
-            writer.write(np.full((480, 640, 3), 120, dtype=np.uint8), number / 30)
-    camera = RobotCamera(camera=str(tmp_path / "empty.mp4"), place=tmp_path / "place.yaml", no_link=True)
-    with pytest.raises(InputError, match="home tag"):
-        camera.run(lambda: False)
-    assert not (tmp_path / "place.yaml").exists()
-
-
 FRAME_S = 0.1
 
 
@@ -181,17 +168,6 @@ class Film(VideoSource):
         """Nothing is open."""
 
 
-class Shown:
-    """In place of a video: its pictures are counted."""
-
-    def __init__(self) -> None:
-        self.pictures = 0
-
-    def write(self, picture: Picture, at_s: float) -> None:
-        """Count a picture."""
-        self.pictures += 1
-
-
 @pytest.fixture(scope="module")
 def pictures() -> tuple[Picture, Picture]:
     """The robot in the middle of the floor, and the same with a hand over its tag."""
@@ -204,86 +180,37 @@ def pictures() -> tuple[Picture, Picture]:
     return seen, covered
 
 
-def streamed(
-    film: Film, monkeypatch: pytest.MonkeyPatch, folder: Path
-) -> tuple[list[str], list[CameraStatus], list[list[str]]]:
-    """Events, statuses, and the text of each picture."""
-    texts: list[list[str]] = []
-    draw: Callable[..., Picture] = Overlay.draw
-
-    def noted(self: Overlay, *arguments: Any, **options: Any) -> Picture:
-        texts.append(list(options["lines"]))
-        return draw(self, *arguments, **options)
-
-    monkeypatch.setattr(Overlay, "draw", noted)
+@pytest.mark.slow
+def test_what_loses_the_robot_is_told_once(
+    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its tag is covered, then no picture comes, and then pictures of another size."""
+    seen, covered = pictures
+    small = np.asarray(cv2.resize(seen, (640, 360)))
+    film = Film([*[seen] * 13, *[covered] * 45, *[seen] * 13, *[None] * 45, *[seen] * 13, *[small] * 45])
     clock = SimpleNamespace(monotonic=lambda: film.now_s, process_time=time.process_time)
     monkeypatch.setattr(pose_stream, "time", clock)
     tag, events, statuses = tag_on(ANT), list[str](), list[CameraStatus]()
-    save_lens(WEBCAM, folder / "lens.yaml")
+    save_lens(WEBCAM, tmp_path / "lens.yaml")
     place = Place(
-        lens=folder / "lens.yaml",
+        lens=tmp_path / "lens.yaml",
         camera=CameraPose.of(CAMERA),
         floor_tags={number: FloorTag.at(one.pose, 1000 * one.edge_m) for number, one in FLOOR_TAGS.items()},
         robot_tag=RobotTag(id=tag.tag_id, edge_mm=1000 * tag.edge_m, height_m=tag.height_m),
     )
-    video: Any = Shown()
-    observer = Observer.at(place, ANT, TagFinder(), 0.0)
-    stream = PoseStream(observer, PoseOutputs(None, None, video, None))
+    stream = PoseStream(Observer.at(place, ANT, TagFinder(), 0.0), PoseOutputs(None, None, None, None))
     stream.run(film, lambda: False, on_pose=lambda _: None, on_status=statuses.append, on_event=events.append)
-    assert video.pictures == len(texts)
-    return events, statuses, texts
-
-
-@pytest.mark.slow
-def test_a_tag_that_is_covered_is_not_seen(
-    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    seen, covered = pictures
-    film = Film([*[seen] * 13, *[covered] * 45, *[seen] * 20])
-    events, statuses, texts = streamed(film, monkeypatch, tmp_path)
-    assert ["seen" if event == events[0] else "lost" for event in events] == ["seen", "lost", "seen"]
-    partly = [status for status in statuses if 0 < status.seen < 1]
-    assert partly
-    assert all(status.tag_px > 20 for status in partly)
-    assert any("by its legs" in text[-1] for text in texts)
-    lost = [text for text in texts if "lost" in text[-1]]
-    assert lost
-    assert all(text[0] == "pose not known" for text in lost)
-    assert lost[0][1] == "tag not seen"
-
-
-@pytest.mark.slow
-def test_a_camera_that_stops_is_what_loses_the_robot(
-    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    film = Film([*[pictures[0]] * 13, *[None] * 45])
-    events, statuses, _ = streamed(film, monkeypatch, tmp_path)
-    assert "no pictures" in events[-1]
-    assert len(events) == 2
+    told = ["seen", "its tag", "seen", "no pictures", "seen", "640x360", "no pictures"]
+    assert len(events) == len(told)
+    assert all(words in event for words, event in zip(told, events, strict=True))
+    assert any(0 < status.seen < 1 and status.tag_px > 20 for status in statuses)
     assert (statuses[-1].seen, statuses[-1].tag_px) == (0.0, 0.0)
-
-
-@pytest.mark.slow
-def test_a_camera_that_comes_back_with_another_size_is_told_once(
-    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    seen, small = pictures[0], np.asarray(cv2.resize(pictures[0], (640, 360)))
-    events, _, texts = streamed(Film([*[seen] * 13, *[small] * 45]), monkeypatch, tmp_path)
-    assert "640x360" in events[1]
-    assert len(events) == 3
-    assert len(texts) == 13
 
 
 def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     lost = PoseEstimate(at_s=1.0, sight="lost", pose=None, covariance=None, age_s=math.inf, restarts=0)
-    known = PoseEstimate(
-        at_s=1.1,
-        sight="bridging",
-        pose=PlanarPose(1.0, -2.0, 0.5),
-        covariance=np.eye(3),
-        age_s=0.4,
-        restarts=0,
-    )
+    pose = PlanarPose(1.0, -2.0, 0.5)
+    known = PoseEstimate(at_s=1.1, sight="bridging", pose=pose, covariance=np.eye(3), age_s=0.4, restarts=0)
     with PoseTable(tmp_path / "poses.csv") as table:
         for at_s, estimate in ((1.0, lost), (1.1, known)):
             table.write(at_s, estimate, Observation(None, False, None))

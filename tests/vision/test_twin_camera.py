@@ -3,11 +3,8 @@
 import math
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +19,7 @@ from hexctl.vision.detection.lens import Lens, save_lens
 from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
 from hexctl.vision.detection.tags import SeenTag, TagFinder
 from hexctl.vision.twin import posture_history
-from hexctl.vision.twin.camera_faults import CameraFault, CameraFaults, parse_camera_fault, with_hand
+from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
 from hexctl.vision.twin.delivery import Delivery, TakenPicture
 from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_robot
 from hexctl.vision.twin.rendering import CameraFlaws
@@ -31,21 +28,9 @@ from hexctl.vision.twin.twin_options import parse_point
 from hexctl.vision.video.video_source import VideoSource, open_video
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
-from tests.server.processes import Served, free_port, served
+from tests.server.processes import served
 from tests.vision.feeding import plain
 from tests.vision.scenes import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, scene, standing, tag_on
-
-
-@pytest.mark.parametrize(
-    ("text", "fault"),
-    [
-        ("moved:0.05,0,-0.1@10", CameraFault(kind="moved", at_s=10, values=(0.05, 0, -0.1))),
-        ("turned:-2.5", CameraFault(kind="turned", values=(-2.5,))),
-        ("covered:2@0.5", CameraFault(kind="covered", at_s=0.5, values=(2.0,))),
-    ],
-)
-def test_a_fault_is_understood(text: str, fault: CameraFault) -> None:
-    assert parse_camera_fault(text) == fault
 
 
 def test_a_camera_stands_still_until_it_is_moved_and_turned() -> None:
@@ -88,19 +73,12 @@ def test_pictures_arrive_in_order_and_none_before_it_is_due() -> None:
     for number, due_at_s in enumerate(due_s):
         delivery.send(TakenPicture(partial(plain, 10 * number), began_s, due_at_s))
     wait_for(lambda: len(arrived) == 8, 10, "not all pictures arrived")
+    delivery.send(TakenPicture(lambda: plain(0), 0.0, time.monotonic() + 3600))
     delivery.close()
     assert [bright for bright, _ in arrived] == [10 * number for number in range(8)]
     assert all(at_s >= due_at_s for (_, at_s), due_at_s in zip(arrived, due_s, strict=True))
     assert delivery.delivered == 8
     assert delivery.latency_s >= sum(due_s) - 8 * began_s
-
-
-def test_what_is_on_its_way_at_the_end_is_lost() -> None:
-    arrived: list[bytes] = []
-    delivery = Delivery(arrived.append)
-    delivery.send(TakenPicture(lambda: plain(0), 0.0, time.monotonic() + 3600))
-    delivery.close()
-    assert arrived == []
 
 
 HERE = standing(load_robot("ant"), PlanarPose(0.1, 0, 0))
@@ -180,63 +158,6 @@ def test_the_lens_is_a_webcams_one_of_its_size_or_that_of_a_file(tmp_path: Path)
         TwinCamera(lens=tmp_path / "lens.yaml", size_px=(640, 480)).camera()
 
 
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("robot"), backend="sim") as running:
-        yield running
-
-
-class Running:
-    """A camera in a thread.
-
-    Attributes:
-        url: of its pictures.
-        said: events that it told.
-        report: what it managed, at its end.
-    """
-
-    def __init__(self, options: TwinCamera) -> None:
-        self.said: list[str] = []
-        self.report: TwinReport | None = None
-        self.url = ""
-        self._over = threading.Event()
-        self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._run, args=(options,))
-        self._thread.start()
-        wait_for(lambda: self.url or not self._thread.is_alive(), 30, "the camera never began")
-        self._raise()
-
-    def _run(self, options: TwinCamera) -> None:
-        try:
-            self.report = options.run(self._over.is_set, on_started=self._started, on_event=self.said.append)
-        except Exception as error:  # noqa: BLE001  raised again where the test sees it
-            self._error = error
-
-    def _started(self, started: TwinStarted) -> None:
-        assert started.robot == "ant"
-        self.url = started.url
-
-    def _raise(self) -> None:
-        if self._error is not None:
-            raise self._error
-
-    def end(self) -> None:
-        """End it; raises what it raised."""
-        self._over.set()
-        self._thread.join()
-        self._raise()
-
-
-@contextmanager
-def running(**options: Any) -> Iterator[Running]:
-    """A camera, until the block ends."""
-    camera = Running(TwinCamera(fps=10, **options))
-    try:
-        yield camera
-    finally:
-        camera.end()
-
-
 def tags(source: VideoSource) -> dict[int, SeenTag]:
     """Tags in the next picture; none without a picture."""
     frame = source.read(10)
@@ -244,49 +165,49 @@ def tags(source: VideoSource) -> dict[int, SeenTag]:
 
 
 @pytest.mark.realtime
-def test_it_shows_the_robot_where_it_truly_is(robot: Served) -> None:
-    with (
-        followed_robot(Link(endpoint=robot.endpoint)) as (model, history),
-        running(connect=robot.endpoint, robot="ant") as camera,
-        open_video(camera.url) as source,
-    ):
-        found = wait_for(
-            lambda: seen if {*FLOOR_TAGS, ROBOT_TAG} == set(seen := tags(source)) else None,
-            30,
-            "not all tags were seen",
-        )
-        truth = history.at(history.newest_at_s or 0.0)
+def test_it_shows_a_served_robot_where_it_truly_is_and_says_when_it_falls_silent(tmp_path: Path) -> None:
+    started: list[TwinStarted] = []
+    reports: list[TwinReport] = []
+    said: list[str] = []
+    over = threading.Event()
+
+    def run(connect: str) -> None:
+        twin = TwinCamera(fps=10, connect=connect, robot="ant")
+        reports.append(twin.run(over.is_set, on_started=started.append, on_event=said.append))
+
+    with served(tmp_path, backend="sim") as robot:
+        thread = threading.Thread(target=run, args=(robot.endpoint,))
+        thread.start()
+        try:
+            wait_for(lambda: started, 30, "the camera never began")
+            with (
+                followed_robot(Link(endpoint=robot.endpoint)) as (model, history),
+                open_video(started[0].url) as source,
+            ):
+                found = wait_for(
+                    lambda: seen if {*FLOOR_TAGS, ROBOT_TAG} == set(seen := tags(source)) else None,
+                    30,
+                    "not all tags were seen",
+                )
+                truth = history.at(history.newest_at_s or 0.0)
+            port = int(started[0].url.split(":")[2].split("/")[0])
+            with pytest.raises(RobotFaultError, match=f"http_port: got {port}"):
+                TwinCamera(connect=robot.endpoint, http_port=port).run(over.is_set)
+            robot.end()
+            wait_for(lambda: said, 10, "the silence was never told")
+        finally:
+            over.set()
+            thread.join()
     assert truth is not None
     height_m = float(truth.position_floor[2]) + tag_on(model).height_m
     seen = tag_pose(CAMERA, found[ROBOT_TAG].corners_px, height_m)
     assert seen is not None
     assert (seen.pose.x_m, seen.pose.y_m) == pytest.approx(truth.position_floor[:2], abs=0.005)
     assert abs(wrapped_rad(seen.pose.yaw_rad - float(yaw_rad(truth.quaternion_floor)))) < 0.02
-    report = camera.report
-    assert report is not None
-    assert report.delivered > 0
+    (report,) = reports
     assert report.latency_s is not None
     assert report.latency_s >= 0.0799
-    assert report.drawn >= report.delivered + report.dropped
-
-
-@pytest.mark.realtime
-def test_a_robot_that_falls_silent_is_told(tmp_path: Path) -> None:
-    with served(tmp_path, backend="sim") as robot, running(connect=robot.endpoint) as camera:
-        robot.end()
-        wait_for(lambda: camera.said, 10, "the silence was never told")
-        with open_video(camera.url) as source:
-            wait_for(lambda: ROBOT_TAG in tags(source), 30, "the robot is not shown any more")
-
-
-@pytest.mark.realtime
-def test_a_port_in_use_and_a_place_without_a_robot_are_said(robot: Served) -> None:
-    with running(connect=robot.endpoint) as camera:
-        port = int(camera.url.split(":")[2].split("/")[0])
-        with pytest.raises(RobotFaultError, match=f"http_port: got {port}"):
-            Running(TwinCamera(connect=robot.endpoint, http_port=port))
-    with pytest.raises(RobotFaultError, match="nothing listens"):
-        Running(TwinCamera(connect=f"tcp/127.0.0.1:{free_port()}"))
+    assert report.drawn >= report.delivered + report.dropped > 0
 
 
 @pytest.mark.parametrize(

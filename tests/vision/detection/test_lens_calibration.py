@@ -1,7 +1,6 @@
 """Lenses: their equations, their files, and their calibration with a printed board."""
 
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -21,7 +20,7 @@ from hexctl.vision.detection.calibration_board import (
     charuco_board,
 )
 from hexctl.vision.detection.lens import Lens, load_lens, save_lens
-from hexctl.vision.detection.lens_calibration import LensCalibration, add_video
+from hexctl.vision.detection.lens_calibration import LensCalibration
 from hexctl.vision.detection.tags import Picture, TagFinder
 from tests.vision.boards import BoardPictures
 
@@ -195,18 +194,6 @@ def test_pictures_that_do_not_differ_do_not_count() -> None:
 
 
 @pytest.mark.slow
-def test_it_says_where_the_board_was_not_seen() -> None:
-    calibration = LensCalibration()
-    for picture in BoardPictures(LENSES["480p"]).around(12, reach=0.2, tilt_deg=3):
-        calibration.add(picture)
-    said = " ".join(calibration.missing())
-    for side in ("left", "right", "upper", "lower"):
-        assert f"nearer to the {side} edge" in said
-    assert "tilt it" in said
-    assert "more pictures" in said
-
-
-@pytest.mark.slow
 def test_a_fisheye_is_not_taken_for_a_usual_lens() -> None:
     calibration = LensCalibration()
     for picture in pictures("fisheye"):
@@ -227,17 +214,3 @@ def test_a_picture_that_fits_to_no_flat_board_is_left_out() -> None:
     result = calibration.solve()
     assert result.pictures == calibration.pictures - 1
     assert ray_error_px(LENSES["webcam"], result.lens) < 0.5
-
-
-@pytest.mark.slow
-def test_of_a_video_frames_are_kept_in_which_the_board_is_still() -> None:
-    moving = pictures("480p")
-    calibration = LensCalibration()
-    add_video(calibration, iter(moving))
-    assert calibration.pictures == 0
-    told: list[int] = []
-    still = [picture for picture in moving for _ in range(2)]
-    add_video(calibration, iter(still), on_kept=lambda now: told.append(now.pictures))
-    assert told == list(range(1, calibration.pictures + 1))
-    assert all(second == first + 1 for first, second in pairwise(told))
-    assert not calibration.missing()
