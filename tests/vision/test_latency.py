@@ -2,11 +2,13 @@
 
 import json
 import signal
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,18 +22,21 @@ from hexctl.errors import InputError
 from hexctl.ik.leg_odometry import leg_motions
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.vision import latency_trial
 from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.estimation.latency import measure_latency
 from hexctl.vision.latency_trial import CameraLatency
 from hexctl.vision.latency_trial import course as twist_course
-from hexctl.vision.place import load_place, save_place
+from hexctl.vision.place import load_place
 from hexctl.vision.robot_camera import RobotCamera
 from hexctl.vision.robot_link import LegState
 from hexctl.vision.twin.twin_camera import WEBCAM
+from hexctl.vision.video.video_source import Frame, VideoSource
 from tests.driven import course
 from tests.robots import shipped
 from tests.server.processes import hexctl_process, program, served
 from tests.vision.sightings import SIGMA
+from tests.vision.test_place import saved
 
 #: A twist of the body, by its joints.
 TIMES_S = 0.02 * np.arange(300, dtype=float)
@@ -180,17 +185,32 @@ def test_a_twist_tells_the_latency_which_the_place_keeps_and_an_interrupted_one_
     assert replace(after, latency_s=None) == before
 
 
-@pytest.mark.realtime
-def test_a_robot_that_is_not_seen_does_not_move(tmp_path: Path) -> None:
-    with watched(tmp_path) as (place, command):
-        known = load_place(place)
-        save_place(replace(known, robot_tag=replace(known.robot_tag, id=77)), place)
-        before = place.read_bytes()
-        done = hexctl_process(*command)
-        assert done.returncode == 2
-        assert "--camera" in done.stderr
-        assert "moves now" not in done.stderr
-        assert place.read_bytes() == before
+class Empty(VideoSource):
+    """A camera that sees nothing but grey."""
+
+    live = True
+
+    def read(self, timeout_s: float = 1.0) -> Frame:
+        """A picture."""
+        time.sleep(0.001)
+        return Frame(np.full((720, 1280, 3), 90, dtype=np.uint8), time.monotonic(), 1)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def test_a_robot_that_is_not_seen_does_not_move(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    linked = SimpleNamespace(robot=shipped(), states=list)
+    monkeypatch.setattr(latency_trial, "LOOKING_S", 0.2)
+    monkeypatch.setattr(latency_trial, "robot_link", lambda *_: nullcontext(linked))
+    monkeypatch.setattr(latency_trial, "seen_place", lambda known, *_: known)
+    monkeypatch.setattr(CameraLatency, "open_video", lambda *_: Empty("empty"))
+    place, moved = saved(tmp_path), list[object]()
+    before = place.read_bytes()
+    with pytest.raises(InputError, match="camera"):
+        CameraLatency(camera="0", place=place).run(lambda: False, on_moving=moved.append)
+    assert moved == []
+    assert place.read_bytes() == before
 
 
 def test_a_place_that_was_never_learned_is_refused(tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 import csv
 import math
+import shutil
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -42,100 +44,94 @@ from tests.vision.scenes import (
 HOME = FLOOR_TAGS[0].pose
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a video of a walk and the calibration of its lens."""
-    folder = tmp_path_factory.mktemp("camera")
-    film_walk(folder)
-    return folder
+@dataclass(frozen=True)
+class Looked:
+    """A folder with a walk.mp4, its lens, the place that was learned of it, and what was said."""
+
+    folder: Path
+    report: CameraReport
+    started: CameraStarted
 
 
-def looked(folder: Path, recorded: Path, **options: Any) -> tuple[CameraReport, CameraStarted]:
-    """Report, and what was said at the start."""
+def look(folder: Path, **options: Any) -> Looked:
+    """Look at the film in a folder."""
     started: list[CameraStarted] = []
     camera = RobotCamera(
-        camera=str(recorded / "walk.mp4"), place=folder / "place.yaml", lens=recorded / "lens.yaml",
-        latency_ms=0.0, no_link=True, **options,
-    )  # fmt: skip
+        camera=str(folder / "walk.mp4"),
+        place=folder / "place.yaml",
+        latency_ms=0.0,
+        no_link=True,
+        **options,
+    )
     report = camera.run(lambda: False, on_started=started.append)
-    return report, started[0]
+    return Looked(folder, report, started[0])
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Looked:
+    """The first look at a walk, from which the place is learned."""
+    folder = tmp_path_factory.mktemp("camera")
+    film_walk(folder)
+    outputs = {"poses": folder / "poses.csv", "output": folder / "seen.mp4"}
+    return look(folder, lens=folder / "lens.yaml", bar_mm=100.0, **outputs)
 
 
 @pytest.mark.slow
-def test_a_video_of_a_walk_becomes_poses_on_the_floor_of_the_home_tag(tmp_path: Path, recorded: Path) -> None:
-    outputs = {"poses": tmp_path / "poses.csv", "output": tmp_path / "seen.mp4"}
-    report, started = looked(tmp_path, recorded, bar_mm=100.0, **outputs)
-    assert started.learned
-    assert set(started.place.floor_tags) == set(FLOOR_TAGS)
-    assert started.doubts == ()
-    assert report.seen == 1.0
-    with (tmp_path / "poses.csv").open(encoding="utf-8") as file:
+def test_a_video_of_a_walk_becomes_poses_on_the_floor_of_the_home_tag(first: Looked) -> None:
+    assert first.started.learned
+    assert set(first.started.place.floor_tags) == set(FLOOR_TAGS)
+    assert first.started.doubts == ()
+    assert first.report.seen == 1.0
+    with (first.folder / "poses.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == report.pictures == FILM_PICTURES
+    assert len(rows) == first.report.pictures == FILM_PICTURES
     believed = [row for row in rows if row["sight"] == "seeing"]
     assert len(believed) > FILM_PICTURES - 10
     for row in believed:
         true = HOME.inverse().after(filmed_pose(round(float(row["at_s"]) * FILM_FPS)))
         assert np.hypot(float(row["seen_x_m"]) - true.x_m, float(row["seen_y_m"]) - true.y_m) < 0.01
         assert abs(wrapped_rad(float(row["seen_yaw_rad"]) - true.yaw_rad)) < 0.03
-    with open_video(str(tmp_path / "seen.mp4")) as seen:
+    with open_video(str(first.folder / "seen.mp4")) as seen:
         assert next(iter(seen)).picture.shape == (720, 1280, 3)
 
 
 @pytest.mark.slow
-def test_a_known_place_is_used_and_the_camera_placed_by_what_it_sees(tmp_path: Path, recorded: Path) -> None:
-    looked(tmp_path, recorded)
-    known = load_place(tmp_path / "place.yaml")
-    text = (tmp_path / "place.yaml").read_text(encoding="utf-8")
-    _, started = looked(tmp_path, recorded)
-    assert not started.learned
-    assert (tmp_path / "place.yaml").read_text(encoding="utf-8") == text
-    assert started.place.floor_tags == known.floor_tags
-    assert np.allclose(started.place.camera.position_m, known.camera.position_m, atol=0.01)
-    assert started.arena is not None
-    (x_m, y_m), radius_m = started.arena
-    assert radius_m > 0.5
-    assert (x_m, y_m) != (0.0, 0.0)
-
-
-@pytest.mark.slow
-def test_a_camera_with_other_pictures_is_stored_so_that_the_arena_is_what_it_sees(
-    tmp_path: Path, recorded: Path
-) -> None:
+def test_a_known_place_is_used_and_a_camera_with_other_pictures_stored(first: Looked, tmp_path: Path) -> None:
     """The file is what `adapt --arena` reads: in smaller pictures the tag is seen less far away."""
-    robot = load_robot("ant")
-    _, large = looked(tmp_path, recorded)
+    large, robot = first.started, load_robot("ant")
+    known = load_place(first.folder / "place.yaml")
     assert large.arena is not None
-    assert arena_of(load_place(tmp_path / "place.yaml"), robot)[1] == pytest.approx(large.arena[1], abs=0.06)
+    assert arena_of(known, robot)[1] == pytest.approx(large.arena[1], abs=0.06)
+    folder = Path(shutil.copytree(first.folder, tmp_path / "half"))
     with (
-        open_video(str(recorded / "walk.mp4")) as video,
+        open_video(str(first.folder / "walk.mp4")) as video,
         VideoWriter(tmp_path / "walk.mp4", FILM_FPS) as half,
     ):
         for frame in video:
             half.write(np.asarray(cv2.resize(frame.picture, (960, 540))), frame.at_s)
-    (tmp_path / "lens.yaml").write_bytes((recorded / "lens.yaml").read_bytes())
-    camera = RobotCamera(camera=tmp_path / "walk.mp4", place=tmp_path / "place.yaml", no_link=True)
-    started: list[CameraStarted] = []
-    camera.run(lambda: bool(started), on_started=started.append)
-    assert not started[0].learned
-    stored = load_place(tmp_path / "place.yaml")
+    (tmp_path / "walk.mp4").replace(folder / "walk.mp4")
+    small = look(folder).started
+    assert not small.learned
+    assert small.place.floor_tags == known.floor_tags
+    assert np.allclose(small.place.camera.position_m, known.camera.position_m, atol=0.01)
+    stored = load_place(folder / "place.yaml")
     assert stored.viewpoint.lens.width_px == 960
-    assert started[0].arena is not None
-    (middle_m, radius_m), (shown_m, shown_radius_m) = arena_of(stored, robot), started[0].arena
+    assert small.arena is not None
+    (middle_m, radius_m), (shown_m, shown_radius_m) = arena_of(stored, robot), small.arena
     assert radius_m == pytest.approx(shown_radius_m, abs=0.02)
     assert middle_m == pytest.approx(shown_m, abs=0.06)
     assert radius_m < large.arena[1] - 0.1
 
 
 @pytest.mark.slow
-def test_learning_that_is_stopped_stores_nothing(tmp_path: Path, recorded: Path) -> None:
+def test_learning_that_is_stopped_stores_nothing(first: Looked, tmp_path: Path) -> None:
     asked: list[None] = []
 
     def stop_requested() -> bool:
         asked.append(None)
         return len(asked) > 5
 
-    camera = RobotCamera(camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", no_link=True)
+    camera = RobotCamera(camera=first.folder / "walk.mp4", place=tmp_path / "place.yaml", no_link=True)
     report = camera.run(stop_requested)
     assert (report.pictures, report.look_s) == (0, None)
     assert list(tmp_path.iterdir()) == []
