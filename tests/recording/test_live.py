@@ -32,14 +32,9 @@ from tests.robots import shipped
 
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
 
-
 #: Has a row for each tick.
 ROBOT = "world/robot"
-
-
 TIMEOUT_S = 30.0
-
-
 TICKS = 50 + 150 + 101
 
 

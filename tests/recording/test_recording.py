@@ -257,7 +257,6 @@ trial = pickle.load(sys.stdin.buffer)
 recording = Recording(Path(sys.argv[1]), trial["robot"], trial["plan"], title="interrupted")
 """
 
-
 KILLED = (
     CHILD
     + """
@@ -269,7 +268,6 @@ print("written", flush=True)
 time.sleep(60)
 """
 )
-
 
 FULL_DISK = (
     CHILD
@@ -372,10 +370,8 @@ def test_a_flush_that_never_comes_back_is_left_behind(
 #: Rows of a chunk: the chunks that are kept are full after 4 s.
 CHUNK_ROWS = 50
 
-
 #: By then everything has happened once.
 WARM_S = 15.0
-
 
 #: Half a minute of rows alone would be ten times as much.
 MOST_BYTES = 200_000
@@ -431,7 +427,6 @@ def record(name):
 robot = load_robot("ant")
 """
 
-
 #: Two threads of each recording that is kept; one or two may be on their way out.
 CLOSED = """
 def threads():
@@ -443,7 +438,6 @@ for index in range(5):
     record(index)
 wait_for(lambda: threads() <= first + 2, 60, "closed recordings keep their threads")
 """
-
 
 OF_THE_PROGRAM = """
 rr.init("a program of its own")

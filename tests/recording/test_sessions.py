@@ -10,7 +10,6 @@ import pytest
 import rerun as rr
 
 from hexctl.errors import InputError, RecordingError
-from hexctl.palette import deviation_color
 from hexctl.recording.sessions import session_figures as module
 from hexctl.recording.sessions.belief_figure import height
 from hexctl.recording.sessions.session_figures import visible_m, write_overview_file
@@ -19,7 +18,6 @@ from hexctl.recording.sessions.session_overview import (
     SearchStep,
     drawable,
 )
-from hexctl.recording.style import packed
 from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import SESSION, ReadBack, make_overview, make_trial
 
@@ -144,19 +142,9 @@ STEPS = tuple(
 )
 
 
-BELIEVING = replace(SESSION, steps=STEPS, baseline=(replace(make_trial(0, 0.4), gait="demo", code=77),))
-
-
-@pytest.fixture(scope="module")
-def believed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("beliefs") / "overview.rrd"
-    write_overview_file(path, BELIEVING)
-    return path
-
-
-def test_each_gait_has_its_interval_after_each_trial(believed: Path) -> None:
-    strips = rows(believed, "/belief/intervals", "LineStrips2D:strips")
-    colors = rows(believed, "/belief/intervals", "LineStrips2D:colors")
+def test_each_gait_has_its_interval_after_each_trial(tmp_path: Path) -> None:
+    write_overview_file(tmp_path / "overview.rrd", replace(SESSION, steps=STEPS))
+    strips = rows(tmp_path / "overview.rrd", "/belief/intervals", "LineStrips2D:strips")
     assert list(strips) == [0, 1, 2, 3, 4]
     for step in STEPS:
         assert step.beliefs is not None
@@ -165,22 +153,6 @@ def test_each_gait_has_its_interval_after_each_trial(believed: Path) -> None:
         np.testing.assert_allclose(drawn[:, 0, 1], height(step.beliefs.low_m), atol=1e-5)
         np.testing.assert_allclose(drawn[:, 1, 1], height(step.beliefs.high_m), atol=1e-5)
         np.testing.assert_array_equal(drawn[:, 0, 0], np.arange(1, GAITS + 1))
-        assert colors[step.trials] == [
-            packed(deviation_color(off_m, valid=True)) for off_m in step.beliefs.signed_m.tolist()
-        ]
-
-
-def test_trials_show_where_they_ended_once_they_are_walked(believed: Path) -> None:
-    walked = rows(believed, "/belief/walked", "Points2D:positions")
-    assert list(walked) == [1, 2, 3, 4]
-    np.testing.assert_allclose(
-        walked[4],
-        [[10 * trial.index, float(height(trial.deviation_m or 0.0))] for trial in SESSION.trials],
-        atol=1e-5,
-    )
-    assert len(walked[2]) == 2
-    demo = ReadBack(believed).values("/belief/not_told/demo", "Points2D:positions")
-    np.testing.assert_allclose(demo, [[[77.0, float(height(0.4))]]], atol=1e-5)
 
 
 def test_beliefs_do_not_stay_where_there_are_none_any_more(tmp_path: Path) -> None:

@@ -77,7 +77,6 @@ BEFORE = [
     (" 5:LIMP:Femur", Failure(leg=5, kind="limp", joint="femur")),
 ]
 
-
 COMING = [
     ("5:locked", Failure(leg=5, kind="locked")),
     ("1:limp", Failure(leg=1, kind="limp")),
@@ -88,13 +87,11 @@ COMING = [
     ("3:missing", Failure(leg=3, kind="missing")),
 ]
 
-
 WRONG_KINDS = [
     *("asleep", "", "locked:1", "locked:femur", "limp:0", "limp:foot", "missing:1"),
     *("weak:0.1:2", "weak:1.5", "weak:-0.1", "weak:nan", "weak:little", "weak:", "weak:2"),
     *("stuck:knee:3", "stuck:femur:far", "stuck:femur:nan", "stuck:femur:inf", "stuck:femur:1:2"),
 ]
-
 
 #: Parsers of kinds, and the text that each takes.
 PARSERS: list[tuple[Callable[[str], object], str]] = [

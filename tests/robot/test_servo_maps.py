@@ -113,8 +113,6 @@ def test_ranges_wider_than_the_pulses_are_named(tmp_path: Path) -> None:
 
 
 joints = st.integers(0, 17)
-
-
 degrees = st.floats(-120, 120)
 
 

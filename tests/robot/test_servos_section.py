@@ -22,13 +22,11 @@ from tests.robots import shipped
 
 ANT = config_root() / "robots" / "ant.yaml"
 
-
 SHIPPED = "".join(
     line
     for line in ANT.read_text(encoding="utf-8").splitlines(keepends=True)
     if not line.startswith("servos")
 )
-
 
 #: Section by layout, each with another joint in front of leg1_tibia's keys or none.
 SECTIONS = {
@@ -90,7 +88,6 @@ def test_joints_that_share_keys_by_anchors_are_told_apart(tmp_path: Path) -> Non
 
 numbers = st.floats(-90, 90).map(lambda value: round(value, 3))
 
-
 keys = {
     "sign": st.sampled_from([1, -1]),
     "offset_deg": numbers,
@@ -100,7 +97,6 @@ keys = {
     "min_us": st.integers(500, 1400),
     "max_us": st.integers(1500, 2500),
 }
-
 
 kinds = st.fixed_dictionaries({}, optional=keys)
 

@@ -25,8 +25,6 @@ from hexctl.types import N_JOINTS
 from tests.robots import shipped
 
 PHANTOMX = Path(__file__).parents[1] / "data" / "phantomx_humarobotics.urdf"
-
-
 PHANTOMX_FOOT_M = (0.0, 0.13, 0.0)
 
 

@@ -12,7 +12,6 @@ ALIASES = "a0: &a0 [1]\n" + "".join(
     f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 9)}]\n" for level in range(1, 12)
 )
 
-
 HOSTILE = {
     "a long hexadecimal number": "x: 0x" + "f" * 200_000,
     "a long number": "x: " + "9" * 5000,

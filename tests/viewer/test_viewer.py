@@ -127,10 +127,8 @@ def test_two_walks_are_seen_in_one_scene_with_the_list_of_recordings(
 
 SIZE = (800, 500)
 
-
 #: A browser without a screen prefers light pages. Text and feet are white, and nothing large.
 WHITE, WHITE_SHARE = (255, 255, 255), 0.05
-
 
 #: How long a page may take that draws three dimensions without a graphics card.
 PATIENCE_S = 90.0

@@ -40,8 +40,6 @@ from tests.vision.test_place import saved
 
 #: A twist of the body, by its joints.
 TIMES_S = 0.02 * np.arange(300, dtype=float)
-
-
 TWIST = np.column_stack([np.zeros((300, 2)), wiggle_yaw_rad(TIMES_S - 1.0)])
 
 

@@ -16,20 +16,10 @@ from hexctl.vision.twin.rendering import SceneRenderer
 from tests.vision.scenes import CAMERA, FLOOR_CORNERS, FLOOR_TAGS, WEBCAM, standing, tag_on
 
 ROBOT = load_robot("ant")
-
-
 TAG = tag_on(ROBOT)
-
-
 HERE = PlanarPose(0.2, -0.1, 0.4)
-
-
 KNOCKED = Camera.looking(WEBCAM, np.array([-1.55, 0.08, 1.6]), np.array([0.03, 0.05, 0.0]))
-
-
 LATENCY_S = 0.08
-
-
 PERIOD_S = 1 / 30
 
 

@@ -22,7 +22,6 @@ from tests.driven import Driven, driven
 from tests.vision.scenes import CAMERA, FLOOR_CORNERS, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 
 pytestmark = pytest.mark.slow
-
 ROBOT = load_robot("ant")
 HERE = Camera(WEBCAM.scaled(960, 540), CAMERA.rotation, CAMERA.position_floor)
 TAG = tag_on(ROBOT)

@@ -59,11 +59,7 @@ def test_slip_is_learned() -> None:
 
 
 AHEAD: tuple[Command, ...] = ((1, 0, 0, 0), (7, 1, 0, 0))
-
-
 STOPPING: tuple[Command, ...] = ((1, 0, 0, 0), (5, 1, 0, 0), (3, 0, 0, 0))
-
-
 GAP = ((5.0, 7.0),)
 
 

@@ -138,8 +138,6 @@ def test_learning_that_is_stopped_stores_nothing(first: Looked, tmp_path: Path) 
 
 
 FRAME_S = 0.1
-
-
 ANT = load_robot("ant")
 
 

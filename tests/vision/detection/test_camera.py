@@ -21,8 +21,6 @@ from hexctl.vision.twin.rendering import SceneRenderer
 from tests.vision.scenes import CAMERA, FLOOR_CORNERS, FLOOR_TAGS, ROBOT_TAG, WEBCAM, scene, standing, tag_on
 
 ROBOT = load_robot("ant")
-
-
 HEIGHT_M = ROBOT.standing_height_m + tag_on(ROBOT).height_m
 
 
@@ -94,8 +92,6 @@ def test_tags_are_found_where_they_are_said_to_be_and_not_found_outside() -> Non
 
 
 AWAY = standing(ROBOT, PlanarPose(0.3, 0.3, 0.0))
-
-
 SHIFTED = Camera.looking(WEBCAM, np.array([-1.6, 0.1, 1.6]), np.array([0.05, 0.0, 0.0]))
 
 
@@ -172,10 +168,7 @@ TAGS = {
     3: PlacedTag(3, 0.16, PlanarPose(-0.5, 0.6, 1.2)),
 }
 
-
 EDGES_M = {tag_id: tag.edge_m for tag_id, tag in TAGS.items()}
-
-
 OTHER_SIDE = Camera.looking(WEBCAM, np.array([0.4, 2.0, 1.5]), np.array([0.3, 0.0, 0.0]))
 
 

@@ -26,7 +26,6 @@ from tests.vision.boards import BoardPictures
 
 MATRIX = np.array([[960.0, 0, 652], [0, 955, 349], [0, 0, 1]])
 
-
 MODELS = {
     "none": Lens.assumed(1280, 720, 67.0),
     "plumb_bob": Lens(

@@ -99,11 +99,7 @@ def test_a_tag_above_the_horizon_has_no_pose() -> None:
 
 
 ROBOT = load_robot("ant")
-
-
 TAG = tag_on(ROBOT)
-
-
 HERE = PlanarPose(0.2, -0.1, 0.4)
 
 
