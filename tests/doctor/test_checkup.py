@@ -151,14 +151,6 @@ def test_values_have_their_place_and_name_nobody(tmp_path: Path, monkeypatch: py
     assert found["connect"].value == found["see.camera"].value == "given"
 
 
-def test_what_is_wrong_is_told_and_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("hexctl.toml").write_text("robot = [")
-    found = read_settings_found()
-    assert found.values == ()
-    assert "hexctl.toml" in found.problems[0]
-
-
 def test_variables_that_are_no_setting_are_named_and_not_in_force(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

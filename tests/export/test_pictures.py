@@ -93,26 +93,6 @@ def test_what_is_out_of_range_is_refused(walk: RecordedTrial, tmp_path: Path) ->
         write(tmp_path / "a.gif", walk, walk, camera="follow")
 
 
-def test_a_leg_that_fails_for_a_moment_has_its_colour_in_a_gif(
-    walk: RecordedTrial, tmp_path: Path, monkeypatch: Any
-) -> None:
-    conditions = np.zeros_like(walk.leg_conditions)
-    conditions[65:75, 4] = LEG_CONDITIONS.index("failed")
-
-    class Blushing(Drawn):
-        def draw(self, row: int) -> Any:
-            red = 250 if conditions[row, 4] else 0
-            return np.full((48, 64, 3), (red, 20, 30), dtype=np.uint8)
-
-    Drawn.rows = []
-    monkeypatch.setattr("hexctl.export.pictures.RunRenderer", Blushing)
-    write(tmp_path / "a.gif", replace(walk, leg_conditions=conditions), width_px=64, fps=10)
-    with Image.open(tmp_path / "a.gif") as gif:
-        red = {frame.convert("RGB").getpixel((5, 5))[0] for frame in ImageSequence.Iterator(gif)}
-    assert min(red) < 20
-    assert max(red) > 230
-
-
 @pytest.fixture
 def _renderer(monkeypatch: Any) -> None:
     """Skip where nothing draws without a screen."""

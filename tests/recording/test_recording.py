@@ -21,7 +21,6 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import COLUMN_NAMES, PACED_BLOCK_TICKS, Recorders, TickLog
 from hexctl.control.table import Table
-from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
@@ -94,25 +93,6 @@ def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarra
     )
     placed: np.ndarray = turned + start
     return placed
-
-
-def test_phases_trail_and_layout_are_in_the_file(read: ReadBack, trial: Trial) -> None:
-    phases = [value[0] for value in read.values("/phase", "StateChange:state")]
-    assert phases == list(PHASES)
-    assert len(read.values("/world/trail", "LineStrips3D:strips")) == (len(trial.log) - 1) // 5
-    assert len(read.values("/world/course", "LineStrips3D:strips")) == 1
-    assert len(read.blueprints) == 1
-    assert read.blueprints[0].application_id == read.recordings[0].application_id
-
-
-def test_outcome_is_text_and_properties(read: ReadBack) -> None:
-    texts = [value[0] for value in read.values("/summary", "TextDocument:text")]
-    # A viewer shows the first text while it loads the file of a finished walk: it claims no outcome.
-    pending, outcome = texts
-    assert "**deviation**" not in pending
-    assert "**deviation**" in outcome
-    assert read.values("/__properties/trial", "failed_leg") == [[5]]
-    assert read.values("/__properties/trial", "gait_slots") == [[1, 4, 2, 6, 3, 5]]
 
 
 def _rerun(*command: str | Path) -> "subprocess.CompletedProcess[str]":

@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.console import in_flags
-from hexctl.errors import InputError, MissingExtraError, RecordingError
+from hexctl.errors import InputError, RecordingError
 from hexctl.recording import recording as module
 from hexctl.recording.recorded_trial import read_trial
-from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import END_PADDING, RERUN, check_whole, probe_file
 from hexctl.recording.rrd_reader import (
     CHUNK,
@@ -163,13 +162,6 @@ def test_reading_reads_what_rerun_reads(trial_file: Path) -> None:
 
 
 @pytest.mark.slow
-def test_without_arrow_the_extra_is_named(trial_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(MissingExtraError, match=r"hexctl\[view\]"):
-        read_trial(trial_file)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("missing_bytes", [1, 500])
 def test_an_incomplete_end_is_noticed(
     missing_bytes: int, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -201,15 +193,6 @@ def test_messages_end_where_the_file_ends(
     for start in (path.stat().st_size, HEAD_BYTES + 1):
         with pytest.raises(RecordingError):
             check_end(path, start)
-
-
-@pytest.mark.slow
-def test_a_walk_that_was_broken_off_is_read_up_to_there(trial: Trial, tmp_path: Path) -> None:
-    path = tmp_path / "broken-off.rrd"
-    with Recording(path, trial.robot, trial.plan, title="broken off") as recorded:
-        recorded.write_block(trial.log, 0, 100)
-    assert len(read_trial(path)) == 100
-    assert "status" not in read_trial(path).properties
 
 
 SHOWN = """

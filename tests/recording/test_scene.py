@@ -11,7 +11,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
 from hexctl.control.log import TickLog
-from hexctl.recording import paths, style
+from hexctl.recording import paths
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import Recording
 from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
@@ -59,14 +59,6 @@ def test_a_mesh_is_put_in_its_place(read: ReadBack) -> None:
     assert read.values(path, "InstancePoses3D:scales")[0][0] == pytest.approx([0.02] * 3)
     half = 0.5**0.5
     assert read.values(path, "InstancePoses3D:quaternions")[0][0] == pytest.approx([0, 0, half, half])
-
-
-def test_only_a_mesh_without_colours_or_of_the_failed_leg_is_tinted(read: ReadBack) -> None:
-    assert read.values(f"/{paths.BODY}", "Asset3D:albedo_factor") == [[style.packed(style.BODY_COLOR)]]
-    coloured = read.values(f"/{paths.link_path(1, 'tibia')}", "Asset3D:albedo_factor")
-    assert coloured == [[style.packed(style.WHITE)]], "as it is"
-    failed = read.values(f"/{paths.link_path(5, 'tibia')}", "Asset3D:albedo_factor")
-    assert failed == [[style.packed(style.FAILED_COLORS["tibia"])]]
 
 
 def test_an_even_floor_is_two_triangles_around_the_whole_path() -> None:

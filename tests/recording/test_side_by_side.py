@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from hexctl.errors import InputError
 from hexctl.recording import paths
@@ -64,32 +63,6 @@ def test_the_scene_leads_to_a_copy_of_each_walk(written: list[Path], recordings:
         np.testing.assert_array_equal(before.measured_rad, after.measured_rad)
         assert before.properties == after.properties
         assert before.floor_quaternion.tolist() == after.floor_quaternion.tolist()
-
-
-def test_the_list_of_recordings_is_open_in_each(written: list[Path], recordings: list[Path]) -> None:
-    assert [_list_state(path) for path in written] == ["expanded"] * 3
-    assert _list_state(recordings[0]) == "hidden"
-
-
-def _list_state(path: Path) -> str:
-    """State of the list of recordings in the layout of a file."""
-    reader = RrdReader(path)
-    (layout,) = reader.blueprints()
-    for chunk in reader.stream(store=layout).to_chunks():
-        if chunk.entity_path == "/blueprint_panel":
-            (state,) = chunk.to_record_batch().column("PanelBlueprint:state").to_pylist()[0]
-            return {1: "hidden", 2: "collapsed", 3: "expanded"}[state]
-    raise AssertionError("no such panel")
-
-
-def test_links_lead_to_a_server_where_there_is_one(recordings: list[Path], tmp_path: Path) -> None:
-    scene, *_ = write_together(recordings, tmp_path, "http://127.0.0.1:1/walks/")
-    texts = [
-        ReadBack(scene).values(f"/lane{number}/{paths.SUMMARY}", "TextDocument:text")[0][0]
-        for number in (1, 2)
-    ]
-    assert "(http://127.0.0.1:1/walks/1-a%20walk.rrd)" in texts[0]
-    assert "(http://127.0.0.1:1/walks/2-b.rrd)" in texts[1]
 
 
 @pytest.mark.parametrize("kind", [0, 1, 3])

@@ -25,14 +25,6 @@ def test_shipped_robots_have_their_legs_counter_clockwise_from_the_front(name: s
     assert robot.stance_feet_body[0, 0] > 0, "leg 1 stands in front"
 
 
-def test_what_a_joint_may_leave_out_is_without_friction_at_any_speed_and_of_the_servos_stiffness() -> None:
-    ant = shipped("ant")
-    np.testing.assert_array_equal(ant.dry_friction_nm, np.zeros(18))
-    np.testing.assert_array_equal(ant.back_emf_nm_s_per_rad, np.zeros(18))
-    np.testing.assert_array_equal(ant.stiffness_nm_per_rad, np.full(18, 15.0))
-    assert (ant.body.com_m, ant.body.inertia_kg_m2, ant.link_coms_m) == ((0, 0, 0), None, None)
-
-
 def test_friction_stiffness_and_speed_without_load_are_per_joint_kind(tmp_path: Path) -> None:
     edits = [put("joints", kind, "no_load_speed_deg_s", 720) for kind in ("coxa", "femur", "tibia")]
     edits += [
@@ -154,7 +146,6 @@ def _change_mounts(change: Callable[[list[Any]], Any]) -> Edit:
 #: What is wrong, how to make it, and what the message names.
 BAD_VALUES: dict[str, tuple[Edit, str]] = {
     "unknown key": (put("colour", "red"), "colour"),
-    "unknown nested key": (put("links", "coxa", "lenght_m", 1), "links.coxa.lenght_m"),
     "unknown key of a mount": (put("mounts", 2, "yaw", 1), "mounts[2].yaw"),
     "key is no text": (put(5, 1), "5"),
     "missing key": (drop("size_m"), "size_m"),
@@ -166,20 +157,11 @@ BAD_VALUES: dict[str, tuple[Edit, str]] = {
     "seven legs": (_change_mounts(lambda mounts: mounts.append(mounts[0])), "7 legs"),
     "text for a number": (put("links", "coxa", "mass_kg", "heavy"), "links.coxa.mass_kg"),
     "yes for a number": (put("size_m", True), "size_m"),
-    "list for a number": (put("size_m", [1]), "size_m"),
-    "nothing for a number": (put("size_m", None), "size_m"),
     "text for a section": (put("links", "coxa", "long"), "links.coxa"),
-    "text for a mount": (put("mounts", 1, "front"), "mounts[1]"),
-    "mapping for the mounts": (put("mounts", {"front": 1}), "mounts"),
     "short list": (put("body", "size_m", [0.1, 0.2]), "body.size_m"),
-    "long list": (put("body", "size_m", [0.1] * 4), "body.size_m"),
     "number in a list": (put("body", "size_m", [0.1, -1, 0.1]), "body.size_m[1]"),
     "not a number": (put("body", "mass_kg", float("nan")), "body.mass_kg"),
-    "infinite": (put("joints", "coxa", "max_speed_deg_s", float("inf")), "joints.coxa.max_speed_deg_s"),
-    "negative infinite": (put("stance", "up_m", float("-inf")), "stance.up_m"),
     "negative mass": (put("body", "mass_kg", -1), "body.mass_kg"),
-    "zero radius": (put("foot_radius_m", 0), "foot_radius_m"),
-    "huge mass": (put("body", "mass_kg", 1e6), "body.mass_kg"),
     "angle beyond a turn": (put("joints", "coxa", "max_deg", 400), "joints.coxa.max_deg"),
     "range upside down": (put("joints", "femur", "min_deg", 200), "joints.femur"),
     "unknown shape": (put("body", "shape", "ball"), "body.shape"),
@@ -187,7 +169,6 @@ BAD_VALUES: dict[str, tuple[Edit, str]] = {
         put("body", "inertia_kg_m2", [0.001, 0.001, 0.003]),
         "body.inertia_kg_m2",
     ),
-    "a negative inertia": (put("body", "inertia_kg_m2", [0.001, -0.001, 0.001]), "body.inertia_kg_m2[1]"),
     "a centre of mass in the plane": (put("body", "com_m", [0.0, 0.1]), "body.com_m"),
     "friction above the torque": (put("joints", "femur", "dry_friction_nm", 2.5), "joints.femur"),
     "faster than without load": (put("joints", "femur", "no_load_speed_deg_s", 300), "joints.femur"),
@@ -218,18 +199,13 @@ def test_a_bad_value_is_refused_in_one_line_with_file_and_key(what: str, tmp_pat
 #: What is no mapping; `test_yaml_text.py` has what is no YAML.
 BAD_TEXTS = {
     "list": b"- 1\n- 2\n",
-    "text": b"hello\n",
-    "number": b"5",
     "empty": b"",
     "binary": bytes(range(256)),
-    "zeros": bytes(100),
     "utf-16": "name: ant".encode("utf-16"),
     "syntax": b"a: [1, 2\nb: {\n",
-    "tab": b"a:\n\t- b\n",
     "two documents": b"a: 1\n---\nb: 2\n",
     "newline in a key": b'"a\\nb": 1\n',
     "name of code": b"name: !!python/name:os.system\n",
-    "tag": b"name: !mine x\n",
 }
 
 
@@ -250,7 +226,7 @@ def test_a_tag_never_runs_code(tmp_path: Path) -> None:
 def test_a_path_or_a_name_without_a_file_is_refused_with_the_known_names(tmp_path: Path) -> None:
     (tmp_path / "folder.yaml").mkdir()
     known = ", ".join(config_names("robots"))
-    for where in (".", "folder.yaml", "missing.yaml", "missing/robot", "a\nb.yaml", "a\0b.yaml", "x" * 5000):
+    for where in (".", "folder.yaml", "missing/robot", "a\nb\0.yaml", "x" * 5000):
         assert known in _refusal(f"{tmp_path}/{where}")
     for name in ("spider", "", "an t"):
         assert known in _refusal(name)

@@ -223,7 +223,7 @@ class TestFailuresInMidWalk:
     """What the world breaks, what the walk notices, and what it does about it."""
 
     def test_the_result_tells_them_apart(self) -> None:
-        done = run(gait="tripod", duration_s=6.0, failure="5:locked@3", policy="glide")
+        done = run(gait="tripod", duration_s=6.0, failure="5:locked@3")
         assert done.outcome["events"] == ["5:locked@3"]
         assert done.outcome["failed_leg"] is None
         (noticed,) = done.outcome["noticed"]
@@ -258,18 +258,17 @@ class TestFailuresInMidWalk:
         with pytest.raises(InputError, match="leg 5 is whole"), Run(RunSpec(**heals)):  # type: ignore[arg-type]
             pass
 
-    @pytest.mark.parametrize(("policy", "did"), [(None, "changed to"), ("walk-on", "walked on")])
-    def test_a_simulation_recovers_unless_asked_to_walk_on(self, policy: str | None, did: str) -> None:
-        done = run(gait="tripod", duration_s=5.0, failure="5:locked@3", policy=policy)
+    def test_a_simulation_may_be_asked_to_walk_on(self) -> None:
+        done = run(gait="tripod", duration_s=3.0, failure="5:locked@1", policy="walk-on")
         assert done.trial.status == "ok"
-        assert [each.did.startswith(did) for each in done.trial.noticed] == [True]
+        assert [each.did for each in done.trial.noticed] == ["walked on"]
 
     def test_a_policy_of_ones_own(self) -> None:
         class Once(RecoveryPolicy):
             def respond(self, *_args: object) -> Response:
                 return Response(stop=True)
 
-        done = run(gait="tripod", duration_s=5.0, failure="5:locked@3", policy=Once())
+        done = run(gait="tripod", duration_s=3.0, failure="5:locked@1", policy=Once())
         assert done.trial.status == "aborted"
 
 

@@ -84,17 +84,6 @@ def test_a_session_opens_with_all_its_panels(session_window: Window) -> None:
 
 
 @pytest.mark.slow
-def test_trajectories_and_points_appear_trial_by_trial(session_window: Window) -> None:
-    pictures = []
-    for trial in (1, len(DEVIATIONS_M)):
-        session_window.show_trial(trial)
-        session_window.picture()
-        pictures.append((of_kind(session_window, "2D"), of_kind(session_window, "TimeSeries")))
-    for first, last in zip(*pictures, strict=True):
-        assert last.difference(first) > 1e-4
-
-
-@pytest.mark.slow
 def test_a_link_leads_to_the_robot_in_the_same_window(
     session_window: Window, session: tuple[Session, Path]
 ) -> None:

@@ -19,12 +19,14 @@ from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRendere
 from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from hexctl.vision.video.video_writer import VideoWriter
 
-__all__ = [
-    "CAMERA", "FLOOR_CORNERS", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "film_walk", "filmed_pose", "scene",
-    "standing", "tag_on",
-]  # fmt: skip
+__all__ = ["CAMERA", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "tag_on"]
 
 FLOOR_CORNERS = {number: tag.corners for number, tag in FLOOR_TAGS.items()}
+
+
+def plain(brightness: int) -> np.ndarray:
+    """Picture of one brightness."""
+    return np.full((48, 64, 3), brightness, dtype=np.uint8)
 
 
 def standing(robot: Robot, pose: PlanarPose, joints_rad: FloatArray | None = None) -> RobotPosture:

@@ -247,26 +247,3 @@ def test_motions_that_come_in_bursts_make_no_leap() -> None:
             if estimate.pose is not None and burst > 5:
                 offs_m.append(abs(estimate.pose.x_m - x_m))
     assert max(offs_m) < 0.05
-
-
-def test_a_motion_costs_as_much_after_seconds_without_a_sighting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each motion used to play again all those since the last sighting, until no time was left to look."""
-    played: list[float] = []
-    moved = PoseBelief.moved
-
-    def counted(self: PoseBelief, own: OwnMotion, to_s: float) -> PoseBelief:
-        played.append(to_s)
-        return moved(self, own, to_s)
-
-    monkeypatch.setattr(PoseBelief, "moved", counted)
-    pose_filter = PoseFilter()
-    for at_s in (0.0, 0.1, 0.2, 0.3):
-        pose_filter.see(Sighting(at_s, PlanarPose(0.0, 0.0, 0.0), np.diag([1e-5, 1e-5, 1e-4])))
-    counts = []
-    for tick in range(140):
-        played.clear()
-        from_s = 0.3 + 0.02 * tick
-        pose_filter.move(from_s, from_s + 0.02, np.array([0.002, 0.0, 0.001]))
-        assert pose_filter.estimate(from_s + 0.06).pose is not None
-        counts.append(len(played))
-    assert sum(counts) < 6 * len(counts)

@@ -14,8 +14,6 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray
-from hexctl.vision.detection.camera import Camera
-from hexctl.vision.detection.lens import Lens, save_lens
 from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
 from hexctl.vision.detection.tags import SeenTag, TagFinder
 from hexctl.vision.twin import posture_history
@@ -29,8 +27,7 @@ from hexctl.vision.video.video_source import VideoSource, open_video
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.server.processes import served
-from tests.vision.feeding import plain
-from tests.vision.scenes import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, scene, standing, tag_on
+from tests.vision.scenes import CAMERA, FLOOR_TAGS, ROBOT_TAG, plain, scene, standing, tag_on
 
 
 def test_a_camera_stands_still_until_it_is_moved_and_turned() -> None:
@@ -82,26 +79,6 @@ def test_pictures_arrive_in_order_and_none_before_it_is_due() -> None:
 
 
 HERE = standing(load_robot("ant"), PlanarPose(0.1, 0, 0))
-
-
-@pytest.mark.slow
-def test_a_fisheye_is_drawn_as_it_sees() -> None:
-    matrix = np.array([[640.0, 0, 640], [0, 640, 360], [0, 0, 1]])
-    bends = np.array([-0.02, 0.004, 0, 0])
-    fisheye = Lens(width_px=1280, height_px=720, matrix=matrix, model="equidistant", distortion=bends)
-    camera = Camera.looking(fisheye, np.array([-1.0, 0.0, 1.2]), np.zeros(3))
-    with scene(camera, CameraFlaws(noise=0)) as renderer:
-        found = TagFinder().search(renderer.draw(HERE), thorough=True)
-    assert {0, 1, 3} <= set(found)
-    for tag_id in (0, 1, 3):
-        seen = tag_pose(camera, found[tag_id].corners_px, 0.0)
-        assert seen is not None
-        assert (
-            np.hypot(seen.pose.x_m - FLOOR_TAGS[tag_id].pose.x_m, seen.pose.y_m - FLOOR_TAGS[tag_id].pose.y_m)
-            < 0.003
-        )
-
-
 JOINTS = np.arange(18.0)
 
 
@@ -144,18 +121,6 @@ def test_a_robot_that_is_not_simulated_is_refused(tmp_path: Path, monkeypatch: p
         followed_robot(Link(endpoint=robot.endpoint)),
     ):
         pass
-
-
-def test_the_lens_is_a_webcams_one_of_its_size_or_that_of_a_file(tmp_path: Path) -> None:
-    assert TwinCamera().camera() == CAMERA
-    assert TwinCamera(size_px=(640, 360)).camera().lens == WEBCAM.scaled(640, 360)
-    other = TwinCamera(size_px=(640, 480)).camera().lens
-    assert (other.width_px, other.height_px) == (640, 480)
-    assert not other.distortion.any()
-    save_lens(WEBCAM, tmp_path / "lens.yaml")
-    assert TwinCamera(lens=tmp_path / "lens.yaml").camera() == CAMERA
-    with pytest.raises(InputError, match="same shape"):
-        TwinCamera(lens=tmp_path / "lens.yaml", size_px=(640, 480)).camera()
 
 
 def tags(source: VideoSource) -> dict[int, SeenTag]:

@@ -3,7 +3,7 @@
 import http.client
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -17,7 +17,7 @@ from hexctl.vision.video.video_source import LiveVideo, open_video
 from hexctl.vision.video.video_writer import VideoWriter
 from hexctl.waiting import wait_for
 from tests.server.processes import free_port
-from tests.vision.feeding import feeding, plain, wait_for_brightness
+from tests.vision.scenes import plain
 
 
 def port_of(server: MjpegServer) -> int:
@@ -34,19 +34,6 @@ def got(server: MjpegServer, path: str, host: str | None = None) -> tuple[int, b
     content = answer.read()
     connection.close()
     return answer.status, content
-
-
-def test_several_clients_see_the_newest_picture() -> None:
-    with feeding(50) as feed:
-        with ExitStack() as clients:
-            sources = [clients.enter_context(open_video(feed.server.url)) for _ in range(3)]
-            for source in sources:
-                wait_for_brightness(source, 50)
-            assert feed.server.clients == 3
-            feed.brightness = 150
-            for source in sources:
-                wait_for_brightness(source, 150)
-        wait_for(lambda: feed.server.clients == 0, 10, "a client that has gone is still counted")
 
 
 def test_a_client_that_takes_nothing_holds_nobody_up_and_then_gets_the_newest() -> None:

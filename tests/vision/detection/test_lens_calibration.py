@@ -12,13 +12,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError
-from hexctl.vision.detection.calibration_board import (
-    N_CORNERS,
-    SQUARE_M,
-    BoardFinder,
-    black_squares,
-    charuco_board,
-)
 from hexctl.vision.detection.lens import Lens, load_lens, save_lens
 from hexctl.vision.detection.lens_calibration import LensCalibration
 from hexctl.vision.detection.tags import Picture, TagFinder
@@ -104,34 +97,6 @@ def test_pixels_are_those_of_opencv() -> None:
     assert np.allclose(lens.pixels(points), expected.reshape(-1, 2))
 
 
-PX_PER_M = 4000
-
-
-def printed_board() -> np.ndarray:
-    """Picture of the board, drawn from its squares, with a white edge of 100 px."""
-    columns, rows = (round(count * SQUARE_M * PX_PER_M) for count in (7, 9))
-    picture = np.full((rows + 200, columns + 200), 235, dtype=np.uint8)
-    for left, top, edge in black_squares():
-        first_row, first_column = (round(100 + at * PX_PER_M) for at in (top, left))
-        last_row, last_column = (round(100 + (at + edge) * PX_PER_M) for at in (top, left))
-        picture[first_row:last_row, first_column:last_column] = 20
-    return picture
-
-
-def test_the_squares_are_those_of_opencvs_picture() -> None:
-    drawn = printed_board()[100:-100, 100:-100]
-    expected = charuco_board().generateImage(drawn.shape[::-1], marginSize=0)
-    assert ((drawn < 128) != (expected < 128)).mean() < 0.01
-
-
-def test_all_corners_of_a_print_are_found_where_they_are() -> None:
-    seen = BoardFinder().find(printed_board())
-    assert seen is not None
-    assert seen.corner_ids.tolist() == list(range(N_CORNERS))
-    assert np.allclose(seen.corners_px, 100 - 0.5 + seen.corners_m[:, :2] * PX_PER_M, atol=0.3)
-    assert TagFinder().search(printed_board(), thorough=True) == {}, "its markers are no tags"
-
-
 LENSES = {
     "webcam": Lens(
         width_px=960, height_px=540, matrix=np.array([[720.0, 0, 489], [0, 716, 262], [0, 0, 1]]),
@@ -180,6 +145,7 @@ def test_a_lens_is_recovered_within_half_a_pixel(name: str) -> None:
     assert result.doubt_px < 0.6
     assert result.missing == ()
     assert result.coverage > 0.7
+    assert TagFinder().search(pictures(name)[0], thorough=True) == {}, "its markers are no tags"
 
 
 @pytest.mark.slow
