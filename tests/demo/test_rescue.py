@@ -22,7 +22,10 @@ def told() -> list[Any]:
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: Any, told: list[Any]) -> rescue.DemoResult:
-    return rescue.demo(budget=1, folder=tmp_path_factory.mktemp("demo") / "runs", on_walk=told.append)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setitem(rescue.PICTURE, "width_px", 160)
+        monkeypatch.setitem(rescue.PICTURE, "fps", 4)
+        return rescue.demo(budget=1, folder=tmp_path_factory.mktemp("demo") / "runs", on_walk=told.append)
 
 
 def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: rescue.DemoResult) -> None:

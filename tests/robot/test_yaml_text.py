@@ -32,7 +32,7 @@ HOSTILE = {
     "no set": "x: !!set [1]",
     "a list as a key": "? [1]\n: 2",
     "a key twice": "x: 1\nx: 2",
-    "a deep list": "[" * 1500,
+    "a deep list": "[" * 400,
 }
 
 

@@ -32,6 +32,7 @@ from hexctl.vision.robot_camera import RobotCamera
 from hexctl.vision.robot_link import LegState
 from hexctl.vision.twin.twin_camera import WEBCAM
 from hexctl.vision.video.video_source import Frame, VideoSource
+from hexctl.waiting import wait_for
 from tests.driven import course
 from tests.robots import shipped
 from tests.server.processes import hexctl_process, program, served
@@ -186,11 +187,11 @@ def test_a_twist_tells_the_latency_which_the_place_keeps_and_an_interrupted_one_
 class Empty(VideoSource):
     """A camera that sees nothing but grey."""
 
-    live = True
+    live, taken = True, 0
 
     def read(self, timeout_s: float = 1.0) -> Frame:
         """A picture."""
-        time.sleep(0.001)
+        self.taken += 1
         return Frame(np.full((720, 1280, 3), 90, dtype=np.uint8), time.monotonic(), 1)
 
     def close(self) -> None:
@@ -199,10 +200,12 @@ class Empty(VideoSource):
 
 def test_a_robot_that_is_not_seen_does_not_move(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     linked = SimpleNamespace(robot=shipped(), states=list)
-    monkeypatch.setattr(latency_trial, "LOOKING_S", 0.2)
+    video = Empty("empty")
+    looked = lambda _: wait_for(lambda: video.taken > 3, 30, "no picture was taken")  # noqa: E731
+    monkeypatch.setattr(latency_trial, "_waited", looked)
     monkeypatch.setattr(latency_trial, "robot_link", lambda *_: nullcontext(linked))
     monkeypatch.setattr(latency_trial, "seen_place", lambda known, *_: known)
-    monkeypatch.setattr(CameraLatency, "open_video", lambda *_: Empty("empty"))
+    monkeypatch.setattr(CameraLatency, "open_video", lambda *_: video)
     place, moved = saved(tmp_path), list[object]()
     before = place.read_bytes()
     with pytest.raises(InputError, match="camera"):

@@ -88,6 +88,7 @@ def test_it_is_better_than_what_is_seen() -> None:
     assert course.estimates[-1].sight == "seeing"
 
 
+@pytest.mark.slow
 def test_wild_sightings_are_not_believed() -> None:
     course = followed(driven("ant", AHEAD), Eye(wild=0.1))
     assert course.errors()[0] < 0.01
