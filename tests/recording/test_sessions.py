@@ -11,7 +11,6 @@ import rerun as rr
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.recording.sessions import session_figures as module
-from hexctl.recording.sessions.belief_figure import height
 from hexctl.recording.sessions.session_figures import visible_m, write_overview_file
 from hexctl.recording.sessions.session_overview import (
     GaitBeliefs,
@@ -41,20 +40,6 @@ def rows(path: Path, entity: str, component: str) -> dict[int, Any]:
     return dict(sorted(found.items()))
 
 
-def test_each_trajectory_appears_with_its_trial_left_of_the_line_upward(written: Path) -> None:
-    for trial in SESSION.trials:
-        strips = rows(written, f"/above/trials/{trial.index:03d}", "LineStrips2D:strips")
-        assert list(strips) == [trial.index]
-        (strip,) = strips[trial.index]
-        np.testing.assert_allclose(strip, trial.path_m * [1, -1], atol=1e-6)
-
-
-def test_the_best_so_far_changes_where_it_is_beaten(written: Path) -> None:
-    assert list(rows(written, "/above/best", "LineStrips2D:strips")) == [1, 3]
-    labels = rows(written, "/above/best/name", "Points2D:labels")
-    assert ["code 10" in labels[1][0], "code 30" in labels[3][0]] == [True, True]
-
-
 def test_the_curve_has_scores_best_so_far_and_invalid_trials_above(written: Path) -> None:
     scores = rows(written, "/curve/score", "Scalars:scalars")
     best = rows(written, "/curve/best_so_far", "Scalars:scalars")
@@ -62,6 +47,8 @@ def test_the_curve_has_scores_best_so_far_and_invalid_trials_above(written: Path
     assert scores == {1: [80.0], 3: [30.0], 4: [120.0]}
     assert best == {1: [80.0], 2: [80.0], 3: [30.0], 4: [30.0]}
     assert list(invalid) == [2]
+    (strip,) = rows(written, "/above/trials/003", "LineStrips2D:strips")[3]
+    np.testing.assert_allclose(strip, SESSION.trials[2].path_m * [1, -1], atol=1e-6)
     assert invalid[2][0] > 120.0
     assert rows(written, "/curve/targets/2", "Scalars:scalars") == {index: [2.5] for index in (1, 2, 3, 4)}
 
@@ -140,19 +127,6 @@ STEPS = tuple(
     SearchStep(trials=done, note=f"after {done}", next_code=code, beliefs=beliefs_of(done))
     for done, code in enumerate((10, 20, 30, 40, None))
 )
-
-
-def test_each_gait_has_its_interval_after_each_trial(tmp_path: Path) -> None:
-    write_overview_file(tmp_path / "overview.rrd", replace(SESSION, steps=STEPS))
-    strips = rows(tmp_path / "overview.rrd", "/belief/intervals", "LineStrips2D:strips")
-    assert list(strips) == [0, 1, 2, 3, 4]
-    for step in STEPS:
-        assert step.beliefs is not None
-        drawn = np.array(strips[step.trials])
-        assert drawn.shape == (GAITS, 2, 2)
-        np.testing.assert_allclose(drawn[:, 0, 1], height(step.beliefs.low_m), atol=1e-5)
-        np.testing.assert_allclose(drawn[:, 1, 1], height(step.beliefs.high_m), atol=1e-5)
-        np.testing.assert_array_equal(drawn[:, 0, 0], np.arange(1, GAITS + 1))
 
 
 def test_beliefs_do_not_stay_where_there_are_none_any_more(tmp_path: Path) -> None:

@@ -90,21 +90,6 @@ def test_polygon_and_centre_of_gravity_are_those_of_the_measured_robot(read: Rea
     assert colors == [steady if margin > 0 else unsteady for margin in found.margin_m]
 
 
-def test_the_ribbon_lies_between_line_and_trail_and_shows_the_side(read: ReadBack, trial: Trial) -> None:
-    frame = trial.log.frame
-    assert frame is not None
-    quads = np.array(read.values(f"/{paths.RIBBON}", "Mesh3D:vertex_positions"))
-    assert abs(len(quads) - len(trial.result.path_m) // 10) <= 1
-    deviation = frame.path(quads.reshape(-1, 3))[:, 1].reshape(-1, 4)
-    np.testing.assert_allclose(deviation[:, [1, 3]], 0, atol=2e-3)
-    ends = np.round(read.times_s(f"/{paths.RIBBON}", "Mesh3D:vertex_positions") * 50).astype(int)
-    expected = frame.path(trial.log["base_position_world"][ends])[:, 1]
-    np.testing.assert_allclose(deviation[:, 2], expected, atol=2e-3)
-    colors = np.array([value[0] for value in read.values(f"/{paths.RIBBON}", "Mesh3D:albedo_factor")])
-    left, right = style.packed(style.LEFT_COLOR), style.packed(style.RIGHT_COLOR)
-    np.testing.assert_array_equal(colors, np.where(expected >= 0, left, right))
-
-
 def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_path: Path) -> None:
     sent = trial.log["wanted_rad"].copy()
     sent[60:63, 4] += 0.01

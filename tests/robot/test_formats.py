@@ -17,7 +17,7 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
 from hexctl.robot.formats.link_frames import FOOT_LINKS, fixed_transforms, link_transforms
 from hexctl.robot.formats.link_masses import link_mass, trunk_mass
-from hexctl.robot.formats.mjcf import CAMERAS, mjcf_of
+from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import COMMAND_TOPIC, TOPIC_SYSTEM, urdf_of
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
@@ -87,22 +87,6 @@ def test_masses_servos_and_friction_are_those_of_the_simulation(name: str) -> No
             assert getattr(model, field) == pytest.approx(getattr(ours, field)), field
         for field in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
             assert getattr(model, field) == pytest.approx(getattr(ours, field)), field
-
-
-def test_it_stands_in_its_stance_and_the_cameras_go_with_it(name: str) -> None:
-    robot = shipped(name)
-    model = mujoco.MjModel.from_xml_string(mjcf_of(robot))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("stance").id)
-    mujoco.mj_step(model, data, 1000)
-    assert data.qpos[2] == pytest.approx(robot.standing_height_m, abs=0.01)
-    mujoco.mj_forward(model, data)
-    assert data.ncon >= 3
-    before_m = data.cam_xpos.copy()
-    assert [model.camera(index).name for index in range(model.ncam)] == list(CAMERAS)
-    data.qpos[0] += 1
-    mujoco.mj_forward(model, data)
-    assert data.cam_xpos - before_m == pytest.approx(np.tile([1.0, 0.0, 0.0], (3, 1)), abs=1e-6)
 
 
 def poses(robot: Robot, count: int = 100) -> FloatArray:

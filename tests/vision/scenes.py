@@ -20,7 +20,6 @@ from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM
 from hexctl.vision.video.video_writer import VideoWriter
 
 __all__ = ["CAMERA", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "tag_on"]
-
 FLOOR_CORNERS = {number: tag.corners for number, tag in FLOOR_TAGS.items()}
 
 
