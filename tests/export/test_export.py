@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import pytest
 
 import hexctl
@@ -24,6 +23,8 @@ from tests.robots import edited_file, put, shipped
 def test_robots_by_name_by_file_and_from_a_recording(
     recording: Path, tmp_path: Path, monkeypatch: Any
 ) -> None:
+    import mujoco
+
     monkeypatch.chdir(tmp_path)
     assert export("ant", to="urdf") == Path("ant.urdf")
     assert Path("ant.urdf").read_text() == urdf_of(shipped())

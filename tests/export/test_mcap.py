@@ -6,14 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
-import rerun as rr
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
-from rosbags.interfaces import QosDurability
-from rosbags.rosbag2 import Reader
 
 from hexctl.export.mcap import TOPICS, write_mcap
 from hexctl.ik.legs import foot_positions_body
@@ -27,6 +21,9 @@ Messages = dict[str, list[tuple[int, Any]]]
 
 def decoded(path: Path) -> Messages:
     """Times and messages by topic, by a decoder that shares no code with the writer."""
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
     found: Messages = defaultdict(list)
     with path.open("rb") as file:
         for _, channel, message, content in make_reader(
@@ -76,6 +73,8 @@ def test_stamps_and_times_are_those_of_the_ticks(found: Messages, walk: Recorded
 
 
 def test_transforms_put_the_feet_where_they_were(found: Messages, walk: RecordedTrial) -> None:
+    import mujoco
+
     static = {one.child_frame_id: one for one in found["/tf_static"][0][1].transforms}
     for row in (0, 70, len(walk) - 1):
         moving = {one.child_frame_id: one for one in found["/tf"][row][1].transforms}
@@ -95,6 +94,9 @@ def test_transforms_put_the_feet_where_they_were(found: Messages, walk: Recorded
 def test_late_listeners_get_the_model_and_what_is_fixed_and_no_robot_obeys(
     bag: Path, found: Messages, walk: RecordedTrial
 ) -> None:
+    from rosbags.interfaces import QosDurability
+    from rosbags.rosbag2 import Reader
+
     with Reader(bag) as reader:
         qos = {one.topic: one.ext.offered_qos_profiles for one in reader.connections}  # type: ignore[union-attr]
         kinds = {one.topic: one.msgtype for one in reader.connections}
@@ -153,6 +155,8 @@ def test_servos_battery_and_a_robot_that_knows_no_place(walk: RecordedTrial, tmp
 def test_rerun_opens_it_and_a_file_alone_is_that_of_the_folder(
     bag: Path, walk: RecordedTrial, tmp_path: Path
 ) -> None:
+    import rerun as rr
+
     converted = tmp_path / "converted.rrd"
     command = [str(viewer_binary()), "mcap", "convert", str(bag / "walk.mcap"), "-o", str(converted)]
     subprocess.run(command, check=True, capture_output=True)

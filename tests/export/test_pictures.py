@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image, ImageSequence
 
 from hexctl.errors import InputError
 from hexctl.export.export_options import PictureOptions
@@ -49,6 +48,8 @@ def write(path: Path, *runs: RecordedTrial, **options: Any) -> list[tuple[int, i
 
 @pytest.mark.usefixtures("drawn")
 def test_a_gif_takes_as_long_as_the_walk(walk: RecordedTrial, tmp_path: Path) -> None:
+    from PIL import Image, ImageSequence
+
     told = write(tmp_path / "a.gif", walk, width_px=96)
     with Image.open(tmp_path / "a.gif") as gif:
         assert gif.size == (96, 72)

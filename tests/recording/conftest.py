@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import Floor
@@ -98,6 +97,8 @@ class ReadBack:
     """All columns of a recording, by entity and component, with chunks joined in the order of time."""
 
     def __init__(self, path: Path) -> None:
+        import rerun as rr
+
         reader = rr.chunk.RrdReader(path)
         self.recordings, self.blueprints = reader.recordings(), reader.blueprints()
         self._chunks: dict[str, list[Any]] = defaultdict(list)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.control.table import ServoRows
@@ -167,6 +166,8 @@ def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_bl
 
 
 def test_what_is_no_recording_of_a_trial_is_refused_in_one_line(tmp_path: Path) -> None:
+    import rerun as rr
+
     damaged, empty, other = (tmp_path / f"{name}.rrd" for name in ("damaged", "empty", "other"))
     damaged.write_bytes(b"nonsense")
     empty.write_bytes(b"")

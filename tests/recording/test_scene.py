@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import make_floor
@@ -86,6 +85,8 @@ def test_bumps_have_the_heights_of_the_floor_and_face_up() -> None:
 def test_a_recording_opens_with_the_time_of_the_walk_and_a_live_view_follows_it(
     trial: Trial, tmp_path: Path
 ) -> None:
+    import rerun as rr
+
     shown = {}
     for live in (False, True):
         path = tmp_path / f"{live}.rbl"

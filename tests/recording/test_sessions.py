@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.recording.sessions import session_figures as module
@@ -30,6 +29,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def rows(path: Path, entity: str, component: str) -> dict[int, Any]:
     """What an entity shows from which trial on."""
+    import rerun as rr
+
     found: dict[int, Any] = {}
     for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
         batch = chunk.to_record_batch()

@@ -7,8 +7,6 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-import yourdfpy
-from dm_control import mjcf
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulation_model import make_body
@@ -45,6 +43,8 @@ def test_what_is_no_robot_is_refused() -> None:
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_masses_are_those_of_the_simulated_robot(name: str) -> None:
+    from dm_control import mjcf
+
     robot = shipped(name)
     model = mjcf.Physics.from_mjcf_model(make_body(robot)).model
     parts = [trunk_mass(robot.body), *(link_mass(robot, index) for index in range(3))]
@@ -120,6 +120,8 @@ def test_mujoco_finds_the_feet_where_our_kinematics_do(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_yourdfpy_finds_the_feet_where_our_kinematics_do(name: str, tmp_path: Path) -> None:
+    import yourdfpy
+
     robot = shipped(name)
     file = tmp_path / "robot.urdf"
     file.write_text(urdf_of(robot), encoding="utf-8")

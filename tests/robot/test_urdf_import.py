@@ -9,7 +9,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -114,6 +113,8 @@ def test_a_robot_that_looks_elsewhere_is_turned(tmp_path: Path) -> None:
 
 
 def test_a_urdf_that_others_wrote_agrees_with_mujoco_and_walks(tmp_path: Path) -> None:
+    import mujoco
+
     made = import_urdf(PHANTOMX, foot_m=PHANTOMX_FOOT_M)
     assert set(made.unknown) == {"body.size_m", "foot_radius_m"}
     file = tmp_path / "mine.yaml"

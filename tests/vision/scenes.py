@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from hexctl.robot.loader import load_robot
@@ -59,6 +58,8 @@ def filmed_pose(number: int) -> PlanarPose:
 
 def film_walk(folder: Path) -> None:
     """Make a video of a walk of `ant` (walk.mp4), and the calibration of its lens (lens.yaml)."""
+    import cv2
+
     save_lens(WEBCAM, folder / "lens.yaml")
     with scene() as renderer, VideoWriter(folder / "walk.mp4", FILM_FPS) as writer:
         for number in range(FILM_PICTURES):

@@ -4,9 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-import pypdfium2
 import pytest
 
 from hexctl.cli.main import exit_code
@@ -42,6 +40,8 @@ def test_a_page_is_a_port_or_an_address_of_this_computer(page: int | str, host: 
 
 def board_files(folder: Path, count: int) -> list[Path]:
     """Files of pictures of the board, in a folder."""
+    import cv2
+
     files = [folder / f"board{number}.png" for number in range(count)]
     for file, picture in zip(files, pictures("480p"), strict=False):
         cv2.imwrite(str(file), picture)
@@ -50,6 +50,8 @@ def board_files(folder: Path, count: int) -> list[Path]:
 
 @pytest.mark.slow
 def test_pictures_become_the_file_of_a_lens(tmp_path: Path) -> None:
+    import cv2
+
     calibrated = CameraLens(pictures=board_files(tmp_path, 20), output=str(tmp_path / "lens.yaml")).run()
     assert calibrated.missing == ()
     assert load_lens(tmp_path / "lens.yaml") == calibrated.lens
@@ -67,6 +69,8 @@ PX_PER_MM = 4.0
 
 def pages(sheet: Sheet) -> list[Picture]:
     """Pages as a PDF reader shows them."""
+    import pypdfium2
+
     with pypdfium2.PdfDocument(sheet.pdf()) as document:
         scale = PX_PER_MM * 25.4 / 72
         drawn = [page.render(scale=scale, grayscale=True).to_numpy() for page in document]

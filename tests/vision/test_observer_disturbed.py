@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import pytest
 
@@ -85,6 +84,8 @@ def corners_px(pose: PlanarPose, side_m: float) -> FloatArray:
 
 def glare(picture: Picture, at_s: float, pose: PlanarPose) -> Picture:
     """For a second and a half a lamp is mirrored on a part of the tag, with a halo."""
+    import cv2
+
     if not 2.0 <= at_s < 3.5:
         return picture
     light = np.zeros(picture.shape, dtype=np.float32)
@@ -95,6 +96,8 @@ def glare(picture: Picture, at_s: float, pose: PlanarPose) -> Picture:
 
 def twin_tag(picture: Picture, at_s: float, _pose: PlanarPose) -> Picture:
     """A second tag with the number of the robot's lies nearer to the camera, and is seen larger."""
+    import cv2
+
     if at_s < 1.25:
         return picture
     modules = np.pad(~tag_modules(ROBOT_TAG), 1, constant_values=True).astype(np.uint8) * 200 + 25

@@ -6,7 +6,6 @@ import time
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -57,6 +56,8 @@ def test_a_covered_tag_is_not_seen_and_the_others_are() -> None:
 
 
 def brightness(jpeg: bytes) -> int:
+    import cv2
+
     return round(
         float(np.mean(np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE))))
     )

@@ -3,13 +3,11 @@
 from functools import cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError
 from hexctl.vision.detection.lens import Lens, load_lens, save_lens
@@ -91,6 +89,8 @@ def test_a_damaged_file_is_refused_by_key(tmp_path: Path, changes: dict[str, obj
 
 
 def test_pixels_are_those_of_opencv() -> None:
+    import cv2
+
     lens = MODELS["plumb_bob"]
     points = np.random.default_rng(0).uniform([-1, -0.5, 1.5], [1, 0.5, 4], (20, 3))
     expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), lens.matrix, lens.distortion)[0]
@@ -120,6 +120,8 @@ def pictures(name: str, count: int = 20) -> tuple[Picture, ...]:
 
 def ray_error_px(lens: Lens, found: Lens) -> float:
     """RMS over the picture of how far another lens sees the same rays, once it is turned to them."""
+    from scipy.spatial.transform import Rotation
+
     columns, rows = np.meshgrid(np.linspace(0, lens.width_px - 1, 21), np.linspace(0, lens.height_px - 1, 15))
     points_px = np.column_stack([columns.ravel(), rows.ravel()])
     rays, others = (

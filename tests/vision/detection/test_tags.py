@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
@@ -175,6 +174,8 @@ def test_a_tag_of_another_size_or_height_is_not_the_robots(usual: SceneRenderer)
 
 @pytest.mark.slow
 def test_a_robot_that_leans_is_where_its_base_is(usual: SceneRenderer) -> None:
+    from scipy.spatial.transform import Rotation
+
     roll, pitch = np.radians((-3.0, 3.0))
     turned = Rotation.from_euler("ZYX", [HERE.yaw_rad, pitch, roll])
     x, y, z, w = turned.as_quat()
