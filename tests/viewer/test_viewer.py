@@ -14,7 +14,7 @@ import pytest
 
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_viewing import recordings_of, write_overview
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.store import load_session
 from hexctl.recording.side_by_side import write_together
 from pictures.browser import Browser, browser
 from pictures.needed import MissingProgramError
@@ -68,7 +68,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, trial: Path) -> tuple[Sess
     """A session and the folder of its recordings, whose name is one that URLs must quote."""
     folder = tmp_path_factory.mktemp("a session") / "übung 1%"
     name, kept = session_in(folder, trial, DEVIATIONS_M)
-    return SessionStore(folder).load(name), kept
+    return load_session(name, folder), kept
 
 
 @pytest.fixture(scope="module")
