@@ -1,7 +1,6 @@
 """The demo: a walk without recovery, one with it, a search, and the picture of both walks."""
 
 import json
-from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,10 @@ def told() -> list[Any]:
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: Any, told: list[Any]) -> rescue.DemoResult:
-    return rescue.demo(budget=1, folder=tmp_path_factory.mktemp("demo") / "runs", on_walk=told.append)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setitem(rescue.PICTURE, "width_px", 160)
+        monkeypatch.setitem(rescue.PICTURE, "fps", 4)
+        return rescue.demo(budget=1, folder=tmp_path_factory.mktemp("demo") / "runs", on_walk=told.append)
 
 
 def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: rescue.DemoResult) -> None:
@@ -37,6 +39,11 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: rescue.Dem
     (noticed,) = recovered.trial.noticed
     assert noticed.failure.leg == rescue.EVENT.leg
     assert rescue.EVENT.at_s < noticed.at_s < rescue.EVENT.at_s + 2
+    assert result.adaptation is not None
+    spec = result.adaptation.session.spec
+    assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), result.world, 1)
+    told = json.loads(json.dumps(result.to_dict()))
+    assert told["recovered"]["speed_kept"] > told["walked_on"]["speed_kept"]
 
 
 def test_both_walks_are_recorded_and_told(result: rescue.DemoResult, told: list[RunResult]) -> None:
@@ -48,14 +55,6 @@ def test_both_walks_are_recorded_and_told(result: rescue.DemoResult, told: list[
         assert LEG_CONDITIONS[conditions[-1]] == "failed"
 
 
-def test_the_search_is_that_of_the_leg_in_the_same_world(result: rescue.DemoResult) -> None:
-    assert result.adaptation is not None
-    spec = result.adaptation.session.spec
-    assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), result.world, 1)
-    assert len(result.adaptation.trials) == 1
-    assert not result.interrupted
-
-
 def test_the_picture_is_there_or_the_reason_is_said(result: rescue.DemoResult) -> None:
     assert (result.picture is None) is (result.no_picture is not None)
     if result.picture is not None:
@@ -63,45 +62,26 @@ def test_the_picture_is_there_or_the_reason_is_said(result: rescue.DemoResult) -
         assert result.picture.stat().st_size < 3_000_000
 
 
-def test_the_result_is_plain_json(result: rescue.DemoResult) -> None:
-    told = json.loads(json.dumps(result.to_dict()))
-    assert told["event"] == "5:locked@6.3"
-    assert told["recovered"]["speed_kept"] > told["walked_on"]["speed_kept"]
-    assert told["adaptation"]["failed_leg"] == 5
-
-
-def test_a_stop_ends_it_after_the_walk(tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr(rescue, "WALK_S", 7.0)
-    asked = iter(range(10_000))
-    result = rescue.demo(folder=tmp_path, stop_requested=lambda: next(asked) > 30)
-    assert result.interrupted
-    assert result.walked_on is not None
-    assert (result.recovered, result.adaptation, result.picture) == (None, None, None)
-    assert len(result.recordings) == 1
-
-
-def test_a_stop_between_the_walks_and_the_search_leaves_the_walks(tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_stop_leaves_what_was_walked_before_it(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(rescue, "WALK_S", 7.0)
     told: list[RunResult] = []
     result = rescue.demo(folder=tmp_path, on_walk=told.append, stop_requested=lambda: len(told) == 2)
     assert result.interrupted
     assert [result.walked_on, result.recovered] == told
     assert (result.adaptation, result.picture) == (None, None)
-
-
-def test_a_second_demo_replaces_nothing(tmp_path: Path) -> None:
-    results = []
-    for _ in range(2):
-        answers = chain(repeat(False, 31), repeat(True))
-        results.append(rescue.demo(folder=tmp_path, stop_requested=answers.__next__))
-    assert results[0].folder != results[1].folder
+    asked = iter(range(10_000))
+    again = rescue.demo(folder=tmp_path, stop_requested=lambda: next(asked) > 30)
+    assert again.interrupted
+    assert again.walked_on is not None
+    assert (again.recovered, again.adaptation, len(again.recordings)) == (None, None, 1)
+    assert again.folder != result.folder, "nothing is replaced"
 
 
 def test_what_cannot_be_is_refused_before_anything_walks(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="budget: got 0"):
+    with pytest.raises(InputError, match="budget"):
         rescue.demo(budget=0, folder=tmp_path)
     assert not list(tmp_path.iterdir())
     taken = tmp_path / "taken"
     taken.touch()
-    with pytest.raises(InputError, match="taken is a file, not a folder; allowed: a folder"):
+    with pytest.raises(InputError, match="taken"):
         rescue.demo(folder=taken)

@@ -1,6 +1,5 @@
 """A short simulated trial with a failed leg, a made-up session, and a reader of recordings."""
 
-import signal
 import subprocess
 import sys
 from collections import defaultdict
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import Floor
@@ -30,12 +28,24 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 
-#: Reads a recording with Rerun's reader.
-READ = """
-import sys
+#: Damages one byte after the other, and reads with Rerun's reader in a child: prints the byte that ends it.
+DAMAGE = """
+import os, signal, sys
+from pathlib import Path
 from rerun.chunk import RrdReader
-for chunk in RrdReader(sys.argv[1]).stream().to_chunks():
-    chunk.to_record_batch()
+path, places = Path(sys.argv[1]), map(int, sys.argv[2:])
+whole = path.read_bytes()
+for at in places:
+    path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    child = os.fork()
+    if not child:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        for chunk in RrdReader(path).stream().to_chunks():
+            chunk.to_record_batch()
+        os._exit(0)
+    if os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGABRT:
+        sys.exit(0)
+sys.exit(1)
 """
 
 #: Bytes from one place of a message that is damaged to the next that is tried.
@@ -87,6 +97,8 @@ class ReadBack:
     """All columns of a recording, by entity and component, with chunks joined in the order of time."""
 
     def __init__(self, path: Path) -> None:
+        import rerun as rr
+
         reader = rr.chunk.RrdReader(path)
         self.recordings, self.blueprints = reader.recordings(), reader.blueprints()
         self._chunks: dict[str, list[Any]] = defaultdict(list)
@@ -159,19 +171,13 @@ SESSION = make_overview(
 def damage(path: Path) -> Path:
     """A copy of a recording with one other byte, at which Rerun's reader ends its process (SIGABRT)."""
     whole, damaged = path.read_bytes(), path.with_name(f"{path.stem}-damaged.rrd")
+    damaged.write_bytes(whole)
     # The last quarter of most messages holds lengths of their columns, which Rerun does not check.
     chosen = islice(messages(whole, CHUNK), 1, 9)
     places = (at for start, stop in chosen for at in range(start + (stop - start) * 3 // 4, stop, STRIDE))
-    for at in places:
-        damaged.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-        if _exit_code_of_reader(damaged) == -signal.SIGABRT:
-            return damaged
-    raise AssertionError(f"no byte of {path} ends Rerun's reader")
-
-
-def _exit_code_of_reader(path: Path) -> int:
-    command = [sys.executable, "-c", READ, str(path)]
-    return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
+    command = [sys.executable, "-c", DAMAGE, str(damaged), *map(str, places)]
+    assert subprocess.run(command, timeout=120, check=False).returncode == 0, "no byte ends Rerun's reader"
+    return damaged
 
 
 def messages(content: bytes, *kinds: int) -> Iterator[tuple[int, int]]:

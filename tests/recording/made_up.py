@@ -8,7 +8,6 @@ from hexctl.recording.rrd_reader import CHUNK, MESSAGE_HEAD, RECORDING, STORE, S
 
 #: How files of Rerun 0.41 begin.
 HEAD = b"RRF2\0\x29\0\0\1\2\0\0"
-
 SCHEMA = pa.schema([("Scalars:scalars", pa.float64())], {"rerun:entity_path": "/deviation"})
 
 

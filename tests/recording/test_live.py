@@ -1,38 +1,39 @@
 """Live view: the walk arrives whole, and no viewer delays the robot."""
 
+import io
+import pickle
 import signal
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import Recorder, TickLog
-from hexctl.control.trace import TrialFrame
+from hexctl.control.log import COLUMN_NAMES, Recorder, TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.recording import live as live_module
-from hexctl.recording.live import LiveView, watch_states
+from hexctl.recording import live_feed
+from hexctl.recording.live import LiveView, rows_of
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import load_rerun
-from hexctl.types import RobotState
+from hexctl.runs.run import run
 from hexctl.waiting import wait_for
 from tests.recorders import Calling
 from tests.robots import shipped
 
-pytestmark = pytest.mark.realtime
-
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
+
 #: Has a row for each tick.
 ROBOT = "world/robot"
-
 TIMEOUT_S = 30.0
 TICKS = 50 + 150 + 101
 
@@ -62,6 +63,7 @@ def rows_at(path: Path, entity: str) -> int:
     return sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
 
 
+@pytest.mark.realtime
 def test_what_is_shown_is_the_whole_walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The viewer's place is taken by one that saves what it is sent."""
     monkeypatch.setattr(live_module, "END_TIMEOUT_S", TIMEOUT_S)  # however slowly the feeder starts
@@ -76,8 +78,8 @@ def test_what_is_shown_is_the_whole_walk(tmp_path: Path, monkeypatch: pytest.Mon
         wait_for(lambda: rows_at(saved, ROBOT) == TICKS, TIMEOUT_S, "the viewer did not save the walk")
 
 
-@pytest.mark.parametrize("who", ["viewer", "feeder"])
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.realtime
+@pytest.mark.parametrize(("who", "how"), [("viewer", signal.SIGKILL), ("feeder", signal.SIGSTOP)])
 def test_a_viewer_that_dies_or_hangs_holds_nothing_up(tmp_path: Path, who: str, how: signal.Signals) -> None:
     with (
         viewing(tmp_path / "shown.rrd") as live,
@@ -102,21 +104,7 @@ def test_a_viewer_that_dies_or_hangs_holds_nothing_up(tmp_path: Path, who: str, 
     assert not live.open
 
 
-class Unreadable(TickLog):
-    """A log whose rows cannot be read."""
-
-    def rows(self, name: str, start: int, stop: int) -> Any:
-        raise ValueError(f"no {name}")
-
-
-def test_what_a_live_view_raises_is_kept_and_ends_it(tmp_path: Path) -> None:
-    with viewing(tmp_path / "shown.rrd") as live:
-        with pytest.raises(ValueError, match="no time_s"):
-            live.write_block(Unreadable(), 0, 1)
-        assert live.lost == "the live view failed: no time_s"
-        live.close(leave_viewer=False)
-
-
+@pytest.mark.realtime
 def test_what_a_slow_viewer_leaves_waiting_is_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,26 +118,39 @@ def test_what_a_slow_viewer_leaves_waiting_is_bounded(
         live.close(leave_viewer=False)
 
 
-class Shown:
-    """Stands in for a live view, and keeps the frames of the logs that it is given."""
-
-    lost: str | None = None
-    open = True
-
-    def __init__(self) -> None:
-        self.frames: list[TrialFrame | None] = []
-
-    def begin(self, *_: Any, **__: Any) -> None:
-        """Begin to show."""
-
-    def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        """Keep the frame."""
-        self.frames.append(log.frame)
+def test_what_is_sent_arrives_up_to_where_it_was_cut_off() -> None:
+    sent = [{"rows": {"time_s": np.arange(3.0)}}, {"title": "walk"}]
+    stream = b"".join(pickle.dumps(message, protocol=5) for message in sent)
+    for missing in (0, 1, 20):
+        arrived = list(live_feed.messages(io.BytesIO(stream[: len(stream) - missing])))
+        assert len(arrived) == (2 if missing == 0 else 1)
+        np.testing.assert_array_equal(arrived[0]["rows"]["time_s"], np.arange(3.0))
 
 
-def test_a_robot_that_knows_its_position_alone_can_be_watched() -> None:
-    shown: Any = Shown()
-    state = RobotState(shipped().stance_angles_rad, 0.0, True, base_position_world=np.array([1.0, 2.0, 0.1]))
-    watch_states(shown, shipped(), lambda _: state, place="home", stop_requested=lambda: bool(shown.frames))
-    (frame,) = shown.frames
-    assert (frame.origin_world.tolist(), frame.yaw_rad) == ([1.0, 2.0, 0.1], 0.0)
+def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
+    log = run(gait="tripod", duration_s=3.5, failure="2:limp@2.5", policy="glide", record=False).log
+    other = TickLog()
+    for start in range(0, len(log), 7):
+        sent = pickle.dumps(rows_of(log, start, min(start + 7, len(log))))
+        live_feed.append(other, pickle.loads(sent))  # noqa: S301  our own
+    assert len(other) == len(log)
+    assert (other.walked_ticks, other.walk_from) == (log.walked_ticks, log.walk_from)
+    assert [text for _, text in log.notes if text.startswith("noticed: leg 2")]
+    assert other.notes == log.notes
+    assert other.leg_changes == log.leg_changes
+    for name in COLUMN_NAMES:
+        np.testing.assert_array_equal(other[name], log[name])
+
+
+@pytest.mark.slow
+def test_a_feeder_without_a_viewer_ends_by_itself() -> None:
+    command = [sys.executable, "-c", SHORT_PATIENCE]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (1, b"")
+
+
+SHORT_PATIENCE = """
+from hexctl.recording import live_feed
+live_feed.VIEWER_TIMEOUT_S = 0.3
+live_feed.main("9")
+"""

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.control.table import ServoRows
@@ -80,14 +79,16 @@ def conditions(trial: RecordedTrial, leg: int) -> list[tuple[int, str]]:
     return [(row, LEG_CONDITIONS[indices[row]]) for row in starts]
 
 
+@pytest.mark.slow
 def test_legs_that_failed_before_the_walk(read: RecordedTrial, tmp_path: Path) -> None:
     assert [conditions(read, leg) for leg in (4, 5)] == [[(0, "whole")], [(0, "failed")]]
     path = tmp_path / "two.rrd"
-    run(failure="3:missing,6:limp", gait="auto", duration_s=1.0, record=path)
+    run(failure="3:missing,6:limp", gait="auto", duration_s=0.2, record=path)
     two = read_trial(path)
     assert [conditions(two, leg) for leg in (2, 3, 6)] == [[(0, "whole")], [(0, "missing")], [(0, "failed")]]
 
 
+@pytest.mark.slow
 def test_legs_that_fail_are_noticed_and_heal_in_a_walk(tmp_path: Path) -> None:
     path = tmp_path / "healed.rrd"
     failing: dict[str, Any] = {"failure": "5:locked@1", "heal": ["5@2.5"], "policy": "walk-on"}
@@ -102,24 +103,18 @@ def test_legs_that_fail_are_noticed_and_heal_in_a_walk(tmp_path: Path) -> None:
     assert conditions(read, 1) == [(0, "whole")]
 
 
-def test_the_robot_need_not_be_one_that_ships(trial: Trial, tmp_path: Path) -> None:
-    mine = replace(trial.robot, name="mine", foot_radius_m=0.009)
-    assert read_trial(write(tmp_path / "mine.rrd", replace(trial, robot=mine))).robot == mine
-
-
-def test_a_place_that_is_not_known_yet_is_none(trial: Trial, tmp_path: Path) -> None:
+def test_a_place_and_contacts_that_are_not_known_are_none(trial: Trial, tmp_path: Path) -> None:
     position_m = trial.log["base_position_world"].copy()
     position_m[:70] = np.nan
     read = read_trial(write(tmp_path / "later.rrd", changed(trial, base_position_world=position_m)))
     assert np.array_equal(read.posed, np.arange(len(read)) >= 70)
     never = changed(trial, base_position_world=np.full_like(position_m, np.nan))
-    assert not read_trial(write(tmp_path / "never.rrd", never)).posed.any()
-
-
-def test_feet_that_are_not_felt(trial: Trial, tmp_path: Path) -> None:
-    unfelt = changed(trial)
-    unfelt.log.contacts_known = False
-    assert read_trial(write(tmp_path / "unfelt.rrd", unfelt)).foot_contacts is None
+    never.log.contacts_known = False
+    never.robot = replace(trial.robot, name="mine", foot_radius_m=0.009)
+    unfelt = read_trial(write(tmp_path / "never.rrd", never))
+    assert not unfelt.posed.any()
+    assert unfelt.foot_contacts is None
+    assert unfelt.robot == never.robot
 
 
 def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
@@ -140,7 +135,7 @@ def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
     assert servos["temperatures_c"].values == pytest.approx(np.tile(values, (2, 1)), abs=0.01)
 
 
-@pytest.mark.parametrize("parts", [1, 2, 3])
+@pytest.mark.parametrize("parts", [1, 3])
 def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_block(
     parts: int, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,6 +166,8 @@ def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_bl
 
 
 def test_what_is_no_recording_of_a_trial_is_refused_in_one_line(tmp_path: Path) -> None:
+    import rerun as rr
+
     damaged, empty, other = (tmp_path / f"{name}.rrd" for name in ("damaged", "empty", "other"))
     damaged.write_bytes(b"nonsense")
     empty.write_bytes(b"")
@@ -189,6 +186,6 @@ def test_a_recording_without_its_robot_is_read_with_one(
 ) -> None:
     monkeypatch.setattr("hexctl.recording.recording.robot_to_json", lambda _: None)
     unknown = write(tmp_path / "unknown.rrd", trial)
-    with pytest.raises(InputError, match="does not hold its robot"):
+    with pytest.raises(InputError):
         read_trial(unknown)
     assert read_trial(unknown, robot=load_robot("ant")).robot == trial.robot

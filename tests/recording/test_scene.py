@@ -1,4 +1,7 @@
-"""The static part of a recording: the floor, and the robot's parts as meshes or solids."""
+"""The static part of a recording, and the layout that it opens with."""
+
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -7,13 +10,14 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
 from hexctl.control.log import TickLog
-from hexctl.recording import paths, style
+from hexctl.recording import paths
+from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import Recording
 from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_meshes
 from hexctl.types import JointTargets
-from tests.recording.conftest import ReadBack, make_plan
+from tests.recording.conftest import ReadBack, Trial, make_plan
 from tests.robot.meshmaking import glb_box, stl_box
 from tests.robots import edited_file, put, shipped
 
@@ -45,11 +49,7 @@ def test_a_mesh_takes_the_place_of_the_solid(read: ReadBack) -> None:
         assert bytes(read.values(path, "Asset3D:blob")[0][0]) == glb_box()
         assert read.values(path, "Asset3D:media_type") == [["model/gltf-binary"]]
         assert not read.values(path, "Capsules3D:lengths")
-
-
-def test_parts_without_a_mesh_stay_solids(read: ReadBack) -> None:
-    assert read.values(f"/{paths.link_path(2, 'femur')}", "Capsules3D:lengths")
-    assert not read.values(f"/{paths.link_path(2, 'femur')}", "Asset3D:blob")
+    assert read.values(f"/{paths.link_path(2, 'femur')}", "Capsules3D:lengths"), "without a mesh"
 
 
 def test_a_mesh_is_put_in_its_place(read: ReadBack) -> None:
@@ -58,14 +58,6 @@ def test_a_mesh_is_put_in_its_place(read: ReadBack) -> None:
     assert read.values(path, "InstancePoses3D:scales")[0][0] == pytest.approx([0.02] * 3)
     half = 0.5**0.5
     assert read.values(path, "InstancePoses3D:quaternions")[0][0] == pytest.approx([0, 0, half, half])
-
-
-def test_only_a_mesh_without_colours_or_of_the_failed_leg_is_tinted(read: ReadBack) -> None:
-    assert read.values(f"/{paths.BODY}", "Asset3D:albedo_factor") == [[style.packed(style.BODY_COLOR)]]
-    coloured = read.values(f"/{paths.link_path(1, 'tibia')}", "Asset3D:albedo_factor")
-    assert coloured == [[style.packed(style.WHITE)]], "as it is"
-    failed = read.values(f"/{paths.link_path(5, 'tibia')}", "Asset3D:albedo_factor")
-    assert failed == [[style.packed(style.FAILED_COLORS["tibia"])]]
 
 
 def test_an_even_floor_is_two_triangles_around_the_whole_path() -> None:
@@ -86,9 +78,28 @@ def test_bumps_have_the_heights_of_the_floor_and_face_up() -> None:
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (facing[:, 2] > 0).all()
     assert (mesh.normals[:, 2] > 0).all()
+    long = make_floor_mesh(floor.heights_m, np.array([50.0, 50.0]))
+    assert len(long.positions) <= 1.1 * MAX_VERTICES
 
 
-def test_a_long_walk_over_bumps_stays_small() -> None:
-    floor = make_floor(World(roughness_m=0.01), seed=3)
-    mesh = make_floor_mesh(floor.heights_m, np.array([50.0, 50.0]))
-    assert len(mesh.positions) <= 1.1 * MAX_VERTICES
+def test_a_recording_opens_with_the_time_of_the_walk_and_a_live_view_follows_it(
+    trial: Trial, tmp_path: Path
+) -> None:
+    import rerun as rr
+
+    shown = {}
+    for live in (False, True):
+        path = tmp_path / f"{live}.rbl"
+        layout = make_blueprint(trial.robot, trial.plan.heading_rad, trial.floor, watched=True, live=live)
+        layout.save("hexctl", str(path))
+        reader = rr.chunk.RrdReader(path)
+        columns: dict[str, Any] = {}
+        for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks():
+            batch = chunk.to_record_batch()
+            columns |= {
+                name: batch.column(name).to_pylist()[-1] for name in batch.schema.names if ":" in name
+            }
+        shown[live] = columns
+    assert all(shown[live]["TimePanelBlueprint:timeline"] == [paths.WALK_TIMELINE] for live in shown)
+    playing, following = (shown[live]["TimePanelBlueprint:play_state"] for live in (False, True))
+    assert playing != following

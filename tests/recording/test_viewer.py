@@ -1,5 +1,6 @@
+"""The viewer's program and what is served to it."""
+
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.parse import parse_qs, urlsplit
@@ -19,24 +20,13 @@ def test_the_newest_recording_of_all_folders_is_found(tmp_path: Path) -> None:
         path.touch()
         os.utime(path, (1000 + age, 1000 + age))
     assert newest_recording(tmp_path) == tmp_path / "session" / "b.rrd"
-
-
-@pytest.mark.parametrize("folder", ["", "missing"])
-def test_no_recording_is_said_in_one_line(tmp_path: Path, folder: str) -> None:
-    with pytest.raises(InputError, match="no recording"):
-        newest_recording(tmp_path / folder)
-
-
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone\.rrd is not there"):
-        open_viewer([tmp_path / "gone.rrd"])
-
-
-def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "notes.rrd"
-    path.write_text("hello")
-    with pytest.raises(InputError, match="not a Rerun recording"):
-        open_viewer([path])
+    for folder in ("", "missing"):
+        with pytest.raises(InputError):
+            newest_recording(tmp_path / "none" / folder)
+    (tmp_path / "notes.rrd").write_text("hello")
+    for name in ("gone.rrd", "notes.rrd"):
+        with pytest.raises(InputError, match=name):
+            open_viewer([tmp_path / name])
 
 
 def stand_in(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -77,24 +67,18 @@ def test_a_browser_is_sent_to_the_dark_viewer_of_all_recordings(
 def test_a_missing_display_comes_with_a_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     message = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
     recording = stand_in(tmp_path, f'echo "{message}" >&2; exit 1', monkeypatch)
-    with pytest.raises(RecordingError, match=r"no display; hexctl view --web .*trial\.rrd") as refusal:
+    with pytest.raises(RecordingError, match="--web") as refusal:
         open_viewer([recording])
     assert "\n" not in str(refusal.value)
 
 
 def test_another_error_is_passed_on_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = stand_in(tmp_path, 'printf "info\\nError: no GPU\\n" >&2; exit 3', monkeypatch)
-    with pytest.raises(RecordingError, match=r"no GPU$"):
+    with pytest.raises(RecordingError, match="no GPU"):
         open_viewer([recording])
 
 
 ORIGIN = "http://127.0.0.1:9090"
-
-
-@pytest.fixture
-def server() -> Iterator[FileServer]:
-    with FileServer(ORIGIN) as server:
-        yield server
 
 
 def recording_in(folder: Path, name: str) -> Path:
@@ -103,41 +87,33 @@ def recording_in(folder: Path, name: str) -> Path:
     return path
 
 
-def test_what_was_added_is_served_to_pages_of_the_viewer(server: FileServer, tmp_path: Path) -> None:
-    path = recording_in(tmp_path, "ein großer 1%.rrd")
-    url = server.add("a session", path)
-    assert url.startswith("http://127.0.0.1:")
-    assert url.startswith(server.base("a session"))
-    with urlopen(url) as answer:  # noqa: S310  loopback
-        assert answer.read() == path.read_bytes()
-        assert answer.headers["Access-Control-Allow-Origin"] == ORIGIN
+def status_of(url: str, **headers: str) -> int:
+    """HTTP status of an answer."""
+    try:
+        with urlopen(Request(url, headers=headers)) as answer:  # noqa: S310  loopback
+            return int(answer.status)
+    except HTTPError as error:
+        return error.code
 
 
-@pytest.mark.parametrize("name", ["other.rrd", "../secret", "%2e%2e/secret", "", "/etc/passwd"])
-def test_nothing_else_is_served(server: FileServer, tmp_path: Path, name: str) -> None:
+def test_recordings_that_were_added_are_served_to_pages_of_the_viewer_and_nothing_else(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "secret").touch()
-    recording_in(tmp_path, "other.rrd")
-    server.add("here", recording_in(tmp_path, "trial.rrd"))
-    with pytest.raises(HTTPError, match="404"):
-        urlopen(server.base("here") + name)  # noqa: S310  loopback
-
-
-def test_a_file_that_is_gone_is_not_found(server: FileServer, tmp_path: Path) -> None:
-    path = recording_in(tmp_path, "trial.rrd")
-    url = server.add("here", path)
-    path.unlink()
-    with pytest.raises(HTTPError, match="404"):
-        urlopen(url)  # noqa: S310  loopback
-
-
-def test_only_recordings_are_served(server: FileServer, tmp_path: Path) -> None:
     (tmp_path / "notes.rrd").write_text("hello")
-    with pytest.raises(InputError, match="not a Rerun recording"):
-        server.add("here", tmp_path / "notes.rrd")
-
-
-def test_a_page_of_another_name_that_leads_here_is_refused(server: FileServer, tmp_path: Path) -> None:
-    url = server.add("here", recording_in(tmp_path, "trial.rrd"))
-    request = Request(url, headers={"Host": "evil.example"})  # noqa: S310  loopback
-    with pytest.raises(HTTPError, match="403"):
-        urlopen(request)  # noqa: S310  loopback
+    recording_in(tmp_path, "other.rrd")
+    path = recording_in(tmp_path, "ein großer 1%.rrd")
+    with FileServer(ORIGIN) as server:
+        url = server.add("a session", path)
+        assert url.startswith("http://127.0.0.1:")
+        assert url.startswith(server.base("a session"))
+        with urlopen(url) as answer:  # noqa: S310  loopback
+            assert answer.read() == path.read_bytes()
+            assert answer.headers["Access-Control-Allow-Origin"] == ORIGIN
+        for name in ("other.rrd", "../secret", "%2e%2e/secret", "", "/etc/passwd"):
+            assert status_of(server.base("a session") + name) == 404
+        assert status_of(url, Host="evil.example") == 403
+        with pytest.raises(InputError, match=r"notes\.rrd"):
+            server.add("here", tmp_path / "notes.rrd")
+        path.unlink()
+        assert status_of(url) == 404

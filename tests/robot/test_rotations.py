@@ -1,4 +1,4 @@
-"""Orientation quaternions against MuJoCo's own rotations."""
+"""Orientation quaternions against MuJoCo and SciPy, and velocities from poses."""
 
 import math
 
@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from hexctl.robot.body_twist import BodyTwist, body_twists
 from hexctl.robot.rotations import (
     about_z,
     cos_tilt,
@@ -39,12 +40,6 @@ def test_yaw_and_tilt_of_a_turned_body(yaw: float, pitch: float, roll: float) ->
     assert float(cos_tilt(float(quaternion[1]), float(quaternion[2]))) == pytest.approx(up[2], abs=1e-12)
 
 
-def test_many_orientations_at_once_equal_each_alone() -> None:
-    quaternions = np.array([[_quaternion(0.3 * i, 0.1 * j, 0.2) for j in range(3)] for i in range(4)])
-    alone = [[float(yaw_rad(quaternion)) for quaternion in row] for row in quaternions]
-    np.testing.assert_array_equal(yaw_rad(quaternions), alone)
-
-
 def test_the_order_of_scipy_is_the_same_turn() -> None:
     quaternions = np.array([_quaternion(0.3, 0.1, 0.2), _quaternion(-2.0, 0.4, 1.0)])
     vector = np.array([0.3, -0.2, 0.9])
@@ -71,3 +66,41 @@ def test_turns_after_one_another(yaw: float, pitch: float, roll: float, other: f
     np.testing.assert_allclose(turned(quaternion, np.array([1.0, -2.0, 3.0])), vector, atol=1e-12)
     np.testing.assert_allclose(product(inverse(quaternion), quaternion), [1, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(about_z(yaw), _quaternion(yaw, 0.0, 0.0), atol=1e-12)
+
+
+def quaternion(rotation: Rotation) -> np.ndarray:
+    """Components w, x, y, z."""
+    return np.array(rotation.as_quat()[[3, 0, 1, 2]])
+
+
+def test_a_steady_motion_is_seen_in_the_frame_of_the_body() -> None:
+    velocity, turn = np.array([0.2, -0.1, 0.05]), np.array([0.1, -0.2, 0.8])
+    first = Rotation.from_euler("zyx", [2.0, 0.1, -0.2])
+    twist, position, period_s = BodyTwist(), np.array([1.0, 2.0, 0.1]), 0.02
+    for index in range(20):
+        now = first * Rotation.from_rotvec(turn * index * period_s)
+        found = twist.of(index * period_s, position, quaternion(now))
+        position = position + now.apply(velocity) * period_s
+    np.testing.assert_allclose(found[3:], turn, atol=1e-12)
+    # Averaged over 0.1 s, in which the body turns on by 0.08 rad.
+    np.testing.assert_allclose(found[:3], velocity, atol=0.02)
+
+
+def test_the_first_pose_and_one_after_a_gap_have_no_velocity() -> None:
+    twist = BodyTwist()
+    one = np.array([1.0, 0.0, 0.0, 0.0])
+    assert not twist.of(0.0, np.zeros(3), one).any()
+    assert not twist.of(9.0, np.ones(3), one).any()
+    assert twist.of(9.02, 1.01 * np.ones(3), one).any()
+    assert not twist.of(1.0, np.zeros(3), one).any()  # a clock that was set back
+
+
+def test_a_recorded_body_that_turns_about_its_vertical_while_it_moves_ahead_in_the_world() -> None:
+    times_s = np.linspace(0, 0.98, 50)
+    turn = np.column_stack([np.cos(times_s / 4), np.zeros(50), np.zeros(50), np.sin(times_s / 4)])
+    turn[20:] *= -1  # the same orientations
+    ahead = np.column_stack([0.2 * times_s, np.zeros(50), np.zeros(50)])
+    linear, angular = body_twists(times_s, ahead, turn)
+    np.testing.assert_allclose(angular, np.tile([0, 0, 0.5], (50, 1)), atol=1e-3)
+    expected = 0.2 * np.column_stack([np.cos(times_s / 2), -np.sin(times_s / 2), np.zeros(50)])
+    np.testing.assert_allclose(linear, expected, atol=1e-3)

@@ -1,6 +1,5 @@
 """A run as a Python program makes it: one walk on any backend, recorded, without printing anything."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.best import best_gait
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
-from hexctl.control.controllers import Stand
 from hexctl.control.log import TickLog
 from hexctl.control.monitor.recovery import RecoveryPolicy, Response
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import HexctlError, InputError, ReachError, WrongTypeError
+from hexctl.errors import HexctlError, InputError, WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.failure import Failure, FailureEvent
@@ -43,14 +40,6 @@ def test_names_and_objects_give_the_same_walk(capfd: pytest.CaptureFixture[str])
     assert by_object.outcome["gait"]["slots"] == by_name.outcome["gait"]["slots"]
     assert by_object.outcome["world"] == "custom"
     assert capfd.readouterr() == ("", "")
-
-
-def test_the_outcome_is_what_the_command_prints() -> None:
-    done = run(failure=Failure(leg=2, kind="weak", torque_fraction=0.5), seed=3, **SHORT)
-    outcome = json.loads(json.dumps(done.to_dict(), allow_nan=False))
-    assert (outcome["failed_leg"], outcome["failure"], outcome["seed"]) == (2, "weak:0.5", 3)
-    assert outcome["ticks"] == len(done.log)
-    assert outcome["recording"] is None
 
 
 @pytest.mark.slow
@@ -110,16 +99,6 @@ def test_a_stop_from_the_start_moves_nothing_and_leaves_no_recording(tmp_path: P
     assert list(tmp_path.iterdir()) == []
 
 
-def test_another_controller_may_walk() -> None:
-    robot = load_robot("ant")
-    stand = Stand(robot, robot.stance_angles_rad, 5, 20)
-    done = run(controller=stand, **SHORT)
-    assert abs(done.trial.distance_m or 0.0) < 0.01
-    assert (done.trial.controller, done.outcome["controller"], done.outcome["gait"]) == ("Stand",) * 2 + (
-        None,
-    )
-
-
 def crouch(step: int, _state: RobotState) -> FloatArray:
     """Lifts all femurs slowly."""
     angles_rad = shipped().stance_angles_rad.copy()
@@ -141,74 +120,10 @@ def test_a_recording_of_a_custom_controller_has_its_name(
     assert TrialResult.from_dict(done.trial.to_dict()).controller == "crouch"
 
 
-def test_17_angles_end_a_run_with_the_number() -> None:
-    with pytest.raises(InputError, match=r"^controller: expected 18 joint angles, got 17"):
-        run(controller=lambda step, state: crouch(step, state)[:17], **SHORT)
-
-
-def test_a_walk_of_its_plan_names_no_controller() -> None:
-    done = run(gait="tripod", duration_s=0.2)
-    assert done.trial.controller is None
-    assert "controller" not in done.outcome
-    assert done.outcome["gait"]["name"] == "tripod"
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"seed": -1}, "seed: got -1; allowed: 0 or more"),
-        ({"seed": 3, "backend": "mock"}, "seed: got 3 with backend mock; allowed: with sim"),
-        ({"realtime": True, "backend": "mock"}, "realtime: got it with backend mock; allowed: with sim"),
-        ({"world": "rough", "backend": "zenoh"}, "world: got rough with backend zenoh; allowed: with"),
-        ({"connect": "tcp/x:1"}, "connect: got tcp/x:1 with backend sim; allowed: with zenoh,"),
-        ({"speed": 3}, "run: got speed; allowed: "),
-        ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz: got 1.0 with a Gait"),
-        ({"record": Path("walk.txt")}, "walk.txt"),
-    ],
-    ids=lambda value: str(value)[:30],
-)
-def test_what_cannot_be_done_is_refused_before_anything_is_opened(
-    options: dict[str, Any], words: str
-) -> None:
-    with pytest.raises(InputError) as refused:
-        run(**options)
-    assert words in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (
-            {"failure": 5},
-            "failure: got 5 (int); allowed: a Failure, text",
-        ),
-        ({"seed": 1.5}, "seed: got 1.5 (float); allowed: a whole number, 0 or more"),
-        ({"world": 3}, "world: got 3 (int); allowed: text or a Path or a World or None"),
-        ({"backend": RunSpec}, "backend: got"),
-        ({"realtime": "yes"}, "realtime: got 'yes' (str); allowed: True or False"),
-        ({"record": 5}, "record: got 5 (int); allowed: text or a Path or None"),
-        ({"duration_s": "5"}, "duration_s: got '5' (str); allowed: a number"),
-        ({"robot": 3}, "robot: got 3 (int)"),
-    ],
-    ids=lambda value: str(value)[:30],
-)
-def test_a_wrong_type_is_refused_by_name(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(WrongTypeError) as refused:
-        run(**options)
-    assert words in str(refused.value)
-    with pytest.raises(WrongTypeError, match=r"run: got 'ant' .str.; allowed: a RunSpec"):
-        run("ant")  # type: ignore[arg-type]
-
-
-def test_what_the_legs_cannot_reach_is_refused_before_anything_is_opened() -> None:
-    with pytest.raises(ReachError):
-        Run(RunSpec(amplitude=0.6))
-
-
 def test_a_run_walks_only_while_connected() -> None:
-    with pytest.raises(InputError, match="before the robot is connected"):
+    with pytest.raises(InputError, match="connected"):
         Run(RunSpec()).walk()
-    with pytest.raises(InputError, match="a spec and gait too"):
+    with pytest.raises(InputError, match="gait"):
         run(RunSpec(), gait="tripod")
 
 
@@ -226,28 +141,6 @@ def test_an_option_sums_up_what_failed_before_and_what_fails_later() -> None:
     assert [str(one) for one in spec.failures] == ["locked", "limp"]
     assert [str(event) for event in spec.events] == ["3:stuck:coxa@8", "3@9"]
     assert replace(spec, seed=1).failures == spec.failures
-
-
-@pytest.mark.parametrize(
-    ("options", "kind"),
-    [
-        ({"failure": "limp"}, InputError),
-        ({"failure": 5}, WrongTypeError),
-        ({"failure": [FailureEvent(at_s=3.0, leg=5)]}, InputError),
-        ({"failed_leg": "7"}, InputError),
-        ({"failed_leg": 2.5}, WrongTypeError),
-        ({"heal": "5@3"}, WrongTypeError),
-        ({"heal": [FailureEvent(at_s=3.0, leg=5, failure=Failure(leg=5))]}, InputError),
-    ],
-)
-def test_what_is_no_failure_is_refused(options: dict[str, Any], kind: type[InputError]) -> None:
-    with pytest.raises(kind, match=f"^{next(iter(options))}: got"):
-        RunSpec(**options)
-
-
-def test_a_leg_that_is_to_be_diagnosed_is_no_walk() -> None:
-    with pytest.raises(InputError, match=r"^failed_leg: got auto.*1..6"):
-        Run(RunSpec(failed_leg="auto"))
 
 
 @pytest.mark.parametrize(
@@ -293,17 +186,9 @@ def test_a_leg_that_was_turned_away_for_want_of_a_position_leaves_the_result_to_
     with Run(spec) as connected:
         assert connected.plan.self_rotation == "rear"
         result = connected.walk().trial
-    assert (result.hold, result.hold_caveat) == (
-        "heading",
-        "no position was measured at rest before the walk",
-    )
-
-
-def test_a_gait_that_is_not_known_is_answered_with_the_best_where_a_leg_has_failed() -> None:
-    with pytest.raises(InputError, match=r"allowed: demo, .*, auto, best, a code"):
-        Run(RunSpec(gait="bestest", failure=Failure(leg=2)))
-    with pytest.raises(InputError, match=r"allowed: demo, .*, auto, best \(with a failed leg\), a code"):
-        Run(RunSpec(gait="bestest"))
+    assert result.hold == "heading"
+    assert result.hold_caveat is not None
+    assert "position" in result.hold_caveat
 
 
 class FastYawMock(PosedMock):
@@ -338,7 +223,7 @@ class TestFailuresInMidWalk:
     """What the world breaks, what the walk notices, and what it does about it."""
 
     def test_the_result_tells_them_apart(self) -> None:
-        done = run(gait="tripod", duration_s=6.0, failure="5:locked@3", policy="glide")
+        done = run(gait="tripod", duration_s=6.0, failure="5:locked@3")
         assert done.outcome["events"] == ["5:locked@3"]
         assert done.outcome["failed_leg"] is None
         (noticed,) = done.outcome["noticed"]
@@ -373,37 +258,18 @@ class TestFailuresInMidWalk:
         with pytest.raises(InputError, match="leg 5 is whole"), Run(RunSpec(**heals)):  # type: ignore[arg-type]
             pass
 
-    @pytest.mark.parametrize(("policy", "did"), [(None, "changed to"), ("walk-on", "walked on")])
-    def test_a_simulation_recovers_unless_asked_to_walk_on(self, policy: str | None, did: str) -> None:
-        done = run(gait="tripod", duration_s=5.0, failure="5:locked@3", policy=policy)
+    def test_a_simulation_may_be_asked_to_walk_on(self) -> None:
+        done = run(gait="tripod", duration_s=3.0, failure="5:locked@1", policy="walk-on")
         assert done.trial.status == "ok"
-        assert [each.did.startswith(did) for each in done.trial.noticed] == [True]
+        assert [each.did for each in done.trial.noticed] == ["walked on"]
 
     def test_a_policy_of_ones_own(self) -> None:
         class Once(RecoveryPolicy):
             def respond(self, *_args: object) -> Response:
                 return Response(stop=True)
 
-        done = run(gait="tripod", duration_s=5.0, failure="5:locked@3", policy=Once())
+        done = run(gait="tripod", duration_s=3.0, failure="5:locked@1", policy=Once())
         assert done.trial.status == "aborted"
-
-    @pytest.mark.parametrize(
-        ("options", "message"),
-        [
-            ({"failure": "5:limp@30"}, "before 30 s"),
-            ({"failure": [5]}, "failure"),
-            ({"heal": ["5@3"], "backend": "mock"}, "with sim"),
-            ({"policy": "run"}, "walk-on, stop, glide"),
-            ({"policy": "os:path"}, "RecoveryPolicy"),
-            ({"policy": "nowhere:Policy"}, "cannot be loaded"),
-            ({"policy": 3}, "policy"),
-        ],
-    )
-    def test_what_is_not_allowed_is_refused_before_anything_moves(
-        self, options: dict[str, Any], message: str
-    ) -> None:
-        with pytest.raises(HexctlError, match=message):
-            Run(RunSpec(**options))
 
 
 def test_several_legs_fail_from_the_start() -> None:
@@ -419,7 +285,7 @@ def test_several_legs_fail_from_the_start() -> None:
 def test_a_code_counts_among_the_arrangements_of_the_legs_that_are_left() -> None:
     plan = plan_of(spec_of({"failed_leg": (2, 5), "gait": "24"}), shipped("ant"))
     assert plan.gait.slots == (6, 2, 4, 3, 5, 1)
-    with pytest.raises(InputError, match=r"gait: got 25; allowed: 1..24 with failed leg 2, 5"):
+    with pytest.raises(InputError, match="gait"):
         plan_of(spec_of({"failed_leg": (2, 5), "gait": "25"}), shipped("ant"))
 
 
@@ -437,7 +303,7 @@ def test_auto_without_two_legs_refuses_what_it_finds_by_itself(
     gait: str, then: tuple[str, ...], name: str, value: Any
 ) -> None:
     options = {"gait": gait, "then": then, name: value}
-    with pytest.raises(InputError, match=rf"{name}: got 0\S+ with failed legs 2, 5 and gait auto.*allowed: "):
+    with pytest.raises(InputError, match=f"^{name}"):
         plan_of(spec_of({"failed_leg": (2, 5), **options}), shipped("ant"))
     assert plan_of(spec_of({"failed_leg": 2, **options}), shipped("ant"))
 
@@ -449,36 +315,70 @@ def test_a_body_that_is_to_stay_down_stays_down_with_a_change_to_auto() -> None:
         assert change.gait.posture.body_raise == raised
 
 
-def test_the_shift_of_a_crawl_ends_with_it() -> None:
-    plan = plan_of(spec_of({"failed_leg": (1, 3), "gait": "auto", "then": ("2@5",)}), shipped("ant"))
-    assert plan.gait.posture.shift != (0.0, 0.0)
-    assert plan.changes[0].gait.posture == replace(plan.gait.posture, shift=(0.0, 0.0))
-
-
-def test_a_robot_without_two_legs_does_not_turn_before_its_walk() -> None:
-    with pytest.raises(InputError, match="rear with failed legs 2, 5; allowed: auto, none"):
-        Run(spec_of({"failed_leg": (2, 5), "self_rotation": "rear"}))
-    with pytest.raises(InputError, match="best with failed legs 2, 5; allowed: with one"):
-        best_gait(spec_of({"failed_leg": (2, 5), "gait": "best"}))
-
-
 def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> None:
     spec = spec_of({"robot": "pexod", "failure": "1:limp,2:limp", "gait": "auto"})
     with Run(replace(spec, duration_s=0.5)) as connected:
-        assert "whether the robot walks without legs 1, 2 is doubtful" in connected.notes[0]
+        assert "doubtful" in connected.notes[0]
     with Run(replace(spec, failure=(Failure(leg=1), Failure(leg=4)))) as connected:
         assert not any("doubtful" in note for note in connected.notes)
-    with pytest.raises(InputError, match=r"got 1,3,5 with gait auto; .* no gait keeps .* allowed: one"):
+    with pytest.raises(InputError, match="1,3,5"):
         Run(spec_of({"failed_leg": (1, 3, 5), "gait": "auto"}))
 
 
-@pytest.mark.parametrize("heading_rad", [None, 0.0])
-def test_a_trim_with_a_turn_is_refused(heading_rad: float | None) -> None:
-    spec = RunSpec(hold="heading", trim_rad=0.1, turn_rate_rad_s=0.1, heading_rad=heading_rad)
-    with pytest.raises(InputError, match="trim_rad: got it with a turn"):
-        spec.check()
-    replace(spec, turn_rate_rad_s=0.0, heading_rad=0.0).check()
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"seed": -1}, "seed"),
+        ({"seed": 3, "backend": "mock"}, "seed"),
+        ({"realtime": True, "backend": "mock"}, "realtime"),
+        ({"world": "rough", "backend": "zenoh"}, "world"),
+        ({"connect": "tcp/x:1"}, "connect"),
+        ({"speed": 3}, "speed"),
+        ({"gait": "bestest"}, "gait"),
+        ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz"),
+        ({"record": Path("walk.txt")}, "walk.txt"),
+        ({"amplitude": 0.6}, "leg"),
+        ({"controller": lambda step, state: crouch(step, state)[:17]}, "controller"),
+        ({"failed_leg": "auto"}, "failed_leg"),
+        ({"failed_leg": "7"}, "failed_leg"),
+        ({"failed_leg": (2, 5), "self_rotation": "rear"}, "2, 5"),
+        ({"failure": "limp"}, "failure"),
+        ({"failure": [FailureEvent(at_s=3.0, leg=5)]}, "failure"),
+        ({"failure": "5:limp@30"}, "30 s"),
+        ({"heal": [FailureEvent(at_s=3.0, leg=5, failure=Failure(leg=5))]}, "heal"),
+        ({"heal": ["5@3"], "backend": "mock"}, "heal"),
+        ({"policy": "run"}, "policy"),
+        ({"policy": "os:path"}, "policy"),
+        ({"policy": "nowhere:Policy"}, "policy"),
+        ({"hold": "heading", "trim_rad": 0.1, "turn_rate_rad_s": 0.1}, "trim_rad"),
+        ({"hold": "heading", "trim_rad": 0.1, "turn_rate_rad_s": 0.1, "heading_rad": 0.0}, "trim_rad"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_what_cannot_be_done_is_refused_by_name(options: dict[str, Any], named: str) -> None:
+    with pytest.raises(HexctlError, match=named):
+        run(**options)
 
 
-def test_a_run_may_say_that_it_leaves_no_recording() -> None:
-    assert spec_of({"record": False, "record_folder": "runs"}) == RunSpec()
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("failure", 5),
+        ("failure", [5]),
+        ("failed_leg", 2.5),
+        ("heal", "5@3"),
+        ("policy", 3),
+        ("seed", 1.5),
+        ("world", 3),
+        ("backend", RunSpec),
+        ("realtime", "yes"),
+        ("record", 5),
+        ("duration_s", "5"),
+        ("robot", 3),
+    ],
+)
+def test_a_wrong_type_is_refused_by_name(option: str, value: object) -> None:
+    with pytest.raises(WrongTypeError, match=option):
+        run(**{option: value})  # type: ignore[arg-type]
+    with pytest.raises(WrongTypeError):
+        run("ant")  # type: ignore[arg-type]

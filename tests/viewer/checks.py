@@ -14,7 +14,6 @@ SHADED = 60
 
 #: Shares of a view that its subject covers at least.
 BODY_SHARE, LEG_SHARE, LANE_SHARE, LINE_SHARE, TEXT_SHARE = 0.003, 0.0005, 0.25, 0.0002, 0.005
-
 TEXT_COLOR: Color = (230, 230, 230)
 
 #: The share of the scene that the trunk covers when all of the robot is in the picture.

@@ -24,12 +24,10 @@ from pictures.window import Window, open_window
 from tests.robots import shipped
 
 REQUIRED = "HEXCTL_REQUIRE_VIEWER"
-
 SIZE = (1000, 640)
 
 #: Walks this long; with settling and turning, and before it stops.
 WALK_S = 3.0
-
 Opener = Callable[..., AbstractContextManager[Window]]
 
 

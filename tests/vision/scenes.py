@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from hexctl.robot.loader import load_robot
@@ -19,12 +18,13 @@ from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRendere
 from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from hexctl.vision.video.video_writer import VideoWriter
 
-__all__ = [
-    "CAMERA", "FLOOR_CORNERS", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "film_walk", "filmed_pose", "scene",
-    "standing", "tag_on",
-]  # fmt: skip
-
+__all__ = ["CAMERA", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "tag_on"]
 FLOOR_CORNERS = {number: tag.corners for number, tag in FLOOR_TAGS.items()}
+
+
+def plain(brightness: int) -> np.ndarray:
+    """Picture of one brightness."""
+    return np.full((48, 64, 3), brightness, dtype=np.uint8)
 
 
 def standing(robot: Robot, pose: PlanarPose, joints_rad: FloatArray | None = None) -> RobotPosture:
@@ -58,6 +58,8 @@ def filmed_pose(number: int) -> PlanarPose:
 
 def film_walk(folder: Path) -> None:
     """Make a video of a walk of `ant` (walk.mp4), and the calibration of its lens (lens.yaml)."""
+    import cv2
+
     save_lens(WEBCAM, folder / "lens.yaml")
     with scene() as renderer, VideoWriter(folder / "walk.mp4", FILM_FPS) as writer:
         for number in range(FILM_PICTURES):

@@ -1,7 +1,6 @@
 """Sightings of a driven robot, with the flaws of a camera, and what a filter makes of them."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -16,6 +15,7 @@ from hexctl.vision.estimation.pose_filter import PoseEstimate, PoseFilter
 from tests.driven import Driven
 from tests.robots import shipped
 
+DELAY_S = 0.03
 SIGMA = np.array([0.01, 0.01, math.radians(0.5)])
 
 
@@ -71,9 +71,9 @@ class Followed:
         """RMS of position in m and yaw in deg."""
         return rms(self.poses - self.true, (self.times_s >= from_s) & (self.times_s < to_s))
 
-    def held_errors(self, from_s: float = 1.0, to_s: float = math.inf) -> tuple[float, float]:
-        """The same of raw sightings, each held until the next."""
-        return rms(self.held - self.true, (self.times_s >= from_s) & (self.times_s < to_s))
+    def held_error_m(self) -> float:
+        """RMS of the position of raw sightings, each held until the next."""
+        return rms(self.held - self.true, self.times_s >= 1.0)[0]
 
     def error_at(self, at_s: float) -> float:
         """Distance from the truth at a time, in m."""
@@ -82,13 +82,9 @@ class Followed:
 
     def greatest_jump_m(self) -> float:
         """How much farther than the robot the published pose went between two pictures; not at restarts."""
-        whole = np.array([before.restarts == after.restarts for before, after in _pairs(self.estimates)])
+        whole = np.array([before.restarts == after.restarts for before, after in pairwise(self.estimates)])
         steps = np.diff(self.poses[:, :2], axis=0) - np.diff(self.true[:, :2], axis=0)
         return float(np.nanmax(np.hypot(*steps.T)[whole]))
-
-
-def _pairs(each: Sequence[PoseEstimate]) -> list[tuple[PoseEstimate, PoseEstimate]]:
-    return list(pairwise(each))
 
 
 def as_row(pose: PlanarPose | None) -> tuple[float, float, float]:
@@ -105,29 +101,19 @@ def rms(off: FloatArray, rows: BoolArray) -> tuple[float, float]:
     )
 
 
-def followed(
-    walk: Driven,
-    eye: Eye,
-    *,
-    robot: str = "ant",
-    odometry: bool = True,
-    imu: bool = False,
-    delay_s: float = 0.03,
-    poses: PoseFilter | None = None,
-) -> Followed:
-    """A filter that follows a driven robot, whose own motion comes `delay_s` late."""
+def followed(walk: Driven, eye: Eye) -> Followed:
+    """A filter that follows driven `ant`, whose own motion comes `DELAY_S` late."""
     rng = np.random.default_rng(eye.seed)
-    motions = leg_motions(shipped(robot), walk.times_s, walk.joints_rad).motions
+    motions = leg_motions(shipped(), walk.times_s, walk.joints_rad).motions
     true = carried(walk, eye)
-    poses = PoseFilter() if poses is None else poses
+    poses = PoseFilter()
     estimates, truths, held, told = [], [], [], 0
     last = (math.nan,) * 3
     waiting: list[Sighting] = []
     for frame in range(int(walk.times_s[-1] * eye.fps)):
         now_s = frame / eye.fps
-        while odometry and told < len(motions) and walk.times_s[told + 1] <= now_s - delay_s:
-            yaw_rad = wrapped_rad(walk.poses[told + 1, 2] + 0.7) if imu else None
-            poses.move(walk.times_s[told], walk.times_s[told + 1], motions[told], yaw_rad)
+        while told < len(motions) and walk.times_s[told + 1] <= now_s - DELAY_S:
+            poses.move(walk.times_s[told], walk.times_s[told + 1], motions[told])
             told += 1
         waiting += sighted(at(walk.times_s, true, now_s), now_s, eye, rng)
         for one in [one for one in waiting if one.at_s + eye.late_s <= now_s + 1e-9]:

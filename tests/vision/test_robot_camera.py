@@ -1,6 +1,12 @@
+"""A camera that looks at a robot: places, poses, and what is told of them."""
+
 import csv
-from dataclasses import replace
+import math
+import shutil
+import time
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -10,229 +16,226 @@ import pytest
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
+from hexctl.vision import pose_stream
+from hexctl.vision.detection.lens import save_lens
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate
-from hexctl.vision.place import arena_of, load_place, store
-from hexctl.vision.pose_stream import CameraReport, CameraStatus
+from hexctl.vision.observer import Observation, Observer
+from hexctl.vision.place import CameraPose, FloorTag, Place, RobotTag, arena_of, load_place
+from hexctl.vision.pose_stream import COLUMNS, CameraReport, CameraStatus, PoseOutputs, PoseStream, PoseTable
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
-from hexctl.vision.video.video_source import open_video
+from hexctl.vision.video.video_source import Frame, VideoSource, open_video
 from hexctl.vision.video.video_writer import VideoWriter
-from tests.vision.scenes import FILM_FPS, FILM_PICTURES, FLOOR_TAGS, film_walk, filmed_pose
-
-pytestmark = pytest.mark.slow
+from tests.vision.scenes import (
+    CAMERA,
+    FILM_FPS,
+    FILM_PICTURES,
+    FLOOR_TAGS,
+    WEBCAM,
+    film_walk,
+    filmed_pose,
+    scene,
+    standing,
+    tag_on,
+)
 
 #: Frame of the floor: the home tag's.
 HOME = FLOOR_TAGS[0].pose
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a video of a walk and the calibration of its lens."""
-    folder = tmp_path_factory.mktemp("camera")
-    film_walk(folder)
-    return folder
+@dataclass(frozen=True)
+class Looked:
+    """A folder with a walk.mp4, its lens, the place that was learned of it, and what was said."""
+
+    folder: Path
+    report: CameraReport
+    started: CameraStarted
 
 
-def looked(folder: Path, recorded: Path, **options: Any) -> tuple[CameraReport, CameraStarted]:
-    """Report, and what was said at the start."""
+def look(folder: Path, **options: Any) -> Looked:
+    """Look at the film in a folder."""
     started: list[CameraStarted] = []
     camera = RobotCamera(
-        camera=str(recorded / "walk.mp4"), place=folder / "place.yaml", lens=recorded / "lens.yaml",
-        latency_ms=0.0, no_link=True, **options,
-    )  # fmt: skip
+        camera=str(folder / "walk.mp4"),
+        place=folder / "place.yaml",
+        latency_ms=0.0,
+        no_link=True,
+        **options,
+    )
     report = camera.run(lambda: False, on_started=started.append)
-    return report, started[0]
+    return Looked(folder, report, started[0])
 
 
-def test_a_video_of_a_walk_becomes_poses_on_the_floor_of_the_home_tag(tmp_path: Path, recorded: Path) -> None:
-    outputs = {"poses": tmp_path / "poses.csv", "output": tmp_path / "seen.mp4"}
-    report, started = looked(tmp_path, recorded, bar_mm=100.0, **outputs)
-    assert started.learned
-    assert set(started.place.floor_tags) == set(FLOOR_TAGS)
-    assert started.doubts == ()
-    assert report.seen == 1.0
-    with (tmp_path / "poses.csv").open(encoding="utf-8") as file:
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Looked:
+    """The first look at a walk, from which the place is learned."""
+    folder = tmp_path_factory.mktemp("camera")
+    film_walk(folder)
+    outputs = {"poses": folder / "poses.csv", "output": folder / "seen.mp4"}
+    return look(folder, lens=folder / "lens.yaml", bar_mm=100.0, **outputs)
+
+
+@pytest.mark.slow
+def test_a_video_of_a_walk_becomes_poses_on_the_floor_of_the_home_tag(first: Looked) -> None:
+    assert first.started.learned
+    assert set(first.started.place.floor_tags) == set(FLOOR_TAGS)
+    assert first.started.doubts == ()
+    assert first.report.seen == 1.0
+    with (first.folder / "poses.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == report.pictures == FILM_PICTURES
+    assert len(rows) == first.report.pictures == FILM_PICTURES
     believed = [row for row in rows if row["sight"] == "seeing"]
     assert len(believed) > FILM_PICTURES - 10
     for row in believed:
         true = HOME.inverse().after(filmed_pose(round(float(row["at_s"]) * FILM_FPS)))
         assert np.hypot(float(row["seen_x_m"]) - true.x_m, float(row["seen_y_m"]) - true.y_m) < 0.01
         assert abs(wrapped_rad(float(row["seen_yaw_rad"]) - true.yaw_rad)) < 0.03
-    with open_video(str(tmp_path / "seen.mp4")) as seen:
+    with open_video(str(first.folder / "seen.mp4")) as seen:
         assert next(iter(seen)).picture.shape == (720, 1280, 3)
 
 
-def test_a_known_place_is_used_and_the_camera_placed_by_what_it_sees(tmp_path: Path, recorded: Path) -> None:
-    looked(tmp_path, recorded)
-    known = load_place(tmp_path / "place.yaml")
-    text = (tmp_path / "place.yaml").read_text(encoding="utf-8")
-    _, started = looked(tmp_path, recorded)
-    assert not started.learned
-    assert (tmp_path / "place.yaml").read_text(encoding="utf-8") == text
-    assert started.place.floor_tags == known.floor_tags
-    assert np.allclose(started.place.camera.position_m, known.camera.position_m, atol=0.01)
-    assert started.arena is not None
-    (x_m, y_m), radius_m = started.arena
-    assert radius_m > 0.5
-    assert (x_m, y_m) != (0.0, 0.0)
-
-
-def test_a_camera_with_other_pictures_is_stored_so_that_the_arena_is_what_it_sees(
-    tmp_path: Path, recorded: Path
-) -> None:
+@pytest.mark.slow
+def test_a_known_place_is_used_and_a_camera_with_other_pictures_stored(first: Looked, tmp_path: Path) -> None:
     """The file is what `adapt --arena` reads: in smaller pictures the tag is seen less far away."""
-    robot = load_robot("ant")
-    _, large = looked(tmp_path, recorded)
+    large, robot = first.started, load_robot("ant")
+    known = load_place(first.folder / "place.yaml")
     assert large.arena is not None
-    assert arena_of(load_place(tmp_path / "place.yaml"), robot)[1] == pytest.approx(large.arena[1], abs=0.06)
+    assert arena_of(known, robot)[1] == pytest.approx(large.arena[1], abs=0.06)
+    folder = Path(shutil.copytree(first.folder, tmp_path / "half"))
     with (
-        open_video(str(recorded / "walk.mp4")) as video,
+        open_video(str(first.folder / "walk.mp4")) as video,
         VideoWriter(tmp_path / "walk.mp4", FILM_FPS) as half,
     ):
         for frame in video:
             half.write(np.asarray(cv2.resize(frame.picture, (960, 540))), frame.at_s)
-    (tmp_path / "lens.yaml").write_bytes((recorded / "lens.yaml").read_bytes())
-    camera = RobotCamera(camera=tmp_path / "walk.mp4", place=tmp_path / "place.yaml", no_link=True)
-    started: list[CameraStarted] = []
-    camera.run(lambda: bool(started), on_started=started.append)
-    assert not started[0].learned
-    stored = load_place(tmp_path / "place.yaml")
+    (tmp_path / "walk.mp4").replace(folder / "walk.mp4")
+    small = look(folder).started
+    assert not small.learned
+    assert small.place.floor_tags == known.floor_tags
+    assert np.allclose(small.place.camera.position_m, known.camera.position_m, atol=0.01)
+    stored = load_place(folder / "place.yaml")
     assert stored.viewpoint.lens.width_px == 960
-    assert started[0].arena is not None
-    (middle_m, radius_m), (shown_m, shown_radius_m) = arena_of(stored, robot), started[0].arena
+    assert small.arena is not None
+    (middle_m, radius_m), (shown_m, shown_radius_m) = arena_of(stored, robot), small.arena
     assert radius_m == pytest.approx(shown_radius_m, abs=0.02)
     assert middle_m == pytest.approx(shown_m, abs=0.06)
     assert radius_m < large.arena[1] - 0.1
 
 
-def test_what_contradicts_a_known_place_is_refused_and_the_file_stays(tmp_path: Path, recorded: Path) -> None:
-    looked(tmp_path, recorded)
-    text = (tmp_path / "place.yaml").read_text(encoding="utf-8")
-    for options, said in (
-        (
-            {"tag_height_mm": 90.0},
-            r"tag_height_mm: got 90, and .*place\.yaml has .*; allowed: what it has, relearn",
-        ),
-        ({"robot_tag": 11}, r"robot_tag: got 11, and .*place\.yaml has 10"),
-        ({"fov_deg": 80.0}, r"fov_deg: got 80, and .*place\.yaml has none"),
-    ):
-        with pytest.raises(InputError, match=said):
-            looked(tmp_path, recorded, **options)
-    assert (tmp_path / "place.yaml").read_text(encoding="utf-8") == text
-
-
-def test_a_floor_that_is_learned_again_keeps_lens_and_latency(tmp_path: Path, recorded: Path) -> None:
-    looked(tmp_path, recorded, bar_mm=98.0, tag_height_mm=50.0)
-    before = replace(load_place(tmp_path / "place.yaml"), latency_s=0.123)
-    store(before, tmp_path / "place.yaml", "latency_s")
-    camera = RobotCamera(
-        camera=recorded / "walk.mp4", place=str(tmp_path / "place.yaml"), relearn=True, no_link=True
-    )
-    started: list[CameraStarted] = []
-    camera.run(lambda: bool(started), on_started=started.append)
-    after = load_place(tmp_path / "place.yaml")
-    assert started[0].learned
-    assert (after.lens, after.latency_s, after.bar_mm) == (before.lens, 0.123, 98.0)
-    assert after.robot_tag == before.robot_tag
-    assert set(after.floor_tags) == set(before.floor_tags)
-
-
-def test_learning_that_is_stopped_stores_nothing(tmp_path: Path, recorded: Path) -> None:
+@pytest.mark.slow
+def test_learning_that_is_stopped_stores_nothing(first: Looked, tmp_path: Path) -> None:
     asked: list[None] = []
 
     def stop_requested() -> bool:
         asked.append(None)
         return len(asked) > 5
 
-    camera = RobotCamera(camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", no_link=True)
+    camera = RobotCamera(camera=first.folder / "walk.mp4", place=tmp_path / "place.yaml", no_link=True)
     report = camera.run(stop_requested)
     assert (report.pictures, report.look_s) == (0, None)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_each_picture_gives_a_pose(tmp_path: Path, recorded: Path) -> None:
-    poses: list[PoseEstimate] = []
-    camera = RobotCamera(
-        camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", lens=recorded / "lens.yaml", no_link=True
+FRAME_S = 0.1
+ANT = load_robot("ant")
+
+
+class Film(VideoSource):
+    """Pictures of a camera, ten a second of a clock of its own; None is one that never comes."""
+
+    live = True
+
+    def __init__(self, pictures: list[Picture | None]) -> None:
+        super().__init__("film")
+        self.now_s, self._pictures, self._number = 100.0, pictures, 0
+
+    def read(self, timeout_s: float = 1.0) -> Frame | None:
+        """The next picture."""
+        picture = self._pictures[self._number]
+        self._number += 1
+        self.now_s += FRAME_S
+        self.ended = self._number == len(self._pictures)
+        return None if picture is None else Frame(picture, self.now_s, self._number)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+@pytest.fixture(scope="module")
+def pictures() -> tuple[Picture, Picture]:
+    """The robot in the middle of the floor, and the same with a hand over its tag."""
+    with scene() as renderer:
+        color = renderer.draw_color(standing(ANT, PlanarPose(0.0, 0.0, 0.0)))
+    seen = np.asarray(cv2.cvtColor(color, cv2.COLOR_RGB2BGR))
+    covered = seen.copy()
+    column, row = CAMERA.pixels(np.array([[0.0, 0.0, ANT.standing_height_m + tag_on(ANT).height_m]]))[0]
+    cv2.circle(covered, (round(column), round(row)), 60, (120, 140, 180), cv2.FILLED)
+    return seen, covered
+
+
+@pytest.mark.slow
+def test_what_loses_the_robot_is_told_once(
+    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its tag is covered, then no picture comes, and then pictures of another size."""
+    seen, covered = pictures
+    small = np.asarray(cv2.resize(seen, (640, 360)))
+    film = Film([*[seen] * 13, *[covered] * 45, *[seen] * 13, *[None] * 45, *[seen] * 13, *[small] * 45])
+    clock = SimpleNamespace(monotonic=lambda: film.now_s, process_time=time.process_time)
+    monkeypatch.setattr(pose_stream, "time", clock)
+    tag, events, statuses = tag_on(ANT), list[str](), list[CameraStatus]()
+    save_lens(WEBCAM, tmp_path / "lens.yaml")
+    place = Place(
+        lens=tmp_path / "lens.yaml",
+        camera=CameraPose.of(CAMERA),
+        floor_tags={number: FloorTag.at(one.pose, 1000 * one.edge_m) for number, one in FLOOR_TAGS.items()},
+        robot_tag=RobotTag(id=tag.tag_id, edge_mm=1000 * tag.edge_m, height_m=tag.height_m),
     )
-    report = camera.run(on_pose=poses.append)
-    assert len(poses) == report.pictures == FILM_PICTURES
-    assert poses[-1].sight == "seeing"
-    assert report.to_dict()["look_ms"] > 0
+    stream = PoseStream(Observer.at(place, ANT, TagFinder(), 0.0), PoseOutputs(None, None, None, None))
+    stream.run(film, lambda: False, on_pose=lambda _: None, on_status=statuses.append, on_event=events.append)
+    told = ["seen", "its tag", "seen", "no pictures", "seen", "640x360", "no pictures"]
+    assert len(events) == len(told)
+    assert all(words in event for words, event in zip(told, events, strict=True))
+    assert any(0 < status.seen < 1 and status.tag_px > 20 for status in statuses)
+    assert (statuses[-1].seen, statuses[-1].tag_px) == (0.0, 0.0)
 
 
-def test_without_a_calibration_the_lens_is_assumed_and_that_is_said(tmp_path: Path, recorded: Path) -> None:
-    started: list[CameraStarted] = []
-    statuses: list[CameraStatus] = []
-    camera = RobotCamera(
-        camera=str(recorded / "walk.mp4"), place=tmp_path / "place.yaml", latency_ms=0.0, no_link=True
-    )
-    camera.run(lambda: False, on_started=started.append, on_status=statuses.append)
-    assert any("assumed" in doubt for doubt in started[0].doubts)
-    assert load_place(tmp_path / "place.yaml").lens is None
+def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
+    lost = PoseEstimate(at_s=1.0, sight="lost", pose=None, covariance=None, age_s=math.inf, restarts=0)
+    pose = PlanarPose(1.0, -2.0, 0.5)
+    known = PoseEstimate(at_s=1.1, sight="bridging", pose=pose, covariance=np.eye(3), age_s=0.4, restarts=0)
+    with PoseTable(tmp_path / "poses.csv") as table:
+        for at_s, estimate in ((1.0, lost), (1.1, known)):
+            table.write(at_s, estimate, Observation(None, False, None))
+        assert len((tmp_path / "poses.csv").read_text(encoding="utf-8").splitlines()) == 3, "at once"
+    with (tmp_path / "poses.csv").open(encoding="utf-8") as file:
+        first, second = csv.DictReader(file)
+    assert tuple(first) == COLUMNS
+    assert [value for key, value in first.items() if key not in ("at_s", "sight")] == [""] * 8
+    assert (second["x_m"], second["y_m"], second["yaw_rad"]) == ("1.00000", "-2.00000", "0.50000")
+    assert (second["sight"], second["age_s"], second["seen_x_m"]) == ("bridging", "0.400", "")
+    for path in (tmp_path / "poses.csv", tmp_path / "nowhere" / "poses.csv"):
+        with pytest.raises(InputError):
+            PoseTable(path)
 
 
-def test_a_bar_that_is_shorter_makes_the_floor_smaller(tmp_path: Path, recorded: Path) -> None:
-    (tmp_path / "full").mkdir()
-    _, full = looked(tmp_path / "full", recorded)
-    _, small = looked(tmp_path, recorded, bar_mm=98.0)
-    ratio = small.place.floor_tags[3].x_m / full.place.floor_tags[3].x_m
-    assert ratio == pytest.approx(0.98, abs=1e-3)
-    assert any("measure it" in doubt for doubt in full.doubts)
-    assert small.doubts == ()
-
-
-def test_a_bar_measured_later_corrects_the_place_and_that_is_said(tmp_path: Path, recorded: Path) -> None:
-    _, first = looked(tmp_path, recorded)
-    _, later = looked(tmp_path, recorded, bar_mm=98.0)
-    assert not later.learned
-    assert later.doubts == ("the bar of the sheet is 98 mm long, not 100: all distances change by -2.0 %",)
-    known = load_place(tmp_path / "place.yaml")
-    assert known.bar_mm == 98
-    for number, corners in first.place.floor_corners.items():
-        assert np.allclose(known.floor_corners[number], 0.98 * corners, atol=1e-5)
-    high_m = later.place.camera.position_m[2]
-    assert high_m == pytest.approx(0.98 * first.place.camera.position_m[2], rel=2e-3)
-    _, again = looked(tmp_path, recorded)
-    assert again.doubts == ()
-    assert again.place.bar_mm == 98
-
-
-def test_files_that_exist_are_not_replaced(tmp_path: Path) -> None:
-    (tmp_path / "seen.mp4").touch()
-    for options in ({"output": tmp_path / "seen.mp4"}, {"poses": tmp_path / "seen.mp4"}):
-        given: dict[str, Any] = dict(options)
-        with pytest.raises(InputError, match="exists"):
-            RobotCamera(camera="0", **given)
-
-
-def test_files_that_are_not_there_are_told_before_the_camera_is_opened(tmp_path: Path) -> None:
-    gone = tmp_path / "gone" / "file"
-    for name in ("output", "poses", "place"):
-        given: dict[str, Any] = {name: gone}
-        with pytest.raises(InputError, match=rf"{name}: got .*file; allowed: a folder that is there"):
-            RobotCamera(camera="63", **given)
-    with pytest.raises(InputError, match="nolens"):
-        RobotCamera(camera="63", place=tmp_path / "place.yaml", lens=tmp_path / "nolens.yaml").run()
-
-
-@pytest.mark.parametrize("latency_ms", [-1.0, 2001.0, float("nan")])
-def test_an_impossible_latency_is_refused(latency_ms: float) -> None:
-    with pytest.raises(InputError, match="0 to 2000"):
-        RobotCamera(camera="0", latency_ms=latency_ms)
-
-
-def test_a_floor_without_the_home_tag_is_refused(tmp_path: Path) -> None:
-    with VideoWriter(tmp_path / "empty.mp4") as writer:
-        for number in range(5):
-            writer.write(np.full((480, 640, 3), 120, dtype=np.uint8), number / 30)
-    camera = RobotCamera(camera=str(tmp_path / "empty.mp4"), place=tmp_path / "place.yaml", no_link=True)
-    with pytest.raises(InputError, match="home tag"):
-        camera.run(lambda: False)
-    assert not (tmp_path / "place.yaml").exists()
-
-
-def test_what_no_sheet_has_is_refused_at_once() -> None:
-    with pytest.raises(InputError, match="robot_tag: got 2; allowed: 4 to 586"):
-        RobotCamera(camera="0", robot_tag=2)
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"output": "there.mp4"}, "exists"),
+        ({"poses": "there.mp4"}, "exists"),
+        ({"output": "gone/file"}, "output"),
+        ({"poses": "gone/file"}, "poses"),
+        ({"place": "gone/file"}, "place"),
+        ({"robot_tag": 2}, "robot_tag"),
+        *[({"latency_ms": latency_ms}, "latency_ms") for latency_ms in (-1.0, 2001.0, float("nan"))],
+    ],
+)
+def test_bad_options_are_refused_before_the_camera_is_opened(
+    options: dict[str, Any], named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there.mp4").touch()
+    with pytest.raises(InputError, match=named):
+        RobotCamera(camera="63", **options)

@@ -44,21 +44,21 @@ class Servos:
     path: Path
 
     def walking(self) -> bool:
-        log = ServoLog.read(self.path, WALK_TICKS + 1)
+        log = ServoLog.read(self.path)
         if len(log.times_s) <= WALK_TICKS or time.monotonic() - log.times_s[-1] > 0.1:
             return False
         new = (np.diff(log.joint_positions_rad, axis=0) != 0).any(axis=1)
         return bool(new.all()) and float(np.ptp(log.joint_positions_rad, axis=0).max()) > WALK_RAD
 
     def told_after(self, at_s: float) -> bool:
-        log = ServoLog.read(self.path, 1)
+        log = ServoLog.read(self.path)
         return bool((log.times_s > at_s).any())
 
     def rest_after_s(self, at_s: float) -> float:
 
         def rested() -> list[float]:
             now_s = time.monotonic()
-            last_s = ServoLog.read(self.path, 500).moved_after(at_s)
+            last_s = ServoLog.read(self.path).moved_after(at_s)
             return [last_s] if now_s - at_s > last_s + QUIET_S else []
 
         return wait_for(rested, PATIENCE_S, "the robot does not come to rest", poll_s=0.02)[0]

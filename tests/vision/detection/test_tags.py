@@ -1,11 +1,22 @@
+"""Tags in pictures, the pose of a robot by its tag, and what is drawn of it."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexctl.robot.loader import load_robot
-from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
-from hexctl.vision.detection.tags import MODULES, Picture, TagFinder, only, tag_modules
-from hexctl.vision.twin.rendering import CameraFlaws
-from tests.vision.scenes import CAMERA, FLOOR_TAGS, ROBOT_TAG, scene, standing, tag_on
+from hexctl.robot.rotations import wrapped_rad
+from hexctl.vision.detection.overlay import Overlay
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, fitted_pose, tag_pose
+from hexctl.vision.detection.robot_tracker import CORNER_PX, CornerNoise, RobotTracker, SeenRobot
+from hexctl.vision.detection.tags import MODULES, UNIT_CORNERS, Picture, SeenTag, TagFinder, tag_modules
+from hexctl.vision.twin.rendering import SceneRenderer
+from tests.vision.scenes import CAMERA, FLOOR_CORNERS, ROBOT_TAG, scene, standing, tag_on
 
 
 def printed(tag_id: int, module_px: int = 10) -> Picture:
@@ -46,26 +57,179 @@ def test_a_tag_is_found_again_near_where_it_was_and_nowhere_else() -> None:
     assert finder.near(picture, {7: corners_px - 5000}) == {}
 
 
-@pytest.mark.slow
-def test_in_a_rendered_picture_all_tags_are_where_they_are() -> None:
-    pose = PlanarPose(0.15, 0.2, 0.7)
-    with scene(flaws=CameraFlaws()) as renderer:
-        robot = load_robot("ant")
-        found = TagFinder().search(renderer.draw(standing(robot, pose)), thorough=True)
-    assert set(found) == {*FLOOR_TAGS, ROBOT_TAG}
-    for tag_id, tag in FLOOR_TAGS.items():
-        seen = tag_pose(CAMERA, found[tag_id].corners_px, 0.0)
-        assert seen is not None
-        assert np.hypot(seen.pose.x_m - tag.pose.x_m, seen.pose.y_m - tag.pose.y_m) < 0.002
-        assert abs(seen.pose.yaw_rad - tag.pose.yaw_rad) < 0.02
-    height_m = robot.standing_height_m + tag_on(robot).height_m
-    seen = tag_pose(CAMERA, found[ROBOT_TAG].corners_px, height_m)
+POSES = st.builds(PlanarPose, st.floats(-3, 3), st.floats(-3, 3), st.floats(-3.1, 3.1))
+
+
+@given(POSES, POSES)
+def test_a_motion_and_its_inverse_lead_back(pose: PlanarPose, motion: PlanarPose) -> None:
+    back = pose.after(motion).after(motion.inverse())
+    assert (back.x_m, back.y_m) == pytest.approx((pose.x_m, pose.y_m), abs=1e-9)
+    assert wrapped_rad(back.yaw_rad - pose.yaw_rad) == pytest.approx(0, abs=1e-9)
+
+
+def test_a_motion_is_in_the_frame_of_the_pose() -> None:
+    ahead = PlanarPose(1.0, 2.0, math.pi / 2).after(PlanarPose(0.5, 0.1, 0.2))
+    assert (ahead.x_m, ahead.y_m, ahead.yaw_rad) == pytest.approx((0.9, 2.5, math.pi / 2 + 0.2))
+
+
+@given(
+    pose=st.builds(PlanarPose, st.floats(-0.8, 1), st.floats(-0.8, 0.8), st.floats(-3.1, 3.1)),
+    height_m=st.floats(0, 0.3),
+)
+def test_a_tag_is_where_its_corners_are_seen(pose: PlanarPose, height_m: float) -> None:
+    corners = np.column_stack([pose.of_points(0.1 * UNIT_CORNERS), np.full(4, height_m)])
+    seen = tag_pose(CAMERA, CAMERA.pixels(corners), height_m)
     assert seen is not None
-    assert np.hypot(seen.pose.x_m - pose.x_m, seen.pose.y_m - pose.y_m) < 0.002
-    assert abs(seen.pose.yaw_rad - pose.yaw_rad) < 0.01
+    assert (seen.pose.x_m, seen.pose.y_m) == pytest.approx((pose.x_m, pose.y_m), abs=1e-4)
+    assert abs(wrapped_rad(seen.pose.yaw_rad - pose.yaw_rad)) < 1e-3
+    assert seen.scale == pytest.approx(0.1, abs=1e-4)
+    assert seen.residual_m < 1e-4
 
 
-def test_tags_are_chosen_by_number() -> None:
-    found = TagFinder().search(printed(7))
-    assert only(found, {7, 8}) == found
-    assert only(found, {8}) == {}
+def test_a_tag_that_lies_lower_than_believed_looks_smaller() -> None:
+    corners = np.column_stack([0.1 * UNIT_CORNERS, np.zeros(4)])
+    seen = tag_pose(CAMERA, CAMERA.pixels(corners), 0.15)
+    assert seen is not None
+    assert seen.scale < 0.095
+
+
+def test_a_tag_above_the_horizon_has_no_pose() -> None:
+    assert tag_pose(CAMERA, np.full((4, 2), [640.0, -2000.0]), 0.0) is None
+
+
+ROBOT = load_robot("ant")
+TAG = tag_on(ROBOT)
+HERE = PlanarPose(0.2, -0.1, 0.4)
+
+
+@pytest.fixture(scope="module")
+def usual() -> Iterator[SceneRenderer]:
+    with scene() as renderer:
+        yield renderer
+
+
+@pytest.mark.slow
+def test_a_walking_robot_is_followed_to_millimetres(usual: SceneRenderer) -> None:
+    tracker, misses_m, turns_rad = RobotTracker(TAG, TagFinder()), [], []
+    for step in range(12):
+        pose = PlanarPose(-0.3 + 0.05 * step, 0.04 * step, 0.25 * step)
+        seen = tracker.find(usual.draw(standing(ROBOT, pose)), CAMERA, ROBOT.standing_height_m)
+        assert seen is not None
+        misses_m.append(np.hypot(seen.pose_floor.x_m - pose.x_m, seen.pose_floor.y_m - pose.y_m))
+        turns_rad.append(abs(wrapped_rad(seen.pose_floor.yaw_rad - pose.yaw_rad)))
+        assert 0.5 < seen.quality <= 1
+        assert misses_m[-1] < 3 * np.sqrt(np.trace(seen.covariance[:2, :2]))
+        assert turns_rad[-1] < 3 * np.sqrt(seen.covariance[2, 2])
+    assert max(misses_m) < 0.002
+    assert np.degrees(max(turns_rad)) < 0.6
+
+
+@pytest.mark.slow
+def test_a_robot_that_was_carried_elsewhere_is_searched_for(usual: SceneRenderer) -> None:
+    tracker = RobotTracker(TAG, TagFinder())
+    assert tracker.find(usual.draw(standing(ROBOT, HERE)), CAMERA, ROBOT.standing_height_m)
+    away = usual.draw(standing(ROBOT, PlanarPose(0.7, 0.6, 2.0)))
+    seen = tracker.find(away, CAMERA, ROBOT.standing_height_m)
+    assert seen is not None
+    assert seen.pose_floor.x_m == pytest.approx(0.7, abs=0.003)
+
+
+@pytest.mark.slow
+def test_the_whole_picture_is_searched_now_and_then_only(usual: SceneRenderer) -> None:
+    finder, empty = TagFinder(), usual.draw(standing(ROBOT, PlanarPose(50.0, 0.0, 0.0)))
+    searches: list[bool] = []
+    search = finder.search
+
+    def noted(gray: Picture, *, thorough: bool = False) -> dict[int, SeenTag]:
+        searches.append(thorough)
+        return search(gray, thorough=thorough)
+
+    finder.search = noted  # type: ignore[method-assign]
+    tracker = RobotTracker(TAG, finder)
+    assert all(tracker.find(empty, CAMERA, ROBOT.standing_height_m) is None for _ in range(18))
+    assert searches == [True, False, False, True, False, False]
+
+
+@pytest.mark.slow
+def test_the_tag_may_be_anywhere_on_the_robot_and_turned(usual: SceneRenderer) -> None:
+    """The picture has it in the middle: told that it is elsewhere, the robot is elsewhere."""
+    mount = PlanarPose(0.1, 0.0, np.pi / 2)
+    tracker = RobotTracker(PlacedTag(ROBOT_TAG, 0.1, mount, TAG.height_m), TagFinder())
+    seen = tracker.find(usual.draw(standing(ROBOT, HERE)), CAMERA, ROBOT.standing_height_m)
+    assert seen is not None
+    again = seen.pose_floor.after(mount)
+    assert (again.x_m, again.y_m, again.yaw_rad) == pytest.approx(
+        (HERE.x_m, HERE.y_m, HERE.yaw_rad), abs=0.01
+    )
+    assert abs(seen.pose_floor.yaw_rad - (HERE.yaw_rad - np.pi / 2)) < 0.01
+
+
+@pytest.mark.slow
+def test_a_tag_of_another_size_or_height_is_not_the_robots(usual: SceneRenderer) -> None:
+    picture = usual.draw(standing(ROBOT, HERE))
+    for edge_m, height_m in ((0.14, TAG.height_m), (0.1, TAG.height_m + 0.5)):
+        other = RobotTracker(PlacedTag(ROBOT_TAG, edge_m, TAG.pose, height_m), TagFinder())
+        assert other.find(picture, CAMERA, ROBOT.standing_height_m) is None
+
+
+@pytest.mark.slow
+def test_a_robot_that_leans_is_where_its_base_is(usual: SceneRenderer) -> None:
+    from scipy.spatial.transform import Rotation
+
+    roll, pitch = np.radians((-3.0, 3.0))
+    turned = Rotation.from_euler("ZYX", [HERE.yaw_rad, pitch, roll])
+    x, y, z, w = turned.as_quat()
+    posture = replace(standing(ROBOT, HERE), quaternion_floor=np.array([w, x, y, z]))
+    picture = usual.draw(posture)
+    up_body = turned.inv().apply([0.0, 0.0, 1.0])
+    offs = []
+    for up in (up_body, np.array([0.0, 0.0, 1.0])):
+        seen = RobotTracker(TAG, TagFinder()).find(picture, CAMERA, ROBOT.standing_height_m, up_body=up)
+        assert seen is not None
+        offs.append(np.hypot(seen.pose_floor.x_m - HERE.x_m, seen.pose_floor.y_m - HERE.y_m))
+    assert offs[0] < 0.002
+    assert offs[0] < 0.6 * offs[1]
+
+
+SQUARE_PX = 30 * UNIT_CORNERS
+
+
+def learned(sigma_px: float, pictures: int, noise: CornerNoise | None = None, seed: int = 0) -> CornerNoise:
+    """What is known after pictures of a square whose corners have noise."""
+    noise, random = CornerNoise() if noise is None else noise, np.random.default_rng(seed)
+    for _ in range(pictures):
+        seen_px = SQUARE_PX + random.normal(0.0, sigma_px, (4, 2))
+        fit = fitted_pose(SQUARE_PX, seen_px)
+        noise.learn(fit.pose.of_points(fit.scale * SQUARE_PX) - seen_px)
+    return noise
+
+
+@pytest.mark.parametrize("sigma_px", [0.5, 2.0])
+def test_the_noise_is_learned_from_what_is_no_square(sigma_px: float) -> None:
+    found_px = [learned(sigma_px, 20, seed=seed).sigma_px for seed in range(20)]
+    assert np.mean(found_px) == pytest.approx(sigma_px, rel=0.1)
+    assert np.std(found_px) < 0.2 * sigma_px
+
+
+@pytest.mark.parametrize("sigma_px", [0.0, 0.1])
+def test_corners_are_never_believed_to_be_better_than_at_first(sigma_px: float) -> None:
+    assert CornerNoise().sigma_px == CORNER_PX
+    assert learned(sigma_px, 200).sigma_px == CORNER_PX
+
+
+@pytest.mark.parametrize("size_px", [(720, 1280, 3), (720, 1280)])
+def test_what_was_seen_is_drawn_into_a_copy_of_the_picture(size_px: tuple[int, ...]) -> None:
+    here, picture = PlanarPose(0.1, 0.1, 0.5), np.full(size_px, 90, dtype=np.uint8)
+    corners = np.column_stack([here.of_points(0.1 * UNIT_CORNERS), np.full(4, 0.2)])
+    seen = SeenRobot(here, np.eye(3) * 1e-6, SeenTag(10, CAMERA.pixels(corners), 80.0), 0.9)
+    drawn = {}
+    for pose in (here, PlanarPose(-30.0, 0.0, 0.0), None):
+        drawn[pose] = Overlay().draw(
+            picture, CAMERA, FLOOR_CORNERS, sighting=seen, pose_floor=pose, height_m=0.2, lines=["one"]
+        )
+    column, row = np.rint(seen.tag.corners_px[0]).astype(int)
+    assert drawn[None][row, column].tolist() == [80, 220, 80]
+    assert (drawn[here] != drawn[None]).any()
+    behind = PlanarPose(-30.0, 0.0, 0.0)
+    assert (drawn[behind] == drawn[None]).all(), "behind the camera"
+    assert (picture == 90).all()

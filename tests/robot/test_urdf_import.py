@@ -9,7 +9,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -24,7 +23,7 @@ from hexctl.runs.run import run
 from hexctl.types import N_JOINTS
 from tests.robots import shipped
 
-PHANTOMX = Path(__file__).parents[2] / "data" / "phantomx_humarobotics.urdf"
+PHANTOMX = Path(__file__).parents[1] / "data" / "phantomx_humarobotics.urdf"
 PHANTOMX_FOOT_M = (0.0, 0.13, 0.0)
 
 
@@ -68,13 +67,12 @@ def with_links(text: str, count: int, parent: str) -> str:
     return text.replace("</robot>", "".join(more) + "</robot>")
 
 
-@pytest.mark.parametrize("parent", ["base_link", "leg1_foot"])
-def test_a_robot_has_hundreds_of_links_at_most(parent: str, tmp_path: Path) -> None:
+def test_a_robot_has_hundreds_of_links_at_most(tmp_path: Path) -> None:
     robot = shipped("ant")
-    _, back = imported(tmp_path, with_links(urdf_of(robot), 400, parent))
+    _, back = imported(tmp_path, with_links(urdf_of(robot), 400, "base_link"))
     assert back.mass_kg == pytest.approx(robot.mass_kg, rel=1e-3)
-    with pytest.raises(InputError, match="links; allowed: "):
-        imported(tmp_path, with_links(urdf_of(robot), 2500, parent))
+    with pytest.raises(InputError, match="links"):
+        imported(tmp_path, with_links(urdf_of(robot), 2500, "leg1_foot"))
 
 
 def test_names_frames_and_directions_of_turning_do_not_matter(tmp_path: Path) -> None:
@@ -115,6 +113,8 @@ def test_a_robot_that_looks_elsewhere_is_turned(tmp_path: Path) -> None:
 
 
 def test_a_urdf_that_others_wrote_agrees_with_mujoco_and_walks(tmp_path: Path) -> None:
+    import mujoco
+
     made = import_urdf(PHANTOMX, foot_m=PHANTOMX_FOOT_M)
     assert set(made.unknown) == {"body.size_m", "foot_radius_m"}
     file = tmp_path / "mine.yaml"
@@ -163,70 +163,54 @@ def test_what_cannot_be_meant_is_to_be_measured(tmp_path: Path) -> None:
     assert 0.5 < robot.mass_kg < 5
 
 
-def drop_leg(text: str) -> str:
-    return re.sub(r'<joint name="leg6_coxa" type="revolute">', '<joint name="leg6_coxa" type="fixed">', text)
-
-
-CASES = {
-    "five legs": (drop_leg, "got 5 chains of 3 hinges; allowed: 6 legs"),
-    "four hinges": (
-        lambda text: text.replace(
-            '<joint name="leg3_foot_joint" type="fixed">', '<joint name="leg3_foot_joint" type="revolute">'
-        ),
-        "got a chain of 4 hinges from leg3_coxa to leg3_foot_joint",
-    ),
-    "a leaning hip": (
-        lambda text: text.replace('<axis xyz="0 0 1" />', '<axis xyz="0 0.5 1" />', 1),
-        "the first hinge of a leg, leg1_coxa, turns about",
-    ),
-    "a femur about x": (
-        lambda text: text.replace('<axis xyz="0 -1 0" />', '<axis xyz="1 0 0" />', 1),
-        "leg1_femur and leg1_tibia turn about",
-    ),
-    "a long leg": (
-        lambda text: text.replace('xyz="0.0724 0.0 0.0"', 'xyz="0.1724 0.0 0.0"', 1),
-        "the femur links of the legs differ by",
-    ),
+#: What is replaced once in a URDF of `ant`, by what, and the word of the message that names it.
+CHANGES = {
+    "five legs": ('"leg6_coxa" type="revolute"', '"leg6_coxa" type="fixed"', "5 chains"),
+    "four hinges": ('"leg3_foot_joint" type="fixed"', '"leg3_foot_joint" type="revolute"', "4 hinges"),
+    "a leaning hip": ('<axis xyz="0 0 1" />', '<axis xyz="0 0.5 1" />', "leg1_coxa"),
+    "a femur about x": ('<axis xyz="0 -1 0" />', '<axis xyz="1 0 0" />', "leg1_femur and leg1_tibia"),
+    "a long leg": ('xyz="0.0724 0.0 0.0"', 'xyz="0.1724 0.0 0.0"', "the femur links"),
     "a foot beside its leg": (
-        lambda text: text.replace('xyz="0.1165 0.0 0.0" rpy="0 0 0"', 'xyz="0.1165 0.03 0.0" rpy="0 0 0"', 1),
-        "mm beside the plane of its leg",
+        '"0.1165 0.0 0.0" rpy="0 0 0"',
+        '"0.1165 0.03 0.0" rpy="0 0 0"',
+        "plane of its leg",
     ),
-    "xacro": (lambda text: text.replace("<mass ", '<mass a="${m}" ', 1), "has xacro in it"),
-    "no XML": (lambda text: text[: len(text) // 2], "is not XML"),
-    "another XML": (lambda _: "<sdf/>", "got XML of a 'sdf'"),
-    "entities": (lambda _: '<!DOCTYPE a [<!ENTITY b "c">]><robot/>', "entities"),
-    "two roots": (
-        lambda text: text.replace("</robot>", '<link name="loose" /></robot>'),
-        "got 2 links that nothing",
-    ),
-    "a link that is not there": (
-        lambda text: text.replace('<parent link="base_link" />', '<parent link="nowhere" />', 1),
-        "names the link 'nowhere'",
-    ),
-    "a number that is none": (
-        lambda text: text.replace('xyz="0.0503 0.0 -0.0112"', 'xyz="0.0503 nan -0.0112"', 1),
-        "xyz: got '0.0503 nan -0.0112'",
-    ),
-    "an axis of length 0": (lambda text: text.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1), "axis of length 0"),
+    "xacro": ("<mass ", '<mass a="${m}" ', "xacro"),
+    "two roots": ("</robot>", '<link name="loose" /></robot>', "2 links"),
+    "a link that is not there": ('<parent link="base_link" />', '<parent link="nowhere" />', "nowhere"),
+    "a number that is none": ('xyz="0.0503 0.0 -0.0112"', 'xyz="0.0503 nan -0.0112"', "xyz"),
+    "an axis of length 0": ('xyz="0 0 1"', 'xyz="0 0 0"', "axis of length 0"),
+    "no XML": ("</robot>", "", "XML"),
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+def refused(folder: Path, text: str) -> str:
+    """The message about a URDF."""
+    (folder / "some.urdf").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        import_urdf(folder / "some.urdf")
+    return str(error.value)
+
+
+@pytest.mark.parametrize("case", CHANGES)
 def test_what_is_no_such_robot_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
-    change, told = CASES[case]
+    old, new, named = CHANGES[case]
     text = urdf_of(shipped())
-    changed = change(text)
-    assert changed != text
-    (tmp_path / "some.urdf").write_text(changed, encoding="utf-8")
-    with pytest.raises(InputError, match=re.escape(told)) as refused:
-        import_urdf(tmp_path / "some.urdf")
-    assert "\n" not in str(refused.value)
+    assert old in text
+    message = refused(tmp_path, text.replace(old, new, 1))
+    assert named in message
+    assert "\n" not in message
 
 
-def test_where_nothing_tells_the_foot_it_is_asked_for() -> None:
-    with pytest.raises(InputError, match=r"where the foot of the leg of j_c1_.. is; allowed: foot_m with"):
-        import_urdf(PHANTOMX)
-    with pytest.raises(InputError, match="forward: got up; allowed: x, y, -x, -y"):
-        import_urdf(PHANTOMX, forward="up")
-    with pytest.raises(InputError, match="cannot be read"):
+def test_another_xml_entities_and_a_missing_file_are_refused(tmp_path: Path) -> None:
+    assert "sdf" in refused(tmp_path, "<sdf/>")
+    assert "entities" in refused(tmp_path, '<!DOCTYPE a [<!ENTITY b "c">]><robot/>')
+    with pytest.raises(InputError, match=r"missing\.urdf"):
         import_urdf("missing.urdf")
+
+
+def test_a_foot_that_the_file_does_not_have_is_asked_for() -> None:
+    with pytest.raises(InputError, match="foot_m"):
+        import_urdf(PHANTOMX)
+    with pytest.raises(InputError, match="forward"):
+        import_urdf(PHANTOMX, forward="up")

@@ -1,4 +1,4 @@
-"""URDF of robots, read by programs of others: MuJoCo, yourdfpy and Rerun."""
+"""Robots as JSON, MJCF and URDF, as MuJoCo, yourdfpy and Rerun read them."""
 
 from pathlib import Path
 from typing import Any
@@ -7,14 +7,86 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-import yourdfpy
 
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulation_model import make_body
+from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.robot.formats.link_frames import FOOT_LINKS, JOINT_LINKS, fixed_transforms, link_transforms
+from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
+from hexctl.robot.formats.link_frames import FOOT_LINKS, fixed_transforms, link_transforms
+from hexctl.robot.formats.link_masses import link_mass, trunk_mass
+from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import COMMAND_TOPIC, TOPIC_SYSTEM, urdf_of
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
 from tests.robots import ROBOT_NAMES, shipped
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_an_equal_robot_comes_back(name: str) -> None:
+    robot = shipped(name)
+    back = robot_from_json(robot_to_json(robot))
+    assert back == robot
+    assert back.fingerprint == robot.fingerprint
+
+
+def test_what_is_no_robot_is_refused() -> None:
+    whole = robot_to_json(shipped())
+    wrong_type = whole.replace('"size_m": 1.0', '"size_m": "x"', 1)
+    unknown_key = whole.replace('"size_m"', '"length_m"', 1)
+    not_finite = whole.replace("0.08", "NaN", 1)
+    assert whole not in (wrong_type, unknown_key, not_finite)
+    for text in ("", "[]", "{}", '{"version": 2}', "null", "nonsense", wrong_type, unknown_key, not_finite):
+        with pytest.raises(InputError, match="robot description"):
+            robot_from_json(text)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_masses_are_those_of_the_simulated_robot(name: str) -> None:
+    from dm_control import mjcf
+
+    robot = shipped(name)
+    model = mjcf.Physics.from_mjcf_model(make_body(robot)).model
+    parts = [trunk_mass(robot.body), *(link_mass(robot, index) for index in range(3))]
+    for place, part in zip(("trunk", "leg1/coxa", "leg1/femur", "leg1/tibia"), parts, strict=True):
+        body = model.name2id(place, "body")
+        assert part.mass_kg == pytest.approx(model.body_mass[body], rel=1e-12)
+        assert part.com_m == pytest.approx(model.body_ipos[body], abs=1e-12)
+        # MuJoCo sorts the principal moments.
+        assert sorted(part.moments_kg_m2) == pytest.approx(sorted(model.body_inertia[body]), rel=1e-9)
+
+
+@pytest.fixture(params=ROBOT_NAMES)
+def name(request: Any) -> str:
+    return str(request.param)
+
+
+def test_the_feet_are_where_our_kinematics_have_them(name: str) -> None:
+    robot = shipped(name)
+    model = mujoco.MjModel.from_xml_string(mjcf_of(robot))
+    data = mujoco.MjData(model)
+    assert [model.joint(index + 1).name for index in range(N_JOINTS)] == list(JOINT_NAMES)
+    feet = [model.site(foot).id for foot in FOOT_LINKS]
+    shares = np.random.default_rng(17).uniform(size=(100, N_JOINTS))
+    for share in shares:
+        pose_rad = robot.joint_lower_rad + share * (robot.joint_upper_rad - robot.joint_lower_rad)
+        data.qpos[:7], data.qpos[7:] = [0, 0, 0, 1, 0, 0, 0], pose_rad
+        mujoco.mj_kinematics(model, data)
+        assert np.abs(data.site_xpos[feet] - foot_positions_body(robot, pose_rad)).max() < 1e-9
+
+
+def test_masses_servos_and_friction_are_those_of_the_simulation(name: str) -> None:
+    robot = shipped(name)
+    model = mujoco.MjModel.from_xml_string(mjcf_of(robot))
+    with SimServos(robot) as servos:
+        ours = servos.compiled.physics.model
+        order = ours.body_mass > 0  # without the frames by which legs are attached
+        assert model.body_mass[1:] == pytest.approx(ours.body_mass[order], rel=1e-9)
+        assert np.sort(model.body_inertia[1:]) == pytest.approx(np.sort(ours.body_inertia[order]), rel=1e-9)
+        for field in ("dof_armature", "dof_damping", "dof_frictionloss", "dof_solimp"):
+            assert getattr(model, field) == pytest.approx(getattr(ours, field)), field
+        for field in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
+            assert getattr(model, field) == pytest.approx(getattr(ours, field)), field
 
 
 def poses(robot: Robot, count: int = 100) -> FloatArray:
@@ -48,6 +120,8 @@ def test_mujoco_finds_the_feet_where_our_kinematics_do(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_yourdfpy_finds_the_feet_where_our_kinematics_do(name: str, tmp_path: Path) -> None:
+    import yourdfpy
+
     robot = shipped(name)
     file = tmp_path / "robot.urdf"
     file.write_text(urdf_of(robot), encoding="utf-8")
@@ -76,15 +150,6 @@ def test_transforms_of_links_are_those_of_the_urdf(name: str) -> None:
             mujoco.mju_quat2Mat(matrix, transforms.quaternions[index])
             assert found_m == pytest.approx(transforms.translations_m[index], abs=1e-9)
             assert turn @ data.xmat[below].reshape(3, 3) == pytest.approx(matrix.reshape(3, 3), abs=1e-9)
-
-
-def test_transforms_of_many_ticks_are_those_of_each() -> None:
-    robot = shipped()
-    many = link_transforms(robot, poses(robot, 4).reshape(2, 2, N_JOINTS))
-    one = link_transforms(robot, poses(robot, 4)[3])
-    assert many.quaternions.shape == (2, 2, N_JOINTS, 4)
-    assert np.array_equal(many.quaternions[1, 1], one.quaternions)
-    assert many.children == JOINT_LINKS
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
@@ -123,23 +188,18 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
 
 
 def test_the_block_of_ros2_control_commands_every_joint_and_is_never_silent() -> None:
-    plain, whole = (urdf_of(shipped(), ros2_control=wanted) for wanted in (False, True))
-    assert "ros2_control" not in plain
-    block = ElementTree.fromstring(whole).find("ros2_control")  # noqa: S314  our own text
+    assert "ros2_control" not in urdf_of(shipped())
+    text = urdf_of(shipped(), ros2_control=True, command_topic="/lab/command", state_topic="/lab/states")
+    block = ElementTree.fromstring(text).find("ros2_control")  # noqa: S314  our own text
     assert block is not None
     assert block.findtext("hardware/plugin") == TOPIC_SYSTEM
     parameters = {one.get("name"): one.text for one in block.findall("hardware/param")}
-    assert parameters["joint_commands_topic"] == COMMAND_TOPIC
+    assert parameters["joint_commands_topic"] == "/lab/command"
+    assert parameters["joint_states_topic"] == "/lab/states"
     assert parameters["trigger_joint_command_threshold"] == "-1"
     assert [joint.get("name") for joint in block.findall("joint")] == list(JOINT_NAMES)
     commands = list(block.iter("command_interface"))
     assert {one.get("name") for one in commands} == {"position"}
     # A first value would be sent before any controller is active: the robot would go there.
     assert {param.get("name") for one in commands for param in one} == {"min", "max"}
-
-
-def test_ros2_control_speaks_on_the_topics_that_it_is_given() -> None:
-    text = urdf_of(shipped(), ros2_control=True, command_topic="/lab/command", state_topic="/lab/states")
-    assert '<param name="joint_commands_topic">/lab/command</param>' in text
-    assert '<param name="joint_states_topic">/lab/states</param>' in text
-    assert COMMAND_TOPIC not in text
+    assert COMMAND_TOPIC in urdf_of(shipped(), ros2_control=True)
