@@ -100,6 +100,6 @@ def test_a_stop_ends_the_drive_before_the_servos_hear_of_it() -> None:
             guard.stop("by hand")
         return False
 
-    with pytest.raises(EStopError, match="by hand"):
+    with pytest.raises(EStopError):
         run_controller(guard, controller, (rows,), until=press)
     assert len(servos.sent) == len(rows.rows) == 4
