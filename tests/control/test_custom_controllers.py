@@ -1,4 +1,4 @@
-"""Controllers of one's own: given to a trial, alone and in a batch, with the state at every step."""
+"""Custom controllers: given to a trial, alone and in a batch, with the state at every step."""
 
 import math
 from dataclasses import replace
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl import Failure, SimTrial, TrialPlan, World, make_gait, run_sim_trials, run_trial
+from hexctl.backends.base import LegServos
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import run_sim_trial
@@ -19,11 +20,13 @@ from hexctl.control.log import TickLog
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.gait.foot_trajectory import StepPattern, feet_of_walks, stroke_vectors_m
 from hexctl.gait.gait import Motion
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import BoolArray, FloatArray, RobotState
+from tests.control.posed import PosedMock
 from tests.recorders import Calling
 from tests.robots import shipped
 
@@ -76,10 +79,24 @@ class UntilAhead(YawHold):
 def _trials(world: World, duration_s: float = 3.0) -> list[SimTrial]:
     failure = Failure(leg=3)
     plans = [
-        TrialPlan(gait=make_gait(ANT, code, failed_legs=(3,)), belief=failure, duration_s=duration_s)
+        TrialPlan(
+            gait=make_gait(ANT, code, failed_legs=(3,)),
+            belief=failure,
+            duration_s=duration_s,
+            self_rotation="none",
+        )
         for code in ("1", "57", "120")
     ]
     return [SimTrial(robot=ANT, plan=plan, failure=failure, world=world, seed=4) for plan in plans]
+
+
+def _walked(
+    controller: Any = None, *, servos: LegServos | None = None, duration_s: float = 1.0
+) -> tuple[TrialResult, TickLog]:
+    """A trial of the tripod, by default in the simulation."""
+    log, plan = TickLog(), TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=duration_s)
+    with servos or SimServos(ANT) as connected:
+        return run_trial(Guard(connected), plan, controller, recorders=(log,)), log
 
 
 NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
@@ -91,10 +108,9 @@ NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0
     [
         (YawHold, World(), 1.5),
         (YawHold, NOISY, 1.5),
-        (YawHold, World(roughness_m=0.005), 1.5),
         (UntilAhead, World(), 3.0),
     ],
-    ids=["flat", "noisy", "rough", "until ahead"],
+    ids=["flat", "noisy", "until ahead"],
 )
 def test_a_controller_that_looks_at_the_state_walks_the_same_alone_and_in_a_batch(
     controller: type[YawHold], world: World, duration_s: float
@@ -121,24 +137,10 @@ def test_a_controller_that_looks_at_the_state_walks_the_same_alone_and_in_a_batc
 
 
 def test_a_controller_that_is_done_ends_the_walk_as_ok() -> None:
-    (trial,) = _trials(World(), duration_s=30.0)[:1]
-    result = run_sim_trial(trial, UntilAhead)
+    result = run_sim_trial(_trials(World(), duration_s=30.0)[0], UntilAhead)
     assert result.status == "ok"
     assert result.duration_s < 10
     assert result.distance_m == pytest.approx(0.1, abs=0.02)
-
-
-@pytest.mark.slow
-def test_a_controller_made_beforehand_walks_and_stops_softly() -> None:
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=1.0)
-    walk = Walk(ANT, plan.gait, plan.motion(0.0), period_s=0.02)
-    log = TickLog()
-    with SimServos(ANT) as servos:
-        given = run_trial(Guard(servos), plan, walk, recorders=(log,))
-    with SimServos(ANT) as servos:
-        planned = run_trial(Guard(servos), plan)
-    assert given == planned
-    np.testing.assert_allclose(log["commanded_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
 
 
 class UntilHalfWay(Walk):
@@ -148,22 +150,21 @@ class UntilHalfWay(Walk):
         return step >= 25
 
 
-def test_a_controller_that_is_done_still_stops_softly() -> None:
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=10.0)
-    walk = UntilHalfWay(ANT, plan.gait, plan.motion(0.0), period_s=0.02)
-    log = TickLog()
-    with SimServos(ANT) as servos:
-        assert run_trial(Guard(servos), plan, walk, recorders=(log,)).status == "ok"
+@pytest.mark.parametrize("kind", [Walk, UntilHalfWay])
+def test_a_controller_made_beforehand_walks_and_stops_softly(kind: type[Walk]) -> None:
+    plan = TrialPlan(gait=make_gait(ANT, "tripod"))
+    given, log = _walked(kind(ANT, plan.gait, plan.motion(0.0), period_s=0.02), servos=PosedMock())
+    if kind is Walk:
+        assert given == _walked(servos=PosedMock())[0]
+    assert given.status == "ok"
+    assert log.walked_ticks == (50 if kind is Walk else 26)
     stop = log.rows_of("stop")
     assert stop.stop - stop.start == soft_stop_steps(0.02)
     np.testing.assert_allclose(log["commanded_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
 
 
 def test_a_controller_without_a_stop_is_followed_by_the_stance() -> None:
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=2.5)
-    log = TickLog()
-    with SimServos(ANT) as servos:
-        run_trial(Guard(servos), plan, YawHold, recorders=(log,))
+    _, log = _walked(YawHold, duration_s=1.5)
     stop = log.rows_of("stop")
     assert stop.stop - stop.start == soft_stop_steps(0.02)
     np.testing.assert_allclose(log["commanded_rad"][-1], ANT.stance_angles_rad, atol=0.02)
@@ -185,15 +186,13 @@ class Brakes(YawHold):
 
 
 def test_a_controller_says_how_many_steps_its_stop_takes() -> None:
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=1.0)
-    log, made = TickLog(), []
+    made: list[Brakes] = []
 
     def make(start: WalkStart) -> Brakes:
         made.append(Brakes(start))
         return made[0]
 
-    with SimServos(ANT) as servos:
-        run_trial(Guard(servos), plan, make, recorders=(log,))
+    _, log = _walked(make, servos=PosedMock())
     stop = log.rows_of("stop")
     assert stop.stop - stop.start == 13
     assert made[0].stopped_at == 50
@@ -231,33 +230,29 @@ class Confused(YawHold):
 
 
 def test_a_batch_refuses_targets_of_another_shape() -> None:
-    with pytest.raises(InputError, match=r"controller: .*got shape \(18,\); allowed: shape \(3, 18\)"):
+    with pytest.raises(InputError, match="controller"):
         run_sim_trials(_trials(World()), make_controller=Confused)
 
 
-def test_arguments_of_a_trial_are_refused_by_name() -> None:
+def test_arguments_of_a_trial_are_refused_by_name_before_anything_moves() -> None:
     plan, log = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.1), TickLog()
-    guard = Guard(MockServos(ANT))
-    for arguments, what in (
-        ((ANT, plan), "servos: got .*allowed: connected LegServos"),
-        ((guard, plan.gait), "plan: got .*allowed: a TrialPlan"),
-        ((guard, plan, log), "controller: got TickLog.*allowed: a Controller, or a function"),
-        ((guard, plan, None, log), "recorders: got .*allowed: a sequence"),
-        ((guard, plan, None, (print,)), "recorders: got .*allowed: TickLogs"),
-    ):
-        with pytest.raises(WrongTypeError, match=what):
-            run_trial(*arguments)
-    with pytest.raises(WrongTypeError, match="controller: got None"), SimServos(ANT) as servos:
-        run_trial(Guard(servos), plan, lambda _: None)  # type: ignore[arg-type]
-
-
-def test_a_robot_without_a_guard_does_not_walk() -> None:
-    """A guard of each trial's own would forget the stops of the trial before."""
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.1)
     with MockServos(ANT) as servos:
-        with pytest.raises(InputError, match="servos: got MockServos without a guard; allowed: Guard"):
+        guard = Guard(servos)
+        for arguments, named in (
+            ((ANT, plan), "servos"),
+            ((guard, plan.gait), "plan"),
+            ((guard, plan, log), "controller"),
+            ((guard, plan, lambda _step, _state, _gain: None), "controller"),
+            ((guard, plan, None, log), "recorders"),
+            ((guard, plan, None, (print,)), "recorders"),
+        ):
+            with pytest.raises(WrongTypeError, match=f"^{named}"):
+                run_trial(*arguments)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match="servos"):  # a guard of each trial's own would forget stops
             run_trial(servos, plan)
         assert not servos.sent
+        with pytest.raises(WrongTypeError, match="controller"):
+            run_trial(guard, plan, lambda _: None)  # type: ignore[arg-type, misc]
 
 
 def test_one_walk_is_a_row_of_a_batch_of_walks() -> None:
@@ -271,26 +266,13 @@ def test_one_walk_is_a_row_of_a_batch_of_walks() -> None:
             assert np.array_equal(together.targets_rad(step, state)[row], alone.targets_rad(step, state))
 
 
-@pytest.mark.slow
-def test_trials_that_turn_by_different_angles_do_not_share_a_start() -> None:
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=1.0)
-    trials = [
-        SimTrial(robot=ANT, plan=replace(plan, turn_rad=turn_rad), failure=None) for turn_rad in (0.6, 0.0)
-    ]
-    results = run_sim_trials(trials)
-    assert results[0].turned_rad == pytest.approx(0.6, abs=0.1)
-    assert results[1].turned_rad == pytest.approx(0.0, abs=0.02)
-    for one, other in zip(results, map(run_sim_trial, trials), strict=True):
-        assert one.to_dict() == other.to_dict()
-
-
 def test_a_recorder_that_fails_is_a_warning_and_the_others_go_on() -> None:
     def fail(*_: object) -> None:
         raise OSError("no space left")
 
     log, plan = TickLog(), TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.5)
-    with SimServos(ANT) as servos, pytest.warns(UserWarning, match="Calling failed: no space left"):
-        result = run_trial(Guard(servos), plan, recorders=(Calling(fail), log))
+    with Guard(PosedMock()) as guard, pytest.warns(UserWarning, match="Calling"):
+        result = run_trial(guard, plan, recorders=(Calling(fail), log))
     assert result.status == "ok"
     assert log.walked_ticks == 25
 
@@ -302,16 +284,18 @@ def sway(step: int, _state: RobotState) -> list[float]:
     return [float(angle) for angle in angles_rad]
 
 
-def test_a_function_of_step_and_state_is_a_controller() -> None:
-    plan, log = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.6), TickLog()
-    with SimServos(ANT) as servos:
-        result = run_trial(servos, plan, sway, recorders=[log])
-    assert result.controller == "sway"
-    assert repr(result).startswith("TrialResult(sway: ")
-    walk = log.rows_of("walk")
+def test_a_function_of_step_and_state_is_a_controller_and_a_maker_may_give_one() -> None:
+    def swaying(start: WalkStart) -> Any:
+        assert start.robot == ANT
+        return lambda step, state: sway(step, state)
+
     state = RobotState(ANT.stance_angles_rad, 0.0, measured=True)
-    wanted = [sway(step, state) for step in range(walk.stop - walk.start)]
-    np.testing.assert_array_equal(log["wanted_rad"][walk], wanted)
+    for controller, name in ((sway, "sway"), (swaying, "swaying")):
+        result, log = _walked(controller, servos=PosedMock(), duration_s=0.6)
+        assert result.controller == name
+        walk = log.rows_of("walk")
+        wanted = [sway(step, state) for step in range(walk.stop - walk.start)]
+        np.testing.assert_array_equal(log["wanted_rad"][walk], wanted)
 
 
 class Leaning:
@@ -329,16 +313,6 @@ def test_a_function_walks_the_same_alone_and_in_a_batch(controller: Any) -> None
     assert [result.controller for result in together] == [controller_name(controller)] * 3
 
 
-def test_a_maker_may_give_a_function() -> None:
-    def swaying(start: WalkStart) -> Any:
-        assert start.robot == ANT
-        return lambda step, state: sway(step, state)
-
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.2)
-    with SimServos(ANT) as servos:
-        assert run_trial(servos, plan, swaying).controller == "swaying"
-
-
 def test_the_name_of_a_controller_is_that_of_its_class_or_function() -> None:
     for controller, name in (
         (YawHold, "YawHold"),
@@ -353,31 +327,21 @@ def test_the_name_of_a_controller_is_that_of_its_class_or_function() -> None:
 
 
 @pytest.mark.parametrize(
-    ("returned", "error", "words"),
+    ("returned", "error"),
     [
-        ([0.0] * 17, InputError, "expected 18 joint angles, got 17"),
-        (np.zeros(19), InputError, "expected 18 joint angles, got 19"),
-        (np.zeros((2, 18)), InputError, r"expected 18 joint angles, got shape \(2, 18\); allowed: "),
-        (0.3, InputError, "expected 18 joint angles, got one number"),
-        (None, WrongTypeError, "got None .*; allowed: 18 joint angles"),
-        (["left"] * 18, WrongTypeError, ".*; allowed: 18 joint angles"),
+        ([0.0] * 17, InputError),
+        (np.zeros((2, 18)), InputError),
+        (0.3, InputError),
+        (None, WrongTypeError),
+        (["left"] * 18, WrongTypeError),
     ],
-    ids=["17", "19", "two robots", "number", "none", "texts"],
+    ids=["17", "two robots", "number", "none", "texts"],
 )
-def test_other_than_18_angles_are_refused_in_a_line(returned: Any, error: Any, words: str) -> None:
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.2)
-
+def test_other_than_18_angles_are_refused(returned: Any, error: type[Exception]) -> None:
     class Wrong(Controller):
         def targets_rad(self, step: int, state: RobotState) -> Any:
             return returned
 
     for controller in (lambda _step, _state: returned, Wrong()):
-        with SimServos(ANT) as servos, pytest.raises(error, match=f"^controller: {words}"):
-            run_trial(servos, plan, controller)
-
-
-def test_a_function_of_three_arguments_is_refused_before_anything_moves() -> None:
-    plan, servos = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.2), MockServos(ANT)
-    with servos, pytest.raises(WrongTypeError, match=r"^controller: got .*; allowed: a Controller"):
-        run_trial(Guard(servos), plan, lambda _step, _state, _gain: None)  # type: ignore[arg-type]
-    assert not servos.sent
+        with pytest.raises(error, match=r"^controller"):
+            _walked(controller, servos=PosedMock(), duration_s=0.2)
