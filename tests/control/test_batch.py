@@ -7,14 +7,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl import Failure, Robot, SimTrial, TrialPlan, World, load_robot, make_gait, run_sim_trials
+from hexctl import (
+    Failure,
+    LimitError,
+    ReachError,
+    Robot,
+    SimServos,
+    SimTrial,
+    TrialPlan,
+    TrialResult,
+    World,
+    load_robot,
+    make_gait,
+    run_sim_trials,
+)
 from hexctl.backends.sim.flaws import SensorFaults
-from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_batch import SimBatch
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import check_walk
-from hexctl.control.trial_result import TrialResult
-from hexctl.errors import LimitError, ReachError, WrongTypeError
+from hexctl.errors import WrongTypeError
 
 FAULTY = SensorFaults(yaw_drift_deg_per_min=200.0, pose_frozen_s=((0.9, 1.5),), position_jump_s=((1.8, 2.1),))
 

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from hexctl import InputError, LimitError, ReachError, RobotState
 from hexctl.control.body_symmetry import IDENTITY, BodySymmetry, body_symmetries
 from hexctl.control.body_wiggle import (
     AMPLITUDE_RAD,
@@ -16,11 +17,9 @@ from hexctl.control.body_wiggle import (
     wiggle_targets_rad,
     wiggle_yaw_rad,
 )
-from hexctl.errors import InputError, LimitError, ReachError
 from hexctl.ik.leg_odometry import leg_motions
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.schema import Body
-from hexctl.types import RobotState
 from tests.robots import ROBOT_NAMES, VENDORS_ROBOTS, shipped
 
 HOW_MANY = {"ant": 12, "phantomx": 4, "pexod": 2}
@@ -60,19 +59,6 @@ def test_a_centre_of_mass_off_the_axis_and_an_uneven_inertia_have_fewer_symmetri
 ) -> None:
     """`ant` has 12; with its mass forward only the mirror is left, with it forward and left none."""
     assert len(body_symmetries(replace(shipped("ant"), body=body))) == count
-
-
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_a_turn_is_how_far_each_leg_comes(name: str) -> None:
-    azimuths = shipped(name).leg_azimuths_rad
-    for symmetry in symmetries(name):
-        flip = -1 if symmetry.mirrored else 1
-        for leg in LEGS:
-            wanted = azimuths[symmetry.legs[leg - 1] - 1]
-            off = math.remainder(
-                flip * azimuths[leg - 1] + math.radians(symmetry.turn_deg) - wanted, 2 * math.pi
-            )
-            assert abs(off) < 1e-6
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

@@ -5,12 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
+from hexctl import Gait, LimitError, ReachError, RobotState
 from hexctl.control.controllers import LOOK_AHEAD_TICKS, Stand, Walk, check_walk, soft_stop_steps
-from hexctl.errors import LimitError, ReachError
 from hexctl.gait.foot_trajectory import gait_feet_body
-from hexctl.gait.gait import Gait, Motion
+from hexctl.gait.gait import Motion
 from hexctl.ik.legs import solve_legs
-from hexctl.types import FloatArray, RobotState, leg_slice
+from hexctl.types import FloatArray, leg_slice
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import gait_of
 
@@ -49,14 +49,8 @@ def test_looking_ahead_gives_exactly_what_planning_tick_by_tick_gives(name: str)
         for tick in ticks
     ]
     assert np.array_equal(_angles(walk, ticks), expected)
-
-
-def test_ticks_that_are_missed_or_asked_again_change_nothing() -> None:
-    ticks = [0, 1, 5, 5, 130, 2, 400, 401, 127, 128, 129]
-    walk = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
-    for tick in ticks:
-        alone = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
-        assert np.array_equal(walk.targets_rad(tick, STATE), alone.targets_rad(tick, STATE))
+    for tick in (0, 1, 5, 5, 130, 2, 390, 127, 128, 129):  # missed, or asked for again
+        assert np.array_equal(walk.targets_rad(tick, STATE), expected[tick])
 
 
 @pytest.mark.parametrize("stop_tick", [0, 1, 128, 333])

@@ -1,31 +1,40 @@
 """Custom controllers: given to a trial, alone and in a batch, with the state at every step."""
 
 import math
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl import Failure, SimTrial, TrialPlan, World, make_gait, run_sim_trials, run_trial
-from hexctl.backends.base import LegServos
+from hexctl import (
+    Controller,
+    Failure,
+    Guard,
+    InputError,
+    LegServos,
+    RobotState,
+    SimServos,
+    SimTrial,
+    TrialPlan,
+    TrialResult,
+    World,
+    make_gait,
+    run_sim_trials,
+    run_trial,
+)
 from hexctl.backends.mock import MockServos
-from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import run_sim_trial
-from hexctl.control.controllers import Controller, Walk, joints_of_feet, soft_stop_steps
+from hexctl.control.controllers import Walk, soft_stop_steps
 from hexctl.control.custom_controller import controller_name
-from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
-from hexctl.control.trial_result import TrialResult
-from hexctl.errors import InputError, WrongTypeError
-from hexctl.gait.foot_trajectory import StepPattern, feet_of_walks, stroke_vectors_m
+from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import Motion
 from hexctl.robot.rotations import yaw_rad
-from hexctl.types import BoolArray, FloatArray, RobotState
+from hexctl.types import BoolArray, FloatArray
 from tests.control.posed import PosedMock
 from tests.recorders import Calling
 from tests.robots import shipped
@@ -34,33 +43,20 @@ ANT = shipped()
 
 
 class YawHold(Controller):
-    """Walks along the line with its strokes turned against the body's yaw at every step."""
+    """Turns the coxae of a planned walk against the body's yaw at every step."""
 
     def __init__(self, start: WalkStart) -> None:
         assert start.frame is not None
-        self._robot, self._period_s = start.robot, start.period_s
-        self._held, self._yaw_rad = start.plans[0].held_legs, start.frame.yaw_rad
-        pick = 0 if start.batch_shape == () else slice(None)
-        self._strokes = np.stack(
-            [stroke_vectors_m(start.robot, plan.gait, plan.motion(start.turned_rad)) for plan in start.plans]
-        )[pick]
-        gaits = [plan.gait for plan in start.plans]
-        self._pattern = StepPattern.of(start.robot, gaits if start.batch_shape else gaits[0])
+        self._walk, self._yaw_rad = planned_walk(start), start.frame.yaw_rad
         self.shapes: set[tuple[int, ...]] = set()
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         assert state.base_quaternion_world is not None
         self.shapes.add(np.shape(state.joint_positions_rad))
+        targets = self._walk.targets_rad(step, state).copy()
         off_rad = yaw_rad(state.base_quaternion_world) - self._yaw_rad
-        cos, sin = np.cos(off_rad)[..., np.newaxis], np.sin(off_rad)[..., np.newaxis]
-        x, y = self._strokes[..., 0], self._strokes[..., 1]
-        feet = feet_of_walks(
-            self._robot,
-            self._pattern,
-            stroke_vectors=np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1),
-            time_s=np.asarray(step * self._period_s),
-        )
-        return joints_of_feet(self._robot, feet, self._held)
+        targets[..., ::3] -= 0.3 * np.asarray(off_rad)[..., np.newaxis]
+        return targets
 
 
 class UntilAhead(YawHold):
@@ -143,21 +139,18 @@ def test_a_controller_that_is_done_ends_the_walk_as_ok() -> None:
     assert result.distance_m == pytest.approx(0.1, abs=0.02)
 
 
-class UntilHalfWay(Walk):
-    """Is done after half a second, at a quarter of the full stride."""
-
-    def done(self, step: int, state: RobotState) -> bool:
-        return step >= 25
-
-
-@pytest.mark.parametrize("kind", [Walk, UntilHalfWay])
-def test_a_controller_made_beforehand_walks_and_stops_softly(kind: type[Walk]) -> None:
+def test_a_controller_made_beforehand_walks_and_stops_softly_also_if_it_ends_the_walk(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planned, whole = _walked(servos=PosedMock())
+    assert (planned.status, whole.walked_ticks) == ("ok", 50)
+    monkeypatch.setattr(Walk, "done", lambda _walk, step, _state: step >= 25)  # at half of the full stride
     plan = TrialPlan(gait=make_gait(ANT, "tripod"))
-    given, log = _walked(kind(ANT, plan.gait, plan.motion(0.0), period_s=0.02), servos=PosedMock())
-    if kind is Walk:
-        assert given == _walked(servos=PosedMock())[0]
-    assert given.status == "ok"
-    assert log.walked_ticks == (50 if kind is Walk else 26)
+    given, log = _walked(Walk(ANT, plan.gait, plan.motion(0.0), period_s=0.02), servos=PosedMock())
+    assert (given.status, log.walked_ticks) == ("ok", 26)
+    np.testing.assert_array_equal(
+        log["wanted_rad"][log.rows_of("walk")], whole["wanted_rad"][whole.rows_of("walk")][:26]
+    )
     stop = log.rows_of("stop")
     assert stop.stop - stop.start == soft_stop_steps(0.02)
     np.testing.assert_allclose(log["commanded_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
@@ -255,17 +248,6 @@ def test_arguments_of_a_trial_are_refused_by_name_before_anything_moves() -> Non
             run_trial(guard, plan, lambda _: None)  # type: ignore[arg-type, misc]
 
 
-def test_one_walk_is_a_row_of_a_batch_of_walks() -> None:
-    plans = tuple(trial.plan for trial in _trials(World()))
-    start = WalkStart(robot=ANT, plans=plans, batch_shape=(3,), period_s=0.02, turned_rad=0.3, frame=None)
-    state = RobotState(ANT.stance_angles_rad, 0.0, True)
-    together = planned_walk(start)
-    for row, plan in enumerate(plans):
-        alone = planned_walk(replace(start, plans=(plan,), batch_shape=()))
-        for step in (0, 1, 50, 127, 128, 300):
-            assert np.array_equal(together.targets_rad(step, state)[row], alone.targets_rad(step, state))
-
-
 def test_a_recorder_that_fails_is_a_warning_and_the_others_go_on() -> None:
     def fail(*_: object) -> None:
         raise OSError("no space left")
@@ -298,19 +280,11 @@ def test_a_function_of_step_and_state_is_a_controller_and_a_maker_may_give_one()
         np.testing.assert_array_equal(log["wanted_rad"][walk], wanted)
 
 
-class Leaning:
-    """A controller that is no `Controller`: an object that is called with step and state."""
-
-    def __call__(self, step: int, state: RobotState) -> FloatArray:
-        return ANT.stance_angles_rad + 0.1 * (state.joint_positions_rad - ANT.stance_angles_rad)
-
-
-@pytest.mark.parametrize("controller", [sway, Leaning()], ids=["function", "object"])
-def test_a_function_walks_the_same_alone_and_in_a_batch(controller: Any) -> None:
+def test_a_function_walks_the_same_alone_and_in_a_batch() -> None:
     trials = _trials(World(), duration_s=0.5)
-    together = run_sim_trials(trials, make_controller=controller)
-    assert together == [run_sim_trial(trial, controller) for trial in trials]
-    assert [result.controller for result in together] == [controller_name(controller)] * 3
+    together = run_sim_trials(trials, make_controller=sway)
+    assert together == [run_sim_trial(trial, sway) for trial in trials]
+    assert [result.controller for result in together] == ["sway"] * 3
 
 
 def test_the_name_of_a_controller_is_that_of_its_class_or_function() -> None:

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hexctl import InputError, JointTargets, MissingExtraError, Recorders, RobotState
 from hexctl.backends.clock import Tick
-from hexctl.control.log import Recorders, TickLog
+from hexctl.control.log import TickLog
 from hexctl.control.table import CHUNK_ROWS
 from hexctl.control.trace import PHASES, TrialFrame
-from hexctl.errors import InputError, MissingExtraError
-from hexctl.types import JOINT_NAMES, JointTargets, RobotState
+from hexctl.types import JOINT_NAMES
 from tests.recorders import Calling
 
 
@@ -51,20 +51,6 @@ def test_every_tick_is_kept_as_it_came_however_many_there_are() -> None:
     np.testing.assert_array_equal(log["foot_contacts"].argmax(axis=-1), expected % 6)
     for start, stop in ((0, 1), (CHUNK_ROWS - 1, CHUNK_ROWS + 1), (10, ticks), (7, 7)):
         np.testing.assert_array_equal(log.rows("time_s", start, stop), log["time_s"][start:stop])
-
-
-@pytest.mark.parametrize("total", [0, 1, 99, 100, 101, 250])
-def test_blocks_are_handed_on_once_and_in_order(total: int) -> None:
-    blocks: list[np.ndarray] = []
-    kept = Calling(lambda log, first, last: blocks.append(log["time_s"][first:last].copy()), block_ticks=100)
-    recorders = Recorders(kept)
-    for index in range(total):
-        _record(recorders, index)
-        assert sum(map(len, blocks)) == (index + 1) // 100 * 100
-    recorders.flush()
-    recorders.flush()
-    together = np.concatenate([np.zeros(0), *blocks])
-    np.testing.assert_array_equal(together, 0.02 * np.arange(total))
 
 
 def test_phases_are_found_again() -> None:

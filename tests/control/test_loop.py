@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
+from hexctl import Controller, EStopError, Guard, JointTargets, RobotState
 from hexctl.backends.clock import Tick
-from hexctl.control.controllers import Controller
-from hexctl.control.guard import Guard
 from hexctl.control.loop import run_controller
-from hexctl.errors import EStopError
-from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.types import FloatArray
 from tests.control.posed import PosedMock
 
 

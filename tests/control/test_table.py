@@ -7,13 +7,11 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from errno import ENOSPC
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.control import table
 from hexctl.control.table import KEPT_CHUNKS, NUMBERS, Column, ServoRows, Table
 from hexctl.types import N_JOINTS, ServoReadings
 
@@ -150,14 +148,6 @@ def test_a_disk_that_loses_rows_raises_and_does_not_end_the_process() -> None:
     """A file that was cut stands for any failure of a disk after it had taken the rows."""
     done = subprocess.run([sys.executable, "-c", BROKEN_DISK], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, "lost\n"), done.stderr
-
-
-def test_a_folder_that_is_not_there_is_replaced(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(table, "FOLDER", str(tmp_path / "none"))
-    store = Table(COLUMNS, chunk_rows=CHUNK)
-    append(store)
-    assert on_disk(store)
-    check(store, 0, len(store))
 
 
 def reading(index: int) -> ServoReadings:

@@ -10,16 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.world import World
-from hexctl.control.guard import Guard
+from hexctl import (
+    Failure,
+    Guard,
+    InputError,
+    JointTargets,
+    TrialPlan,
+    TrialResult,
+    World,
+    load_robot,
+    run_trial,
+)
 from hexctl.control.log import TickLog
-from hexctl.control.trial import run_trial
-from hexctl.control.trial_plan import TrialPlan, suited_rotation
-from hexctl.control.trial_result import STATUSES, Deviation, TrialResult
-from hexctl.errors import InputError
-from hexctl.robot.failure import FAILURE_KINDS, Failure
-from hexctl.robot.loader import load_robot
-from hexctl.types import JointTargets
+from hexctl.control.trial_plan import suited_rotation
+from hexctl.control.trial_result import STATUSES, Deviation
+from hexctl.robot.failure import FAILURE_KINDS
 from tests.control.assessment.scores import along, scored
 from tests.control.posed import PosedMock
 from tests.robots import ROBOT_NAMES, edited_file, put, shipped
@@ -54,13 +59,6 @@ def test_a_plan_refuses_what_cannot_be_done(change: dict[str, Any], named: str) 
         TrialPlan(gait=gait_of(shipped()), **change)
 
 
-@pytest.mark.parametrize("kind", FAILURE_KINDS)
-def test_a_leg_is_held_by_the_controller_when_it_is_locked_or_nothing_more_is_known(kind: str) -> None:
-    plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=3, kind=kind))
-    assert plan.held_legs == ((3,) if kind in ("locked", "unknown") else ())
-    assert pickle.loads(pickle.dumps(plan)) == plan  # noqa: S301  our own bytes
-
-
 def test_a_plan_may_be_told_of_several_failed_legs_and_of_a_body_that_has_turned() -> None:
     limp, locked = Failure(leg=6, kind="limp"), Failure(leg=2)
     plan = TrialPlan(
@@ -71,7 +69,10 @@ def test_a_plan_may_be_told_of_several_failed_legs_and_of_a_body_that_has_turned
         turn_rate_rad_s=0.1,
     )
     assert plan.failures == (locked, limp)
-    assert (plan.failed_legs, plan.held_legs) == ((2, 6), (2,))
+    assert (plan.failed_legs, plan.held_legs) == ((2, 6), (2,)), "the limp one is not"
+    assert pickle.loads(pickle.dumps(plan)) == plan  # noqa: S301  our own bytes
+    unknown = replace(plan, belief=Failure(leg=6, kind="unknown"))
+    assert unknown.held_legs == (2, 6)
     motion = plan.motion(yaw_rad=1.2)
     assert motion.heading_rad == pytest.approx(0.5 - 1.2)
     assert (motion.travel, motion.turn_rate_rad_s) == (1.0, 0.1)
@@ -275,15 +276,6 @@ def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
     assert changed[log.rows_of("settle")].any()
     assert guard.counters.clipped == changed.sum()
     assert result.clipped_ticks == changed[log.rows_of("walk")].sum()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("leg", "degrees"), [(3, 60), (5, -60), (4, 0)])
-def test_how_far_the_self_rotation_turned_is_in_the_result(leg: int, degrees: float) -> None:
-    result = walk(failure=Failure(leg=leg), duration_s=0.1).result
-    assert math.degrees(result.turned_rad) == pytest.approx(degrees, abs=0.15)
-    assert result.to_dict()["self_rotation_deg"] == pytest.approx(math.degrees(result.turned_rad))
-    assert result.to_dict()["stopped"] is None
 
 
 def test_three_trials_in_a_row_on_one_guard_are_each_their_own() -> None:

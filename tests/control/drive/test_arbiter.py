@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.control.drive.arbiter import SOURCES, ZERO, Arbiter, Decision, Velocity
-from hexctl.errors import InputError, WrongTypeError
+from hexctl import InputError, Velocity
+from hexctl.control.drive.arbiter import SOURCES, ZERO, Arbiter, Decision
+from hexctl.errors import WrongTypeError
 
 
 class Time:

@@ -1,20 +1,16 @@
 """`hexctl.Drive` in simulation, on simulated time."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from hexctl import Drive, Failure, Guard, SimServos, Velocity
+from hexctl import Drive, EStopError, Failure, Guard, InputError, Recorders, RobotState, SimServos, Velocity
 from hexctl.backends.base import ServosWrapper, simulation_of
 from hexctl.backends.mock import MockServos
 from hexctl.control.drive.drive_controller import DriveController
-from hexctl.control.log import Recorders
 from hexctl.control.monitor.recovery import StopWalking
-from hexctl.errors import EStopError, InputError
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.robot.rotations import yaw_rad
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray
 from tests.robots import shipped
 
 
@@ -189,8 +185,6 @@ def test_sources_outweigh_the_program_a_stop_outweighs_them_and_ticks_are_record
         drive.step()
 
 
-
-
 def test_servos_of_ones_own_are_driven_behind_their_guard() -> None:
     guard = Guard(SimServos("ant"))
     with Drive(servos=guard) as drive:
@@ -216,8 +210,6 @@ def test_what_is_not_allowed_is_refused_before_anything_is_opened() -> None:
             Drive("ant", **options)  # type: ignore[arg-type]
     with pytest.raises(InputError):
         Drive("ant").step()
-
-
 
 
 def test_a_leg_that_is_known_to_have_failed_is_not_walked_on() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.leg_probe import FIRST_CYCLES, LATER, LegProbe
 from hexctl.control.monitor.leg_support import LegSupport
-from hexctl.control.monitor.phase_habit import PARTS, RATE_PER_CYCLE, PhaseHabit, cycle_parts
+from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.control.monitor.recent_motion import STILL_CYCLES, LegMotion, RecentMotion, failure_shown
 from hexctl.types import BoolArray, FloatArray, RobotState
 
@@ -35,16 +35,6 @@ def _legs_standing(ticks: int) -> FloatArray:
     return np.repeat((phases < 1 / 3) | (phases >= 2 / 3), 3, axis=1)
 
 
-def test_a_joint_that_stays_behind_stands_out() -> None:
-    off, torques = np.zeros((500, 18)), np.where(_legs_standing(500), 1.0, 0.2)
-    off[300:, 7] = -0.3
-    rho = _rho(off, torques)
-    assert rho[7] > 0.8
-    assert np.delete(rho, 7).max() < 0.1
-    usual = np.tile(np.radians(10.0) * np.ones(18), (500, 1))
-    assert _rho(usual, np.full((500, 18), 0.2), from_tick=0).max() < 0.3, "an offset from the start is usual"
-
-
 def test_a_load_that_all_servos_give_in_to_is_no_failure() -> None:
     """The legs stand with all the torque they have; then one of them gives in."""
     ticks = 600
@@ -63,25 +53,6 @@ def test_a_jam_takes_more_than_other_servos_ever_gave() -> None:
     torques, off = np.where(_legs_standing(ticks), 1.0, 0.2), np.zeros((ticks, 18))
     off[300:, 4], torques[300:, 4] = -0.3, 1.6
     assert _rho(off, torques)[4] > 0.8
-
-
-def test_robots_of_a_batch_get_to_know_their_servos_at_their_own_pace() -> None:
-    """Servos that may give all they have, until it is known that others gave more."""
-    cycles, limits, rng = np.array([1 / 50, 1 / 70]), np.full(18, 2.5), np.random.default_rng(0)
-    together = JointFollowing((2,), 0.02, cycles, limits)
-    alone = [JointFollowing((), 0.02, each, limits) for each in cycles]
-    torques = np.full((2, 18), 1.2)
-    torques[:, ::7] = 1.9
-    for tick in range(200):
-        parts = cycle_parts((tick * cycles[:, np.newaxis] + np.arange(6) / 6) % 1)
-        measured, targets = 0.1 * rng.standard_normal((2, 2, 18))
-        together.update(RobotState(measured, 0.0, True, joint_torques_nm=torques), parts)
-        together.sent(targets, 0.0)
-        for row, following in enumerate(alone):
-            state = RobotState(measured[row], 0.0, True, joint_torques_nm=torques[row])
-            following.update(state, parts[row])
-            following.sent(targets[row], 0.0)
-            assert (together.rho[row] == following.rho).all()
 
 
 def test_a_joint_that_always_needs_all_its_servo_to_swing_may_get_caught_for_a_cycle() -> None:
@@ -119,21 +90,6 @@ def _missing(
     return most
 
 
-@pytest.mark.parametrize(("efforts", "reliable"), [(True, 0.8), (False, 0.8), (True, 1.0)])
-def test_a_leg_that_carries_nothing_misses_all_of_its_load(efforts: bool, reliable: float) -> None:
-    rng = np.random.default_rng(0)
-
-    def change(tick: int, contacts: BoolArray, torques: FloatArray) -> FloatArray | None:
-        contacts &= rng.random(6) < reliable
-        if tick >= 600:
-            contacts[3], torques[9:12] = False, 0.0
-        return torques * np.repeat(contacts, 3) if efforts else None
-
-    most = _missing(change, ticks=700, from_tick=600)
-    assert most[3] > 0.95
-    assert np.delete(most, 3).max() < 0.7
-
-
 def test_a_foot_on_the_floor_is_there_whatever_the_torques_say() -> None:
     """Torques that vanish while the foot touches as always: another part of the body carries for a while."""
 
@@ -160,43 +116,6 @@ def test_a_tick_without_torques_is_no_tick_without_load() -> None:
     support.update(RobotState(np.zeros(18), 0.0, True), cycle_parts(np.zeros(6)))
     assert not support.known, "neither contacts nor torques"
     assert (support.missing == 0).all()
-
-
-def test_legs_miss_nothing_while_their_gait_changes() -> None:
-    """Phases glide for 1.5 cycles, in which a leg that is whole may carry nothing for most of one."""
-    support = LegSupport((), np.array(1 / TICKS_PER_CYCLE), np.ones(18))
-    every = np.ones(6, dtype=bool)
-
-    def change(tick: int, contacts: BoolArray, _torques: FloatArray) -> None:
-        if tick == 500:
-            support.forget(np.ones(1, dtype=bool), every, every)
-        contacts[1] &= not 550 <= tick < 590  # carries first, and then for the time of the change nothing
-        contacts[4] &= tick < 660  # fails once the gait has changed
-
-    most = _missing(change, ticks=800, from_tick=500, support=support)
-    assert most[4] > 0.95
-    assert np.delete(most, 4).max() < 0.5
-
-
-def test_it_learns_a_quantity_of_the_cycle() -> None:
-    habit, rng = PhaseHabit((2, 3)), np.random.default_rng(0)
-    ticks = 60
-    for tick in range(40 * ticks):
-        parts = cycle_parts(np.full((2, 3), tick / ticks % 1))
-        wave = np.sin(2 * np.pi * (parts + 0.5) / PARTS) * np.arange(1, 4)
-        value = wave + 0.1 * rng.standard_normal((2, 3))
-        habit.learn(RATE_PER_CYCLE / ticks * (value - habit.at(parts)))
-    for part in range(PARTS):
-        expected = np.sin(2 * np.pi * (part + 0.5) / PARTS) * np.arange(1, 4)
-        np.testing.assert_allclose(habit.at(np.full((2, 3), part)), np.tile(expected, (2, 1)), atol=0.15)
-
-
-def test_each_robot_has_its_own() -> None:
-    habit = PhaseHabit((2, 1))
-    habit.at(np.array([[3], [4]]))
-    habit.learn(np.array([[1.0], [2.0]]))
-    assert habit.at(np.array([[3], [3]])).tolist() == [[1.0], [0.0]]
-    assert habit.at(np.array([[4], [4]])).tolist() == [[0.0], [2.0]]
 
 
 def test_a_normalised_time_that_rounds_to_one_is_in_the_last_part() -> None:
@@ -279,11 +198,3 @@ def test_a_leg_whose_joints_cannot_tell_is_put_down_when_it_is_time() -> None:
     first, second = _tries((1.0, 1.0, 1.0), moves=False, steps=900)[:2]
     assert first == 100 + FIRST_CYCLES * CYCLE
     assert second == pytest.approx(first + LATER * FIRST_CYCLES * CYCLE, abs=2)
-
-
-def test_between_tries_the_foot_stays() -> None:
-    probe = LegProbe(0, CYCLE, moves=True)
-    moved = [bool(probe.offset_m(step, 1.0).any()) for step in range(int((FIRST_CYCLES + 1) * CYCLE))]
-    assert not any(moved[: int(FIRST_CYCLES * CYCLE)])
-    assert sum(moved) > 0.9 * CYCLE
-    assert max(abs(probe.offset_m(step, 2.0)).max() for step in range(400)) <= 0.06 + 1e-9

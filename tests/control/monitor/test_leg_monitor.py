@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl import Failure, RobotState
 from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
-from hexctl.robot.failure import Failure
-from hexctl.types import BoolArray, FloatArray, RobotState, leg_slice
+from hexctl.types import BoolArray, FloatArray, leg_slice
 from tests.robots import shipped
 
 PERIOD_S, PACE_HZ = 0.02, 0.9
@@ -249,20 +249,6 @@ def test_loads_that_change_with_the_gait_are_learned_anew(announced: bool) -> No
         return _loaded(standing, foot_contacts=standing)
 
     assert _noticed_legs(monitor, 700, told) == ([] if announced else [3])
-
-
-def test_torques_that_are_no_longer_told_accuse_no_leg_that_was_taken_back() -> None:
-    monitor = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ))
-
-    def told(tick: int, _phases: FloatArray, standing: BoolArray) -> RobotState:
-        if tick == 1000:
-            monitor.believe_whole(3)
-        state = _loaded(standing)
-        assert state.joint_torques_nm is not None
-        state.joint_torques_nm[6:9] *= tick < 400
-        return state if tick < 880 else replace(state, joint_torques_nm=None)
-
-    assert _noticed_legs(monitor, 1400, told) == [3]
 
 
 def test_evidence_of_a_sensor_that_falls_silent_grows_old() -> None:

@@ -7,10 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl import (
+    Failure,
+    Guard,
+    Robot,
+    RobotState,
+    SimServos,
+    SimTrial,
+    TrialPlan,
+    TrialResult,
+    make_gait,
+    run_sim_trials,
+    run_trial,
+)
 from hexctl.backends.base import ServosWrapper
-from hexctl.backends.sim.servos import SimServos
-from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.guard import Guard
+from hexctl.control.batch import run_sim_trial
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
 from hexctl.control.monitor.recovery import (
     GlideToStableGait,
@@ -20,16 +31,12 @@ from hexctl.control.monitor.recovery import (
     WalkOn,
 )
 from hexctl.control.preparation import WalkStart
-from hexctl.control.trial import planned_walk, run_trial
-from hexctl.control.trial_plan import GaitChange, TrialPlan
-from hexctl.control.trial_result import TrialResult
+from hexctl.control.trial import planned_walk
+from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
-from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
-from hexctl.robot.model import Robot
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray
 from tests.control.monitor.repertoires import made_up, situation
 from tests.robots import shipped
 
@@ -142,19 +149,6 @@ def test_watching_alone_changes_no_walk() -> None:
     assert [noticed.suspicion.leg for noticed in walks[0].noticed[0]] == [5]
 
 
-@pytest.mark.slow
-def test_a_soft_stop_is_not_taken_for_a_failure() -> None:
-    trial, walks = _trial(duration_s=4.0), []
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk()(start))
-        return walks[-1]
-
-    with SimServos(trial.robot) as servos:
-        run_trial(Guard(servos), trial.plan, make)
-    assert walks[0].noticed == ([],)
-
-
 def test_what_is_no_policy_is_refused() -> None:
     with pytest.raises(WrongTypeError, match="policy"):
         run_sim_trial(
@@ -256,20 +250,12 @@ class Raises(RecoveryPolicy):
         raise ValueError("boom")
 
 
-class SaysNothing(RecoveryPolicy):
-    """A policy that answers with no response."""
-
-    def respond(self, *_: object) -> Response:
-        return None  # type: ignore[return-value]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("policy", [Raises, SaysNothing])
-def test_a_policy_that_fails_stops_the_walk_softly_and_is_named(policy: type[RecoveryPolicy]) -> None:
-    result, _ = _walk(_trial("2:limp@3", duration_s=6.0), policy())
+def test_a_policy_that_fails_stops_the_walk_softly_and_is_named() -> None:
+    result, _ = _walk(_trial("2:limp@3", duration_s=5.0), Raises())
     assert result.status == "aborted"
     assert result.stopped is not None
-    assert result.stopped.startswith(f"leg 2 limp; policy {policy.__name__}: ")
+    assert result.stopped.startswith("leg 2 limp; policy Raises: ")
 
 
 class OnSecondThought(RecoveryPolicy):
@@ -323,12 +309,3 @@ def test_a_leg_on_trial_counts_as_missing_again_when_another_fails() -> None:
     assert tried.suspicion.step < 550 < other.suspicion.step == again.suspicion.step
     assert other.response == again.response
     assert [failure.leg for failure in walk.believed_failures()] == [5, 6]
-
-
-@pytest.mark.slow
-def test_a_leg_that_is_gone_is_missed_again_each_time_it_is_put_down() -> None:
-    _, walk = _walk(_trial("5:missing@4", duration_s=18.0))
-    first, tried, again = walk.noticed[0][:3]
-    assert (first.healed, tried.healed, again.healed) == (False, True, False)
-    assert again.suspicion.failure == Failure(leg=5, kind="missing")
-    assert (again.suspicion.step - tried.suspicion.step) * 0.02 < 4.0

@@ -4,20 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from hexctl import Failure, TrialPlan, make_gait
 from hexctl.control.assessment import crawl
-from hexctl.control.body_symmetry import IDENTITY
 from hexctl.control.monitor import recovery
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.monitor.repertoire_store import save_repertoire
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
-from hexctl.robot.failure import Failure
 from tests.control.monitor.repertoires import (
-    MIRROR,
-    ON_IS_BEST,
     OTHER,
-    OTHER_IS_BEST,
     made_up,
     situation,
 )
@@ -113,14 +107,6 @@ def test_what_the_repertoire_has_not_walked_is_left_to_the_margin(
     assert GlideToStableGait(made_up()).respond(shipped(), plan, heading_rad, failures) == by_margin
     same = made_up(situation([[0.9, 0.9], [0.5, 0.5], [0.9, 0.9]]))  # the safest gait is the best
     assert GlideToStableGait(same).respond(shipped(), plan, heading_rad, failures) == by_margin
-
-
-def test_alike_legs_are_met_alike() -> None:
-    policy = GlideToStableGait(made_up(ON_IS_BEST, OTHER_IS_BEST, symmetries=(IDENTITY, MIRROR)))
-    there = policy.respond(shipped(), _plan(), 0.0, [Failure(leg=6, kind="missing")])
-    assert there.gait is not None
-    assert there.gait.posture.tucked_legs == (6,)
-    assert there.gait.slots == (2, 6, 5, 4, 3, 1)
 
 
 def test_a_repertoire_is_read_before_the_walk_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

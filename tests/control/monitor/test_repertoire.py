@@ -8,24 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl import Failure, InputError, TrialPlan, make_gait
 from hexctl.archive import ArchiveFileError
 from hexctl.control.body_symmetry import IDENTITY
 from hexctl.control.monitor.repertoire import Candidate, Situation
 from hexctl.control.monitor.repertoire_store import (
     describe_repertoire,
     find_repertoire,
-    list_repertoires,
     load_repertoire,
-    named_repertoire,
     repertoire_files,
     save_repertoire,
 )
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import InputError
-from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
 from hexctl.robot.configs import config_root
-from hexctl.robot.failure import Failure
 from tests.control.monitor.repertoires import (
     MIRROR,
     ON,
@@ -141,35 +136,25 @@ def _best(one: Situation) -> Candidate:
     return one.candidates[made_up(one).best[0]]
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"hold": "none"},
-        {"turn_rate_rad_s": 0.1},
-        {"travel": 0.0},
-        {"belief": Failure(leg=5)},
-        {"gait": {"pace_hz": 0.7}},
-        {"gait": {"amplitude": 0.08}},
-        {"gait": {"height": 0.05}},
-        {"gait": {"posture": Posture(body_raise=0.02)}},
-        {"gait": {"swing_share": 0.25}},
-    ],
-    ids=str,
-)
-def test_walks_of_another_sort_are_not_covered(changes: dict[str, object]) -> None:
-    plan = TrialPlan(gait=make_gait(shipped(), "tripod"), hold="line")
-    assert made_up().covers(shipped(), plan)
-    asked = dict(changes)
-    if isinstance(gait := asked.pop("gait", None), dict):
-        asked["gait"] = replace(plan.gait, **gait)
-    assert not made_up().covers(shipped(), replace(plan, **asked))  # type: ignore[arg-type]
-
-
-def test_other_robots_are_not_covered_and_nearly_the_same_pace_is() -> None:
-    plan = TrialPlan(gait=make_gait(shipped("pexod"), "tripod"), hold="line")
-    assert not made_up().covers(shipped("pexod"), plan)
-    paced = TrialPlan(gait=make_gait(shipped(), "wave", pace_hz=0.8), hold="auto")
-    assert made_up().covers(shipped(), paced)
+def test_walks_of_another_sort_and_of_other_robots_are_not_covered() -> None:
+    repertoire, plan = made_up(), TrialPlan(gait=make_gait(shipped(), "tripod"), hold="line")
+    nearly = TrialPlan(gait=make_gait(shipped(), "wave", pace_hz=0.8), hold="auto")
+    assert repertoire.covers(shipped(), plan)
+    assert repertoire.covers(shipped(), nearly)
+    others = [
+        replace(plan, hold="none"),
+        replace(plan, turn_rate_rad_s=0.1),
+        replace(plan, travel=0.0),
+        replace(plan, belief=Failure(leg=5)),
+        replace(plan, gait=replace(plan.gait, pace_hz=0.7)),
+        replace(plan, gait=replace(plan.gait, amplitude=0.08)),
+        replace(plan, gait=replace(plan.gait, height=0.05)),
+        replace(plan, gait=replace(plan.gait, posture=Posture(body_raise=0.02))),
+        replace(plan, gait=replace(plan.gait, swing_share=0.25)),
+    ]
+    assert not any(repertoire.covers(shipped(), other) for other in others)
+    pexod = TrialPlan(gait=make_gait(shipped("pexod"), "tripod"), hold="line")
+    assert not repertoire.covers(shipped("pexod"), pexod)
 
 
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), hold="line")
@@ -237,15 +222,3 @@ def test_shipped_repertoires_are_small_and_of_the_robots_that_are_shipped(path: 
     assert described["walks"] >= 4
     assert {"locked", "limp", "missing", "stuck:coxa", "limp:tibia"} <= set(described["legs"])
     assert 0 < described["others"] < described["situations"]
-
-
-def test_all_are_described_and_a_damaged_one_is_reported(tmp_path: Path) -> None:
-    path = tmp_path / "repertoires" / "mine.npz"
-    save_repertoire(made_up(), path)
-    (path.parent / "damaged.npz").write_bytes(b"my diary")
-    damaged: list[InputError] = []
-    described = list_repertoires(tmp_path, on_damaged=damaged.append)
-    assert described[0] == {"repertoire": str(path), **describe_repertoire(path)}
-    assert ["damaged.npz" in str(error) for error in damaged] == [True]
-    assert named_repertoire("mine", tmp_path) == path
-    assert named_repertoire("nowhere.npz", tmp_path) == Path("nowhere.npz")

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl import InputError, RobotState
 from hexctl.control.walks.steering import JUMP_M, Course, CourseHold, FrozenSensor, Measured, frozen_rows
-from hexctl.errors import InputError
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray
 
 DT_S = 0.02
 

@@ -7,22 +7,29 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.sim.servos import SimServos
-from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.guard import Guard
+from hexctl import (
+    Failure,
+    Gait,
+    Guard,
+    InputError,
+    RobotState,
+    SimServos,
+    SimTrial,
+    TrialPlan,
+    TrialResult,
+    make_gait,
+    run_sim_trials,
+    run_trial,
+)
+from hexctl.control.batch import run_sim_trial
 from hexctl.control.log import TickLog
 from hexctl.control.preparation import WalkStart
-from hexctl.control.trial import run_trial
-from hexctl.control.trial_plan import GaitChange, TrialPlan
-from hexctl.control.trial_result import TrialResult
+from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk, nearest_phases
-from hexctl.errors import InputError
-from hexctl.gait.foot_trajectory import RAMP_DURATION_S
-from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
+from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.gait.posture import Posture
 from hexctl.ik.legs import foot_positions_body
-from hexctl.robot.failure import Failure
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray
 from tests.robots import shipped
 
 NOTHING = RobotState(np.zeros(18), 0.0, True)
@@ -141,27 +148,6 @@ def walked(plan: TrialPlan, failure: Failure | None = None) -> tuple[TrialResult
     log = TickLog()
     with Guard(SimServos(shipped(), failure=failure)) as guard:
         return run_trial(guard, plan, recorders=(log,)), log
-
-
-@pytest.mark.slow
-def test_the_robot_walks_on_while_its_gait_changes() -> None:
-    robot = shipped()
-    changes = tuple(
-        GaitChange(gait=make_gait(robot, name), at_s=at_s) for name, at_s in (("wave", 4.0), ("demo", 8.0))
-    )
-    for hold in ("none", "line"):
-        plan = TrialPlan(gait=make_gait(robot, "tripod"), changes=changes, hold=hold, duration_s=12)
-        result, _ = walked(plan)
-        assert result.status == "ok"
-        assert result.distance_m is not None
-        assert result.distance_m > 0.85 * result.ideal_distance_m * (12 - RAMP_DURATION_S / 2) / 12
-
-
-def test_without_a_change_the_open_loop_walk_is_nearly_the_planned_one() -> None:
-    plan = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=4)
-    same = replace(plan, changes=(GaitChange(gait=plan.gait, at_s=3.5),))
-    (first, _), (second, _) = walked(plan), walked(same)
-    assert second.distance_m == pytest.approx(first.distance_m, abs=0.01)
 
 
 @pytest.mark.slow
