@@ -60,14 +60,6 @@ class PosedMock(MockServos):
         self._use_link()
         return super().write(targets)
 
-    def pause_watchdog(self) -> None:
-        self._use_link()
-        super().pause_watchdog()
-
-    def disable_torque(self) -> bool:
-        self._use_link()
-        return super().disable_torque()
-
     def close(self) -> None:
         super().close()
         self._use_link()

@@ -1,7 +1,6 @@
 """Custom controllers: given to a trial, alone and in a batch, with the state at every step."""
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,13 +25,10 @@ from hexctl import (
 from hexctl.backends.mock import MockServos
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import Walk, soft_stop_steps
-from hexctl.control.custom_controller import controller_name
 from hexctl.control.log import TickLog
-from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
 from hexctl.errors import WrongTypeError
-from hexctl.gait.gait import Motion
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import BoolArray, FloatArray
 from tests.control.posed import PosedMock
@@ -240,12 +236,12 @@ def test_arguments_of_a_trial_are_refused_by_name_before_anything_moves() -> Non
             ((guard, plan, None, (print,)), "recorders"),
         ):
             with pytest.raises(WrongTypeError, match=f"^{named}"):
-                run_trial(*arguments)  # type: ignore[arg-type]
+                run_trial(*arguments)
         with pytest.raises(InputError, match="servos"):  # a guard of each trial's own would forget stops
             run_trial(servos, plan)
         assert not servos.sent
         with pytest.raises(WrongTypeError, match="controller"):
-            run_trial(guard, plan, lambda _: None)  # type: ignore[arg-type, misc]
+            run_trial(guard, plan, lambda _: None)  # type: ignore[arg-type]
 
 
 def test_a_recorder_that_fails_is_a_warning_and_the_others_go_on() -> None:
@@ -285,19 +281,6 @@ def test_a_function_walks_the_same_alone_and_in_a_batch() -> None:
     together = run_sim_trials(trials, make_controller=sway)
     assert together == [run_sim_trial(trial, sway) for trial in trials]
     assert [result.controller for result in together] == ["sway"] * 3
-
-
-def test_the_name_of_a_controller_is_that_of_its_class_or_function() -> None:
-    for controller, name in (
-        (YawHold, "YawHold"),
-        (Walk(ANT, make_gait(ANT, "tripod"), Motion(), period_s=0.02), "Walk"),
-        (partial(sway, 3), "sway"),
-        (lambda _step, _state: None, "lambda"),
-        (planned_walk, None),
-        (recovering_walk(), None),
-        (None, None),
-    ):
-        assert controller_name(controller) == name
 
 
 @pytest.mark.parametrize(

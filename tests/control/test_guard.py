@@ -425,7 +425,7 @@ def test_a_servo_that_is_too_hot_stops_the_robot_which_may_then_sit(
     guard, servos = connected()
     send(guard, STANCE)
     servos.temperatures_c = np.full(18, 40.0)
-    servos.temperatures_c[4] = degrees
+    servos.temperatures_c[3:5] = np.nan, degrees
     guard.read()
     assert guard.stopped == stopped
     if stopped is not None:
@@ -438,10 +438,12 @@ def test_a_servo_that_is_too_hot_stops_the_robot_which_may_then_sit(
             guard.write_while_timed_out(JointTargets(STANCE, guard.clock.now_s))
 
 
-def test_a_fault_that_the_robot_reports_stops_it() -> None:
+@pytest.mark.parametrize(("fault", "stopped"), [(None, "fault"), ("low battery", "fault: low battery")])
+def test_a_fault_that_the_robot_reports_stops_it(fault: str | None, stopped: str) -> None:
     guard, servos = connected()
-    servos.healthy = False
+    servos.healthy, servos.fault = False, fault
     guard.read()
+    assert guard.stopped == stopped
     with pytest.raises(EStopError):
         send(guard, STANCE)
 
@@ -514,10 +516,14 @@ def test_the_simulated_robot_holds_its_last_targets_when_stopped() -> None:
 
 
 @pytest.mark.parametrize("broken", [BrokenPipeError("pipe"), TimeoutError("late"), OSError(5, "io")])
-def test_a_link_that_breaks_is_a_fault_of_the_robot_wherever_it_is_used(broken: OSError) -> None:
+def test_a_link_that_breaks_is_a_fault_of_the_robot_wherever_it_is_used(
+    broken: OSError, monkeypatch: pytest.MonkeyPatch
+) -> None:
     guard, servos = connected()
     send(guard, STANCE)
     servos.fail_with(broken)
+    monkeypatch.setattr(servos, "pause_watchdog", servos.read)
+    monkeypatch.setattr(servos, "disable_torque", servos.read)
     uses = (guard.read, lambda: send(guard, STANCE), guard.pause_watchdog, guard.disable_torque)
     for call in (*uses, guard.close, guard.connect):
         with pytest.raises(RobotFaultError) as failed:

@@ -227,7 +227,8 @@ def test_cost_of_transport_is_per_weight_and_metre_of_a_straight_walk() -> None:
     for energy_j, distance_m in ((None, 1.0), (1.0, None), (1.0, 0.0), (1.0, -0.2)):
         assert cost_of_transport(ant, energy_j, distance_m) is None
     assert scored(path, energy_j=5.0).cost_of_transport is not None
-    for turn in ({"travel": 0.0, "turn_rate_rad_s": 1.0}, {"turn_rate_rad_s": 0.3}):
+    turns: list[dict[str, Any]] = [{"travel": 0.0, "turn_rate_rad_s": 1.0}, {"turn_rate_rad_s": 0.3}]
+    for turn in turns:
         assert scored(path, energy_j=5.0, **turn).cost_of_transport is None
 
 

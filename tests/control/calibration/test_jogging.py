@@ -87,7 +87,7 @@ def bench(tmp_path: Path, made: list[Bench], monkeypatch: pytest.MonkeyPatch) ->
 
 
 def run(file: Path, made: list[Bench], joints: str, **script: list[str]) -> tuple[CalibrationResult, Watcher]:
-    watcher = Watcher(lambda: float(made[-1].true_deg[JOINT_NAMES.index(joints)]), **script)
+    watcher = Watcher(lambda: float(made[-1].true_deg[JOINT_NAMES.index(joints)]), **script)  # type: ignore[arg-type]
     return calibrate(file, watcher, backend=f"{__name__}:Bench", joints=joints), watcher
 
 
