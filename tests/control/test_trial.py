@@ -173,7 +173,7 @@ def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("leg", "kind"), enumerate(FAILURE_KINDS, start=1))
+@pytest.mark.parametrize(("leg", "kind"), list(enumerate(FAILURE_KINDS, start=1)))
 def test_every_failure_comes_to_a_result(leg: int, kind: str) -> None:
     name = ROBOT_NAMES[leg % 3]
     failure = Failure(leg=leg, kind=kind, joint="femur", angle_rad=0.3)

@@ -50,6 +50,7 @@ def test_it_is_how_far_each_walk_ends_elsewhere() -> None:
     assert (found.low_m, found.high_m) == (None, None)  # of two walks
 
 
+@pytest.mark.slow
 def test_a_confirmation_is_as_uncertain_as_half_its_step_changes() -> None:
     short = walk(duration_s=0.5)
     finest = replace(short, world=World().model_copy(update={"time_step_s": 0.00025}))
