@@ -150,6 +150,13 @@ def walked(plan: TrialPlan, failure: Failure | None = None) -> tuple[TrialResult
         return run_trial(guard, plan, recorders=(log,)), log
 
 
+def test_without_a_change_the_open_loop_walk_is_nearly_the_planned_one() -> None:
+    plan = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=4)
+    same = replace(plan, changes=(GaitChange(gait=plan.gait, at_s=3.5),))
+    first, second = walked(plan)[0], walked(same)[0]
+    assert second.distance_m == pytest.approx(first.distance_m, abs=0.01)
+
+
 @pytest.mark.slow
 def test_changes_in_a_batch_are_as_alone_to_the_last_bit() -> None:
     robot = shipped()
