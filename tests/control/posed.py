@@ -7,7 +7,7 @@ import numpy as np
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
 from hexctl.robot.model import Robot
-from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState, ServoReadings
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
 
@@ -15,14 +15,7 @@ from tests.robots import shipped
 class PosedMock(MockServos):
     """Joints of the mock, a pose of the test's, and time that advances only with the ticks.
 
-    Attributes:
-        time: the time it lives in.
-        position_world: where it says it is, or None.
-        quaternion_world: how it says it stands, or None.
-        joints_rad: where it says its joints are; None is the mock's echo.
-        age_s: how old it says its state is.
-        healthy: what it says of itself.
-        fault: what it says is wrong.
+    What it says of itself are attributes that a test sets; `joints_rad` None is the mock's echo.
     """
 
     def __init__(self, robot: Robot | None = None) -> None:
@@ -31,20 +24,26 @@ class PosedMock(MockServos):
         self.position_world: FloatArray | None = np.array([0.0, 0.0, 0.1])
         self.quaternion_world: FloatArray | None = np.array([1.0, 0.0, 0.0, 0.0])
         self.joints_rad: FloatArray | None = None
-        self.age_s = 0.0
-        self.healthy = True
+        self.temperatures_c: FloatArray | None = None
+        self.age_s, self.healthy = 0.0, True
         self.fault: str | None = None
         self._broken: Exception | None = None
 
     def connect(self) -> None:
-        """Start to answer, if the link is whole."""
         self._use_link()
         super().connect()
 
     def read(self) -> RobotState:
-        """The mock's echo with the test's pose."""
         self._use_link()
-        echo = super().read()
+        echo, unknown, servos = super().read(), np.full(18, np.nan), None
+        if self.temperatures_c is not None:
+            servos = ServoReadings(
+                ages_s=np.zeros(18),
+                efforts=unknown,
+                currents_a=unknown,
+                voltages_v=unknown,
+                temperatures_c=self.temperatures_c,
+            )
         return RobotState(
             echo.joint_positions_rad if self.joints_rad is None else self.joints_rad,
             echo.stamp_s,
@@ -54,15 +53,14 @@ class PosedMock(MockServos):
             age_s=self.age_s,
             healthy=self.healthy,
             fault=self.fault,
+            servos=servos,
         )
 
     def write(self, targets: JointTargets) -> JointTargets:
-        """Take the targets over, if the link is whole."""
         self._use_link()
         return super().write(targets)
 
     def close(self) -> None:
-        """Stop answering; says so if the link is not whole."""
         super().close()
         self._use_link()
 
@@ -100,7 +98,6 @@ class FallsAfter(Guard):
         self._posed, self._falls_at_s = servos, servos.time.now_s + after_s
 
     def read(self) -> RobotState:
-        """The newest state; the body lies on its side from some time on."""
         if self._posed.time.now_s > self._falls_at_s:
             self._posed.lean(85.0)
         return super().read()

@@ -1,4 +1,4 @@
-"""Positions that a robot cannot have reached are not believed, and are counted and told."""
+"""Positions that a robot cannot have reached are not believed, and are counted."""
 
 import math
 
@@ -25,13 +25,11 @@ def test_a_jump_is_not_believed(x_m: float) -> None:
     assert not check.believes(at(x_m), TICK_S)
     assert check.believes(at(0.001), 2 * TICK_S)
     assert check.doubted == 1
-
-
-@pytest.mark.parametrize("x_m", [3e38, math.inf, math.nan])
-def test_no_robot_begins_beyond_the_earth(x_m: float) -> None:
-    check = PositionCheck()
-    assert not check.believes(at(x_m), 0.0)
-    assert check.believes(at(0.5 * MOST_M), TICK_S)
+    check.forget()  # the next is taken as it is, but no robot is beyond the earth
+    assert check.believes(at(100.0), TICK_S)
+    for nowhere_m in (3e38, math.inf, math.nan, 2.1 * MOST_M):
+        assert not PositionCheck().believes(at(nowhere_m), 0.0)
+    assert PositionCheck().believes(at(0.5 * MOST_M), 0.0)
 
 
 @given(st.lists(st.floats(-1, 1), min_size=1, max_size=50))
@@ -59,17 +57,9 @@ def test_it_tells_of_the_first_jump_of_several_and_for_a_while() -> None:
     assert check.doubt(0.0) is None
     for tick in range(3):
         check.believes(at(3e38 / (tick + 1)), tick * TICK_S)
-    told = check.doubt(3 * TICK_S)
-    assert told == "the position jumped by 3e+38 m, which is not believed"
+    assert "3e+38 m" in (check.doubt(3 * TICK_S) or "")
     assert check.doubt(3 * TICK_S + TOLD_S) is None
     assert check.doubted == 3
-
-
-def test_who_forgets_takes_the_next_as_it_is() -> None:
-    check = PositionCheck()
-    check.believes(at(0.0), 0.0)
-    check.forget()
-    assert check.believes(at(100.0), TICK_S)
 
 
 def test_behind_the_guard_a_jump_is_no_position_and_does_not_stop() -> None:
@@ -86,11 +76,6 @@ def test_behind_the_guard_a_jump_is_no_position_and_does_not_stop() -> None:
     assert guard.read().base_position_world is not None
     assert guard.stopped is None
     assert guard.positions.doubted == 1
-
-
-def test_behind_the_guard_a_jump_that_stays_is_a_lost_pose() -> None:
-    guard, servos = connected()
-    read_for(guard, 0.1)
     servos.position_world = at(3e38)
     read_for(guard, 6.0)
     assert guard.stopped == "pose lost"

@@ -7,14 +7,13 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from errno import ENOSPC
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.control import table
-from hexctl.control.table import KEPT_CHUNKS, Column, Table
+from hexctl.control.table import KEPT_CHUNKS, NUMBERS, Column, ServoRows, Table
+from hexctl.types import N_JOINTS, ServoReadings
 
 COLUMNS = (
     Column("time_s"),
@@ -22,8 +21,11 @@ COLUMNS = (
     Column("feet", (2,), kind=bool),
     Column("phase", kind=int),
 )
-OPEN_FILES = Path("/proc/self/fd")
+
+
 CHUNK = 8
+
+
 ROWS = CHUNK * (KEPT_CHUNKS + 5) + 3
 
 
@@ -52,17 +54,12 @@ def on_disk(store: Table) -> int:
     return store._chunks.count(None)
 
 
-@pytest.mark.parametrize("rows", [0, 1, CHUNK, CHUNK + 1, ROWS])
-def test_rows_are_as_they_were_appended(rows: int) -> None:
+def test_rows_are_as_they_were_appended_and_older_ones_in_a_file() -> None:
     store = Table(COLUMNS, chunk_rows=CHUNK)
-    append(store, rows)
-    assert len(store) == rows
-    check(store, 0, rows)
-
-
-def test_older_rows_are_in_a_file_and_the_same() -> None:
-    store = Table(COLUMNS, chunk_rows=CHUNK)
-    append(store)
+    for rows in (0, 1, CHUNK, CHUNK + 1, ROWS):
+        append(store, rows - len(store))
+        assert len(store) == rows
+        check(store, 0, rows)
     assert on_disk(store) == len(store._chunks) - KEPT_CHUNKS
     for start, stop in (
         (0, 1),
@@ -153,43 +150,22 @@ def test_a_disk_that_loses_rows_raises_and_does_not_end_the_process() -> None:
     assert (done.returncode, done.stdout) == (0, "lost\n"), done.stderr
 
 
-@pytest.mark.skipif(not OPEN_FILES.exists(), reason="needs Linux")
-def test_open_files_do_not_grow_with_the_number_of_rows() -> None:
-    store = Table(COLUMNS, chunk_rows=CHUNK)
-    append(store)
-    begun = len(list(OPEN_FILES.iterdir()))
-    append(store, 200 * CHUNK)
-    assert len(list(OPEN_FILES.iterdir())) <= begun + 1
-    check(store, 0, len(store))
+def reading(index: int) -> ServoReadings:
+    values: dict[str, Any] = {
+        name: np.arange(N_JOINTS) + 100.0 * index + place for place, name in enumerate(NUMBERS)
+    }
+    complaint = "overload" if 10 <= index < 20 else ""
+    return ServoReadings(**values, errors=("", complaint) + ("",) * (N_JOINTS - 2))
 
 
-RESIDENT = """
-import os
-from hexctl.control.log import COLUMNS
-from hexctl.control.table import Table
-
-def resident_mb():
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-store, begun_mb = Table(COLUMNS), 0
-for row in range(100_000):
-    store.append()
-    begun_mb = resident_mb() if row == 20_000 else begun_mb
-assert store.rows("work_s", 0, len(store)).shape == (100_000,)
-assert resident_mb() - begun_mb < 10, resident_mb() - begun_mb
-"""
-
-
-def test_memory_does_not_grow_with_the_number_of_rows() -> None:
-    """100,000 rows of a log are 80 MB, in a process that keeps 10 MB at most."""
-    done = subprocess.run([sys.executable, "-c", RESIDENT], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-
-
-def test_a_folder_that_is_not_there_is_replaced(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(table, "FOLDER", str(tmp_path / "none"))
-    store = Table(COLUMNS, chunk_rows=CHUNK)
-    append(store)
-    assert on_disk(store)
-    check(store, 0, len(store))
+def test_readings_of_servos_are_as_they_were_appended_and_mostly_not_in_memory() -> None:
+    rows = ServoRows((50 * index, reading(index)) for index in range(600))
+    for (row, servos), index in zip(rows, range(600), strict=True):
+        expected = reading(index)
+        assert (row, servos.errors) == (50 * index, expected.errors)
+        assert all(np.array_equal(getattr(servos, name), getattr(expected, name)) for name in NUMBERS)
+    assert [row for row, _ in rows.between(100, 200)] == [100, 150]
+    assert [row for row, _ in rows.between(101, 201)] == [150, 200]
+    assert rows.between(101, 150) == rows.between(40_000, 50_000) == list(ServoRows()) == []
+    assert sum(chunk is not None for chunk in rows._numbers._chunks) <= KEPT_CHUNKS
+    assert len(rows._complaints) == 3

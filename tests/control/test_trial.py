@@ -1,22 +1,31 @@
-"""Trials from settling to stopping: straightness, headings, turning, every robot with every failure."""
+"""Trials from their plan to their result: straightness, headings, turning, every robot and failure."""
 
 import json
 import math
+import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.world import World
-from hexctl.control.guard import Guard
+from hexctl import (
+    Failure,
+    Guard,
+    InputError,
+    JointTargets,
+    TrialPlan,
+    TrialResult,
+    World,
+    load_robot,
+    run_trial,
+)
 from hexctl.control.log import TickLog
-from hexctl.control.trial import run_trial
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.trial_result import STATUSES, TrialResult
-from hexctl.robot.failure import FAILURE_KINDS, Failure
-from hexctl.robot.loader import load_robot
-from hexctl.types import JointTargets
+from hexctl.control.trial_plan import suited_rotation
+from hexctl.control.trial_result import STATUSES, Deviation
+from hexctl.robot.failure import FAILURE_KINDS
+from tests.control.assessment.scores import along, scored
 from tests.control.posed import PosedMock
 from tests.robots import ROBOT_NAMES, edited_file, put, shipped
 from tests.trials import gait_of, walk
@@ -28,36 +37,88 @@ UNEVEN_MOUNTS = [
 ]
 
 
-def _all_finite(result: TrialResult) -> bool:
-    """Whether the numbers of a result survive strict JSON, which knows no NaN."""
-    json.dumps(result.to_dict(), allow_nan=False)
-    return bool(np.isfinite(result.path_m).all())
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"duration_s": 0}, "duration"),
+        ({"duration_s": math.nan}, "duration"),
+        ({"duration_s": math.inf}, "duration"),
+        ({"duration_s": 86401.0}, "duration"),
+        ({"settle_s": 0}, "settle time"),
+        ({"settle_s": math.inf}, "settle time"),
+        ({"self_rotation": "left"}, "self-rotation"),
+        ({"heading_rad": math.nan}, "heading"),
+        ({"turn_rate_rad_s": math.inf}, "turn"),
+        ({"travel": 2.0}, "travel"),
+        ({"further_failures": (Failure(leg=2),)}, "further_failures"),  # without a first
+        ({"belief": Failure(leg=2), "further_failures": (Failure(leg=2),)}, "further_failures"),
+    ],
+)
+def test_a_plan_refuses_what_cannot_be_done(change: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        TrialPlan(gait=gait_of(shipped()), **change)
 
 
-def test_the_demo_gait_walks_half_a_minute_nearly_straight() -> None:
-    result = walk("demo", duration_s=30).result
+def test_a_plan_may_be_told_of_several_failed_legs_and_of_a_body_that_has_turned() -> None:
+    limp, locked = Failure(leg=6, kind="limp"), Failure(leg=2)
+    plan = TrialPlan(
+        gait=gait_of(shipped()),
+        belief=limp,
+        further_failures=(locked,),
+        heading_rad=0.5,
+        turn_rate_rad_s=0.1,
+    )
+    assert plan.failures == (locked, limp)
+    assert (plan.failed_legs, plan.held_legs) == ((2, 6), (2,)), "the limp one is not"
+    assert pickle.loads(pickle.dumps(plan)) == plan  # noqa: S301  our own bytes
+    unknown = replace(plan, belief=Failure(leg=6, kind="unknown"))
+    assert unknown.held_legs == (2, 6)
+    motion = plan.motion(yaw_rad=1.2)
+    assert motion.heading_rad == pytest.approx(0.5 - 1.2)
+    assert (motion.travel, motion.turn_rate_rad_s) == (1.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("asked", "hold", "chosen_gait", "suited"),
+    [
+        ("auto", "line", True, "none"),
+        ("auto", "auto", True, "none"),
+        ("auto", "line", False, "rear"),
+        ("auto", "heading", True, "rear"),
+        ("auto", "none", True, "rear"),
+        ("front", "line", True, "front"),
+    ],
+)
+def test_a_failed_leg_is_turned_to_the_rear_but_for_a_chosen_gait_on_its_line(
+    asked: str, hold: str, chosen_gait: bool, suited: str
+) -> None:
+    assert suited_rotation(asked, hold, chosen_gait=chosen_gait) == suited
+
+
+@pytest.mark.parametrize(
+    ("robot", "gait", "least_share", "most_off_m"),
+    [
+        ("ant", "demo", 0.75, 0.15),
+        ("ant", "tripod", 0.75, 0.02),
+        ("phantomx", "tripod", 0.6, 0.1),
+        ("pexod", "tripod", 0.6, 0.1),
+    ],
+)
+def test_robots_walk_straight_at_their_own_pace(
+    robot: str, gait: str, least_share: float, most_off_m: float
+) -> None:
+    result = walk(gait, robot=shipped(robot), duration_s=8).result
     assert result.status == "ok"
-    assert result.ideal_distance_m == pytest.approx(4.455)
     assert result.distance_m is not None
     assert result.deviation is not None
-    assert 0.85 * 4.455 <= result.distance_m <= 4.455
-    assert result.deviation.final <= 0.35
-    assert result.duration_s == pytest.approx(30)
+    assert least_share <= result.distance_m / result.ideal_distance_m <= 1
+    assert result.deviation.final <= most_off_m
+    assert result.duration_s == pytest.approx(8)
 
 
-def test_the_tripod_walks_half_a_minute_straight() -> None:
-    result = walk("tripod", duration_s=30).result
-    assert result.status == "ok"
-    assert result.distance_m is not None
-    assert result.deviation is not None
-    assert result.distance_m >= 0.85 * 4.455
-    assert result.deviation.max <= 0.02
-    assert result.yaw_change_rad == pytest.approx(0, abs=math.radians(1))
-
-
-@pytest.mark.parametrize("heading_deg", [0, 60, 90, 137, 180, 270])
+@pytest.mark.parametrize("heading_deg", [60, 137, 270])
 def test_it_walks_along_the_heading_that_it_is_given(heading_deg: float) -> None:
-    outcome = walk("tripod", heading_rad=math.radians(heading_deg), duration_s=10)
+    outcome = walk("tripod", heading_rad=math.radians(heading_deg), duration_s=6)
     walked = outcome.log["base_position_world"][outcome.log.rows_of("walk")]
     way = walked[-1] - walked[0]
     off = math.degrees(math.atan2(way[1], way[0])) - heading_deg
@@ -78,48 +139,28 @@ def test_a_walk_to_the_left_of_the_line_deviates_positively() -> None:
     assert deviation.final == pytest.approx(deviation.signed)
 
 
-@pytest.mark.parametrize("rate_deg_s", [10, 20, -20])
+@pytest.mark.parametrize("rate_deg_s", [20, -20])
 def test_it_turns_in_place_at_the_rate_that_it_is_given(rate_deg_s: float) -> None:
-    result = walk("tripod", travel=0.0, turn_rate_rad_s=math.radians(rate_deg_s), duration_s=10).result
+    result = walk("tripod", travel=0.0, turn_rate_rad_s=math.radians(rate_deg_s), duration_s=6).result
     assert result.status == "ok"
     assert result.yaw_change_rad is not None
-    assert 0.6 <= math.degrees(result.yaw_change_rad) / (10 * rate_deg_s) <= 1.0
+    assert 0.55 <= math.degrees(result.yaw_change_rad) / (6 * rate_deg_s) <= 1.0
     assert math.hypot(*result.path_m[-1]) < 0.10
 
 
 def test_a_blend_of_travel_and_turn_walks_a_curve() -> None:
-    result = walk("tripod", turn_rate_rad_s=math.radians(8), duration_s=10).result
+    result = walk("tripod", turn_rate_rad_s=math.radians(8), duration_s=6).result
     assert result.status == "ok"
     assert result.yaw_change_rad is not None
     assert result.deviation is not None
-    assert math.degrees(result.yaw_change_rad) > 40
-    assert result.deviation.signed > 0.2
-
-
-@pytest.mark.parametrize("name", ["phantomx", "pexod"])
-def test_the_other_robots_walk_at_their_own_pace(name: str) -> None:
-    result = walk("tripod", robot=shipped(name), duration_s=10).result
-    assert result.status == "ok"
-    assert result.distance_m is not None
-    assert result.deviation is not None
-    assert result.distance_m > 0.6 * result.ideal_distance_m
-    assert result.deviation.final < 0.1
-
-
-@pytest.mark.slow
-def test_a_robot_with_an_odd_leg_of_its_own_walks(tmp_path: Path) -> None:
-    odd = {"position_m": [0.03, -0.09, 0.01], "yaw_deg": -75}
-    robot = load_robot(edited_file(tmp_path, put("mounts", 5, odd), put("name", "odd")))
-    result = walk("tripod", robot=robot, duration_s=10).result
-    assert result.status == "ok"
-    assert result.distance_m is not None
-    assert result.distance_m > 0.6 * result.ideal_distance_m
+    assert math.degrees(result.yaw_change_rad) > 22
+    assert result.deviation.signed > 0.07
 
 
 def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: Path) -> None:
     raised = [{"position_m": [0.08 * x, 0.08 * y, z], "yaw_deg": yaw} for x, y, z, yaw in UNEVEN_MOUNTS]
     robot = load_robot(edited_file(tmp_path, put("mounts", raised), put("name", "uneven")))
-    outcome = walk("tripod", robot=robot, duration_s=8)
+    outcome = walk("tripod", robot=robot, duration_s=5)
     stood = outcome.log.rows_of("walk").start - 1
     _, x, y, _ = outcome.log["base_quaternion_world"][stood]
     assert math.degrees(2 * math.hypot(x, y)) < 1
@@ -127,25 +168,24 @@ def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: 
     assert outcome.result.status == "ok"
     assert outcome.result.distance_m is not None
     assert outcome.result.deviation is not None
-    assert outcome.result.distance_m > 0.8 * outcome.result.ideal_distance_m
+    assert outcome.result.distance_m > 0.65 * outcome.result.ideal_distance_m
     assert outcome.result.deviation.final < 0.1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", FAILURE_KINDS)
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_every_robot_with_every_failure_comes_to_a_result(name: str, kind: str) -> None:
-    leg = 1 + (FAILURE_KINDS.index(kind) + ROBOT_NAMES.index(name)) % 6
+@pytest.mark.parametrize(("leg", "kind"), list(enumerate(FAILURE_KINDS, start=1)))
+def test_every_failure_comes_to_a_result(leg: int, kind: str) -> None:
+    name = ROBOT_NAMES[leg % 3]
     failure = Failure(leg=leg, kind=kind, joint="femur", angle_rad=0.3)
     outcome = walk(robot=shipped(name), failure=failure, duration_s=4)
     assert outcome.result.status in STATUSES
     assert outcome.result.distance_m is not None
-    assert _all_finite(outcome.result)
+    json.dumps(outcome.result.to_dict(), allow_nan=False)
+    assert np.isfinite(outcome.result.path_m).all()
     assert np.isfinite(outcome.log["measured_rad"]).all()
 
 
-@pytest.mark.parametrize("heading_deg", [0, 100])
-@pytest.mark.parametrize("leg", range(1, 7))
+@pytest.mark.parametrize(("leg", "heading_deg"), [(3, 0), (4, 60), (5, 100)])
 def test_after_the_self_rotation_it_walks_along_the_heading_that_it_was_given(
     leg: int, heading_deg: float
 ) -> None:
@@ -197,3 +237,83 @@ def test_what_recorders_take_after_the_last_command_is_no_silence() -> None:
         plan = TrialPlan(gait=gait_of(shipped()), duration_s=0.1)
         run_trial(guard, plan, recorders=[SlowDisk()])
     assert expected == [False]
+
+
+# What the result counts and says
+
+
+STANCE = shipped().stance_angles_rad
+
+
+def _plan(**changes: Any) -> TrialPlan:
+    return TrialPlan(gait=gait_of(shipped()), **{"duration_s": 1.0, **changes})
+
+
+class _Rounding(PosedMock):
+    """Servos that take whole hundredths of a radian."""
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        return super().write(JointTargets(np.round(targets.joint_positions_rad, 2), targets.stamp_s))
+
+
+def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
+    servos, log = _Rounding(), TickLog()
+    slow = replace(gait_of(shipped()), pace_hz=0.2, amplitude=0.05)
+    with Guard(servos) as guard:
+        result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), recorders=(log,))
+    assert result.clipped_ticks == guard.counters.clipped == 0
+    assert (log["commanded_rad"] != log["wanted_rad"]).any()
+    np.testing.assert_array_equal(log["commanded_rad"], np.round(log["wanted_rad"], 2))
+
+
+def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
+    servos, log = PosedMock(), TickLog()
+    servos.connect()
+    servos.write(JointTargets(STANCE - 0.8, 0.0))
+    guard = Guard(servos)
+    result = run_trial(guard, _plan(settle_s=0.2), recorders=(log,))
+    changed = (log["commanded_rad"] != log["wanted_rad"]).any(axis=-1)
+    assert changed[log.rows_of("settle")].any()
+    assert guard.counters.clipped == changed.sum()
+    assert result.clipped_ticks == changed[log.rows_of("walk")].sum()
+
+
+def test_three_trials_in_a_row_on_one_guard_are_each_their_own() -> None:
+    servos = PosedMock()
+    with Guard(servos) as guard:
+        for _ in range(3):
+            log = TickLog()
+            result = run_trial(guard, _plan(), recorders=(log,))
+            assert (result.status, result.stopped) == ("ok", None)
+            assert result.duration_s == pytest.approx(1)
+            assert log.walked_ticks == 50
+            servos.time.work(3600.0)
+    assert guard.clock.overruns == 0
+
+
+def test_results_compare_by_value_and_travel_as_json() -> None:
+    one = scored(along(1.2, np.array([0.0, 0.1])))
+    assert one == scored(along(1.2, np.array([0.0, 0.1])))
+    assert one != replace(one, path_m=one.path_m + 1e-12)
+    assert one != replace(one, status="fell")
+    partly = replace(one, deviation=Deviation(0.1, float("nan"), float("nan"), 0.1), yaw_change_rad=None)
+    unknown = replace(one, deviation=None, distance_m=None, path_m=np.zeros((0, 2)))
+    for result in (one, partly, unknown):
+        data = json.loads(json.dumps(result.to_dict(path=True), allow_nan=False))
+        assert TrialResult.from_dict(data).deviation == result.deviation
+        assert TrialResult.from_dict(data).to_dict(path=True) == data
+    assert set(one.to_dict()["deviation_m"]) == {"final", "mean", "max", "signed"}
+    assert TrialResult.from_dict(one.to_dict()).path_m.shape == (0, 2)
+    for data in ({}, {"status": "ok"}, 3, None):
+        with pytest.raises(InputError, match="trial result"):
+            TrialResult.from_dict(data)  # type: ignore[arg-type]
+
+
+def test_a_result_can_be_drawn() -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    result = scored(along(1.2, np.array([0.0, 0.1])))
+    ax = result.plot()
+    np.testing.assert_array_equal(ax.lines[1].get_xydata(), result.path_m)
+    assert result.plot(ax) is ax

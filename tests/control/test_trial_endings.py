@@ -1,4 +1,4 @@
-"""Every way in which a trial can end, and what is scored then."""
+"""Every way in which a trial can end, what is scored then, and what must not end it."""
 
 import json
 import math
@@ -9,25 +9,36 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl import (
+    Failure,
+    Gait,
+    Guard,
+    LimitError,
+    ReachError,
+    Recorders,
+    RobotFaultError,
+    SimServos,
+    TrialPlan,
+    TrialResult,
+    World,
+    run_trial,
+)
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.backends.mock import MockServos
-from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import World
-from hexctl.control.batch import SimTrial, run_sim_trials
-from hexctl.control.controllers import check_walk
-from hexctl.control.guard import POSE_EXPIRY_S, Guard
+from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.control.log import TickLog
-from hexctl.control.trial import run_trial
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.trial_result import TrialResult
-from hexctl.errors import LimitError, ReachError, RobotFaultError
-from hexctl.gait.gait import Gait
-from hexctl.robot.failure import Failure
-from hexctl.types import FloatArray, RobotState, leg_slice
+from hexctl.control.stop_reason import MEANINGS, reason_in_words
+from hexctl.control.trial import Enough, stop_when
+from hexctl.types import FloatArray, leg_slice
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
 from tests.recorders import Calling
 from tests.robots import shipped
 from tests.trials import gait_of, walk
+
+
+def _plan(**changes: Any) -> TrialPlan:
+    return TrialPlan(gait=gait_of(shipped()), **changes)
 
 
 def _all_finite(result: TrialResult) -> bool:
@@ -36,12 +47,11 @@ def _all_finite(result: TrialResult) -> bool:
     return bool(np.isfinite(result.path_m).all())
 
 
-@pytest.mark.slow
-def test_a_robot_without_strength_makes_no_progress() -> None:
-    result = walk("tripod", world=World(servo_strength=0.01), duration_s=6).result
-    assert result.status == "no_progress"
-    assert not result.valid
-    assert result.distance_m == pytest.approx(0, abs=0.1)
+def _ends_softly(log: TickLog) -> None:
+    """The joints end in the stance, and none was ever commanded faster than it may move."""
+    np.testing.assert_allclose(log["commanded_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
+    jumps = np.abs(np.diff(log["commanded_rad"], axis=0)).max(axis=0)
+    assert (jumps <= shipped().joint_max_speed_rad_s * 0.02 + 1e-12).all()
 
 
 def test_a_robot_that_topples_over_while_it_settles_has_fallen_and_walked_nowhere() -> None:
@@ -96,22 +106,15 @@ def test_a_simulation_that_diverges_is_a_result_without_nonsense(value: float) -
 
 
 def _stopped(phase: str, after_ticks: int, **plan: Any) -> tuple[TrialResult, TickLog, Guard]:
-    """Run a trial in the simulation and ask for a stop some ticks into a phase."""
-    failure = plan.pop("failure", None)
-    with SimServos(shipped(), failure=failure) as servos:
-        guard, log = Guard(servos), TickLog()
+    """Run a trial of a robot that follows exactly, and ask for a stop some ticks into a phase."""
+    log = TickLog()
 
-        def asked() -> bool:
-            rows = log.rows_of(phase)
-            return bool(rows.stop - rows.start >= after_ticks)
+    def asked() -> bool:
+        rows = log.rows_of(phase)
+        return bool(rows.stop - rows.start >= after_ticks)
 
-        result = run_trial(
-            guard,
-            TrialPlan(gait=gait_of(shipped()), belief=failure, **plan),
-            recorders=(log,),
-            stop_requested=asked,
-        )
-    return result, log, guard
+    with Guard(PosedMock()) as guard:
+        return run_trial(guard, _plan(**plan), recorders=(log,), stop_requested=asked), log, guard
 
 
 def test_a_stop_in_the_walk_ends_softly_in_the_stance_as_aborted() -> None:
@@ -119,23 +122,21 @@ def test_a_stop_in_the_walk_ends_softly_in_the_stance_as_aborted() -> None:
     assert result.status == "aborted"
     assert guard.stopped is None, "nothing was frozen"
     assert result.duration_s == pytest.approx(4.0, abs=0.05)
-    assert result.distance_m == pytest.approx(0.1485 * 3, abs=0.1)
     stopping = log.rows_of("stop")
     assert (stopping.stop - stopping.start) * 0.02 == pytest.approx(2.0, abs=0.05)
-    np.testing.assert_allclose(log["commanded_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
-    jumps = np.abs(np.diff(log["commanded_rad"], axis=0)).max(axis=0)
-    assert (jumps <= shipped().joint_max_speed_rad_s * 0.02 + 1e-12).all()
+    assert result.to_dict()["stopped"] == "requested"
+    _ends_softly(log)
 
 
 def test_a_stop_in_the_turn_ends_softly_in_the_stance_without_a_walk() -> None:
-    result, log, guard = _stopped("turn", 150, failure=Failure(leg=2))
+    result, log, guard = _stopped("turn", 150, belief=Failure(leg=2))
     assert result.status == "aborted"
     assert guard.stopped is None
     assert (result.distance_m, result.duration_s) == (None, 0)
     assert log.rows_of("walk") == slice(0, 0)
     turning = log.rows_of("turn")
     assert turning.stop - turning.start < 150 + 101 + 30, "it did not turn to the end"
-    np.testing.assert_allclose(log["commanded_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
+    _ends_softly(log)
 
 
 def test_a_stop_asked_for_from_the_start_commands_nothing() -> None:
@@ -148,27 +149,34 @@ def test_a_stop_asked_for_from_the_start_commands_nothing() -> None:
     assert _all_finite(result)
 
 
-def test_a_stop_before_the_walk_never_walks() -> None:
-    result, log, _ = _stopped("settle", 10, duration_s=30)
-    assert result.status == "aborted"
-    assert log.rows_of("walk") == slice(0, 0)
+def test_a_stop_while_it_settles_starts_neither_turn_nor_walk() -> None:
+    result, log, _ = _stopped("settle", 10, belief=Failure(leg=2))
+    assert (result.status, result.stopped) == ("aborted", "requested")
+    assert log.rows_of("turn") == log.rows_of("walk") == slice(0, 0)
+
+
+def test_a_stop_asked_for_in_the_soft_stop_leaves_the_walk_whole() -> None:
+    result, _, _ = _stopped("stop", 20, duration_s=1)
+    assert (result.status, result.stopped, result.valid) == ("ok", None, True)
+    assert result.duration_s == pytest.approx(1)
 
 
 def test_an_emergency_stop_freezes_at_once_and_aborts() -> None:
-    with SimServos(shipped()) as servos:
-        guard, log = Guard(servos), TickLog()
+    log = TickLog()
+    with Guard(PosedMock()) as guard:
 
         def press() -> bool:
-            if log.rows_of("walk").stop - log.rows_of("walk").start == 100:
+            if log.walked_ticks == 100:
                 guard.stop("by hand")
             return False
 
-        result = run_trial(
-            guard, TrialPlan(gait=gait_of(shipped()), duration_s=30), recorders=(log,), stop_requested=press
-        )
-    assert result.status == "aborted"
+        result = run_trial(guard, _plan(duration_s=30), recorders=(log,), stop_requested=press)
+    assert (result.status, result.stopped) == ("aborted", "by hand")
     assert result.duration_s == pytest.approx(2.0, abs=0.05)
     assert log.rows_of("stop") == slice(0, 0)
+
+
+# A pose that is not known, or lost
 
 
 def test_a_robot_that_knows_no_pose_walks_and_is_not_scored() -> None:
@@ -179,28 +187,30 @@ def test_a_robot_that_knows_no_pose_walks_and_is_not_scored() -> None:
     assert result.status == "ok"
     assert result.duration_s == pytest.approx(3)
     assert (result.distance_m, result.deviation, result.yaw_change_rad) == (None, None, None)
-    assert result.to_dict()["deviation_m"] == {"final": None, "mean": None, "max": None, "signed": None}
+    assert not result.valid
     assert log.rows_of("turn") == slice(0, 0), "it could not know when to end the turn"
     held = log["commanded_rad"][log.rows_of("walk")][:, 3:6]
     assert (held == shipped().stance_angles_rad[3:6]).all()
 
 
-def test_a_robot_that_loses_its_pose_is_not_scored_with_a_made_up_one() -> None:
+@pytest.mark.parametrize(("phase", "belief"), [("walk", None), ("turn", Failure(leg=2))])
+def test_a_robot_that_loses_its_pose_is_stopped_and_not_scored(phase: str, belief: Failure | None) -> None:
     servos, log = PosedMock(), TickLog()
 
     def lose_it() -> bool:
-        if log.phase == "walk":
+        if log.phase == phase:
             servos.position_world = servos.quaternion_world = None
         return False
 
     with Guard(servos) as guard:
-        result = run_trial(
-            guard, TrialPlan(gait=gait_of(shipped()), duration_s=8), recorders=(log,), stop_requested=lose_it
-        )
-    assert (result.status, result.stopped) == ("aborted", "pose lost")
+        plan = _plan(belief=belief, duration_s=8)
+        result = run_trial(guard, plan, recorders=(log,), stop_requested=lose_it)
+    assert (result.status, result.stopped, result.distance_m) == ("aborted", "pose lost", None)
     assert not result.valid
-    assert result.distance_m is None
-    assert result.duration_s == pytest.approx(POSE_EXPIRY_S, abs=0.1)
+    rows = log.rows_of(phase)
+    assert rows.stop - rows.start == pytest.approx(POSE_EXPIRY_S / 0.02, abs=3)
+    if phase == "walk":
+        assert result.duration_s == pytest.approx(POSE_EXPIRY_S, abs=0.1)
 
 
 def test_a_walk_that_ends_without_a_pose_has_no_end_and_one_that_finds_it_again_has() -> None:
@@ -226,32 +236,40 @@ def test_a_walk_that_ends_without_a_pose_has_no_end_and_one_that_finds_it_again_
     assert np.isnan(found.path_m[:, 0]).any()
 
 
-def test_a_robot_that_loses_its_pose_in_the_turn_is_stopped() -> None:
-    servos, log = PosedMock(), TickLog()
-
-    def lose_it() -> bool:
-        if log.phase == "turn":
-            servos.position_world = servos.quaternion_world = None
-        return False
-
-    plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=2), duration_s=3)
-    with Guard(servos) as guard:
-        result = run_trial(guard, plan, recorders=(log,), stop_requested=lose_it)
-    turning = log.rows_of("turn")
-    assert turning.stop - turning.start == pytest.approx(POSE_EXPIRY_S / 0.02, abs=3)
-    assert (result.status, result.stopped, result.distance_m) == ("aborted", "pose lost", None)
+# Faults, recorders and clocks
 
 
-def test_a_stop_while_it_settles_starts_no_turn() -> None:
-    result, log, _ = _stopped("settle", 10, failure=Failure(leg=2))
-    assert (result.status, result.stopped) == ("aborted", "requested")
-    assert log.rows_of("turn") == slice(0, 0)
+def _meddler(phase: str, happen: Callable[[], object]) -> Calling:
+    """A recorder that does something to the robot in a phase."""
+    return Calling(lambda log, _, __: happen() if log.phase == phase else None, block_ticks=1)
 
 
-def test_a_stop_asked_for_in_the_soft_stop_leaves_the_walk_whole() -> None:
-    result, _, _ = _stopped("stop", 20, duration_s=3)
-    assert (result.status, result.stopped) == ("ok", None)
-    assert result.duration_s == pytest.approx(3)
+def _run(servos: PosedMock, phase: str, happen: Callable[[], object]) -> tuple[TrialResult, Guard, Recorders]:
+    guard, recorders = Guard(servos), Recorders(_meddler(phase, happen))
+    servos.connect()
+    return run_trial(guard, _plan(duration_s=1.0), recorders=recorders), guard, recorders
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [({"healthy": False}, "fault"), ({"age_s": 1.0}, "state")],
+)
+@pytest.mark.parametrize("phase", ["settle", "walk", "stop"])
+def test_what_goes_wrong_aborts_the_walk_unless_it_is_over(
+    phase: str, change: dict[str, Any], reason: str
+) -> None:
+    servos = PosedMock()
+    result, guard, recorders = _run(servos, phase, lambda: vars(servos).update(change))
+    log = recorders.log
+    assert guard.stopped == reason
+    ends = log.rows_of(phase)
+    assert ends.stop - ends.start == 1, "it stands without a step more"
+    if phase == "stop":
+        assert (result.status, result.stopped, result.valid) == ("ok", None, True)
+        assert result.duration_s == pytest.approx(1)
+    else:
+        assert (result.status, result.stopped, result.valid) == ("aborted", reason, False)
+    assert result.to_dict()["stopped"] == result.stopped
 
 
 def test_what_is_broken_and_what_the_controller_believes_are_two_things() -> None:
@@ -272,20 +290,6 @@ def test_what_is_broken_and_what_the_controller_believes_are_two_things() -> Non
     assert excursion_rad[False][1].max() < 0.06
 
 
-def test_a_walk_that_the_legs_cannot_make_after_the_turn_is_refused_before_it() -> None:
-    """Forward the gait is possible, sideways, where the self-rotation leads, it is not."""
-    robot, failure = shipped("phantomx"), Failure(leg=2)
-    gait = replace(gait_of(robot), amplitude=0.13)
-    plan = TrialPlan(gait=gait, belief=failure, duration_s=1)
-    check_walk(robot, gait, plan.motion(0.0))
-    log = TickLog()
-    with Guard(SimServos(robot, failure=failure)) as guard, pytest.raises((ReachError, LimitError)):
-        run_trial(guard, plan, recorders=(log,))
-    assert len(log) == 0
-    with pytest.raises((ReachError, LimitError)):
-        run_sim_trials([SimTrial(robot=robot, plan=plan, failure=plan.belief)])
-
-
 @pytest.mark.parametrize(("amplitude", "height"), [(0.6, 0.02), (0.05, 0.3)])
 def test_a_gait_beyond_the_legs_is_refused_before_anything_moves(amplitude: float, height: float) -> None:
     servos = PosedMock()
@@ -295,21 +299,20 @@ def test_a_gait_beyond_the_legs_is_refused_before_anything_moves(amplitude: floa
     assert len(servos.sent) == 0
 
 
-class _Dying(PosedMock):
-    """A robot whose link breaks at a time of its clock."""
-
-    def read(self) -> RobotState:
-        if self.clock.now_s > 2.0:
-            raise RobotFaultError("the link is gone; check the cable")
-        return super().read()
-
-
 def test_a_fault_of_the_robot_is_raised_and_what_was_logged_is_kept() -> None:
     seen: list[tuple[int, int]] = []
-    log = TickLog()
+    servos, log = PosedMock(), TickLog()
+
+    def unplug() -> bool:
+        if len(log) == 100:
+            servos.fail_with(RobotFaultError("the link is gone"))
+        return False
+
     watching = Calling(lambda _, first, last: seen.append((first, last)))
-    with Guard(_Dying()) as guard, pytest.raises(RobotFaultError, match="check the cable"):
-        run_trial(guard, TrialPlan(gait=gait_of(shipped()), duration_s=30), recorders=(log, watching))
+    guard = Guard(servos)
+    guard.connect()
+    with pytest.raises(RobotFaultError):
+        run_trial(guard, _plan(duration_s=30), recorders=(log, watching), stop_requested=unplug)
     assert len(log) == 100
     assert seen[-1][1] == 100
 
@@ -330,3 +333,83 @@ def test_a_clock_that_skips_points_does_not_stretch_the_walk() -> None:
     assert rows.stop - rows.start < 0.5 * 4 / 0.02
     assert result.duration_s == pytest.approx(4, abs=0.06)
     assert servos.clock.overruns > 50
+
+
+# Walks that have shown enough
+
+
+class Asked:
+    """Has seen enough once a walk is as long as wanted, and keeps the paths that it was asked about."""
+
+    def __init__(self, after_ticks: float = np.inf) -> None:
+        self.after_ticks = after_ticks
+        self.paths: list[FloatArray] = []
+
+    def __call__(self, path_m: FloatArray) -> bool:
+        self.paths.append(path_m.copy())
+        return len(path_m) >= self.after_ticks
+
+
+def _shown(duration_s: float, enough: Enough | None, **more: Any) -> tuple[TrialResult, TickLog]:
+    """A walk in the simulation that ends when it has shown enough."""
+    log = TickLog()
+    with SimServos(shipped()) as servos:
+        plan = _plan(duration_s=duration_s)
+        result = run_trial(servos, plan, recorders=(log,), should_stop=stop_when(enough), **more)
+    return result, log
+
+
+def test_a_walk_is_asked_about_once_a_second_with_its_path_so_far_and_not_at_its_end() -> None:
+    asked = Asked()
+    result, log = _shown(2.0, asked)
+    assert [len(path) for path in asked.paths] == [50]
+    np.testing.assert_array_equal(asked.paths[0], result.path_m[:50])
+    alone = walk(duration_s=2.0).result
+    assert result.status == "ok"
+    assert result.to_dict() == alone.to_dict()
+    np.testing.assert_array_equal(result.path_m, alone.path_m)
+
+    cut, log = _shown(30.0, Asked(after_ticks=100))
+    assert (cut.status, cut.stopped, cut.valid) == ("cut_short", None, False)
+    assert cut.to_dict() | {"status": "ok"} == alone.to_dict()
+    np.testing.assert_array_equal(cut.path_m, alone.path_m)
+    assert cut.deviation is not None
+    assert (cut.distance_m, cut.deviation.signed) == tuple(cut.path_m[-1])
+    assert {objective(cut) for objective in OBJECTIVES.values()} == {INVALID_SCORE}
+    walked, stopping = log.rows_of("walk"), log.rows_of("stop")
+    assert walked.stop - walked.start == 100
+    assert stopping.stop > stopping.start
+    _ends_softly(log)
+
+
+def test_a_walk_cut_short_that_got_nowhere_was_still_cut_short_and_may_say_why() -> None:
+    with Guard(PosedMock()) as guard:
+        plan = _plan(duration_s=30)
+        cut = run_trial(guard, plan, should_stop=lambda trace: len(trace.path_m) >= 200 and "enough")
+    assert (cut.status, cut.stopped) == ("cut_short", "enough")
+    assert cut.duration_s == pytest.approx(4.0)
+    assert cut.distance_m == pytest.approx(0, abs=0.1)
+
+
+@pytest.mark.parametrize(("stop_tick", "asked_at"), [(120, [50, 100]), (0, [])])
+def test_a_stop_that_is_asked_for_still_aborts(stop_tick: int, asked_at: list[int]) -> None:
+    asked, log = Asked(after_ticks=200 if stop_tick else 0), TickLog()
+    with Guard(PosedMock()) as guard:
+        result = run_trial(
+            guard,
+            _plan(duration_s=30),
+            recorders=(log,),
+            stop_requested=lambda: log.walked_ticks >= stop_tick,
+            should_stop=stop_when(asked),
+        )
+    assert (result.status, result.stopped) == ("aborted", "requested")
+    assert [len(path) for path in asked.paths] == asked_at
+    assert result.duration_s == pytest.approx(0.02 * stop_tick)
+
+
+def test_a_reason_to_stop_is_put_into_words() -> None:
+    for reason, meaning in MEANINGS.items():
+        assert meaning in reason_in_words(reason)
+    assert reason_in_words("hot: leg2 femur 72 C").startswith("hot: leg2 femur 72 C (")
+    for plain in ("by hand", "fault: low battery", "fault", ""):
+        assert reason_in_words(plain) == plain

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
+from hexctl import Robot, make_gait
 from hexctl.control.assessment.gait_load import GaitLoad, gait_load
-from hexctl.gait.gait import Motion, make_gait
-from hexctl.robot.model import Robot
+from hexctl.gait.gait import Motion
 from tests.robots import shipped, without_friction
 
 AHEAD = (Motion(),)

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from hexctl import TrialPlan, TrialResult
 from hexctl.control.assessment.score import score
 from hexctl.control.trace import TrialFrame
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.trial_result import TrialResult
 from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.trials import gait_of

@@ -1,27 +1,32 @@
-"""The simulation's own uncertainty: what it is made of, and that it sees what it should."""
+"""The simulation's own uncertainty: what it is made of, and for which walks what was kept is found."""
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 
-from hexctl.backends.sim.world import World
+from hexctl import Failure, InputError, SimTrial, TrialPlan, World, load_world, make_gait
 from hexctl.control.assessment.uncertainty import simulation_uncertainty, uncertainty_of_walks
-from hexctl.control.assessment.uncertainty_store import SimulationUncertainty
-from hexctl.control.batch import SimTrial, run_sim_trial
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import InputError
-from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
-from tests.robots import shipped
+from hexctl.control.assessment.uncertainty_store import (
+    UNCERTAINTIES,
+    SimulationUncertainty,
+    keep_uncertainty,
+    known_uncertainty,
+)
+from hexctl.control.batch import run_sim_trial
+from tests.robots import ROBOT_NAMES, shipped
 
 
-def walk(**world: float) -> SimTrial:
+def walk(duration_s: float = 4.0, **world: float) -> SimTrial:
     plan = TrialPlan(
         gait=make_gait(shipped(), "17", failed_legs=(5,)),
         belief=Failure(leg=5),
         self_rotation="none",
-        duration_s=4.0,
+        duration_s=duration_s,
     )
     return SimTrial(robot=shipped(), plan=plan, failure=Failure(leg=5), world=World.model_validate(world))
 
@@ -45,29 +50,30 @@ def test_it_is_how_far_each_walk_ends_elsewhere() -> None:
     assert (found.low_m, found.high_m) == (None, None)  # of two walks
 
 
-def test_a_confirmation_is_as_uncertain_as_half_its_step_changes() -> None:
-    finest = replace(walk(), world=World().model_copy(update={"time_step_s": 0.00025}))
-    moved_m = end_m(walk(time_step_s=0.0005)) - end_m(finest)
-    assert uncertainty_of_walks([walk()]).confirmed_m == pytest.approx(abs(moved_m))
-
-
 @pytest.mark.slow
-def test_a_coarse_step_is_more_uncertain_than_a_fine_one() -> None:
-    coarse, fine = (uncertainty_of_walks([walk(time_step_s=step_s)]) for step_s in (0.005, 0.001))
-    assert coarse.step_m > fine.step_m
+def test_a_confirmation_is_as_uncertain_as_half_its_step_changes() -> None:
+    short = walk(duration_s=0.5)
+    finest = replace(short, world=World().model_copy(update={"time_step_s": 0.00025}))
+    moved_m = end_m(walk(duration_s=0.5, time_step_s=0.0005)) - end_m(finest)
+    assert uncertainty_of_walks([short]).confirmed_m == pytest.approx(abs(moved_m))
 
 
 @pytest.mark.slow
 def test_walks_without_an_end_are_left_out() -> None:
     fallen = replace(walk(), world=World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3)))
     assert uncertainty_of_walks([walk(), fallen]).walks == 1
-    with pytest.raises(InputError, match="walks: got none"):
+    with pytest.raises(InputError):
         uncertainty_of_walks([fallen])
 
 
-def test_a_step_that_cannot_be_halved_is_refused() -> None:
-    with pytest.raises(InputError, match=r"time_step_s: got 0.0005; allowed: 0.001 or more"):
-        uncertainty_of_walks([walk(time_step_s=0.0005)])
+def test_walks_that_cannot_be_compared_are_refused() -> None:
+    for walks, named in (
+        ([walk(time_step_s=0.0005)], "time_step_s"),
+        ([walk(), walk(duration_s=5.0)], "duration_s"),
+        ([], "walks"),
+    ):
+        with pytest.raises(InputError, match=named):
+            uncertainty_of_walks(walks)
 
 
 @pytest.mark.slow
@@ -81,18 +87,85 @@ def test_a_robot_is_measured_over_gaits_and_legs() -> None:
     assert 0 < found.low_m < found.numerical_m < found.high_m < 2 * found.numerical_m
 
 
-def test_walks_of_several_durations_are_refused() -> None:
-    longer = replace(walk(), plan=replace(walk().plan, duration_s=5.0))
-    with pytest.raises(
-        InputError, match="duration_s of the walks: got 4, 5 s; allowed: walks of one duration"
-    ):
-        uncertainty_of_walks([walk(), longer])
-    with pytest.raises(InputError, match="got none"):
-        uncertainty_of_walks([])
+FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=12.0)
 
 
-@pytest.mark.slow
-def test_each_walk_is_compared_with_a_finer_one_in_its_own_world() -> None:
-    alone = [uncertainty_of_walks([walk(time_step_s=step_s)]).step_m for step_s in (0.004, 0.002)]
-    together = uncertainty_of_walks([walk(time_step_s=step_s) for step_s in (0.004, 0.002)])
-    assert together.step_m == pytest.approx(math.hypot(*alone) / math.sqrt(2))
+def keep(folder: Path, *, place: World | None = None, **changes: Any) -> Path:
+    return keep_uncertainty(shipped(), place or World(), replace(FOUND, **changes), folder=folder)
+
+
+def known(folder: Path, robot: str = "ant", duration_s: float = 12.0, **world: Any) -> Any:
+    return known_uncertainty(robot, World.model_validate(world), duration_s=duration_s, folder=folder)
+
+
+def test_a_kept_measurement_is_found_for_the_same_robot_world_and_duration(tmp_path: Path) -> None:
+    assert keep(tmp_path / "runs") == tmp_path / "runs" / UNCERTAINTIES
+    assert known(tmp_path / "runs") == FOUND
+    assert FOUND.numerical_m == FOUND.step_m
+    assert known(tmp_path / "runs", robot="pexod") is None
+    assert known(tmp_path / "runs", duration_s=13.0) is None
+    assert known(tmp_path) is None
+
+
+def test_another_world_borrows_the_value_of_the_flat_one_and_says_so(tmp_path: Path) -> None:
+    keep(tmp_path)
+    others: tuple[dict[str, Any], ...] = ({"friction": 0.4}, {"slope_deg": 5.0}, {"contact_time_s": 0.01})
+    for world in others:
+        assert known(tmp_path, **world) == replace(FOUND, borrowed=True)
+    otherwise: tuple[dict[str, Any], ...] = (
+        {"time_step_s": 0.004},
+        {"friction_cone": "pyramidal"},
+        {"solver_tolerance": 1e-8},
+    )
+    for computed in otherwise:
+        assert known(tmp_path, **computed) is None
+
+
+def test_a_measurement_on_a_slope_is_not_one_of_the_flat_world(tmp_path: Path) -> None:
+    """What was kept of another world was the value of every world."""
+    keep(tmp_path, step_m=0.5, place=load_world("slope"))
+    assert known(tmp_path) is None
+    keep(tmp_path)
+    assert known(tmp_path) == FOUND
+    on_slope = known_uncertainty("ant", "slope", duration_s=12.0, folder=tmp_path)
+    assert on_slope == replace(FOUND, step_m=0.5)
+
+
+def test_the_measurement_of_the_most_walks_counts(tmp_path: Path) -> None:
+    """20 walks of a user took the place of the 100 that are shipped."""
+    shipped_one = known_uncertainty("ant", folder=tmp_path)
+    assert shipped_one is not None
+    keep(tmp_path, duration_s=30.0, walks=20)
+    assert known(tmp_path, duration_s=30.0) == shipped_one
+    for walks, counted in ((7, 7), (9, 9), (8, 9)):
+        keep(tmp_path, walks=walks)
+        assert known(tmp_path).walks == counted
+    keep(tmp_path, duration_s=30.0, walks=400)
+    assert known(tmp_path, duration_s=30.0).walks == 400
+
+
+def test_looking_up_loads_no_simulation() -> None:
+    code = "import sys, hexctl.control.assessment.uncertainty_store; print('mujoco' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_shipped_robots_have_one(name: str, tmp_path: Path) -> None:
+    """Of each robot file as it is now: another description of the robot needs another measurement."""
+    found = known_uncertainty(name, folder=tmp_path)
+    assert found is not None
+    assert found.walks >= 80
+    assert found.confirmed_m is not None
+    assert 0 < found.confirmed_m < found.numerical_m
+    assert 0 < found.numerical_m < 0.05
+
+
+def test_a_damaged_file_is_named_and_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    for text in ("measured: 3", "measured: [{robot: ant}]", "measured: [", "other: 1"):
+        (tmp_path / UNCERTAINTIES).write_text(text)
+        with pytest.raises(InputError, match=UNCERTAINTIES):
+            known_uncertainty("ant", folder=tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=UNCERTAINTIES):
+        keep_uncertainty(shipped(), World(), FOUND, folder=tmp_path / "file")

@@ -1,4 +1,4 @@
-"""An operator who moves the joints of limp servos by hand, as they are asked to."""
+"""Operators: one moves the joints of limp servos by hand, one watches joints that motors move."""
 
 import re
 from collections.abc import Callable
@@ -75,3 +75,47 @@ class Hands:
         """The joint that is asked about."""
         named = [line.split(",")[0] for line in self.screen if line.split(",")[0] in JOINT_NAMES]
         return JOINT_NAMES.index(named[-1])
+
+
+class Watcher:
+    """An operator who sees the true angle of a joint that motors move, and judges its direction and angle.
+
+    Args:
+        true_deg: where the joint is now.
+        good_deg: how near to the angle that is asked for it has to be.
+        patience: polls before an answer, in which the last step is on its way.
+        script: answers by part of the question, each used once.
+    """
+
+    def __init__(
+        self, true_deg: Callable[[], float], good_deg: float = 0.2, patience: int = 0, **script: list[str]
+    ) -> None:
+        self._true_deg, self._good_deg, self._patience, self._script = true_deg, good_deg, patience, script
+        self.screen: list[str] = []
+        self._question, self._before_deg, self._polls = "", 0.0, 0
+
+    def tell(self, text: str) -> None:
+        self.screen.append(text)
+
+    def prompt(self, text: str) -> None:
+        self.screen.append(text)
+        self._question, self._polls = text, 0
+
+    def poll(self) -> str | None:
+        self._polls += 1
+        if not self._question or self._polls <= self._patience:
+            return None
+        question, self._question = self._question, ""
+        for part, answers in self._script.items():
+            if part in question and answers:
+                return answers.pop(0)
+        if "Enter to move it" in question:
+            self._before_deg = self._true_deg()
+        if "did it move" in question:
+            rises = " counter-clockwise" in question or " up" in question
+            return "yes" if (self._true_deg() > self._before_deg) == rises else "no"
+        if "if you measured" in question:
+            asked = re.findall(r"turn it to (\S+) deg", "\n".join(self.screen))[-1]
+            missing_deg = float(asked) - self._true_deg()
+            return "ok" if abs(missing_deg) < self._good_deg else f"{np.clip(missing_deg, -40, 40):.2f}"
+        return "skip" if "travel" in question else ""

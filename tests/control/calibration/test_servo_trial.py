@@ -1,27 +1,35 @@
-"""Single servos, moved by a few degrees: softly, back again, and with their torque as it was."""
+"""Single servos, moved by a few degrees, softly and back again; and which servo moves which joint."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from hexctl import InputError, JointTargets, RobotFaultError
 from hexctl.backends.bus.servo import Servo
 from hexctl.backends.bus.tools import opened_line, the_servo
 from hexctl.backends.mock import MockServos
+from hexctl.control.calibration import EndedError
+from hexctl.control.calibration.servo_identification import Identification, identify_servos, joint_named
 from hexctl.control.calibration.servo_trial import TEST_DEG, held, try_servo, wiggle
-from hexctl.errors import RobotFaultError
+from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
-from hexctl.types import JointTargets
+from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
 from tests.robots import shipped
 
 pytestmark = pytest.mark.realtime
 
+
 #: The joint that is tried, and its id.
 JOINT, ID = 7, 8
+
 
 FAMILIES = (*MODELS, ("lx16a", "lx16a"))
 
@@ -106,41 +114,26 @@ def test_torque_speed_and_limits_are_as_they_were() -> None:
             assert real.holds, "it held before"
 
 
-def test_a_servo_that_does_not_follow_is_told() -> None:
-    with _servo("feetech", "sts3215", stuck=True) as (servo, _, _moved):
-        trial = try_servo(servo)
-        assert not trial.followed
-        assert trial.error_deg == pytest.approx(TEST_DEG, abs=0.5)
-        assert np.abs(trial.moved_deg).max() < 0.5
-
-
-def test_a_servo_that_must_not_be_moved_is_not() -> None:
+def test_a_servo_that_must_not_be_moved_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In another mode, or without a limit of its speed: moving softly is what the operator was told."""
     with _servo("dynamixel", "xl430-w250") as (servo, board, moved):
         real = board._servos[JOINT]
         assert isinstance(real, BusServo)
         real.memory[11] = 1
-        with pytest.raises(RobotFaultError, match="id 8: its operating mode is 1, not 3"):
+        with pytest.raises(RobotFaultError, match="operating mode"):
+            wiggle(servo)
+        real.memory[11] = 3
+        refuses, access = real._refuses, 7
+        monkeypatch.setattr(real, "_refuses", lambda at, data: access if at == 112 else refuses(at, data))
+        with pytest.raises(RobotFaultError, match="limit"):
             wiggle(servo)
         assert not real.holds
-        assert not moved.seen
-
-
-def test_a_servo_that_takes_no_limit_of_its_speed_is_not_moved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Moving softly is what the operator was told."""
-    with _servo("dynamixel", "xl430-w250") as (servo, board, moved):
-        odd = board._servos[JOINT]
-        assert isinstance(odd, BusServo)
-        refuses, access = odd._refuses, 7
-        monkeypatch.setattr(odd, "_refuses", lambda at, data: access if at == 112 else refuses(at, data))
-        with pytest.raises(RobotFaultError, match=r"servo with id 8 does not take a limit .* \(access\)"):
-            wiggle(servo)
-        assert not odd.holds
-        assert odd.number(odd._table.soft_torque) == 1.0  # type: ignore[arg-type]
+        assert real.number(real._table.soft_torque) == 1.0  # type: ignore[arg-type]
         assert moved.seen == []
 
 
 def test_a_servo_beyond_its_limits_or_without_room_is_not_moved() -> None:
-    for least, most, message in ((3000, 3500, "beyond the limits 3000 to 3500"), (-9, 9, "no room to move")):
+    for least, most, message in ((3000, 3500, "limits"), (-9, 9, "room")):
         with _servo("feetech", "sts3215") as (servo, board, _):
             real = board._servos[JOINT]
             assert isinstance(real, BusServo)
@@ -152,18 +145,126 @@ def test_a_servo_beyond_its_limits_or_without_room_is_not_moved() -> None:
             assert not real.holds
 
 
-def test_an_overloaded_x_servo_says_why_it_does_not_hold() -> None:
-    with (
-        _servo("dynamixel", "xl430-w250", "overload:3:femur") as (servo, _, _moved),
-        pytest.raises(RobotFaultError, match=r"id 8 does not hold \(hardware alert \(overload\)\)"),
-    ):
-        wiggle(servo)
+class SeenServos(MockServos):
+    """Joints that an operator watches."""
+
+    def connect(self) -> None:
+        self.farthest = np.zeros(18)
+        super().connect()
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        away = np.abs(targets.joint_positions_rad - self.robot.stance_angles_rad)
+        self.farthest = np.maximum(self.farthest, away)
+        return super().write(targets)
 
 
-def test_a_servo_that_is_not_there() -> None:
-    with (
-        bus_board(a_map()) as board,
-        opened_line(board.path, 1_000_000) as line,
-        pytest.raises(RobotFaultError, match=r"no servo with id 99 answers on .* `hexctl servos scan` shows"),
-    ):
-        the_servo(line, "feetech", 99)
+class Watcher:
+    """An operator who says which joint moved, after some other answers."""
+
+    def __init__(self, robot: SeenServos, *first: str, ends_after: int = 99) -> None:
+        self._robot, self._first, self._left = robot, list(first), ends_after
+        self.asked: list[str] = []
+        self.told: list[str] = []
+        self._answer: str | None = None
+
+    def tell(self, text: str) -> None:
+        self.told.append(text)
+
+    def prompt(self, text: str) -> None:
+        self.asked.append(text)
+        if "Enter moves it" in text:
+            if not self._left:
+                raise EndedError
+            self._left -= 1
+            self._robot.farthest = np.zeros(18)
+            self._answer = ""
+        elif self._first:
+            self._answer = self._first.pop(0)
+        else:
+            self._answer = JOINT_NAMES[int(np.argmax(self._robot.farthest))]
+
+    def poll(self) -> str | None:
+        return self._answer
+
+
+@pytest.mark.long
+def test_every_joint_is_found_and_written_to_a_new_file(tmp_path: Path) -> None:
+    ids = np.random.default_rng(0).permutation(np.arange(31, 49))
+    joints = {name: {"id": int(servo_id)} for name, servo_id in zip(JOINT_NAMES, ids, strict=True)}
+    bus_map = bus_map_of(ServosSection.model_validate({"model": "sts3215", **joints}), "feetech")
+    moved, output = SeenServos(shipped("phantomx")), tmp_path / "servos.yaml"
+    with bus_board(bus_map, servos=moved) as board:
+        known = Identification(driver="feetech", port=board.path, baud=1_000_000, output=output)
+        known.resume()
+        identify_servos(known, [31, 32, 33], Watcher(moved, "again", "the knee", ends_after=2))
+        assert sorted(known.ids.values()) == [31, 32]
+        assert not known.finish()
+        assert not output.exists()
+        # On another day.
+        known = Identification(driver="feetech", port=board.path, baud=1_000_000, output=output)
+        known.resume()
+        watcher = Watcher(moved)
+        identify_servos(known, sorted(ids.tolist()), watcher)
+        assert sum("Enter moves it" in each for each in watcher.asked) == 16
+        assert known.finish()
+        assert not any(servo.holds for servo in board._servos)
+    section = ServosSection.model_validate(yaml.safe_load(output.read_text())["servos"])
+    assert bus_map_of(section, "feetech").ids.tolist() == ids.tolist()
+    assert (section.driver, section.baud, section.model) == ("feetech", 1_000_000, "sts3215")
+    assert [path.name for path in tmp_path.iterdir()] == ["servos.yaml"]
+
+
+def test_a_joint_has_one_servo_and_a_servo_may_belong_to_none() -> None:
+    moved = SeenServos(shipped("phantomx"))
+    with bus_board(a_map(), "mute:1:tibia", servos=moved) as board:
+        known = Identification(driver="feetech", port=board.path, baud=1_000_000)
+        watcher = Watcher(moved, "1 coxa", "1c", "none")
+        identify_servos(known, [1, 2, 3], watcher)
+    assert known.ids == {"leg1_coxa": 1}
+    assert any(each.startswith("leg1_coxa has id 1 already") for each in watcher.asked)
+    assert watcher.told[-1].startswith("id 3: no servo")
+    assert known.section().splitlines()[-1] == "  leg1_coxa: {id: 1}"
+
+
+def test_a_servo_moves_by_a_yes_or_with_consent_and_is_left_out_by_a_skip_alone() -> None:
+    class Hesitant(Watcher):
+        """Answers the question before a servo moves in words."""
+
+        words: tuple[str, ...] = ("n", "y", "S", "jes", "yes")
+
+        def prompt(self, text: str) -> None:
+            super().prompt(text)
+            if "Enter" in text:
+                self._answer, self.words = self.words[0], self.words[1:]
+
+    moved = SeenServos(shipped("phantomx"))
+    with bus_board(a_map(), servos=moved) as board:
+        known = Identification(driver="feetech", port=board.path, baud=1_000_000)
+        watcher = Hesitant(moved)
+        identify_servos(known, [1, 5, 9], watcher)
+        assert known.ids == {"leg1_coxa": 1, "leg3_tibia": 9}
+        assert [each[:9] for each in watcher.asked if each.startswith("got")] == ["got 'n'; ", "got 'jes'"]
+        known, trusting = Identification(driver="feetech", port=board.path, baud=1_000_000), Watcher(moved)
+        moved.farthest = np.zeros(18)
+        identify_servos(known, [5], trusting, consent=True)
+    assert known.ids == {"leg2_femur": 5}
+    assert len(trusting.asked) == 1
+
+
+def test_a_file_that_there_is_is_never_written(tmp_path: Path) -> None:
+    output = tmp_path / "servos.yaml"
+    output.write_text("mine\n")
+    known = Identification(driver="feetech", port="/dev/nothing", baud=1_000_000, output=output)
+    with pytest.raises(InputError, match="output"):
+        known.resume()
+    output.unlink()
+    for draft in ("mine", "servos: {driver: lx16a}"):
+        (tmp_path / "servos.yaml.part").write_text(draft)
+        with pytest.raises(InputError):
+            known.resume()
+
+
+def test_joints_are_named_in_short_words() -> None:
+    for said, joint in (("leg3_femur", "leg3_femur"), ("3 Femur", "leg3_femur"), ("6t", "leg6_tibia")):
+        assert joint_named(said) == joint
+    assert {joint_named(said) for said in ("7c", "knee", "")} == {None}

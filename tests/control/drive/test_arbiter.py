@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S, SOURCES, ZERO, Arbiter, Decision, Velocity
-from hexctl.errors import InputError, WrongTypeError
+from hexctl import InputError, Velocity
+from hexctl.control.drive.arbiter import SOURCES, ZERO, Arbiter, Decision
+from hexctl.errors import WrongTypeError
 
 
 class Time:
@@ -21,6 +22,7 @@ class Time:
 
 
 FORWARD = Velocity(forward_m_s=0.1)
+
 
 #: What happens: a source commands or lets go, or time passes, or the stop is pressed or cleared.
 EVENTS = st.lists(
@@ -81,14 +83,14 @@ def test_a_release_comes_to_a_stand_before_a_lower_source_moves_the_robot_again(
     assert arbiter.decide().source == "cmd_vel"
 
 
-def test_silence_ends_a_command_and_the_motion_of_a_program_stays() -> None:
+def test_silence_ends_a_command_also_when_the_clock_goes_back_and_the_motion_of_a_program_stays() -> None:
     time = Time()
+    time.ms = 1000
     arbiter = Arbiter(time)
     arbiter.source("page").command(FORWARD)
-    time.ms = 500
-    assert arbiter.decide().velocity == FORWARD
-    time.ms = 501
-    assert arbiter.decide() == Decision()
+    for ms, decision in ((900, Decision()), (1500, Decision(FORWARD, "page")), (1501, Decision())):
+        time.ms = ms
+        assert arbiter.decide() == decision
     arbiter.source("motion").command(FORWARD)
     time.ms = 10_000_000
     assert arbiter.decide() == Decision(FORWARD, "motion")
@@ -104,26 +106,13 @@ def test_what_was_asked_for_before_a_stop_is_cleared_does_not_move_the_robot() -
     assert arbiter.decide() == Decision()
 
 
-def test_a_clock_that_went_back_makes_no_command_young() -> None:
-    time = Time()
-    time.ms = 1000
-    arbiter = Arbiter(time)
-    arbiter.source("page").command(FORWARD)
-    time.ms = 900
-    assert arbiter.decide() == Decision()
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_velocity_that_is_not_finite_is_refused(value: float) -> None:
-    with pytest.raises(InputError, match=r"turn_rad_s: got .*; allowed: a finite number"):
-        Velocity(turn_rad_s=value)
-
-
 def test_what_is_not_allowed_is_named() -> None:
-    with pytest.raises(InputError, match="source: got mouse; allowed: motion, cmd_vel, keyboard"):
+    for value in (math.nan, math.inf, -math.inf):
+        with pytest.raises(InputError, match="turn_rad_s"):
+            Velocity(turn_rad_s=value)
+    with pytest.raises(InputError, match="source"):
         Arbiter().source("mouse")
-    with pytest.raises(InputError, match=r"expiry_s: got 0.6; allowed: above 0 up to 0.5"):
+    with pytest.raises(InputError, match="expiry_s"):
         Arbiter(expiry_s=0.6)
-    with pytest.raises(WrongTypeError, match="page: velocity: got 1"):
+    with pytest.raises(WrongTypeError, match="velocity"):
         Arbiter().source("page").command(1)  # type: ignore[arg-type]
-    assert COMMAND_EXPIRY_S == 0.5

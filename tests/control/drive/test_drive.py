@@ -1,19 +1,16 @@
 """`hexctl.Drive` in simulation, on simulated time."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from hexctl import Drive, Failure, Guard, SimServos, Velocity
+from hexctl import Drive, EStopError, Failure, Guard, InputError, Recorders, RobotState, SimServos, Velocity
 from hexctl.backends.base import ServosWrapper, simulation_of
 from hexctl.backends.mock import MockServos
 from hexctl.control.drive.drive_controller import DriveController
-from hexctl.control.log import Recorders
-from hexctl.errors import EStopError, InputError
+from hexctl.control.monitor.recovery import StopWalking
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.robot.rotations import yaw_rad
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray
 from tests.robots import shipped
 
 
@@ -162,14 +159,17 @@ def test_gait_and_height_change_in_stride() -> None:
         walked(drive, 4.0)
         assert drive.gait.slots == (4, 5, 6, 3, 2, 1)
         assert walked(drive, 3.0)[0] > 0.15
-        with pytest.raises(InputError, match="gait: got 'trot'"):
+        with pytest.raises(InputError, match="gait"):
             drive.gait = "trot"
 
 
-def test_sources_outweigh_the_program_and_a_stop_outweighs_them() -> None:
-    with Drive("ant") as drive:
+def test_sources_outweigh_the_program_a_stop_outweighs_them_and_ticks_are_recorded() -> None:
+    recorders = Recorders()
+    with Drive("ant", recorders=recorders) as drive:
         drive.reset()
         drive.command(forward_m_s=0.1)
+        walked(drive, 1.5)
+        assert recorders.log["velocity_body"][-1].tolist() == pytest.approx([0.1, 0, 0], abs=0.005)
         drive.arbiter.source("page").command(Velocity(left_m_s=0.1))
         walked(drive, 0.1)
         assert drive.decision.source == "page"
@@ -177,54 +177,12 @@ def test_sources_outweigh_the_program_and_a_stop_outweighs_them() -> None:
         walked(drive, 0.5)
         assert drive.at_rest
         assert drive.stopped == "button"
-
-
-def test_a_stop_of_the_guard_ends_the_steps_until_reset() -> None:
-    with Drive("ant") as drive:
-        drive.reset()
         drive.guard.stop("pulled")
-        with pytest.raises(EStopError, match="stopped: pulled"):
+        with pytest.raises(EStopError):
             drive.step()
         assert drive.stopped == "pulled"
         drive.reset()
         drive.step()
-
-
-def test_ticks_are_recorded_with_the_velocity_commanded() -> None:
-    recorders = Recorders()
-    with Drive("ant", recorders=recorders) as drive:
-        drive.reset()
-        drive.command(forward_m_s=0.1)
-        walked(drive, 2.0)
-    assert recorders.log["velocity_body"][-1].tolist() == pytest.approx([0.1, 0, 0], abs=0.005)
-
-
-@pytest.mark.slow
-def test_what_the_robot_is_told_is_recorded_as_events() -> None:
-    recorders = Recorders()
-    with Drive("ant", recorders=recorders) as drive:
-        drive.reset()
-        acts: list[Callable[[], None]] = [
-            lambda: drive.stop("enough"),
-            drive.stand,
-            lambda: setattr(drive, "gait", "wave"),
-            lambda: setattr(drive, "body_raise", 0.02),
-            drive.sit,
-        ]
-        for act in acts:
-            act()
-            walked(drive, 3.0)
-    texts = [text for _, text in recorders.log.notes]
-    wave = ",".join(map(str, drive.gait.slots))
-    assert texts == [
-        "driving",
-        "stopped: enough",
-        "stop cleared",
-        f"told: slots {wave}, body at +0.000",
-        f"told: slots {wave}, body at +0.020",
-        "sitting down",
-        "sitting",
-    ]
 
 
 def test_servos_of_ones_own_are_driven_behind_their_guard() -> None:
@@ -233,40 +191,25 @@ def test_servos_of_ones_own_are_driven_behind_their_guard() -> None:
         assert drive.guard is guard
         drive.reset()
         assert isinstance(drive.controller, DriveController)
-    with pytest.raises(InputError, match="drive: got servos and robot too"):
+    with pytest.raises(InputError):
         Drive("ant", servos=guard)
 
 
 def test_a_real_robot_stops_when_a_leg_fails_unless_told_otherwise() -> None:
-    from hexctl.control.monitor.recovery import StopWalking
-
     drive = Drive(servos=MockServos(shipped()))
     assert isinstance(drive._policy, StopWalking)
 
 
 def test_what_is_not_allowed_is_refused_before_anything_is_opened() -> None:
-    with pytest.raises(InputError, match="world: got rough with backend mock"):
-        Drive("ant", backend="mock", world="rough")
-    with pytest.raises(InputError, match="drive: got it before the robot is connected"):
+    for options, named in (
+        ({"backend": "mock", "world": "rough"}, "world"),
+        ({"policy": "pray"}, "policy"),
+        ({"hold": "line"}, "hold"),
+    ):
+        with pytest.raises(InputError, match=named):
+            Drive("ant", **options)  # type: ignore[arg-type]
+    with pytest.raises(InputError):
         Drive("ant").step()
-    with pytest.raises(InputError, match="policy"):
-        Drive("ant", policy="pray")
-
-
-@pytest.mark.slow
-def test_slip_is_made_good_by_the_pose_unless_told_otherwise() -> None:
-    reached = {}
-    for hold in ("auto", "none"):
-        with Drive("phantomx", hold=hold) as drive:
-            drive.reset()
-            command = drive.share(turn=0.6)
-            drive.command(turn_rad_s=command.turn_rad_s)
-            walked(drive, 6.0)
-            reached[hold] = walked(drive, 5.0)[2] / (5.0 * command.turn_rad_s)
-    assert reached["auto"] == pytest.approx(1.0, abs=0.05)
-    assert reached["none"] < 0.9  # its feet slip
-    with pytest.raises(InputError, match="hold: got line; allowed: auto, none"):
-        Drive("ant", hold="line")
 
 
 def test_a_leg_that_is_known_to_have_failed_is_not_walked_on() -> None:
@@ -274,8 +217,8 @@ def test_a_leg_that_is_known_to_have_failed_is_not_walked_on() -> None:
         drive.reset()
         assert 1 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
         drive.command(forward_m_s=0.08)
-        walked(drive, 4.0)
-        assert walked(drive, 5.0)[0] == pytest.approx(0.4, rel=0.1)
+        walked(drive, 3.0)
+        assert walked(drive, 3.0)[0] == pytest.approx(0.24, rel=0.15)
         drive.gait = "wave"
         assert 1 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
         assert not drive.noticed
@@ -296,7 +239,7 @@ class WildOnce(ServosWrapper):
         return state
 
 
-@pytest.mark.parametrize("at_tick", [200, 217, 229])
+@pytest.mark.parametrize("at_tick", [217, 229])
 def test_one_wild_reading_of_a_joint_neither_stops_a_walk_nor_accuses_a_leg(at_tick: int) -> None:
     with Drive(servos=WildOnce(at_tick), policy="stop") as drive:
         drive.command(forward_m_s=drive.share(forward=0.8).forward_m_s)

@@ -5,22 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl import Failure, RobotState, SimTrial, TrialPlan, make_gait, run_sim_trials
 from hexctl.control.monitor.body_balance import BodyBalance, signatures
 from hexctl.control.monitor.leg_monitor import LegMonitor
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.gait.gait import Motion, make_gait
-from hexctl.robot.failure import Failure
+from hexctl.gait.gait import Motion
 from hexctl.robot.failure_grammar import parse_failure_event
-from hexctl.types import BoolArray, FloatArray, RobotState
+from hexctl.types import BoolArray, FloatArray
 from tests.robots import shipped
 
 PERIOD_S, PACE_HZ = 0.02, 0.9
+
+
 PHASES = np.array([0, 0.5, 0, 0.5, 0, 0.5])
+
+
 STANDS = slice(0, 4)  # parts of leg 1's cycle in which it stands
 
 
@@ -67,14 +69,7 @@ def test_a_leg_that_carries_nothing_lets_the_body_lean_to_it_while_it_should_sta
         assert ((foot / np.linalg.norm(foot)) @ standing > np.radians(1)).all()
 
 
-def test_a_locked_foot_touches_the_floor_in_its_swing() -> None:
-    change = _signatures_of(1)
-    assert (change[1, 2, 4:8] > 0.9).any()
-    assert (change[0, 2, STANDS] < -0.9).all()
-
-
-@pytest.mark.parametrize("leg", range(1, 7))
-@pytest.mark.parametrize("contacts_told", [True, False])
+@pytest.mark.parametrize(("leg", "contacts_told"), [(1, True), (2, False), (3, True), (6, False)])
 def test_a_leg_that_carries_nothing_is_found_within_a_cycle_and_a_half(leg: int, contacts_told: bool) -> None:
     alarms = _walk(0.8 * _signatures_of(leg)[0], contacts_told=contacts_told)
     assert {one for _, one in alarms} == {leg}
@@ -82,8 +77,8 @@ def test_a_leg_that_carries_nothing_is_found_within_a_cycle_and_a_half(leg: int,
 
 
 def test_a_whole_robot_is_left_alone_on_any_floor() -> None:
-    assert _walk(None, cycles=40.0) == []
-    assert _walk(None, cycles=40.0, bump_rad=np.radians(1.0)) == []
+    assert _walk(None, cycles=25.0) == []
+    assert _walk(None, cycles=25.0, bump_rad=np.radians(1.0)) == []
 
 
 def test_a_sensor_that_tells_no_lean_accuses_no_leg() -> None:
@@ -122,11 +117,6 @@ def test_a_batch_sees_what_each_robot_sees_alone() -> None:
     assert alarmed
 
 
-def _monitor() -> LegMonitor:
-    pace = np.array(PACE_HZ)
-    return LegMonitor(shipped(), (), PERIOD_S, pace, signatures_of=_signatures_of)
-
-
 def _drive(monitor: LegMonitor, ticks: range, change: FloatArray | None) -> list[str]:
     """What a monitor says of a walk without contacts whose lean changes."""
     said = []
@@ -143,19 +133,17 @@ def _drive(monitor: LegMonitor, ticks: range, change: FloatArray | None) -> list
 
 
 def test_how_the_leg_failed_stays_unknown_and_it_is_missed_again_after_a_trial() -> None:
-    monitor, change = _monitor(), _signatures_of(4)[0]
+    change = _signatures_of(4)[0]
+    monitor = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ), signatures_of=_signatures_of)
     assert _drive(monitor, range(500), None) == []
     assert _drive(monitor, range(500, 800), change) == ["leg 4 unknown"]
     assert _drive(monitor, range(800, 1000), None) == []
     monitor.believe_whole(4)
     assert _drive(monitor, range(1000, 1300), change) == ["leg 4 unknown"]
-
-
-def test_in_another_gait_nothing_is_said() -> None:
-    monitor, change = _monitor(), _signatures_of(4)[0]
+    monitor = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ), signatures_of=_signatures_of)
     assert _drive(monitor, range(500), None) == []
     monitor.gait_changes(np.array(True))
-    assert _drive(monitor, range(500, 900), change) == []
+    assert _drive(monitor, range(500, 900), change) == [], "in another gait nothing is said"
 
 
 class _Echo(MonitoredWalk):

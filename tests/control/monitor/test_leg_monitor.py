@@ -1,16 +1,19 @@
 """The monitor on made-up robots whose joints and feet do exactly what a test says."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hexctl import Failure, RobotState
 from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
-from hexctl.robot.failure import Failure
-from hexctl.types import BoolArray, FloatArray, RobotState, leg_slice
+from hexctl.types import BoolArray, FloatArray, leg_slice
 from tests.robots import shipped
 
 PERIOD_S, PACE_HZ = 0.02, 0.9
+
 
 #: Changes measured joints and torques, (18,) each, of a tick.
 Breaks = Callable[[FloatArray, FloatArray], None]
@@ -92,8 +95,7 @@ def _without_load(leg: int) -> Breaks:
     return breaks
 
 
-@pytest.mark.parametrize("leg", range(1, 7))
-@pytest.mark.parametrize("at_cycle", [6.0, 6.3, 6.6])
+@pytest.mark.parametrize(("leg", "at_cycle"), [(1, 6.0), (4, 6.3), (6, 6.6)])
 def test_a_locked_leg_is_found_within_a_cycle(leg: int, at_cycle: float) -> None:
     joints = tuple(range(3 * leg - 3, 3 * leg))
     ((delay, suspicion),) = _walk(_held(joints, torque_nm=0.3), at_cycle=at_cycle)
@@ -102,8 +104,9 @@ def test_a_locked_leg_is_found_within_a_cycle(leg: int, at_cycle: float) -> None
     assert suspicion.evidence == "following"
 
 
-@pytest.mark.parametrize("joint", ["coxa", "femur", "tibia"])
-@pytest.mark.parametrize(("kind", "torque_nm"), [("stuck", 0.9), ("limp", 0.0)])
+@pytest.mark.parametrize(
+    ("joint", "kind", "torque_nm"), [("coxa", "stuck", 0.9), ("femur", "limp", 0.0), ("tibia", "stuck", 0.9)]
+)
 def test_one_joint_is_found_and_its_torque_tells_how_it_failed(
     joint: str, kind: str, torque_nm: float
 ) -> None:
@@ -121,7 +124,7 @@ def test_a_leg_that_is_gone_is_missed_by_its_load(efforts: bool) -> None:
     assert suspicion.evidence == "support"
 
 
-@pytest.mark.parametrize("joint", range(3))
+@pytest.mark.parametrize("joint", [0, 2])
 def test_a_joint_that_sags_without_torque_is_limp_before_it_is_far_off(joint: int) -> None:
     """Its targets it follows nearly as well as before, which alone is no alarm."""
 
@@ -136,47 +139,34 @@ def test_a_joint_that_sags_without_torque_is_limp_before_it_is_far_off(joint: in
     assert _walk(lambda seen, torques: sags(seen, torques, torque_nm=0.3)) == []
 
 
-def test_a_joint_at_its_target_needs_no_torque() -> None:
+@pytest.mark.parametrize(("noise_deg", "offset_deg"), [(0.0, 10.0), (1.0, 0.0)])
+def test_a_whole_robot_is_left_alone(noise_deg: float, offset_deg: float) -> None:
+    assert _walk(None, cycles=25.0, noise_deg=noise_deg, offset_deg=offset_deg) == []
+
+
+def test_a_joint_at_its_target_needs_no_torque_and_echoed_targets_say_nothing() -> None:
     def rests(_seen: FloatArray, torques: FloatArray) -> None:
         torques[3] = 0.0
 
     assert _walk(rests, noise_deg=0.0) == []
+    assert _walk(_held((0, 1, 2), torque_nm=0.3), measured=False) == []
 
 
-@pytest.mark.parametrize("noise_deg", [0.0, 1.0])
-@pytest.mark.parametrize("offset_deg", [0.0, 10.0])
-def test_a_whole_robot_is_left_alone(noise_deg: float, offset_deg: float) -> None:
-    assert _walk(None, cycles=30.0, noise_deg=noise_deg, offset_deg=offset_deg) == []
+def test_where_many_legs_do_not_follow_or_are_silent_at_once_it_is_the_robot() -> None:
+    """A load that is too much for the servos, or the bus."""
+    for legs in ((1, 3, 5), (1, 2, 3, 4, 5, 6)):
+        joints = tuple(joint for leg in legs for joint in range(3 * leg - 3, 3 * leg))
+        assert _walk(_held(joints, torque_nm=0.3)) == []
+    assert _walk(None, silent=lambda cycles: [1, 4, 7] if cycles >= 0 else []) == []
 
 
-@pytest.mark.parametrize("legs", [(4,), (1, 3, 5), (1, 2, 3, 4, 5, 6)])
-def test_where_many_legs_do_not_follow_at_once_it_is_the_robot(legs: tuple[int, ...]) -> None:
-    """A load that is too much for the servos."""
-    joints = tuple(joint for leg in legs for joint in range(3 * leg - 3, 3 * leg))
-    noticed = {suspicion.leg for _, suspicion in _walk(_held(joints, torque_nm=0.3))}
-    assert noticed == (set(legs) if len(legs) == 1 else set())
-
-
-def test_targets_that_come_back_as_measurements_say_nothing() -> None:
-    joints = tuple(range(3))
-    assert _walk(_held(joints, torque_nm=0.3), measured=False) == []
-
-
-@pytest.mark.parametrize("joint", range(12, 15))
-def test_a_servo_that_falls_silent_is_noticed_by_that_alone(joint: int) -> None:
+def test_a_servo_that_falls_silent_is_noticed_by_that_alone_unless_it_is_for_a_moment() -> None:
     """Whether it still moves its joint, or is limp or stuck, nobody knows."""
-    ((delay, suspicion),) = _walk(None, silent=lambda cycles: [joint] if cycles >= 0 else [])
-    assert suspicion.failure == Failure(leg=5, kind="unknown")
-    assert suspicion.evidence == "silence"
+    ((delay, suspicion),) = _walk(None, silent=lambda cycles: [13] if cycles >= 0 else [])
+    assert (suspicion.failure, suspicion.evidence) == (Failure(leg=5, kind="unknown"), "silence")
     assert 0.4 < delay < 0.6
-
-
-@pytest.mark.parametrize("cycles_silent", [0.1, 0.4])
-def test_a_servo_that_is_silent_for_a_moment_accuses_no_leg(cycles_silent: float) -> None:
-    def silent(cycles: float) -> Sequence[int]:
-        return [4] if cycles >= 0 and cycles % 1.3 < cycles_silent else []
-
-    assert _walk(None, silent=silent, cycles=20.0) == []
+    shortly = lambda cycles: [4] if cycles >= 0 and cycles % 1.3 < 0.4 else []  # noqa: E731
+    assert _walk(None, silent=shortly, cycles=15.0) == []
 
 
 def test_a_leg_that_fails_once_its_servo_is_heard_again_is_found() -> None:
@@ -186,10 +176,6 @@ def test_a_leg_that_fails_once_its_servo_is_heard_again_is_found() -> None:
     )
     assert (suspicion.leg, suspicion.evidence) == (2, "following")
     assert 0 < delay < 1.3
-
-
-def test_where_the_servos_of_many_legs_are_silent_it_is_the_bus() -> None:
-    assert _walk(None, silent=lambda cycles: [1, 4, 7] if cycles >= 0 else []) == []
 
 
 def test_a_second_leg_is_found_after_the_first() -> None:
@@ -233,51 +219,47 @@ def test_a_batch_sees_what_each_robot_sees_alone() -> None:
     assert alone[1].failed.tolist() == [False, True, False, False, False, False]
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_loads_that_change_with_the_gait_are_learned_anew(told: bool) -> None:
-    monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
-    joints = shipped().stance_angles_rad
-    for tick in range(700):
+def _noticed_legs(
+    monitor: LegMonitor, ticks: int, told: Callable[[int, FloatArray, BoolArray], RobotState]
+) -> list[int]:
+    """Legs that a monitor accuses on a robot in its stance, whose states a test tells."""
+    noticed = []
+    for tick in range(ticks):
         phases, standing = _tripod(tick * PERIOD_S * PACE_HZ)
+        monitor.update(told(tick, phases, standing), phases)
+        noticed += (np.flatnonzero(monitor.new) + 1).tolist()
+        monitor.sent(shipped().stance_angles_rad)
+    return noticed
+
+
+def _loaded(standing: BoolArray, **more: Any) -> RobotState:
+    torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
+    return RobotState(shipped().stance_angles_rad, 0.0, True, **{"joint_torques_nm": torques, **more})
+
+
+@pytest.mark.parametrize("announced", [True, False])
+def test_loads_that_change_with_the_gait_are_learned_anew(announced: bool) -> None:
+    monitor = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ))
+
+    def told(tick: int, phases: FloatArray, standing: BoolArray) -> RobotState:
         if tick >= 400:
             standing[2] &= phases[2] < 0.15  # in this gait it carries in the end of its stance alone
-        if tick == 400 and told:
+        if tick == 400 and announced:
             monitor.gait_changes(np.array(True))
-        torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
-        monitor.update(RobotState(joints, 0.0, True, None, None, standing, joint_torques_nm=torques), phases)
-        noticed += (np.flatnonzero(monitor.new) + 1).tolist()
-        monitor.sent(joints)
-    assert noticed == ([] if told else [3])
+        return _loaded(standing, foot_contacts=standing)
 
-
-def test_torques_that_are_no_longer_told_accuse_no_leg_that_was_taken_back() -> None:
-    monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
-    joints = shipped().stance_angles_rad
-    for tick in range(1400):
-        phases, standing = _tripod(tick * PERIOD_S * PACE_HZ)
-        torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
-        if tick >= 400:
-            torques[6:9] = 0.0
-        told = torques if tick < 880 else None
-        monitor.update(RobotState(joints, 0.0, True, joint_torques_nm=told), phases)
-        noticed += [(tick, leg) for leg in (np.flatnonzero(monitor.new) + 1).tolist()]
-        monitor.sent(joints)
-        if tick == 1000:
-            monitor.believe_whole(3)
-    assert [leg for _, leg in noticed] == [3]
+    assert _noticed_legs(monitor, 700, told) == ([] if announced else [3])
 
 
 def test_evidence_of_a_sensor_that_falls_silent_grows_old() -> None:
     """It is just short of an alarm when the torques end, and thresholds fall while the walk goes on."""
-    monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
-    joints = shipped().stance_angles_rad
-    for tick in range(900):
-        phases, standing = _tripod(tick * PERIOD_S * PACE_HZ)
-        torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
-        if tick >= 150:
-            torques[6:9] = 0.0
+    monitor = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ))
+
+    def told(tick: int, _phases: FloatArray, standing: BoolArray) -> RobotState:
+        state = _loaded(standing)
+        assert state.joint_torques_nm is not None
+        state.joint_torques_nm[6:9] *= tick < 150
         silent = monitor.ratio[2] > 0.8 or tick > 400
-        monitor.update(RobotState(joints, 0.0, True, joint_torques_nm=None if silent else torques), phases)
-        noticed += (np.flatnonzero(monitor.new) + 1).tolist()
-        monitor.sent(joints)
-    assert noticed == []
+        return replace(state, joint_torques_nm=None) if silent else state
+
+    assert _noticed_legs(monitor, 900, told) == []

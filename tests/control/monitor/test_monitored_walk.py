@@ -2,14 +2,26 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hexctl import (
+    Failure,
+    Guard,
+    Robot,
+    RobotState,
+    SimServos,
+    SimTrial,
+    TrialPlan,
+    TrialResult,
+    make_gait,
+    run_sim_trials,
+    run_trial,
+)
 from hexctl.backends.base import ServosWrapper
-from hexctl.backends.sim.servos import SimServos
-from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.guard import Guard
+from hexctl.control.batch import run_sim_trial
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
 from hexctl.control.monitor.recovery import (
     GlideToStableGait,
@@ -19,27 +31,23 @@ from hexctl.control.monitor.recovery import (
     WalkOn,
 )
 from hexctl.control.preparation import WalkStart
-from hexctl.control.trial import planned_walk, run_trial
-from hexctl.control.trial_plan import GaitChange, TrialPlan
-from hexctl.control.trial_result import TrialResult
+from hexctl.control.trial import planned_walk
+from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
-from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
-from hexctl.robot.model import Robot
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray
 from tests.control.monitor.repertoires import made_up, situation
 from tests.robots import shipped
 
+EVENTS = ("5:locked@4.2", "2:limp@4.5", "3:missing@4.8", "1:stuck:femur@4")
 
-def _trial(
-    event: str | None, *, duration_s: float = 12.0, world: str = "flat", hold: str = "line"
-) -> SimTrial:
-    robot = shipped()
-    plan = TrialPlan(gait=make_gait(robot, "tripod"), hold=hold, duration_s=duration_s)
-    events = [] if event is None else [parse_failure_event(event)]
-    return SimTrial(robot=robot, plan=plan, failure=None, world=world, events=events)
+
+def _trial(*events: str, duration_s: float = 10.0, world: str = "flat", **plan: Any) -> SimTrial:
+    """A tripod on its line; events are failures, and healings as `5@8`."""
+    made = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=duration_s, **{"hold": "line", **plan})
+    happens = [parse_failure_event(one) if ":" in one else parse_healing(one) for one in events]
+    return SimTrial(robot=shipped(), plan=made, failure=plan.get("belief"), world=world, events=happens)
 
 
 def _walk(trial: SimTrial, policy: RecoveryPolicy | None = None) -> tuple[TrialResult, MonitoredWalk]:
@@ -52,37 +60,51 @@ def _walk(trial: SimTrial, policy: RecoveryPolicy | None = None) -> tuple[TrialR
     return run_sim_trial(trial, make), walks[0]
 
 
-@pytest.mark.parametrize("event", ["5:locked@4.2", "2:limp@4.5", "3:missing@4.8", "1:stuck:femur@4"])
-def test_a_leg_dies_and_the_robot_walks_on_along_its_line(event: str) -> None:
-    result, walk = _walk(_trial(event))
-    ((noticed,),) = walk.noticed
-    leg, kind = event.split("@")[0].split(":")[:2]
-    assert noticed.suspicion.leg == int(leg)
-    assert noticed.suspicion.failure.kind == kind
-    assert 0 < noticed.suspicion.step * 0.02 - float(event.split("@")[1]) < 1.2
+@pytest.fixture(scope="module")
+def lost_legs() -> tuple[list[TrialResult], MonitoredWalk]:
+    """Walks that lose a leg, and one that does not, led together."""
+    walks = []
+
+    def make(start: WalkStart) -> MonitoredWalk:
+        walks.append(recovering_walk()(start))
+        return walks[0]
+
+    trials = [*map(_trial, EVENTS), _trial()]
+    return run_sim_trials(trials, make_controller=make, apart=True), walks[0]
+
+
+@pytest.mark.parametrize("place", range(4), ids=EVENTS)
+def test_a_leg_dies_and_the_robot_walks_on_along_its_line(
+    place: int, lost_legs: tuple[list[TrialResult], MonitoredWalk]
+) -> None:
+    result, (noticed,) = lost_legs[0][place], lost_legs[1].noticed[place]
+    what, at_s = EVENTS[place].split("@")
+    leg, kind = int(what[0]), what.split(":")[1]
+    assert (noticed.suspicion.leg, noticed.suspicion.failure.kind) == (leg, kind)
+    assert 0 < noticed.suspicion.step * 0.02 - float(at_s) < 1.2
     assert noticed.response.gait is not None
-    assert noticed.response.gait.posture.tucked_legs == (int(leg),)
+    assert noticed.response.gait.posture.tucked_legs == (leg,)
     assert result.status == "ok"
     assert result.deviation is not None
     assert result.deviation.max < 0.05
     path_m = result.path_m[:, 0]
-    assert path_m[-1] - path_m[400] > 0.7 * (path_m[200] - path_m[0]), "as fast as before"
+    assert path_m[-1] - path_m[300] > 0.7 * (path_m[200] - path_m[0]), "as fast as before"
 
 
-@pytest.mark.parametrize("world", ["flat", "rough", "real:3"])
-def test_whole_legs_are_left_alone(world: str) -> None:
-    _, walk = _walk(_trial(None, world=world, duration_s=15.0))
-    assert walk.noticed == ([],)
+@pytest.mark.parametrize("world", ["rough", "real:3"])
+def test_whole_legs_are_left_alone(world: str, lost_legs: tuple[list[TrialResult], MonitoredWalk]) -> None:
+    assert lost_legs[1].noticed[4] == []
+    assert _walk(_trial(world=world))[1].noticed == ([],)
 
 
-def test_a_leg_that_the_plan_knows_of_is_not_noticed_again() -> None:
-    robot = shipped()
-    failure = Failure(leg=2, kind="limp")
-    plan = TrialPlan(
-        gait=make_gait(robot, "tripod"), hold="line", duration_s=6.0, belief=failure, self_rotation="none"
-    )
-    _, walk = _walk(SimTrial(robot=robot, plan=plan, failure=failure))
-    assert walk.noticed == ([],)
+def test_a_leg_that_the_plan_knows_of_is_not_noticed_again_and_another_is_taken_back_once_it_heals() -> None:
+    belief = Failure(leg=2, kind="limp")
+    trial = _trial("5:limp@3", "5@6", duration_s=14.0, belief=belief, self_rotation="none")
+    first, second = _walk(trial)[1].noticed[0]
+    assert first.suspicion.leg == 5
+    assert first.response.gait is not None
+    assert set(first.response.gait.posture.tucked_legs) >= {5}
+    assert (second.healed, second.response.gait) == (True, trial.plan.gait)
 
 
 def test_the_robot_can_stop_instead_and_says_why() -> None:
@@ -95,16 +117,28 @@ def test_the_robot_can_stop_instead_and_says_why() -> None:
 
 @pytest.mark.slow
 def test_a_policy_stops_one_walk_of_a_batch_and_no_other() -> None:
-    trials = [_trial(event, duration_s=6.0) for event in ("5:locked@3", None, "2:limp@4")]
+    trials = [_trial(*events, duration_s=6.0) for events in (["5:locked@3"], [], ["2:limp@4"])]
     together = run_sim_trials(trials, make_controller=recovering_walk(StopWalking()), apart=True)
     assert [result.stopped for result in together] == ["leg 5 locked", None, "leg 2 limp"]
     assert [result.status for result in together] == ["aborted", "ok", "aborted"]
-    for trial, result in zip(trials, together, strict=True):
-        assert result == run_sim_trial(trial, recovering_walk(StopWalking()))
+    assert together == [run_sim_trial(trial, recovering_walk(StopWalking())) for trial in trials]
+
+
+@pytest.mark.slow
+def test_each_walk_of_a_batch_recovers_by_itself_as_alone() -> None:
+    """Failures at different times, of different legs, and in one moment; worlds with noise and delay."""
+    trials = [
+        _trial(*events, duration_s=5.0, world=world)
+        for events in (["5:locked@3"], ["2:limp@3.4"], [], ["1:missing@3"], ["3:limp@3"])
+        for world in ("flat", "real:2")
+    ]
+    trials.append(_trial("3:limp@3", duration_s=3.5))
+    together = run_sim_trials([*trials, trials[0]], make_controller=recovering_walk(), apart=True)
+    assert together == [run_sim_trial(trial, recovering_walk()) for trial in [*trials, trials[0]]]
 
 
 def test_watching_alone_changes_no_walk() -> None:
-    trial = _trial("5:locked@3", duration_s=6.0, hold="none")
+    trial = _trial("5:locked@3", duration_s=5.0, hold="none")
 
     def make(start: WalkStart) -> MonitoredWalk:
         walks.append(MonitoredWalk(start, planned_walk(start), WalkOn()))
@@ -115,113 +149,40 @@ def test_watching_alone_changes_no_walk() -> None:
     assert [noticed.suspicion.leg for noticed in walks[0].noticed[0]] == [5]
 
 
-@pytest.mark.slow
-def test_a_soft_stop_is_not_taken_for_a_failure() -> None:
-    trial = _trial(None, duration_s=4.0)
-    walks = []
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk()(start))
-        return walks[-1]
-
-    with SimServos(trial.robot) as servos:
-        run_trial(Guard(servos), trial.plan, make)
-    assert walks[0].noticed == ([],)
-
-
-@pytest.mark.slow
-def test_each_walk_of_a_batch_recovers_by_itself_as_alone() -> None:
-    """Failures at different times, of different legs; one walk stays whole; worlds with noise and delay."""
-    trials = [
-        _trial(event, duration_s=6.0, world=world)
-        for event in ("5:locked@3", "2:limp@3.4", None, "4:missing@3.2")
-        for world in ("flat", "real:2")
-    ]
-    together = run_sim_trials([*trials, trials[0]], make_controller=recovering_walk(), apart=True)
-    assert together[0] == together[-1]
-    for trial, result in zip(trials, together[:-1], strict=True):
-        assert result == run_sim_trial(trial, recovering_walk())
-
-
 def test_what_is_no_policy_is_refused() -> None:
-    def make(given: WalkStart) -> MonitoredWalk:
-        return MonitoredWalk(given, planned_walk(given), "recover")  # type: ignore[arg-type]
-
     with pytest.raises(WrongTypeError, match="policy"):
-        run_sim_trial(_trial(None, duration_s=1.0), make)
+        run_sim_trial(
+            _trial(duration_s=1.0),
+            lambda given: MonitoredWalk(given, planned_walk(given), "recover"),  # type: ignore[arg-type]
+        )
 
 
-@pytest.mark.slow
-def test_a_leg_that_heals_is_taken_back_and_one_that_does_not_is_not() -> None:
-    trial = _trial("5:limp@3", duration_s=20.0)
-    healing = replace(trial, events=(*trial.events, parse_healing("5@8")))
-    result, walk = _walk(healing)
+def test_a_leg_that_heals_is_taken_back_whatever_change_of_gait_was_planned() -> None:
+    wave = make_gait(shipped(), "wave", pace_hz=shipped().gait.pace_hz)
+    trial = _trial("5:limp@3", "5@8", duration_s=13.0, changes=(GaitChange(gait=wave, at_s=6.0),))
+    result, walk = _walk(trial)
     failed, healed = walk.noticed_failures()
     assert (failed.failure.leg, failed.healed, healed.failure.leg, healed.healed) == (5, False, 5, True)
-    assert 8 < healed.at_s < 20
-    assert healed.did == "changed to slots 1,4,1,4,1,4"
-    assert result.status == "ok"
-    assert result.deviation is not None
-    assert result.deviation.max < 0.05
-    _, walk = _walk(trial)
-    assert [each.healed for each in walk.noticed_failures()] == [False]
-
-
-def test_a_second_leg_is_met_in_the_same_way() -> None:
-    trial = _trial("5:locked@3", duration_s=16.0)
-    result, walk = _walk(replace(trial, events=(*trial.events, parse_failure_event("2:limp@9"))))
-    first, second = walk.noticed_failures()
-    assert (first.failure.leg, second.failure.leg) == (5, 2)
-    assert 9 < second.at_s < 10.5
-    assert walk.noticed[0][1].response.gait is not None
-    assert walk.noticed[0][1].response.gait.posture.tucked_legs == (2, 5)
+    assert 8 < healed.at_s < 13
+    assert healed.did == f"changed to slots {','.join(map(str, wave.slots))}"
+    assert isinstance(walk.walk, VelocityWalk)
+    assert walk.walk.gaits[0].posture.tucked_legs == ()
     assert result.status == "ok"
     assert result.deviation is not None
     assert result.deviation.max < 0.08
 
 
-def test_a_change_of_gait_that_was_planned_does_not_undo_the_recovery() -> None:
-    trial = _trial("5:limp@3", duration_s=14.0)
-    wave = replace(trial.plan.gait, slots=make_gait(shipped(), "wave").slots)
-    plan = replace(trial.plan, changes=(GaitChange(gait=wave, at_s=9.0),))
-    trial = replace(trial, plan=plan, events=(*trial.events, parse_healing("5@8")))
-    result, walk = _walk(trial)
-    assert [each.healed for each in walk.noticed_failures()] == [False, True]
-    assert walk.noticed_failures()[1].did == f"changed to slots {','.join(map(str, wave.slots))}"
+def test_a_second_leg_is_met_in_the_same_way_and_stays_up_after_a_planned_change() -> None:
+    wave = make_gait(shipped(), "wave", pace_hz=shipped().gait.pace_hz)
+    change = GaitChange(gait=wave, at_s=9.0)
+    result, walk = _walk(_trial("5:locked@3", "2:limp@6", duration_s=12.0, changes=(change,)))
+    assert [one.suspicion.leg for one in walk.noticed[0]] == [5, 2]
+    assert 6 < walk.noticed_failures()[1].at_s < 7.5
+    assert walk.noticed[0][1].response.gait is not None
+    assert walk.noticed[0][1].response.gait.posture.tucked_legs == (2, 5)
     assert isinstance(walk.walk, VelocityWalk)
-    assert walk.walk.gaits[0].posture.tucked_legs == ()
+    assert walk.walk.gaits[0].posture.tucked_legs == (2, 5)
     assert result.status == "ok"
-
-
-def test_after_a_planned_change_the_failed_leg_stays_up() -> None:
-    trial = _trial("5:limp@3", duration_s=8.0)
-    wave = replace(trial.plan.gait, slots=make_gait(shipped(), "wave").slots)
-    trial = replace(trial, plan=replace(trial.plan, changes=(GaitChange(gait=wave, at_s=6.0),)))
-    _, walk = _walk(trial)
-    assert isinstance(walk.walk, VelocityWalk)
-    assert walk.walk.gaits[0].posture.tucked_legs == (5,)
-
-
-@pytest.mark.slow
-def test_legs_that_fail_in_one_moment_are_each_judged_as_alone() -> None:
-    """All alarms of a batch in one tick; one of the robots falls or is stopped before the others."""
-    trials = [_trial(f"{leg}:locked@3", duration_s=5.0) for leg in (1, 3, 5)]
-    trials.append(_trial("3:limp@3", duration_s=3.5))
-    together = run_sim_trials(trials, make_controller=recovering_walk(), apart=True)
-    for trial, result in zip(trials, together, strict=True):
-        assert result == run_sim_trial(trial, recovering_walk())
-
-
-def test_beside_a_told_leg_another_is_lost_and_the_gait_comes_back_once_it_heals() -> None:
-    robot, failure = shipped(), Failure(leg=2, kind="limp")
-    gait = make_gait(robot, "tripod")
-    plan = TrialPlan(gait=gait, hold="line", duration_s=18.0, belief=failure, self_rotation="none")
-    events = [parse_failure_event("5:limp@3"), parse_healing("5@6")]
-    _, walk = _walk(SimTrial(robot=robot, plan=plan, failure=failure, events=events))
-    first, second = walk.noticed[0]
-    assert first.response.gait is not None
-    assert set(first.response.gait.posture.tucked_legs) >= {5}
-    assert (second.healed, second.response.gait) == (True, gait)
 
 
 class Faulty(ServosWrapper):
@@ -244,7 +205,7 @@ def _walk_with(
     changed: Callable[[RobotState], RobotState], from_s: float, *, robot: str = "ant"
 ) -> tuple[TrialResult, MonitoredWalk]:
     model, walks = shipped(robot), list[MonitoredWalk]()
-    plan = TrialPlan(gait=make_gait(model, "tripod"), hold="line", duration_s=14.0)
+    plan = TrialPlan(gait=make_gait(model, "tripod"), hold="line", duration_s=9.0)
 
     def make(start: WalkStart) -> MonitoredWalk:
         walks.append(recovering_walk()(start))
@@ -261,13 +222,12 @@ def test_encoders_that_are_off_since_the_start_are_no_failure() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["ant", "pexod"])
-def test_torques_that_all_vanish_are_not_told_any_more(robot: str) -> None:
-    result, walk = _walk_with(lambda state: replace(state, joint_torques_nm=np.zeros(18)), 6.0, robot=robot)
+def test_torques_that_all_vanish_are_not_told_any_more() -> None:
+    result, walk = _walk_with(lambda state: replace(state, joint_torques_nm=np.zeros(18)), 5.0)
     assert (result.status, walk.noticed) == ("ok", ([],))
 
 
-@pytest.mark.parametrize("joint", [3, 4, 5])
+@pytest.mark.parametrize("joint", [3, 4])
 def test_a_sensor_that_freezes_costs_a_leg_and_no_fall(joint: int) -> None:
     frozen = list[float]()
 
@@ -276,24 +236,11 @@ def test_a_sensor_that_freezes_costs_a_leg_and_no_fall(joint: int) -> None:
         joints[joint] = frozen[0]
         return joints
 
-    result, walk = _walk_with(_with_joints(freeze), 6.0)
+    result, walk = _walk_with(_with_joints(freeze), 5.0)
     assert [one.suspicion.leg for one in walk.noticed[0]] == [2]
     assert result.status == "ok"
     assert result.deviation is not None
-    assert abs(result.deviation.final) < 0.02
-
-
-@pytest.mark.slow
-def test_an_encoder_that_jumps_costs_a_leg_for_a_while_and_no_fall() -> None:
-    def jump(joints: FloatArray) -> FloatArray:
-        joints[4] += np.radians(10.0)
-        return joints
-
-    result, walk = _walk_with(_with_joints(jump), 6.0)
-    assert {one.suspicion.leg for one in walk.noticed[0]} == {2}
-    assert result.status == "ok"
-    assert result.deviation is not None
-    assert abs(result.deviation.final) < 0.02
+    assert abs(result.deviation.final) < 0.03
 
 
 class Raises(RecoveryPolicy):
@@ -303,36 +250,12 @@ class Raises(RecoveryPolicy):
         raise ValueError("boom")
 
 
-class SaysNothing(RecoveryPolicy):
-    """A policy that answers with no response."""
-
-    def respond(self, *_: object) -> Response:
-        return None  # type: ignore[return-value]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("policy", "words"), [(Raises, "ValueError: boom"), (SaysNothing, "respond gave None; allowed: a Resp")]
-)
-def test_a_policy_that_fails_stops_the_walk_softly_and_is_named(
-    policy: type[RecoveryPolicy], words: str
-) -> None:
-    result, _ = _walk(_trial("2:limp@3", duration_s=6.0), policy())
+def test_a_policy_that_fails_stops_the_walk_softly_and_is_named() -> None:
+    result, _ = _walk(_trial("2:limp@3", duration_s=5.0), Raises())
     assert result.status == "aborted"
     assert result.stopped is not None
-    assert result.stopped.startswith(f"leg 2 limp; policy {policy.__name__}: ")
-    assert words in result.stopped
-
-
-@pytest.mark.slow
-def test_a_leg_that_is_gone_is_missed_again_each_time_it_is_put_down() -> None:
-    trial = _trial("5:missing@4", duration_s=18.0)
-    _, walk = _walk(trial)
-    first, tried, again = walk.noticed[0][:3]
-    assert (first.healed, tried.healed, again.healed) == (False, True, False)
-    assert again.suspicion.failure == Failure(leg=5, kind="missing")
-    assert (again.suspicion.step - tried.suspicion.step) * 0.02 < 4.0
-    assert "put down again, on trial" in str(walk.noticed_failures()[1])
+    assert result.stopped.startswith("leg 2 limp; policy Raises: ")
 
 
 class OnSecondThought(RecoveryPolicy):
@@ -354,7 +277,7 @@ class OnSecondThought(RecoveryPolicy):
 def test_once_more_is_known_of_a_failure_the_policy_is_asked_again() -> None:
     """Where a joint is stuck is measured better 0.4 cycles later."""
     policy = OnSecondThought()
-    result, walk = _walk(_trial("2:stuck:tibia@4.6", duration_s=8.0), policy)
+    result, walk = _walk(_trial("2:stuck:tibia@4.6", duration_s=7.0), policy)
     ((noticed,),) = walk.noticed
     assert len(policy.heard) == 2
     assert noticed.suspicion.failure == policy.heard[-1]
@@ -367,11 +290,11 @@ def test_once_more_is_known_of_a_failure_the_policy_is_asked_again() -> None:
 
 def test_a_leg_that_the_repertoire_walks_on_with_is_not_tucked() -> None:
     on = situation([[0.7, 0.7], [0.9, 0.9], [0.7, 0.7]], failed=((2, "stuck", "tibia"),))
-    result, walk = _walk(_trial("2:stuck:tibia@4.6"), GlideToStableGait(made_up(on)))
+    result, walk = _walk(_trial("2:stuck:tibia@4.6", duration_s=8.0), GlideToStableGait(made_up(on)))
     ((noticed,),) = walk.noticed
     assert isinstance(walk.walk, VelocityWalk)
     assert walk.walk.gaits == [make_gait(shipped(), "tripod")]
-    assert str(noticed.response).startswith("walked on: 20% of the speed faster than the safest gait without")
+    assert str(noticed.response).startswith("walked on: 20%")
     assert result.status == "ok"
     assert result.deviation is not None
     assert result.deviation.max < 0.05
@@ -380,8 +303,7 @@ def test_a_leg_that_the_repertoire_walks_on_with_is_not_tucked() -> None:
 @pytest.mark.slow
 def test_a_leg_on_trial_counts_as_missing_again_when_another_fails() -> None:
     """The monitor is patient then, and would learn that the leg usually carries nothing."""
-    events = (parse_failure_event("5:missing@3"), parse_failure_event("6:limp@11"))
-    _, walk = _walk(replace(_trial(None, duration_s=14.0), events=events))
+    _, walk = _walk(_trial("5:missing@3", "6:limp@11", duration_s=14.0))
     first, tried, other, again = walk.noticed[0][:4]
     assert (tried.healed, other.suspicion.leg, again.suspicion.failure) == (True, 6, first.suspicion.failure)
     assert tried.suspicion.step < 550 < other.suspicion.step == again.suspicion.step

@@ -1,35 +1,60 @@
-"""Walks that are steered, in simulation: they end on their line, and alone as in a batch."""
+"""Steered walks in simulation: they end on their line, also when sensors fail, and alone as in a batch."""
 
 import math
 import runpy
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hexctl import (
+    Failure,
+    Guard,
+    InputError,
+    LegServos,
+    RobotState,
+    SimServos,
+    SimTrial,
+    TrialPlan,
+    TrialResult,
+    World,
+    make_gait,
+    run_sim_trials,
+    run_trial,
+)
+from hexctl.backends.base import ServosWrapper
 from hexctl.backends.sim.flaws import SensorNoise
-from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import World
-from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trace import TrialFrame
-from hexctl.control.trial import run_trial
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import Course, trimmed_rad
 from hexctl.control.walks.velocity_walk import OVERDRIVE
-from hexctl.errors import InputError
-from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import foot_positions_body
-from hexctl.robot.failure import Failure
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray
 from tests.robots import shipped
 
 ROOT = Path(__file__).parents[3]
 
+
 #: Gaits of a failed leg 3 that end far from their line when nothing is held.
 CODES = (17, 62, 98)
+
+
+#: A state at a time since the robot was put down, as a faulty sensor shows it.
+Fault = Callable[[RobotState, float], RobotState]
+
+#: In times of the simulation; the walk begins at 1 s, and in open loop ends 1.1 m off. Measured: 0.3 cm off
+#: without a fault, 0.4 to 0.6 with most, 1.9 and 0.9 with the second and third pose that freezes.
+FAULTS: dict[str, dict[str, Any]] = {
+    "a position that is a metre off for 3 s": {"position_jump_s": [[6, 9]]},
+    "a pose that freezes for 6 s": {"pose_frozen_s": [[5, 11]]},
+    "a pose that freezes when the walk begins": {"pose_frozen_s": [[1.5, 4.5]]},
+    "a yaw that drifts": {"yaw_drift_deg_per_min": 3},
+}
 
 
 def trial_of(
@@ -42,17 +67,120 @@ def trial_of(
     return SimTrial(robot=model, plan=plan, failure=failure, **options).put_down_turned()  # type: ignore[arg-type]
 
 
+def off_line_trial(*, hold: str = "auto", world: World | None = None, **plan: Any) -> SimTrial:
+    """A walk with leg 3 locked and no self-rotation, which veers by decimetres in open loop."""
+    gait = make_gait(shipped(), "62", failed_legs=(3,))
+    made = TrialPlan(gait=gait, belief=Failure(leg=3), self_rotation="none", hold=hold, **plan)
+    return SimTrial(robot=shipped(), plan=made, failure=Failure(leg=3), world=world)
+
+
+def truly_off_m(result: TrialResult) -> float:
+    """How far from its line a walk really ended."""
+    assert result.true_deviation is not None
+    return result.true_deviation.final
+
+
+@pytest.fixture(scope="module")
+def with_faults() -> dict[str, TrialResult]:
+    """Walks among all faults, in one batch, and one without a fault in open loop."""
+    trials = {
+        name: off_line_trial(world=World.model_validate({"sensor_faults": faults}), duration_s=13.0)
+        for name, faults in FAULTS.items()
+    }
+    frozen = World.model_validate({"sensor_faults": {"pose_frozen_s": [[5, 500]]}})
+    trials["frozen for good"] = off_line_trial(world=frozen, duration_s=12.0)
+    trials["open loop"] = off_line_trial(hold="none", duration_s=13.0)
+    return dict(zip(trials, run_sim_trials(list(trials.values())), strict=True))
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_sensor_that_fails_bends_no_line(name: str, with_faults: dict[str, TrialResult]) -> None:
+    result = with_faults[name]
+    assert (result.status, result.hold) == ("ok", "line")
+    assert truly_off_m(result) < 0.04
+    assert result.true_deviation is not None
+    assert result.true_deviation.max < 0.1
+    assert with_faults["open loop"].hold == "none"
+    assert truly_off_m(with_faults["open loop"]) > 0.2
+
+
+def test_a_pose_that_stays_frozen_is_lost_and_no_slip(with_faults: dict[str, TrialResult]) -> None:
+    result = with_faults["frozen for good"]
+    assert (result.status, result.hold, result.cause) == ("ok", "line", None)
+    assert (result.distance_m, result.deviation) == (None, None)
+    assert result.hold_lost_s == pytest.approx(8.0, abs=0.1)
+    assert result.true_path_m is not None
+    assert result.true_path_m[-1, 0] > 1.0
+
+
+class Faulty(ServosWrapper):
+    """A robot whose sensors show something else than what is; times count from the first state."""
+
+    def __init__(self, servos: LegServos, fault: Fault) -> None:
+        super().__init__(servos)
+        self._fault = fault
+
+    def read(self) -> RobotState:
+        state = super().read()
+        return self._fault(state, state.stamp_s)
+
+
+def without(*sensors: str, first_s: float = 0.0, last_s: float = math.inf) -> Fault:
+    """A fault that takes away sensors for a time."""
+
+    def fault(state: RobotState, time_s: float) -> RobotState:
+        gone: dict[str, Any] = {f"base_{name}_world": None for name in sensors if first_s <= time_s < last_s}
+        return replace(state, **gone)
+
+    return fault
+
+
+def walked(fault: Fault, **plan: Any) -> TrialResult:
+    trial = off_line_trial(**plan)
+    with Guard(Faulty(trial.servos(), fault)) as guard:
+        return run_trial(guard, trial.plan, soft_stop=False)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["ant", "pexod"])
-def test_a_steered_walk_ends_on_its_line_where_an_open_loop_one_does_not(robot: str) -> None:
-    world = World(friction=0.6, slope_deg=1.0, slope_direction_deg=70.0)
-    held, free = (
-        run_sim_trials([trial_of(code, hold, robot=robot, world=world, duration_s=20.0) for code in CODES])
-        for hold in ("line", "none")
-    )
-    assert [result.hold for result in held] == ["line"] * 3
-    assert max(result.deviation.final for result in held if result.deviation) < 0.02
-    assert max(result.deviation.final for result in free if result.deviation) > 0.2
+def test_with_yaw_alone_the_heading_is_held_and_the_true_course_is_scored() -> None:
+    result = walked(without("position"), duration_s=16.0)
+    assert (result.hold, result.deviation, result.distance_m) == ("heading", None, None)
+    assert result.yaw_change_rad is not None
+    assert abs(result.yaw_change_rad) < math.radians(20)
+    assert truly_off_m(result) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("gone", "wanted", "turn_rate_rad_s", "hold", "said"),
+    [
+        (("position", "quaternion"), "auto", 0.0, "none", "neither position nor yaw"),
+        (("quaternion",), "heading", 0.0, "none", "no yaw"),
+        (("position",), "line", 0.0, "heading", "no position"),
+        (("quaternion",), "line", 0.0, "line", None),
+        (("position",), "heading", 0.0, "heading", None),
+        (("position", "quaternion"), "none", 0.0, "none", None),
+        ((), "none", 0.0, "none", None),
+        ((), "line", 0.0, "line", None),
+        ((), "line", 0.1, "none", "an arc"),
+        ((), "auto", 0.1, "none", "an arc"),
+    ],
+)
+def test_a_walk_that_holds_less_than_it_should_says_why(
+    gone: tuple[str, ...], wanted: str, turn_rate_rad_s: float, hold: str, said: str | None
+) -> None:
+    result = walked(without(*gone), hold=wanted, duration_s=0.1, turn_rate_rad_s=turn_rate_rad_s)
+    assert result.hold == hold
+    assert (result.hold_caveat is None) == (said is None)
+    assert (said or "") in (result.hold_caveat or "")
+    assert result.deviation is None or "position" not in gone
+
+
+@pytest.mark.parametrize("sensors", [("quaternion",), ("position", "quaternion")])
+def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensors: tuple[str, ...]) -> None:
+    result = walked(without(*sensors, first_s=4.0, last_s=7.0), duration_s=12.0)
+    assert (result.status, result.hold) == ("ok", "line")
+    assert result.hold_lost_s == pytest.approx(3.0 if "position" in sensors else 0.0, abs=0.05)
+    assert truly_off_m(result) < 0.05
 
 
 @pytest.mark.slow
@@ -64,15 +192,6 @@ def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     together = run_sim_trials(trials)
     assert together == [run_sim_trial(trial) for trial in trials]
     assert {result.hold for result in together} == {"line", "heading"}
-
-
-@pytest.mark.slow
-def test_what_has_no_line_is_not_held() -> None:
-    trial = trial_of(17, "line", duration_s=2.0)
-    arc = replace(trial, plan=replace(trial.plan, turn_rate_rad_s=0.1, hold="auto"))
-    assert run_sim_trial(arc).hold == "none"
-    assert run_sim_trial(replace(trial, plan=replace(trial.plan, hold="auto"))).hold == "line"
-    assert run_sim_trial(replace(trial, plan=replace(trial.plan, hold="none"))).hold == "none"
 
 
 def start_of(frame: TrialFrame | None) -> WalkStart:
@@ -102,19 +221,18 @@ def test_no_foot_jumps_when_the_line_does() -> None:
 
 
 def test_a_robot_without_a_pose_is_refused() -> None:
-    with pytest.raises(InputError, match="without a pose"):
+    with pytest.raises(InputError):
         SteeredWalk(start_of(None))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("leg", "world"), [(3, World()), (5, World(friction=0.5, slope_deg=1.0))])
-def test_a_square_with_a_dead_leg_closes(leg: int, world: World) -> None:
+def test_a_square_with_a_dead_leg_closes() -> None:
     example = runpy.run_path(str(ROOT / "examples" / "square.py"))
-    assert example["walk_square"](Failure(leg=leg), world=world) < 0.03
+    assert example["walk_square"](Failure(leg=5), world=World(friction=0.5, slope_deg=1.0)) < 0.03
 
 
 class Stepping(SteeredWalk):
-    """Follows a line from 8 s on that is shifted to the left and turned; notes how far it is from it."""
+    """Follows a line from 4 s on that is shifted to the left and turned; notes how far it is from it."""
 
     def __init__(self, start: WalkStart, shift_m: float, turn_rad: float) -> None:
         super().__init__(start)
@@ -124,11 +242,11 @@ class Stepping(SteeredWalk):
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         assert state.base_position_world is not None
         x, y = state.base_position_world[:2].tolist()
-        if step == 400:
+        if step == 200:
             self._origin = x, self._shift_m
             origin_world = np.array(self._origin)
             self.follow(Course(origin_world=origin_world, heading_rad=self._turn_rad, yaw_rad=0.0))
-        if step >= 400:
+        if step >= 200:
             moved = x - self._origin[0], y - self._origin[1]
             self.aside_m.append(math.cos(self._turn_rad) * moved[1] - math.sin(self._turn_rad) * moved[0])
         return super().targets_rad(step, state)
@@ -144,7 +262,7 @@ def test_a_line_that_is_shifted_or_turned_is_reached_without_overshooting_far(
         made.append(Stepping(start, shift_m, turn_rad))
         return made[0]
 
-    plan = TrialPlan(gait=make_gait(robot, "tripod"), hold="line", duration_s=25.0)
+    plan = TrialPlan(gait=make_gait(robot, "tripod"), hold="line", duration_s=18.0)
     with SimServos(robot) as servos:
         run_trial(servos, plan, stepping, soft_stop=False)
     aside_m = np.array(made[0].aside_m)

@@ -1,26 +1,20 @@
 """Self-rotation: how far to turn, and that the failed leg points there afterwards."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hexctl import Failure, Guard, SimServos, TrialPlan, TrialResult, World, run_trial
 from hexctl.backends.sim.flaws import SensorNoise
-from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import World
-from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.trial import run_trial
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import MAX_TURN_STEPS, TurnSteps, swallowed_rad, turn_needed_rad
 from hexctl.ik.legs import foot_positions_body
-from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import yaw_rad
 from tests.control.posed import PosedMock
-from tests.robots import ROBOT_NAMES, shipped
-from tests.trials import Outcome, gait_of, walk
-
-LEGS = range(1, 7)
+from tests.robots import shipped
+from tests.trials import gait_of
 
 
 def _needed_deg(leg: int, heading_deg: float = 0.0, self_rotation: str = "rear") -> float:
@@ -38,19 +32,19 @@ def test_the_shorter_way_to_the_rear(leg: int, degrees: float) -> None:
     assert _needed_deg(leg) == pytest.approx(degrees)
 
 
-def test_the_turn_takes_the_heading_into_account() -> None:
+def test_the_turn_takes_the_heading_and_what_is_wanted_into_account() -> None:
     assert _needed_deg(4, heading_deg=90) == pytest.approx(90)
     assert _needed_deg(1, heading_deg=-30) == pytest.approx(150)
     assert _needed_deg(2, self_rotation="front") == pytest.approx(-60)
     assert _needed_deg(2, heading_deg=60, self_rotation="front") == pytest.approx(0)
-
-
-def test_nothing_to_turn_without_a_failed_leg_or_when_told_not_to() -> None:
-    assert turn_needed_rad(shipped(), TrialPlan(gait=gait_of(shipped()))) == 0
     assert _needed_deg(2, self_rotation="none") == 0
+    assert turn_needed_rad(shipped(), TrialPlan(gait=gait_of(shipped()))) == 0
+    in_plane = Failure(leg=5, kind="stuck", joint="femur", angle_rad=math.radians(30))
+    plan = TrialPlan(gait=gait_of(shipped()), belief=in_plane)
+    assert turn_needed_rad(shipped(), plan) == pytest.approx(math.radians(-60)), "as with the leg intact"
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize("name", ["ant", "pexod"])
 def test_the_foot_of_a_jammed_leg_is_where_the_jam_puts_it(name: str) -> None:
     """Leg 5 with its coxa at +30 deg: the foot stands further forward than the leg's stance."""
     robot = shipped(name)
@@ -63,30 +57,13 @@ def test_the_foot_of_a_jammed_leg_is_where_the_jam_puts_it(name: str) -> None:
     assert math.degrees(turn_needed_rad(robot, plan)) == pytest.approx(wanted_deg, abs=1e-9)
 
 
-def test_a_jam_in_the_legs_own_plane_does_not_change_the_turn() -> None:
-    failure = Failure(leg=5, kind="stuck", joint="femur", angle_rad=math.radians(30))
-    assert turn_needed_rad(shipped(), TrialPlan(gait=gait_of(shipped()), belief=failure)) == pytest.approx(
-        math.radians(-60)
-    )
-
-
-def test_a_jammed_foot_trails_when_the_walk_begins() -> None:
-    outcome = walk(
-        failure=Failure(leg=5, kind="stuck", joint="coxa", angle_rad=math.radians(30)), duration_s=0.02
-    )
-    start, frame = outcome.log.rows_of("walk").start, outcome.log.frame
-    assert frame is not None
-    joints = outcome.log["measured_rad"][start]
-    x, y, _ = foot_positions_body(shipped(), joints)[4]
-    off_rad = frame.yaw_rad + math.atan2(y, x) - frame.heading_rad - math.pi
-    assert abs(math.degrees(math.remainder(off_rad, math.tau))) < 3
-
-
 @pytest.mark.parametrize("believed_deg", [3.0, 2.0, 4.2])
 def test_dry_friction_is_stepped_over(believed_deg: float) -> None:
     """Friction swallows the first 3 degrees of each small step; the robot file may have it otherwise."""
     swallowed, missing_rad = math.radians(3.0), math.radians(0.8)
     steps = TurnSteps(math.radians(believed_deg))
+    assert swallowed_rad(shipped("ant")) == 0
+    assert math.degrees(swallowed_rad(shipped("phantomx"))) == pytest.approx(2.4 * math.degrees(0.5 / 18))
     for _ in range(MAX_TURN_STEPS):
         command_rad = steps.command_rad(missing_rad)
         turned_rad = 0.5 * math.copysign(max(0.0, abs(command_rad) - swallowed), command_rad)
@@ -95,49 +72,66 @@ def test_dry_friction_is_stepped_over(believed_deg: float) -> None:
     assert abs(math.degrees(missing_rad)) < 0.15
 
 
-def test_only_a_robot_with_dry_friction_loses_the_beginning_of_a_step() -> None:
-    assert swallowed_rad(shipped("ant")) == 0
-    assert math.degrees(swallowed_rad(shipped("phantomx"))) == pytest.approx(2.4 * math.degrees(0.5 / 18))
+def test_a_robot_that_makes_another_share_of_each_step_still_arrives() -> None:
+    """Half of what is commanded, and a third of a degree besides: steps learn both."""
+    steps, missing_rad = TurnSteps(), math.radians(3.0)
+    for _ in range(MAX_TURN_STEPS):
+        commanded_rad = steps.command_rad(missing_rad)
+        turned_rad = 0.5 * commanded_rad - math.radians(0.3)
+        steps.learn(commanded_rad, turned_rad)
+        missing_rad -= turned_rad
+    assert abs(math.degrees(missing_rad)) < 0.03
 
 
-def _leg_off_deg(outcome: Outcome, robot_name: str, leg: int, wanted_deg: float) -> float:
-    """How far the failed leg points away from a direction of the trial frame when the walk begins."""
-    frame = outcome.log.frame
+def _turned(failure: Failure, robot: str = "ant", **plan: Any) -> tuple[TrialResult, TickLog]:
+    """A trial that ends as its walk begins."""
+    log, made = TickLog(), TrialPlan(gait=gait_of(shipped(robot)), belief=failure, duration_s=0.02, **plan)
+    with SimServos(shipped(robot), failure=failure) as servos:
+        return run_trial(servos, made, recorders=(log,), soft_stop=False), log
+
+
+@pytest.mark.parametrize(
+    ("failure", "robot", "plan", "points_to_deg"),
+    [
+        (Failure(leg=3), "ant", {}, 180),
+        (Failure(leg=6), "ant", {}, 180),
+        (Failure(leg=1), "ant", {"self_rotation": "front", "heading_rad": 0.5}, 0),
+        (Failure(leg=2), "ant", {"heading_rad": math.radians(75)}, 180),
+        pytest.param(Failure(leg=5), "phantomx", {}, 180, marks=pytest.mark.slow),
+        (Failure(leg=3), "pexod", {}, 180),
+        (Failure(leg=5, kind="limp"), "ant", {}, 180),
+        (Failure(leg=3, kind="missing"), "ant", {}, 180),
+        (Failure(leg=5, kind="weak"), "ant", {}, 180),
+    ],
+)
+def test_the_failed_leg_points_where_it_should_when_the_walk_begins(
+    failure: Failure, robot: str, plan: dict[str, Any], points_to_deg: float
+) -> None:
+    frame = _turned(failure, robot, **plan)[1].frame
     assert frame is not None
-    points_to = frame.yaw_rad + float(shipped(robot_name).leg_azimuths_rad[leg - 1])
-    off = points_to - frame.heading_rad - math.radians(wanted_deg)
-    return abs(math.degrees(math.remainder(off, math.tau)))
+    points_to = frame.yaw_rad + float(shipped(robot).leg_azimuths_rad[failure.leg - 1])
+    off = points_to - frame.heading_rad - math.radians(points_to_deg)
+    assert abs(math.degrees(math.remainder(off, math.tau))) < 0.15
+    assert frame.heading_rad == pytest.approx(plan.get("heading_rad", 0.0), abs=0.02)
 
 
-@pytest.mark.parametrize("leg", LEGS)
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_the_failed_leg_trails_when_the_walk_begins(name: str, leg: int) -> None:
-    outcome = walk(robot=shipped(name), failure=Failure(leg=leg), duration_s=0.02)
-    assert _leg_off_deg(outcome, name, leg, 180) < 0.15
-
-
-@pytest.mark.parametrize("leg", [1, 3, 5])
-def test_the_failed_leg_leads_when_asked_to(leg: int) -> None:
-    outcome = walk(failure=Failure(leg=leg), self_rotation="front", duration_s=0.02)
-    assert _leg_off_deg(outcome, "ant", leg, 0) < 0.15
-
-
-@pytest.mark.parametrize("heading_deg", [75, -140])
-def test_the_failed_leg_trails_along_any_heading(heading_deg: float) -> None:
-    outcome = walk(failure=Failure(leg=2), heading_rad=math.radians(heading_deg), duration_s=0.02)
-    assert _leg_off_deg(outcome, "ant", 2, 180) < 0.15
-
-
-@pytest.mark.parametrize("kind", ["limp", "weak", "missing", "stuck"])
-def test_it_turns_with_every_failure(kind: str) -> None:
-    outcome = walk(failure=Failure(leg=2, kind=kind), duration_s=0.02)
-    assert _leg_off_deg(outcome, "ant", 2, 180) < 0.15
+def test_a_jammed_foot_trails_when_the_walk_begins() -> None:
+    _, log = _turned(Failure(leg=5, kind="stuck", joint="coxa", angle_rad=math.radians(30)))
+    assert log.frame is not None
+    x, y, _ = foot_positions_body(shipped(), log["measured_rad"][log.rows_of("walk").start])[4]
+    off_rad = log.frame.yaw_rad + math.atan2(y, x) - log.frame.heading_rad - math.pi
+    assert abs(math.degrees(math.remainder(off_rad, math.tau))) < 3
 
 
 @pytest.mark.parametrize("turn_deg", [1.0, -3.0, 20.0])
-def test_a_small_turn_is_as_exact(turn_deg: float) -> None:
-    outcome = walk(failure=Failure(leg=2), turn_rad=math.radians(turn_deg), duration_s=0.02)
-    assert math.degrees(outcome.result.turned_rad) == pytest.approx(turn_deg, abs=0.15)
+def test_a_small_turn_is_as_exact_and_the_robot_stands_still_after_it(turn_deg: float) -> None:
+    result, log = _turned(Failure(leg=2), turn_rad=math.radians(turn_deg))
+    assert math.degrees(result.turned_rad) == pytest.approx(turn_deg, abs=0.15)
+    before = log.rows_of("turn").stop
+    stance_rad = shipped().stance_angles_rad
+    np.testing.assert_allclose(log["wanted_rad"][before - 1], stance_rad, atol=1e-9)
+    moved = np.diff(log["base_position_world"][before - 5 : before], axis=0)
+    assert np.abs(moved).max() < 1e-4
 
 
 @pytest.mark.slow
@@ -154,31 +148,10 @@ def test_noise_of_the_yaw_counts_as_its_mean_not_as_its_samples() -> None:
     assert max(map(abs, misses_deg)) < 0.8
 
 
-def test_a_robot_that_makes_another_share_of_each_step_still_arrives() -> None:
-    """Half of what is commanded, and a third of a degree besides: steps learn both."""
-    steps, missing_rad = TurnSteps(), math.radians(3.0)
-    for _ in range(MAX_TURN_STEPS):
-        commanded_rad = steps.command_rad(missing_rad)
-        turned_rad = 0.5 * commanded_rad - math.radians(0.3)
-        steps.learn(commanded_rad, turned_rad)
-        missing_rad -= turned_rad
-    assert abs(math.degrees(missing_rad)) < 0.03
-
-
 def test_no_turn_when_told_not_to_or_when_the_leg_trails_already() -> None:
     for leg, self_rotation in ((2, "none"), (4, "rear"), (1, "front")):
-        log = walk(failure=Failure(leg=leg), self_rotation=self_rotation, duration_s=0.1).log
+        _, log = _turned(Failure(leg=leg), self_rotation=self_rotation)
         assert log.rows_of("turn") == slice(0, 0)
-
-
-def test_the_robot_stands_still_before_it_walks() -> None:
-    outcome = walk(failure=Failure(leg=2), duration_s=0.02)
-    before = outcome.log.rows_of("turn").stop
-    np.testing.assert_allclose(
-        outcome.log["wanted_rad"][before - 1], shipped().stance_angles_rad, atol=1e-9, err_msg="in its stance"
-    )
-    moved = np.diff(outcome.log["base_position_world"][before - 5 : before], axis=0)
-    assert np.abs(moved).max() < 1e-4
 
 
 def test_a_robot_that_does_not_turn_walks_from_where_it_is() -> None:

@@ -1,4 +1,4 @@
-"""The symmetries of the shipped robots."""
+"""What the body does in place: the symmetries of the shipped robots, and a twist on the spot."""
 
 import math
 from dataclasses import replace
@@ -8,11 +8,23 @@ from itertools import product
 import numpy as np
 import pytest
 
+from hexctl import InputError, LimitError, ReachError, RobotState
 from hexctl.control.body_symmetry import IDENTITY, BodySymmetry, body_symmetries
+from hexctl.control.body_wiggle import (
+    AMPLITUDE_RAD,
+    DURATION_S,
+    BodyWiggle,
+    wiggle_targets_rad,
+    wiggle_yaw_rad,
+)
+from hexctl.ik.leg_odometry import leg_motions
+from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.schema import Body
-from tests.robots import ROBOT_NAMES, shipped
+from tests.robots import ROBOT_NAMES, VENDORS_ROBOTS, shipped
 
 HOW_MANY = {"ant": 12, "phantomx": 4, "pexod": 2}
+
+
 LEGS = range(1, 7)
 
 
@@ -28,6 +40,8 @@ def test_a_robot_has_as_many_symmetries_as_its_drawing(name: str) -> None:
     assert len(set(found)) == len(found)
     assert sum(symmetry.mirrored for symmetry in found) == len(found) // 2
     assert found[0] == IDENTITY
+    keeping = [symmetry for symmetry in found if symmetry.keeps_heading]
+    assert [symmetry.mirrored for symmetry in keeping] == [False, True], "left and right change places"
 
 
 WITH_MASS = [
@@ -48,42 +62,6 @@ def test_a_centre_of_mass_off_the_axis_and_an_uneven_inertia_have_fewer_symmetri
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_left_and_right_change_places_in_every_robots_mirror(name: str) -> None:
-    """Each robot is its own mirror image about its x axis: leg azimuths change their sign."""
-    azimuths = shipped(name).leg_azimuths_rad
-    (plain,) = [
-        symmetry
-        for symmetry in symmetries(name)
-        if symmetry.mirrored
-        and all(
-            abs(math.remainder(azimuths[symmetry.legs[leg - 1] - 1] + azimuths[leg - 1], 2 * math.pi)) < 1e-6
-            for leg in LEGS
-        )
-    ]
-    assert plain.keeps_heading
-
-
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_only_that_mirror_and_the_identity_leave_forward_where_it_is(name: str) -> None:
-    keeping = [symmetry for symmetry in symmetries(name) if symmetry.keeps_heading]
-    assert [symmetry.mirrored for symmetry in keeping] == [False, True]
-    assert keeping[0] == symmetries(name)[0]
-
-
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_a_turn_is_how_far_each_leg_comes(name: str) -> None:
-    azimuths = shipped(name).leg_azimuths_rad
-    for symmetry in symmetries(name):
-        flip = -1 if symmetry.mirrored else 1
-        for leg in LEGS:
-            wanted = azimuths[symmetry.legs[leg - 1] - 1]
-            off = math.remainder(
-                flip * azimuths[leg - 1] + math.radians(symmetry.turn_deg) - wanted, 2 * math.pi
-            )
-            assert abs(off) < 1e-6
-
-
-@pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_symmetries_are_a_group(name: str) -> None:
     """One after another is a third, of legs, points, joints and headings alike; each has its inverse."""
     random = np.random.default_rng(5)
@@ -101,3 +79,46 @@ def test_symmetries_are_a_group(name: str) -> None:
         back = known[one.legs_before]
         assert back.points(one.points(points)) == pytest.approx(points, abs=1e-7)
         assert one.heading_before_deg(one.heading_deg(20.0)) == pytest.approx(20.0)
+
+
+TIMES_S = np.linspace(0, DURATION_S, 201)
+
+
+@pytest.mark.parametrize("name", [*ROBOT_NAMES, *VENDORS_ROBOTS])
+def test_every_shipped_robot_can_twist_within_its_limits(name: str) -> None:
+    robot = shipped(name)
+    targets = wiggle_targets_rad(robot, TIMES_S)
+    speeds = np.abs(np.diff(targets, axis=0)) / (TIMES_S[1] - TIMES_S[0])
+    assert (speeds < robot.joint_max_speed_rad_s / 2).all()
+    assert targets[[0, -1]] == pytest.approx(np.tile(robot.stance_angles_rad, (2, 1)), abs=1e-6)
+
+
+def test_in_a_twist_the_feet_stay_and_the_body_turns_softly_to_both_sides() -> None:
+    robot, yaw = shipped(), wiggle_yaw_rad(TIMES_S)
+    feet = foot_positions_body(robot, wiggle_targets_rad(robot, TIMES_S))
+    on_floor = (feet[..., 0] + 1j * feet[..., 1]) * np.exp(1j * yaw)[:, np.newaxis]
+    assert np.abs(on_floor - on_floor[0]).max() < 1e-9
+    assert np.abs(feet[..., 2] - feet[0, :, 2]).max() < 1e-9
+    moved = leg_motions(robot, TIMES_S, wiggle_targets_rad(robot, TIMES_S)).motions
+    assert np.cumsum(moved[:, 2]) == pytest.approx(yaw[1:], abs=1e-3)
+    assert yaw[[0, -1]] == pytest.approx([0, 0])
+    assert np.abs(np.gradient(yaw, TIMES_S)[[0, -1]]).max() < 0.02
+    assert yaw.max() == pytest.approx(AMPLITUDE_RAD, rel=0.05)
+    assert yaw.min() == pytest.approx(-AMPLITUDE_RAD, rel=0.05)
+
+
+def test_as_a_controller_it_ends_where_it_began() -> None:
+    robot = shipped()
+    wiggle = BodyWiggle(robot, period_s=0.02)
+    state = RobotState(robot.stance_angles_rad, 0.0, measured=True)
+    assert not wiggle.done(199, state)
+    assert wiggle.done(200, state)
+    for step in (0, 200, 999):
+        assert wiggle.targets_rad(step, state) == pytest.approx(robot.stance_angles_rad, abs=1e-6)
+
+
+def test_a_twist_that_the_legs_cannot_make_is_refused() -> None:
+    with pytest.raises((LimitError, ReachError)):
+        BodyWiggle(shipped(), period_s=0.02, amplitude_rad=1.5)
+    with pytest.raises(InputError):
+        BodyWiggle(shipped(), period_s=0.02, duration_s=1.0)

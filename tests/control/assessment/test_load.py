@@ -1,0 +1,136 @@
+"""Whether a robot can make a gait: range and speed, torques, clearance, and verdicts beside walks."""
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl import InputError, Robot
+from hexctl.control.assessment.check_options import CheckOptions
+from hexctl.control.assessment.feasibility import check_robot
+from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
+from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.ik.clearance import PARTS
+from tests.control.assessment.loads import changed, load_of, moved_back, moved_together
+from tests.robots import ROBOT_NAMES, shipped
+from tests.trials import walk
+
+
+def test_it_is_checked_all_round_unless_a_heading_is_given() -> None:
+    all_round, forward = check_robot("phantomx"), check_robot("phantomx", heading_rad=0.0)
+    assert all_round.possible
+    assert (all_round.demand.lowest_rad <= forward.demand.lowest_rad + 1e-9).all()
+    assert (all_round.demand.peak_speed_rad_s >= forward.demand.peak_speed_rad_s - 1e-9).all()
+
+
+def test_a_turn_without_a_heading_is_made_in_place() -> None:
+    for rate_rad_s in (0.0, math.radians(20)):
+        in_place = check_robot("ant", turn_rate_rad_s=rate_rad_s).demand
+        coxa_rad = in_place.highest_rad[::3] - in_place.lowest_rad[::3]
+        assert (coxa_rad > 0.1).all() == (rate_rad_s > 0)
+    assert in_place.max_pace_hz is None
+
+
+def test_the_report_is_plain_and_says_what_the_object_says() -> None:
+    checked = check_robot("pexod", "tripod", pace_hz=0.5, amplitude=0.05, height=0.03)
+    report = json.loads(json.dumps(checked.to_dict(), allow_nan=False))
+    assert report["robot"] == "pexod"
+    assert report["gait"]["pace_hz"] == 0.5
+    assert report["possible"] == checked.possible
+    assert report["gait_fits_pulses"] == checked.gait_fits_servos
+    assert len(report["joints"]) == len(report["pulses_us"]) == 18
+
+
+def test_an_impossible_gait_is_a_result_and_a_bad_value_an_error() -> None:
+    assert not check_robot("ant", amplitude=0.5).possible
+    with pytest.raises(InputError, match="pace_hz"):
+        check_robot("ant", pace_hz=0)
+    refused: dict[str, Any] = {"world": "flat", "duration_s": 5.0, "pace_hz": 11.0, "turn_rate_rad_s": 7.0}
+    for option, value in refused.items():
+        with pytest.raises(InputError, match=f"^{option}"):
+            CheckOptions(**{option: value})
+    assert CheckOptions(physics=True, world="slope", duration_s=5.0).duration_s == 5.0
+
+
+def test_legs_that_are_nearer_together_touch_then_cross_then_cross_longer() -> None:
+    apart, touching, crossing, longer = (load_of(moved_together(share)) for share in (0.5, 0.4, 0.2, 0.05))
+    assert apart.least_clearance_m > 0
+    assert touching.least_clearance_m < 0
+    assert touching.crossing_share == 0
+    assert 0 < crossing.crossing_share < 0.25 < longer.crossing_share
+
+
+def test_gap_and_depth_are_those_of_the_parts_that_are_named() -> None:
+    """Thick coxae that overlap have a lesser gap than thin tibiae whose axes meet; these are named."""
+    robot = replace(moved_together(0.2), link_radii_m=np.array([0.06, 0.015, 0.015]))
+    load = load_of(robot)
+    one, other = (PARTS.index(part) for part in load.nearest_parts)
+    radii = np.append(robot.link_radii_m, robot.foot_radius_m)
+    touching_m = radii[one] + radii[other]
+    assert load.crossing
+    assert "coxa" not in load.nearest_parts
+    assert load.least_clearance_m == pytest.approx(-load.overlap * touching_m)
+
+
+def verdict_of(robot: Robot, gait: str = "demo") -> LoadVerdict:
+    return load_verdict(load_of(robot, gait))
+
+
+def walks(robot: Robot, gait: str = "demo") -> bool:
+    return walk(gait, robot=robot, duration_s=6.0).result.status == "ok"
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize("gait", NAMED_SLOTS)
+def test_shipped_robots_carry_themselves_in_every_named_gait(name: str, gait: str) -> None:
+    verdict = verdict_of(shipped(name), gait)
+    assert verdict.possible
+    assert not any(warning.split(":")[0] in ("weak", "soft", "unsteady") for warning in verdict.warnings)
+    assert load_of(shipped(name), gait).least_clearance_m > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "word", "possible"),
+    [
+        ("ant", {"torque": 0.02}, "weak", False),  # 0.05 N m
+        ("phantomx", {"mass": 8.0, "torque": 100.0}, "soft", False),
+        ("ant", {"torque": 0.05}, "hot", True),  # twice the static torque without friction, and walks
+        ("phantomx", {"stiffness": 0.3}, "soft", True),
+        ("pexod", {"torque": 0.14}, "weak", True),
+    ],
+)
+def test_a_robot_that_does_not_walk_is_impossible_and_one_at_its_limits_is_warned_of(
+    name: str, change: dict[str, float], word: str, possible: bool
+) -> None:
+    robot = changed(name, **change)
+    verdict = verdict_of(robot)
+    assert verdict.possible == possible
+    assert any(word in text for text in (verdict.warnings if possible else verdict.obstacles))
+    assert walks(robot) == possible
+
+
+@pytest.mark.parametrize(("stiffness", "walked"), [(1.0, None), (0.5, 17), (0.4, 12), (0.25, 2)])
+def test_a_soft_robot_is_told_how_many_like_it_walked(stiffness: float, walked: int | None) -> None:
+    verdict = verdict_of(changed("phantomx", stiffness=stiffness))
+    soft = [warning for warning in verdict.warnings if warning.startswith("soft")]
+    assert verdict.doubtful == bool(soft) == (walked is not None)
+    assert all(f"of 20 such robots that were simulated, {walked} made half" in warning for warning in soft)
+
+
+def test_legs_that_touch_or_cross_are_warned_of() -> None:
+    assert verdict_of(moved_together(0.5)).warnings == ()
+    # With solid legs in the simulation robots walk whose legs cross, and no depth or time separates them.
+    for share, word in ((0.4, "touch"), (0.2, "cross"), (0.05, "cross")):
+        verdict = verdict_of(moved_together(share))
+        assert verdict.possible
+        assert any(word in warning for warning in verdict.warnings)
+
+
+def test_a_robot_whose_weight_is_outside_its_feet_tips_over_under_finite_loads() -> None:
+    load = load_of(moved_back(0.9))
+    assert load.tipping == 1
+    assert np.isfinite(load.torques_nm).all()
+    assert not load_verdict(load).possible
