@@ -39,6 +39,7 @@ class FakeTime(TimeSource):
         self.sleeps: list[float] = []
         self._owner = threading.current_thread()
         self._others: dict[threading.Thread, _Wait | None] = {}  # None while one works
+        self._news = threading.Condition()  # that the time has passed, or a thread has begun to wait
 
     def now(self) -> float:
         """The time."""
@@ -84,13 +85,24 @@ class FakeTime(TimeSource):
     def _wait(self, event: threading.Event | threading.Condition, timeout_s: float) -> bool:
         """Wait in another thread than its own."""
         this, until_s = threading.current_thread(), self.now_s + timeout_s
-        self._others[this] = _Wait(event, until_s)
+        with self._news:
+            self._others[this] = _Wait(event, until_s)
+            self._news.notify_all()
         try:
-            while not (came := event.wait(LOOK_S)) and self.now_s < until_s:
+            while not (came := self._look(event)) and self.now_s < until_s:
                 pass
         finally:
             self._others[this] = None
         return came
+
+    def _look(self, event: threading.Event | threading.Condition) -> bool:
+        """Whether an event comes before there are news or, as others may set it, the next look."""
+        if isinstance(event, threading.Condition):
+            return event.wait(LOOK_S)
+        with self._news:
+            if not event.is_set():
+                self._news.wait(LOOK_S)
+        return event.is_set()
 
     def _run_until(self, at_s: float) -> None:
         """Advance the time, and let other threads do what is due."""
@@ -103,8 +115,10 @@ class FakeTime(TimeSource):
     def _settle(self) -> None:
         """Let other threads work until they wait for a later time; one that does not is left behind."""
         given_up_s = time.monotonic() + WORK_S
-        while self._busy() and time.monotonic() < given_up_s:
-            time.sleep(LOOK_S)
+        with self._news:
+            self._news.notify_all()
+            while self._busy() and time.monotonic() < given_up_s:
+                self._news.wait(LOOK_S)
 
     def _busy(self) -> bool:
         alive = [wait for thread, wait in list(self._others.items()) if thread.is_alive()]
