@@ -83,8 +83,10 @@ class FakeTime(TimeSource):
         return WallClock(period_s, time=self)
 
     def _wait(self, event: threading.Event | threading.Condition, timeout_s: float) -> bool:
-        """Wait in another thread than its own."""
-        this, until_s = threading.current_thread(), self.now_s + timeout_s
+        """Wait in another thread than its own; as in `sleep`, some time passes unless none is to."""
+        if timeout_s <= 0:
+            return event.wait(0.0)
+        this, until_s = threading.current_thread(), self.now_s + max(timeout_s, 1e-9)
         with self._news:
             self._others[this] = _Wait(event, until_s)
             self._news.notify_all()
