@@ -11,6 +11,9 @@ from hexctl.time_source import TimeSource
 #: How often threads look at the simulated time, and how long they may work between two waits, in real s.
 LOOK_S, WORK_S = 0.0005, 1.0
 
+#: How long a new thread may take to its first wait; one that takes longer never waits on this time.
+FIRST_S = 0.3
+
 
 @dataclass(frozen=True)
 class _Wait:
@@ -39,6 +42,7 @@ class FakeTime(TimeSource):
         self.sleeps: list[float] = []
         self._owner = threading.current_thread()
         self._others: dict[threading.Thread, _Wait | None] = {}  # None while one works
+        self._since: dict[threading.Thread, float] = dict.fromkeys(threading.enumerate(), -math.inf)
         self._news = threading.Condition()  # that the time has passed, or a thread has begun to wait
 
     def now(self) -> float:
@@ -123,6 +127,10 @@ class FakeTime(TimeSource):
                 self._news.wait(LOOK_S)
 
     def _busy(self) -> bool:
+        now_s = time.monotonic()
+        for thread in threading.enumerate():
+            if thread not in self._others and now_s - self._since.setdefault(thread, now_s) < FIRST_S:
+                return True
         alive = [wait for thread, wait in list(self._others.items()) if thread.is_alive()]
         return any(wait is None or wait.until_s <= self.now_s or _is_set(wait.event) for wait in alive)
 
@@ -137,3 +145,17 @@ class FakeTime(TimeSource):
 
 def _is_set(event: threading.Event | threading.Condition) -> bool:
     return isinstance(event, threading.Event) and event.is_set()
+
+
+class Standing(TimeSource):
+    """Another time, on which nothing waits: simulated devices answer within the call that asks them."""
+
+    def __init__(self, time: TimeSource) -> None:
+        self._time = time
+
+    def now(self) -> float:
+        """The time of the other one."""
+        return self._time.now()
+
+    def sleep(self, duration_s: float) -> None:
+        """Time passes elsewhere."""

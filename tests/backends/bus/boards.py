@@ -24,7 +24,7 @@ from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
 from hexctl.time_source import TimeSource
 from hexctl.types import JOINT_NAMES
-from tests.backends.fake_time import FakeTime
+from tests.backends.fake_time import FakeTime, Standing
 from tests.robots import shipped
 
 #: Models of every kind of registers.
@@ -187,19 +187,6 @@ class BoardLine(MemoryLine):
         self.pass_time(0.0)
 
 
-class _NoWaiting(TimeSource):
-    """Another time, on which nothing waits: servos answer within the call that asks them."""
-
-    def __init__(self, time: TimeSource) -> None:
-        self._time = time
-
-    def now(self) -> float:
-        return self._time.now()
-
-    def sleep(self, duration_s: float) -> None:
-        """Time passes elsewhere."""
-
-
 class MemoryBus:
     """A simulated bus in the place of a port: any thread may open it, and no one waits for it.
 
@@ -214,7 +201,7 @@ class MemoryBus:
 
     def __init__(self, bus_map: BusMap, *faults: str, baud: int | None = None) -> None:
         self.time = FakeTime()
-        self._clock = WallClock(time=_NoWaiting(self.time))
+        self._clock = WallClock(time=Standing(self.time))
         self.robot = MockServos(shipped("phantomx"), clock=self._clock)
         self.board = _board(bus_map, faults, self.robot, baud)
         self.path, self.unplugged, self.opened_baud = self.board.path, False, 0
