@@ -121,6 +121,13 @@ def test_a_target_arrives_as_many_ticks_late_as_the_delay_has(ticks: int, given_
     np.testing.assert_array_equal(arrived, asked[: len(targets)])
 
 
+def test_a_target_that_changes_after_it_was_given_arrives_as_it_was_given() -> None:
+    train, target = _train(servo_delay_s=0.02), STANCE + 0.2
+    train.drive(target)
+    target[:] = 0.0
+    np.testing.assert_array_equal(train.drive(target), STANCE + 0.2)
+
+
 @given(play_deg=st.floats(0.01, 20.0), given_rad=angles)
 def test_play_is_the_hysteresis_of_a_loose_gear(play_deg: float, given_rad: list[float]) -> None:
     targets = _targets(given_rad)
