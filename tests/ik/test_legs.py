@@ -1,7 +1,6 @@
 """Kinematics both ways: there and back, against a scalar reference, and against MuJoCo.
 
-For the latter, chains are written by hand from the numbers of the robot files, without hexctl's robot model and
-its builder of simulations.
+For the latter, chains are written by hand from the numbers of the robot files, without hexctl's own model.
 """
 
 import math
