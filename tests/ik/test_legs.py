@@ -316,26 +316,6 @@ def test_feet_come_back_from_their_angles_for_one_pose_and_for_many() -> None:
     np.testing.assert_allclose(hexctl.feet_of_joint_angles(robot, angles_rad), moved, atol=1e-9)
 
 
-def test_only_the_leg_of_a_lifted_foot_moves() -> None:
-    robot = shipped()
-    feet = hexctl.feet_of_joint_angles(robot, robot.stance_angles_rad)
-    feet[4] += [0.0, 0.0, 0.03]
-    moved = np.abs(hexctl.joint_angles_of_feet(robot, feet.tolist()) - robot.stance_angles_rad) > 1e-9
-    assert np.flatnonzero(moved).tolist() == [13, 14], "femur and tibia of leg 5"
-
-
-def test_a_foot_out_of_reach_or_a_joint_out_of_its_range_names_its_leg() -> None:
-    robot = shipped()
-    feet = robot.stance_feet_body.copy()
-    feet[2, 0] -= 2.0
-    with pytest.raises(hexctl.ReachError, match=r"^leg 3: "):
-        hexctl.joint_angles_of_feet(robot, feet)
-    angles_rad = robot.stance_angles_rad.copy()
-    angles_rad[15] = robot.joint_upper_rad[15] + 0.3  # coxa of leg 6
-    with pytest.raises(hexctl.LimitError, match=r"^leg 6 coxa: "):
-        hexctl.joint_angles_of_feet(robot, hexctl.feet_of_joint_angles(robot, angles_rad))
-
-
 @pytest.mark.parametrize(
     ("call", "error", "named"),
     [

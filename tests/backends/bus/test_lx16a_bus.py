@@ -157,40 +157,6 @@ def test_a_move_behind_lost_answers_has_the_time_of_a_joint_that_missed_the_move
     assert time_of_next_move_s() == 0.02, "a dead servo is no line that loses packets"
 
 
-def test_an_adapter_that_echoes_is_noticed() -> None:
-    bus, _, counters = _bus("echo")
-    assert bus.find().all()
-    bus.hold(stance_counts(MAP), EVERY)
-    bus.write_goals(stance_counts(MAP) + 3)
-    assert _reaches(bus, stance_counts(MAP) + 3)
-    assert counters.garbled == 0
-
-
-def test_one_mute_servo_does_not_silence_the_others() -> None:
-    bus, _, _counters = _bus("mute:3:femur")
-    assert np.flatnonzero(~bus.find()).tolist() == [7]
-    heard: set[int] = set()
-
-    def all_others() -> bool:
-        heard.update(report.place for report in bus.poll())
-        return len(heard) == 17
-
-    assert _within(all_others)
-    assert heard == set(range(18)) - {7}
-
-
-def test_garbled_answers_are_counted_and_never_believed() -> None:
-    bus, _, counters = _bus("garble:0.2")
-    bus.find()
-
-    def many() -> bool:
-        for report in bus.poll():
-            assert report.position == stance_counts(MAP)[report.place]
-        return min(counters.missed, counters.garbled) > 20
-
-    assert _within(many)
-
-
 def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
     bus, board, _ = _bus()
     _servo(board, 4).limits = (330, 350)

@@ -87,13 +87,6 @@ def test_an_adapter_that_echoes_is_noticed() -> None:
         assert bus.servos[0].model_number() == a_map("feetech", model).models[0].number
 
 
-@pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("dynamixel", "ax12a")])
-def test_one_mute_servo_does_not_silence_the_others(driver: str, model: str) -> None:
-    bus = _bus(a_map(driver, model), "mute:3:femur")
-    assert np.flatnonzero(~bus.find()).tolist() == [7]
-    assert {report.place for report in bus.poll_all()} == set(range(18)) - {7}
-
-
 def test_garbled_answers_are_counted_and_never_believed() -> None:
     bus_map = a_map()
     bus = _bus(bus_map, "garble:0.2")

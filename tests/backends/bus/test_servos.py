@@ -184,7 +184,7 @@ def test_where_no_servo_answers_none_is_asked_for_its_torque(monkeypatch: pytest
         _walks(servos, 0.3)
         thread, asked = servos._thread, []
         assert thread is not None
-        monkeypatch.setattr(thread._device, "torque", lambda *_, **__: asked.append(1) or True)
+        monkeypatch.setattr(thread._device, "torque", lambda *_, **__: not asked.append(1))  # type: ignore[func-returns-value]
         _until(servos, lambda _: asked)
         monkeypatch.setattr(thread._device, "poll", lambda _: [])
         _walks(servos, 0.1)

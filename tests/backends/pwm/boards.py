@@ -167,7 +167,7 @@ def servos_on(board: MemoryServo2040 | Servo2040Board, pwm_map: PwmMap | None = 
     """Servos of the controller's end, not connected."""
     used, clock = a_map() if pwm_map is None else pwm_map, None
     if isinstance(board, MemoryServo2040):
-        clock = board.time.clock()
+        clock = WallClock(time=board.time)
     return Servo2040Servos(shipped(), pwm_map=used, place=board.path, clock=clock)
 
 

@@ -166,19 +166,6 @@ def test_added_mass_is_a_share_of_the_whole_robot_in_its_trunk(name: str, share:
     assert [loaded.id2name(body, "body") for body in others] == [f"{robot.name}/trunk"]
 
 
-@pytest.mark.parametrize("share", [0.0, 0.25])
-def test_a_shift_of_the_trunks_mass_moves_the_robots_centre_of_mass(share: float) -> None:
-    robot, shift = shipped("pexod"), np.array([0.015, -0.01, 0.02])
-    centre, moved = (
-        make_simulation(robot, World(added_mass_share=share, body_mass_shift_m=way)).physics.data.subtree_com[
-            0
-        ]
-        for way in ((0.0, 0.0, 0.0), tuple(shift.tolist()))
-    )
-    trunk_kg = robot.body.mass_kg + share * robot.mass_kg
-    np.testing.assert_allclose(moved - centre, shift * trunk_kg / ((1 + share) * robot.mass_kg), atol=1e-12)
-
-
 @pytest.mark.slow
 def test_a_trunk_with_its_mass_elsewhere_has_its_shape_where_it_was() -> None:
     plain, loaded = (_model(world) for world in (World(), World(body_mass_shift_m=(0.1, 0.0, -0.1))))
@@ -354,7 +341,7 @@ def measured(world: World, seed: int) -> tuple[RobotState, ...]:
     robot = shipped()
     with SimServos(robot, world=world, seed=seed) as servos:
         states = []
-        for tick in range(1, 13):
+        for tick in range(1, 9):
             time_s = servos.clock.tick().time_s
             states.append(servos.read())
             moved_rad = robot.stance_angles_rad + 0.2 * math.sin(0.3 * tick)
