@@ -366,7 +366,7 @@ def test_a_flooded_board_moves_nothing_and_goes_on(tmp_path: Path) -> None:
     ):
         stand(guard, 20)
         before = guard.read().joint_positions_rad
-        for count in range(5_000):
+        for count in range(3_000):
             changed = bytearray(good)
             changed[draw.randrange(50)] ^= 1 << draw.randrange(8)
             data = (
@@ -385,7 +385,7 @@ def test_a_flooded_board_moves_nothing_and_goes_on(tmp_path: Path) -> None:
         report = running.end()
         assert report["malformed"] > 100
         assert report["refused"] == 0
-        assert report["overrides"] > 80
+        assert report["overrides"] > 60
 
 
 # Over UDP and pseudo-terminals, on the wall clock.

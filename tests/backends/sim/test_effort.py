@@ -53,10 +53,10 @@ def test_torques_are_the_mean_of_the_actuator_forces_over_a_period() -> None:
 @pytest.mark.parametrize("name", ["ant", "phantomx"])
 def test_energy_is_the_work_of_mujocos_forces(name: str) -> None:
     with Metered(shipped(name)) as servos:
-        plan = TrialPlan(gait=gait_of(servos.robot, "tripod"), duration_s=3.0)
+        plan = TrialPlan(gait=gait_of(servos.robot, "tripod"), duration_s=2.0)
         result = run_trial(Guard(servos), plan, soft_stop=False)
         # Each period of each joint is counted where it is positive; the walk's first tick begins the count.
-        work_j = np.array(servos.work_j)[-149:]
+        work_j = np.array(servos.work_j)[-99:]
     assert result.energy_j == pytest.approx(np.maximum(work_j, 0).sum(), rel=0.04)
     weight_n = 9.81 * servos.robot.mass_kg
     assert result.energy_j is not None

@@ -31,6 +31,7 @@ class TestSimServos(LegServosConformance):
         return SimServos(shipped())
 
 
+@pytest.mark.slow
 class TestSimServosThatAreBadlyCalibrated(LegServosConformance):
     tolerance_rad = 0.05
 

@@ -108,7 +108,7 @@ def test_a_rough_slope_rises_and_is_rough() -> None:
     assert rough.std() == pytest.approx(0.005, rel=0.4)
 
 
-@pytest.mark.parametrize(("name", "seed"), zip(ROBOT_NAMES, range(3), strict=True))
+@pytest.mark.parametrize(("name", "seed"), [*zip(ROBOT_NAMES, range(3), strict=True)])
 def test_no_foot_starts_inside_a_rough_floor(name: str, seed: int) -> None:
     physics = make_simulation(shipped(name), World(roughness_m=0.02), seed=seed).physics
     assert physics.data.ncon == 0 or physics.data.contact.dist.min() > -1e-3
