@@ -193,6 +193,18 @@ def test_where_no_servo_answers_none_is_asked_for_its_torque(monkeypatch: pytest
         assert len(asked) == before
 
 
+def test_one_wrong_answer_about_the_torque_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    with memory_bus(a_map()) as bus, servos_on(bus, a_map()) as servos:
+        _walks(servos, 0.3)
+        assert servos._thread is not None
+        answers = [False]
+        monkeypatch.setattr(
+            servos._thread._device, "torque", lambda *_, **__: answers.pop() if answers else True
+        )
+        assert _walks(servos, 0.2).warnings == ()
+        assert not answers
+
+
 def test_torque_off_is_sent_until_every_servo_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """No servo answers the packet for all, so that one that is lost is noticed by reading."""
     with memory_bus(a_map()) as bus, servos_on(bus, a_map()) as servos:
