@@ -11,6 +11,9 @@ from hexctl.time_source import TimeSource
 #: How often threads look at the simulated time, and how long they may work between two waits, in real s.
 LOOK_S, WORK_S = 0.0005, 1.0
 
+#: How long a new thread may take to its first wait; one that takes longer never waits on this time.
+FIRST_S = 0.3
+
 
 @dataclass(frozen=True)
 class _Wait:
@@ -39,6 +42,8 @@ class FakeTime(TimeSource):
         self.sleeps: list[float] = []
         self._owner = threading.current_thread()
         self._others: dict[threading.Thread, _Wait | None] = {}  # None while one works
+        self._since: dict[threading.Thread, float] = dict.fromkeys(threading.enumerate(), -math.inf)
+        self._news = threading.Condition()  # that the time has passed, or a thread has begun to wait
 
     def now(self) -> float:
         """The time."""
@@ -82,15 +87,28 @@ class FakeTime(TimeSource):
         return WallClock(period_s, time=self)
 
     def _wait(self, event: threading.Event | threading.Condition, timeout_s: float) -> bool:
-        """Wait in another thread than its own."""
-        this, until_s = threading.current_thread(), self.now_s + timeout_s
-        self._others[this] = _Wait(event, until_s)
+        """Wait in another thread than its own; as in `sleep`, some time passes unless none is to."""
+        if timeout_s <= 0:
+            return event.wait(0.0)
+        this, until_s = threading.current_thread(), self.now_s + max(timeout_s, 1e-9)
+        with self._news:
+            self._others[this] = _Wait(event, until_s)
+            self._news.notify_all()
         try:
-            while not (came := event.wait(LOOK_S)) and self.now_s < until_s:
+            while not (came := self._look(event)) and self.now_s < until_s:
                 pass
         finally:
             self._others[this] = None
         return came
+
+    def _look(self, event: threading.Event | threading.Condition) -> bool:
+        """Whether an event comes before there are news or, as others may set it, the next look."""
+        if isinstance(event, threading.Condition):
+            return event.wait(LOOK_S)
+        with self._news:
+            if not event.is_set():
+                self._news.wait(LOOK_S)
+        return event.is_set()
 
     def _run_until(self, at_s: float) -> None:
         """Advance the time, and let other threads do what is due."""
@@ -103,10 +121,16 @@ class FakeTime(TimeSource):
     def _settle(self) -> None:
         """Let other threads work until they wait for a later time; one that does not is left behind."""
         given_up_s = time.monotonic() + WORK_S
-        while self._busy() and time.monotonic() < given_up_s:
-            time.sleep(LOOK_S)
+        with self._news:
+            self._news.notify_all()
+            while self._busy() and time.monotonic() < given_up_s:
+                self._news.wait(LOOK_S)
 
     def _busy(self) -> bool:
+        now_s = time.monotonic()
+        for thread in threading.enumerate():
+            if thread not in self._others and now_s - self._since.setdefault(thread, now_s) < FIRST_S:
+                return True
         alive = [wait for thread, wait in list(self._others.items()) if thread.is_alive()]
         return any(wait is None or wait.until_s <= self.now_s or _is_set(wait.event) for wait in alive)
 
@@ -121,3 +145,17 @@ class FakeTime(TimeSource):
 
 def _is_set(event: threading.Event | threading.Condition) -> bool:
     return isinstance(event, threading.Event) and event.is_set()
+
+
+class Standing(TimeSource):
+    """Another time, on which nothing waits: simulated devices answer within the call that asks them."""
+
+    def __init__(self, time: TimeSource) -> None:
+        self._time = time
+
+    def now(self) -> float:
+        """The time of the other one."""
+        return self._time.now()
+
+    def sleep(self, duration_s: float) -> None:
+        """Time passes elsewhere."""

@@ -1,4 +1,4 @@
-"""The servos wrapper, and robots given by name."""
+"""The servos wrapper, the mock robot, and robots given by name."""
 
 from collections.abc import Mapping
 from typing import Any, Self
@@ -78,6 +78,20 @@ class Recorder(BreakingServos, ServedMock):  # type: ignore[misc]  # the failure
         self.calls.append("pause_watchdog")
 
 
+class TestMockServos(LegServosConformance):
+    def make(self) -> LegServos:
+        return MockServos(shipped(), clock=FakeTime().clock())
+
+
+def test_a_mock_echoes_and_keeps_its_targets_newest_last() -> None:
+    with MockServos(shipped(), clock=FakeTime().clock()) as servos:
+        assert not servos.read().measured
+        for angle in (0.1, 0.2, 0.3):
+            servos.write(JointTargets(np.full(18, angle), angle))
+        assert [targets.joint_positions_rad[0] for targets in servos.sent] == [0.1, 0.2, 0.3]
+        np.testing.assert_array_equal(servos.read().joint_positions_rad, np.full(18, 0.3))
+
+
 class TestServosWrapper(LegServosConformance):
     def make(self) -> LegServos:
         return ServosWrapper(MockServos(shipped(), clock=FakeTime().clock()))
@@ -146,8 +160,8 @@ def test_a_robot_is_taken_by_its_name() -> None:
     assert MockServos("phantomx").robot.name == "phantomx"
     np.testing.assert_array_equal(as_robot("ant").stance_angles_rad, shipped().stance_angles_rad)
     assert MockServos(config_root() / "robots" / "pexod.yaml").robot.name == "pexod"
-    with pytest.raises(InputError, match="unknown robot 'spider'"):
+    with pytest.raises(InputError, match="'spider'"):
         MockServos("spider")
-    with pytest.raises(WrongTypeError, match=r"robot: got 3 \(int\); allowed: a Robot, or the name or path"):
+    with pytest.raises(WrongTypeError, match="robot: got 3"):
         MockServos(3)  # type: ignore[arg-type]
     assert isinstance(MockServos("ant").clock, WallClock)

@@ -1,5 +1,6 @@
 """Wall clock on simulated time: absolute grid, counted overruns, no drift; real-time priority."""
 
+import os
 import subprocess
 import sys
 
@@ -12,22 +13,15 @@ from hexctl.backends.clock import PERIOD_S
 from tests.backends.fake_time import FakeTime
 
 
-def test_the_first_tick_is_one_period_after_the_clock_is_first_asked() -> None:
+def test_time_and_the_grid_start_when_the_clock_is_first_asked() -> None:
     time = FakeTime(500.0)
     clock = time.clock()
     time.work(3.0)  # between making the clock and starting to tick
+    assert clock.now_s == 0
     tick = clock.tick()
     assert (tick.index, tick.time_s) == (1, PERIOD_S)
     assert time.now_s == pytest.approx(503.0 + PERIOD_S)
     assert clock.overruns == 0
-
-
-def test_time_starts_with_the_first_tick() -> None:
-    time = FakeTime()
-    clock = time.clock()
-    time.work(3.0)
-    assert clock.now_s == 0
-    clock.tick()
     time.work(0.005)
     assert clock.now_s == pytest.approx(PERIOD_S + 0.005)
 
@@ -121,29 +115,13 @@ def test_whatever_the_work_every_point_is_run_once_or_counted_as_missed(
     assert indices[-1] == len(indices) + clock.overruns
 
 
-CHILDREN = """
+#: What has the priority: a walk and one within it, and neither its end, nor a child, nor a forked one.
+PRIORITY = """
 import os, subprocess, sys
-from hexctl.backends.clock import request_realtime_priority
-
-if not request_realtime_priority():
-    sys.exit("not permitted")
-ask = "import os; print(os.sched_getscheduler(0) == os.SCHED_FIFO)"
-print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO, flush=True)
-subprocess.run([sys.executable, "-c", ask], check=True)
-child = os.fork()
-if not child:
-    print(os.sched_getscheduler(0) == os.SCHED_FIFO, flush=True)
-    os._exit(0)
-os.waitpid(child, 0)
-"""
-
-
-FOR_A_WHILE = """
-import os, sys
-from hexctl.backends.clock import realtime_priority
+from hexctl.backends.clock import realtime_priority, request_realtime_priority
 
 def mine():
-    print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO)
+    print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO, flush=True)
 
 for _ in range(2):
     with realtime_priority() as granted:
@@ -154,25 +132,24 @@ for _ in range(2):
             mine()
         mine()
     mine()
+request_realtime_priority()
+mine()
+ask = "import os; print(os.sched_getscheduler(0) == os.SCHED_FIFO)"
+subprocess.run([sys.executable, "-c", ask], check=True)
+child = os.fork()
+if not child:
+    mine()
+    os._exit(0)
+os.waitpid(child, 0)
 """
 
 
-def _printed_with_priority(program: str) -> list[str]:
-    """Words that a program of its own prints, which asks for the priority that tests are refused."""
+@pytest.mark.skipif(not hasattr(os, "SCHED_RESET_ON_FORK"), reason="Linux only")
+def test_the_priority_is_for_the_walk_and_neither_after_it_nor_for_its_children() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", PRIORITY], capture_output=True, text=True, timeout=120, check=False
     )
     if "not permitted" in done.stderr:
         pytest.skip("realtime priority is not permitted here")
     assert done.returncode == 0, done.stderr
-    return done.stdout.split()
-
-
-@pytest.mark.skipif(not hasattr(__import__("os"), "SCHED_RESET_ON_FORK"), reason="Linux only")
-def test_the_priority_is_for_the_walk_and_not_for_what_computes_after_it() -> None:
-    assert _printed_with_priority(FOR_A_WHILE) == ["True", "True", "True", "False"] * 2
-
-
-@pytest.mark.skipif(not hasattr(__import__("os"), "SCHED_RESET_ON_FORK"), reason="Linux only")
-def test_what_is_started_from_the_loop_does_not_inherit_its_priority() -> None:
-    assert _printed_with_priority(CHILDREN) == ["True", "False", "False"]
+    assert done.stdout.split() == ["True", "True", "True", "False"] * 2 + ["True", "False", "False"]

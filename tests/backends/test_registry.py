@@ -36,13 +36,9 @@ def test_the_mock_gets_its_robot() -> None:
 
 @pytest.mark.parametrize("name", ["hardware", "", "Sim"])
 def test_an_unknown_backend_lists_the_known_ones(name: str) -> None:
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError, match=repr(name)) as refused:
         make_servos(name, OPTIONS)
-    message = str(refused.value)
-    assert repr(name) in message
-    for known in BACKENDS:
-        assert known in message
-    assert "\n" not in message
+    assert all(known in str(refused.value) for known in BACKENDS)
 
 
 @pytest.fixture
@@ -72,19 +68,14 @@ def test_servos_of_ones_own_are_made_for_the_robot(own_module: str) -> None:
     assert servos.robot is OPTIONS.robot
 
 
-@pytest.mark.parametrize(
-    "name", ["my_servos:Missing", "no_such_module:Mine", "my_servos:WantsMore", "my_servos:"]
-)
+@pytest.mark.parametrize("name", ["my_servos:NoServos", "my_servos:Missing", "no_such_module:Mine"])
 @pytest.mark.usefixtures("own_module")
 def test_servos_of_ones_own_that_cannot_be_made_are_refused(name: str) -> None:
-    with pytest.raises(InputError, match="cannot be loaded") as refused:
+    with pytest.raises(InputError, match=name):
         make_servos(name, OPTIONS)
-    assert repr(name) in str(refused.value)
-
-
-def test_a_class_that_is_no_leg_servos_is_refused(own_module: str) -> None:
-    with pytest.raises(InputError, match="made a NoServos; allowed: a subclass of LegServos"):
-        make_servos(f"{own_module}:NoServos", OPTIONS)
+    for other in ("my_servos:WantsMore", "my_servos:"):
+        with pytest.raises(InputError, match=other):
+            make_servos(other, OPTIONS)
 
 
 def test_servos_of_ones_own_get_the_options_that_they_take(own_module: str, tmp_path: Path) -> None:
@@ -102,38 +93,37 @@ def test_a_simulator_of_ones_own_gets_world_failure_and_seed(own_module: str) ->
     check_options(f"{own_module}:Simulator", world="slippery", seed=3, realtime=True)
 
 
-def test_options_that_a_backend_would_ignore_are_refused(own_module: str) -> None:
-    for name, given, words in (
-        ("mock", {"seed": 3}, "seed: got 3 with backend mock; allowed: with sim"),
-        ("mock", {"realtime": True}, "realtime: got it with backend mock; allowed: with sim"),
-        ("zenoh", {"seed": 3}, "seed: got 3 with backend zenoh; allowed: with sim"),
-        (
-            "sim",
-            {"connect": "there"},
-            "connect: got there with backend sim; allowed: with zenoh",
-        ),
-        ("mavlink", {"link": "lab"}, "link: got lab with backend mavlink; allowed: with zenoh"),
-        (f"{own_module}:Bus", {"seed": 3}, "whose class takes no `seed`; allowed: with sim, or a class that"),
-        (f"{own_module}:Mine", {"connect": "x"}, f"connect: got x with backend {own_module}:Mine, whose"),
-        (f"{own_module}:Missing", {}, "cannot be loaded"),
-        ("hardware", {}, "backend: got 'hardware'; allowed: sim, zenoh"),
-    ):
-        with pytest.raises(InputError) as refused:
-            check_options(name, **given)
-        assert words in str(refused.value)
+@pytest.mark.parametrize(
+    ("name", "given", "named"),
+    [
+        ("mock", {"seed": 3}, "seed: got 3 .*with sim"),
+        ("mock", {"realtime": True}, "realtime: got it .*with sim"),
+        ("zenoh", {"seed": 3}, "seed: got 3 .*with sim"),
+        ("sim", {"connect": "there"}, "connect: got there .*with zenoh"),
+        ("mavlink", {"link": "lab"}, "link: got lab .*with zenoh"),
+        ("my_servos:Bus", {"seed": 3}, "seed"),
+        ("my_servos:Mine", {"connect": "x"}, "connect: got x"),
+        ("my_servos:Missing", {}, "my_servos:Missing"),
+        ("hardware", {}, "backend: got 'hardware'"),
+        ("mock", {"failure": 3}, "failure: got 3 .*with sim"),
+        ("mock", {"trial": 3}, "trial: got 3 .*with sim"),
+        ("mock", {"robot_file": 3}, "robot_file: got 3 .*with none"),
+    ],
+)
+@pytest.mark.usefixtures("own_module")
+def test_options_that_a_backend_would_ignore_are_refused(
+    name: str, given: dict[str, Any], named: str
+) -> None:
+    with pytest.raises(InputError, match=named):
+        check_options(name, **given)
+
+
+def test_options_that_a_backend_takes_pass_and_others_have_the_names_of_the_caller(own_module: str) -> None:
     check_options("sim", seed=3, realtime=True, world="flat", connect=None)
     check_options("zenoh", connect="tcp/a:1", link="lab", insecure=True, seed=0)
     check_options(f"{own_module}:Bus", connect="x", credentials="y", seed=0)
-    with pytest.raises(InputError, match=r"^device: got x with backend mock; allowed: with mavlink$"):
+    with pytest.raises(InputError, match=r"^device: got x .*with mavlink$"):
         check_options("mock", names={"connect": "device"}, offered=("sim", "mavlink"), connect="x")
-
-
-def test_every_option_of_a_backend_can_be_checked() -> None:
-    given: dict[str, Any]
-    for field, allowed in (("failure", "with sim"), ("trial", "with sim"), ("robot_file", "with none")):
-        given = {field: 3}
-        with pytest.raises(InputError, match=f"^{field}: got 3 with backend mock; allowed: {allowed}$"):
-            check_options("mock", **given)
 
 
 def test_options_are_those_of_a_spec_except_where_they_are_given(tmp_path: Path) -> None:
@@ -144,8 +134,9 @@ def test_options_are_those_of_a_spec_except_where_they_are_given(tmp_path: Path)
     )
 
 
-@pytest.mark.parametrize("options", [["--seed", "3"], ["--realtime"], ["--connect", "/dev/ttyUSB0"]])
-@pytest.mark.parametrize("backend", ["mock", "own"])
+@pytest.mark.parametrize(
+    ("backend", "options"), [("mock", ["--realtime"]), ("own", ["--connect", "/dev/ttyUSB0"])]
+)
 def test_run_refuses_options_that_its_backend_would_ignore(
     backend: str, options: list[str], own_module: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

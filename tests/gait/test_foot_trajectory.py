@@ -28,12 +28,8 @@ phases = st.floats(0, 1, exclude_max=True)
 
 
 @given(u=phases)
-def test_stroke_is_equation_3(u: float) -> None:
+def test_stroke_and_lift_are_equations_3_and_4(u: float) -> None:
     assert float(stroke_offset(np.array(u))) == pytest.approx(stroke(u, amplitude=1.0), abs=1e-12)
-
-
-@given(u=phases)
-def test_lift_is_equation_4(u: float) -> None:
     assert float(lift_offset(np.array(u))) == pytest.approx(lift(u, height=1.0), abs=1e-12)
 
 
@@ -142,7 +138,7 @@ def test_a_stance_foot_moves_as_the_floor_does_under_a_moving_body(
     gait = Gait(slots=NAMED_SLOTS["demo"], pace_hz=0.5, amplitude=0.08, height=0.02)
     motion = Motion(heading_rad=heading, travel=travel, turn_rate_rad_s=turn)
     step_s, start_s = 1e-4, RAMP_DURATION_S
-    times = start_s + np.arange(0, 2000) * 1e-3
+    times = start_s + np.arange(0, 2000, 10) * 1e-3
     before = gait_feet_body(robot, gait, motion, times)
     after = gait_feet_body(robot, gait, motion, times + step_s)
     u = phase_in_cycle(gait.pace_hz * times[:, np.newaxis], np.array(gait.slots))
@@ -254,7 +250,7 @@ def test_many_walks_at_once_equal_each_alone_to_the_last_bit(
         assert np.array_equal(row, gait_feet_body(robot, gait, motion, times, stop_s))
 
 
-@pytest.mark.parametrize("shape", [(), (1,), (7,), (3, 4)])
+@pytest.mark.parametrize("shape", [(), (3, 4)])
 def test_times_of_any_shape_equal_each_time_alone(shape: tuple[int, ...]) -> None:
     times = np.random.default_rng(1).uniform(0, 9, shape)
     feet = gait_feet_body(shipped(), TRIPOD, Motion(heading_rad=0.3), times)

@@ -26,40 +26,38 @@ GOOD = {"slots": (1, 4, 2, 6, 3, 5), "pace_hz": 0.9, "amplitude": 0.11, "height"
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("name", "value"),
     [
-        ({"slots": (1, 2, 3)}, "gait.*six numbers, each 1..6"),
-        ({"slots": (0, 1, 2, 3, 4, 5)}, "gait.*each 1..6"),
-        ({"slots": (1, 2, 3, 4, 5, 7)}, "gait.*each 1..6"),
-        ({"pace_hz": 0}, "pace_hz: got 0; allowed: above 0 up to 10 Hz"),
-        ({"pace_hz": -0.5}, "pace_hz: got -0.5"),
-        ({"pace_hz": math.nan}, "pace_hz: got nan"),
-        ({"pace_hz": math.inf}, "pace_hz: got inf"),
-        ({"pace_hz": 11}, "pace_hz: got 11"),
-        ({"amplitude": 0}, "amplitude: got 0; allowed: above 0 up to 1 of the robot's size"),
-        ({"amplitude": 1.1}, "amplitude: got 1.1"),
-        ({"amplitude": math.nan}, "amplitude: got nan"),
-        ({"height": -0.1}, "height: got -0.1"),
-        ({"height": math.inf}, "height: got inf"),
+        *(("gait", slots) for slots in ((1, 2, 3), (0, 1, 2, 3, 4, 5), (1, 2, 3, 4, 5, 7))),
+        *(("pace_hz", value) for value in (0, -0.5, math.nan, math.inf, 10.001)),
+        *(("amplitude", value) for value in (0, 1.001, math.nan)),
+        *(("height", value) for value in (0, -0.1, 1.001, math.inf)),
     ],
 )
-def test_a_gait_refuses_what_cannot_be_walked(change: dict[str, object], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        Gait(**{**GOOD, **change})  # type: ignore[arg-type]
+def test_a_gait_refuses_values_that_cannot_be_walked(name: str, value: Any) -> None:
+    key = "slots" if name == "gait" else name
+    with pytest.raises(InputError, match=f"{name}: got"):
+        Gait(**{**GOOD, key: value})
+
+
+def test_the_ends_of_the_ranges_can_be_walked() -> None:
+    gait = Gait(**{**GOOD, "pace_hz": 10, "amplitude": 1, "height": 1})  # type: ignore[arg-type]
+    assert (gait.pace_hz, gait.amplitude, gait.height) == (10, 1, 1)
+    assert (Motion(travel=0.0).travel, Motion(travel=1.0).travel) == (0, 1)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "named"),
     [
-        ({"heading_rad": math.nan}, "heading nan"),
-        ({"turn_rate_rad_s": math.inf}, "turn inf"),
-        ({"travel": -0.1}, "travel: got -0.1; allowed: 0..1"),
-        ({"travel": 1.5}, "travel: got 1.5"),
-        ({"travel": math.nan}, "travel: got nan"),
+        ({"heading_rad": math.nan}, "heading"),
+        ({"turn_rate_rad_s": math.inf}, "turn"),
+        ({"travel": -0.1}, "travel"),
+        ({"travel": 1.001}, "travel"),
+        ({"travel": math.nan}, "travel"),
     ],
 )
-def test_a_motion_refuses_what_is_no_direction(change: dict[str, float], words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_a_motion_refuses_values_that_are_no_direction(change: dict[str, float], named: str) -> None:
+    with pytest.raises(InputError, match=named):
         Motion(**change)
 
 
@@ -123,10 +121,6 @@ def test_swings_of_an_encoded_gait_follow_in_descending_slot_order(name: str) ->
     assert _from(_swing_order(slots), descending[0]) == descending
 
 
-def test_the_default_is_the_demo_of_the_paper() -> None:
-    assert NAMED_SLOTS["demo"] == (1, 4, 2, 6, 3, 5)
-
-
 @pytest.mark.parametrize(
     ("text", "failed", "slots"),
     [
@@ -144,29 +138,21 @@ def test_a_gait_is_read_from_a_name_a_code_or_slots(text: str, failed: tuple[int
 
 
 @pytest.mark.parametrize(
-    ("text", "failed", "words"),
+    ("text", "failed", "named"),
     [
-        ("gallop", (), r"gait: got 'gallop'; allowed: demo, tripod, wave, ripple, a code 1\.\.720, or slots"),
-        ("gallop", (5,), r"a code 1\.\.120"),
-        ("", (), r"gait: got ''"),
-        ("1.5", (), r"gait: got '1.5'"),
-        ("0", (), r"gait: got 0; allowed: 1\.\.720"),
-        ("721", (), r"gait: got 721; allowed: 1\.\.720"),
-        ("121", (5,), r"gait: got 121; allowed: 1\.\.120 with failed leg 5"),
-        ("-3", (), r"gait: got -3"),
-        ("1,2,3,4,5", (), r"gait: got 1,2,3,4,5; allowed: a permutation"),
-        ("1,2,3,4,5,5", (), r"gait: got 1,2,3,4,5,5; allowed: a permutation"),
-        ("1,2,3,4,5,x", (), r"gait: got '1,2,3,4,5,x'; allowed: six whole numbers"),
-        ("1,2,3,4,5,", (), r"six whole numbers"),
-        ("tripod\n1", (), r"gait: got 'tripod\\n1'"),
+        ("gallop", (), r"'gallop'.*demo, tripod, wave, ripple, .*1\.\.720"),
+        ("gallop", (5,), r"1\.\.120"),
+        *((text, (), "gait: got") for text in ("", "1.5", "0", "721", "-3", "1,2,3,4,5", "1,2,3,4,5,5")),
+        *((text, (), "six whole numbers") for text in ("1,2,3,4,5,x", "1,2,3,4,5,")),
+        ("121", (5,), "failed leg 5"),
+        ("tripod\n1", (), r"'tripod\\n1'"),
     ],
 )
-def test_anything_else_is_refused_with_what_is_allowed(
-    text: str, failed: tuple[int, ...], words: str
+def test_a_text_that_is_no_gait_is_refused_with_the_possible_ones(
+    text: str, failed: tuple[int, ...], named: str
 ) -> None:
-    with pytest.raises(InputError, match=words) as refused:
+    with pytest.raises(InputError, match=named):
         parse_slots(text, failed)
-    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("gait", [57, np.int64(57), "57", (1, 4, 3, 5, 2, 6), [1, 4, 3, 5, 2, 6]])
@@ -183,24 +169,24 @@ def test_slots_are_taken_from_any_sequence_of_whole_numbers() -> None:
     assert {type(slot) for slot in slots} == {int}
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: make_gait("ant", "tripod"), "robot: got 'ant' .*allowed: a Robot, as load_robot"),  # type: ignore[arg-type]
-        (lambda: make_gait(shipped(), None), r"gait: got None .*allowed: demo, tripod"),  # type: ignore[arg-type]
-        (lambda: make_gait(shipped(), 57.0), r"gait: got 57.0 \(float\); allowed: demo, tripod"),  # type: ignore[arg-type]
-        (lambda: make_gait(shipped(), "57", failed_legs=5), r"failed legs: got 5 \(int\)"),  # type: ignore[arg-type]
-        (lambda: make_gait(shipped(), "57", pace_hz="0.9"), r"pace_hz: got '0.9' \(str\)"),  # type: ignore[arg-type]
-        (lambda: Gait(**{**GOOD, "slots": "tripod"}), "gait: got 'tripod' .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
-        (lambda: Gait(**{**GOOD, "slots": 57}), "gait: got 57 .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
-        (lambda: Gait(**{**GOOD, "height": None}), "height: got None .*allowed: a number, above 0 up to 1"),  # type: ignore[arg-type]
-        (lambda: Motion(heading_rad="0"), "motion.heading_rad: got '0' .*allowed: a number"),  # type: ignore[arg-type]
-        (lambda: Motion(travel=True), "motion.travel: got True .*allowed: a number"),
-    ],
-)
-def test_a_value_of_a_wrong_type_is_refused_at_once(make: Callable[[], object], message: str) -> None:
-    with pytest.raises(WrongTypeError, match=message):
-        make()
+WRONG_TYPES: dict[str, Callable[[], object]] = {
+    "robot: got 'ant'": lambda: make_gait("ant", "tripod"),  # type: ignore[arg-type]
+    "gait: got None": lambda: make_gait(shipped(), None),  # type: ignore[arg-type]
+    "gait: got 57.0": lambda: make_gait(shipped(), 57.0),  # type: ignore[arg-type]
+    "failed legs: got 5": lambda: make_gait(shipped(), "57", failed_legs=5),  # type: ignore[arg-type]
+    "pace_hz: got '0.9'": lambda: make_gait(shipped(), "57", pace_hz="0.9"),  # type: ignore[arg-type]
+    "gait: got 'tripod'": lambda: Gait(**{**GOOD, "slots": "tripod"}),  # type: ignore[arg-type]
+    "gait: got 57 ": lambda: Gait(**{**GOOD, "slots": 57}),  # type: ignore[arg-type]
+    "height: got None": lambda: Gait(**{**GOOD, "height": None}),  # type: ignore[arg-type]
+    "motion.heading_rad: got '0'": lambda: Motion(heading_rad="0"),  # type: ignore[arg-type]
+    "motion.travel: got True": lambda: Motion(travel=True),
+}
+
+
+@pytest.mark.parametrize("named", WRONG_TYPES)
+def test_a_value_of_a_wrong_type_is_refused(named: str) -> None:
+    with pytest.raises(WrongTypeError, match=named):
+        WRONG_TYPES[named]()
 
 
 def test_a_gait_of_another_name_is_not_the_best() -> None:
@@ -223,5 +209,5 @@ def test_phases_follow_the_slots_unless_they_are_given() -> None:
     "phases", [(0.0,) * 5, (0.0, 0.1, 0.2, 0.3, 0.4, 1.0), (0.0, 0.1, 0.2, 0.3, -0.1, 0.5)]
 )
 def test_phases_are_six_parts_of_a_cycle(phases: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match=r"phases: got .*; allowed: 6 parts of a cycle, each 0 up to 1"):
+    with pytest.raises(InputError, match="phases: got"):
         replace(make_gait(shipped(), "demo"), phases=phases)

@@ -2,17 +2,15 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.servos import SimServos
 from hexctl.ik.clearance import PARTS, leg_clearance, segment_distance_m
-from tests.robots import ROBOT_NAMES, shipped
+from tests.robots import shipped
 
 
 def test_segments_are_as_far_apart_as_their_nearest_points() -> None:
-    ends = np.random.default_rng(1).normal(size=(200, 4, 3))
+    ends = np.random.default_rng(1).normal(size=(100, 4, 3))
     ends[:20, 1] = ends[:20, 0]  # points
     ends[20:40, 3] = ends[20:40, 2] + ends[20:40, 1] - ends[20:40, 0]  # parallel
     share = np.linspace(0, 1, 101)[:, np.newaxis]
@@ -24,8 +22,12 @@ def test_segments_are_as_far_apart_as_their_nearest_points() -> None:
     assert (exact <= sampled + 1e-9).all()
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize("name", ["ant", "pexod"])
 def test_gaps_are_those_of_the_simulated_solids(name: str) -> None:
+    import mujoco
+
+    from hexctl.backends.sim.servos import SimServos
+
     robot = shipped(name)
     rng = np.random.default_rng(2)
     low, high = robot.joint_lower_rad, robot.joint_upper_rad
@@ -37,7 +39,7 @@ def test_gaps_are_those_of_the_simulated_solids(name: str) -> None:
             for leg in range(1, 7)
             for part in PARTS
         }
-        for joints_rad in rng.uniform(low, high, size=(10, 18)):
+        for joints_rad in rng.uniform(low, high, size=(5, 18)):
             data.qpos[7:] = joints_rad
             mujoco.mj_forward(model, data)
             clearance = leg_clearance(robot, joints_rad)

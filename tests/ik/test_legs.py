@@ -1,13 +1,20 @@
-"""Kinematics both ways: there and back, against a scalar reference and against MuJoCo."""
+"""Kinematics both ways: there and back, against a scalar reference, and against MuJoCo.
+
+For the latter, chains are written by hand from the numbers of the robot files, without hexctl's own model.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.sim.simulation_model import FIRST_JOINT, make_simulation
-from hexctl.backends.sim.world import World
-from hexctl.errors import LimitError, ReachError
+import hexctl
+from hexctl.errors import LimitError, ReachError, WrongTypeError
 from hexctl.ik.legs import (
     check_joint_limits,
     foot_positions_body,
@@ -105,10 +112,9 @@ def test_a_foot_out_of_reach_is_flagged_and_the_leg_points_at_it(name: str, shar
     np.testing.assert_allclose(cosine[beyond], 1, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
 @pytest.mark.parametrize("where", ["coxa axis", "femur joint", "mount"])
-def test_a_foot_too_near_is_flagged_and_finite(name: str, where: str) -> None:
-    robot = shipped(name)
+def test_a_foot_too_near_is_flagged_and_finite(where: str) -> None:
+    robot = shipped()
     points = link_points_body(robot, robot.stance_angles_rad)
     feet = {
         "coxa axis": points[:, 0] + [0, 0, -0.001],
@@ -117,8 +123,7 @@ def test_a_foot_too_near_is_flagged_and_finite(name: str, where: str) -> None:
     }[where]
     solution = solve_legs(robot, feet)
     assert np.isfinite(solution.joint_positions_rad).all()
-    if where == "femur joint":
-        assert not solution.reachable.any()
+    assert where != "femur joint" or not solution.reachable.any()
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
@@ -127,6 +132,9 @@ def test_the_stance_of_the_file_is_the_solution_of_its_feet(name: str) -> None:
     solution = solve_legs(robot, robot.stance_feet_body)
     assert solution.reachable.all()
     np.testing.assert_allclose(solution.joint_positions_rad, robot.stance_angles_rad, atol=1e-12)
+    np.testing.assert_array_equal(
+        solve_legs_within_limits(robot, robot.stance_feet_body), solution.joint_positions_rad
+    )
 
 
 def test_many_poses_at_once_equal_each_alone_to_the_last_bit() -> None:
@@ -159,67 +167,30 @@ def test_a_positive_angle_turns_left_and_lifts(name: str) -> None:
             assert (out * after[:, 2] > before[:, 2] * moved_out).all(), "turned upward about its joint"
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_feet_and_joints_stand_where_mujoco_has_them(name: str) -> None:
-    robot = shipped(name)
-    physics = make_simulation(robot, World()).physics
-    rng = np.random.default_rng(11)
-    for _ in range(50):
-        angles = _angles_within_limits(robot, rng.uniform(size=N_JOINTS))
-        quaternion = rng.standard_normal(4)
-        base = rng.uniform(-2, 2, 3)
-        physics.data.qpos[:] = [*base, *(quaternion / np.linalg.norm(quaternion)), *angles]
-        physics.forward()
-        to_world = np.array(physics.named.data.xmat[f"{robot.name}/"]).reshape(3, 3)
-        points = link_points_body(robot, angles) @ to_world.T + base
-        joints = physics.data.xanchor[1:].reshape(N_LEGS, 3, 3)
-        np.testing.assert_allclose(points[:, :3], joints, atol=1e-9)
-        sites = [physics.named.data.site_xpos[f"{robot.name}/leg{leg}/foot"] for leg in range(1, 7)]
-        geoms = [physics.named.data.geom_xpos[f"{robot.name}/leg{leg}/foot"] for leg in range(1, 7)]
-        np.testing.assert_allclose(points[:, 3], sites, atol=1e-9)
-        np.testing.assert_allclose(points[:, 3], geoms, atol=1e-9)
-        np.testing.assert_array_equal(physics.data.qpos[FIRST_JOINT:], angles)
-
-
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_the_stance_is_within_limits(name: str) -> None:
-    robot = shipped(name)
-    np.testing.assert_array_equal(
-        solve_legs_within_limits(robot, robot.stance_feet_body),
-        solve_legs(robot, robot.stance_feet_body).joint_positions_rad,
-    )
-
-
-@pytest.mark.parametrize("leg", range(1, N_LEGS + 1))
+@pytest.mark.parametrize("leg", [1, 3, 6])
 def test_a_foot_out_of_reach_names_its_leg_and_how_far_it_may_be(leg: int) -> None:
     robot = shipped()
     feet = np.tile(robot.stance_feet_body, (5, 1, 1))
     feet[3, leg - 1] *= 1.5
     feet[4, leg - 1] *= 2.0
-    with pytest.raises(ReachError) as refused:
-        solve_legs_within_limits(robot, feet)
-    message = str(refused.value)
     hip = np.array([0.080 + 0.0503, -0.0112])
-    distance = np.hypot(*(np.array([0.408, -0.242]) - hip))
-    assert f"leg {leg}: foot {distance:.4f} m" in message, "the worst of its positions"
-    assert "allowed: 0.0441 to 0.1889 m" in message
-    assert "\n" not in message
+    worst_m = np.hypot(*(np.array([0.408, -0.242]) - hip))
+    with pytest.raises(ReachError, match=f"leg {leg}: foot {worst_m:.4f} m.*0.0441 to 0.1889 m"):
+        solve_legs_within_limits(robot, feet)
 
 
-@pytest.mark.parametrize("leg", range(1, N_LEGS + 1))
-@pytest.mark.parametrize("kind", JOINT_KINDS)
-@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize(
+    ("leg", "kind", "side"), [(1, "coxa", -1), (4, "femur", 1), (6, "tibia", -1), (2, "tibia", 1)]
+)
 def test_a_joint_out_of_range_is_named_with_its_angle_and_range(leg: int, kind: str, side: int) -> None:
     robot = shipped("pexod")
     joint = 3 * (leg - 1) + JOINT_KINDS.index(kind)
     angles = robot.stance_angles_rad.copy()
     limits = robot.joint_lower_rad if side < 0 else robot.joint_upper_rad
     angles[joint] = limits[joint] + side * np.radians(3)
-    degrees = np.degrees(angles[joint])
-    with pytest.raises(LimitError, match=f"leg {leg} {kind}: needs {degrees:.1f} deg") as refused:
+    degrees, most = np.degrees(angles[joint]), 90 if kind == "coxa" else 45
+    with pytest.raises(LimitError, match=f"leg {leg} {kind}: needs {degrees:.1f} .*-{most} to {most} deg"):
         check_joint_limits(robot, angles)
-    most = 90 if kind == "coxa" else 45
-    assert f"allowed: -{most} to {most} deg" in str(refused.value)
 
 
 def test_the_worst_joint_of_many_poses_is_named() -> None:
@@ -227,19 +198,145 @@ def test_the_worst_joint_of_many_poses_is_named() -> None:
     angles = np.tile(robot.stance_angles_rad, (4, 1))
     angles[1, 3] = np.radians(61)
     angles[2, 10] = np.radians(95)
-    with pytest.raises(LimitError, match=r"leg 4 femur: needs 95\.0 deg; allowed: -90 to 90 deg"):
+    with pytest.raises(LimitError, match=r"leg 4 femur: needs 95\.0"):
         check_joint_limits(robot, angles)
-
-
-def test_a_foot_that_only_a_joint_beyond_its_range_reaches_is_refused() -> None:
-    robot = shipped()
-    angles = robot.stance_angles_rad.copy()
-    angles[6] = np.radians(70)
-    with pytest.raises(LimitError, match=r"leg 3 coxa: needs 70\.0 deg; allowed: -60 to 60 deg"):
-        solve_legs_within_limits(robot, foot_positions_body(robot, angles))
 
 
 def test_the_end_of_the_range_itself_is_allowed() -> None:
     robot = shipped()
     check_joint_limits(robot, robot.joint_upper_rad)
     check_joint_limits(robot, np.stack([robot.joint_lower_rad, robot.joint_upper_rad]))
+
+
+# Against MuJoCo.
+
+FILES = Path(__file__).parents[2] / "configs" / "robots"
+
+
+def placed(mount: dict[str, Any]) -> tuple[list[float], float]:
+    """Position of a mount and its yaw in degrees, from either of its two forms."""
+    if "azimuth_deg" in mount:
+        azimuth = math.radians(mount["azimuth_deg"])
+        x, y = mount["radius_m"] * math.cos(azimuth), mount["radius_m"] * math.sin(azimuth)
+        return [x, y, 0.0], mount["azimuth_deg"]
+    return mount["position_m"], mount["yaw_deg"]
+
+
+def leg_mjcf(number: int, mount: dict[str, Any], links: dict[str, Any]) -> str:
+    """One leg: a vertical hinge, and two hinges whose positive angle lifts the link, in the leg's plane."""
+    (x, y, z), yaw_deg = placed(mount)
+    coxa, femur, tibia = (links[kind]["end_m"] for kind in ("coxa", "femur", "tibia"))
+    weight = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    return f"""
+    <body name="coxa{number}" pos="{x!r} {y!r} {z!r}" euler="0 0 {yaw_deg!r}">{weight}
+      <joint type="hinge" axis="0 0 1"/>
+      <body name="femur{number}" pos="{coxa[0]!r} 0 {coxa[1]!r}">{weight}
+        <joint type="hinge" axis="0 -1 0"/>
+        <body name="tibia{number}" pos="{femur[0]!r} 0 {femur[1]!r}">{weight}
+          <joint type="hinge" axis="0 -1 0"/>
+          <site name="foot{number}" pos="{tibia[0]!r} 0 {tibia[1]!r}"/>
+        </body>
+      </body>
+    </body>"""
+
+
+class Chain:
+    """A robot's legs on a fixed trunk in MuJoCo."""
+
+    def __init__(self, name: str) -> None:
+        import mujoco
+
+        content = yaml.safe_load((FILES / f"{name}.yaml").read_text(encoding="utf-8"))
+        legs = [
+            leg_mjcf(number, mount, content["links"]) for number, mount in enumerate(content["mounts"], 1)
+        ]
+        text = f"<mujoco><compiler angle='degree'/><worldbody>{''.join(legs)}</worldbody></mujoco>"
+        self._model = mujoco.MjModel.from_xml_string(text)
+        self._data = mujoco.MjData(self._model)
+
+    def points(self, joints_rad: FloatArray) -> FloatArray:
+        """Coxa axis, femur joint, knee and foot of each leg, (6, 4, 3)."""
+        import mujoco
+
+        self._data.qpos[:] = joints_rad
+        mujoco.mj_forward(self._model, self._data)
+        return np.array(
+            [
+                [
+                    *(self._data.body(f"{link}{leg}").xpos.copy() for link in ("coxa", "femur", "tibia")),
+                    self._data.site(f"foot{leg}").xpos.copy(),
+                ]
+                for leg in range(1, 7)
+            ]
+        )
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_forward_kinematics_are_those_of_a_chain_built_by_hand(name: str) -> None:
+    robot, chain = shipped(name), Chain(name)
+    random = np.random.default_rng(1)
+    for _ in range(30):
+        joints_rad = random.uniform(robot.joint_lower_rad, robot.joint_upper_rad)
+        np.testing.assert_allclose(link_points_body(robot, joints_rad), chain.points(joints_rad), atol=1e-12)
+    np.testing.assert_allclose(
+        foot_positions_body(robot, robot.stance_angles_rad),
+        chain.points(robot.stance_angles_rad)[:, -1],
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_inverse_kinematics_put_the_feet_of_that_chain_where_they_are_wished(name: str) -> None:
+    robot, chain = shipped(name), Chain(name)
+    random = np.random.default_rng(2)
+    for _ in range(30):
+        feet_body = robot.stance_feet_body + random.uniform(-0.03, 0.03, (6, 3))
+        solution = solve_legs(robot, feet_body)
+        reached = chain.points(solution.joint_positions_rad)[:, -1]
+        np.testing.assert_allclose(reached[solution.reachable], feet_body[solution.reachable], atol=1e-9)
+        assert solution.reachable.mean() > 0.5
+
+
+# As programs call them.
+
+#: The functions without their types, for what a type checker would refuse as well.
+api: Any = hexctl
+
+
+def test_feet_come_back_from_their_angles_for_one_pose_and_for_many() -> None:
+    robot = shipped("phantomx")
+    stance = hexctl.feet_of_joint_angles(robot, robot.stance_angles_rad)
+    np.testing.assert_allclose(stance, robot.stance_feet_body, atol=1e-12)
+    np.testing.assert_allclose(
+        hexctl.joint_angles_of_feet(robot, stance), robot.stance_angles_rad, rtol=0, atol=1e-9
+    )
+    moved = stance + np.array([[[0.01, 0.0, 0.0]], [[0.0, -0.008, 0.005]]])
+    angles_rad = hexctl.joint_angles_of_feet(robot, moved)
+    assert angles_rad.shape == (2, 18)
+    np.testing.assert_allclose(hexctl.feet_of_joint_angles(robot, angles_rad), moved, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "named"),
+    [
+        (lambda robot: api.joint_angles_of_feet("ant", robot.stance_feet_body), WrongTypeError, "robot"),
+        (lambda robot: api.joint_angles_of_feet(robot, "far"), WrongTypeError, "feet_body"),
+        (lambda robot: api.joint_angles_of_feet(robot, [[0.1, 0.2], [0.3]]), WrongTypeError, "feet_body"),
+        (lambda robot: api.feet_of_joint_angles(robot, None), WrongTypeError, "joint_positions_rad"),
+        *(
+            (lambda robot, feet=feet: api.joint_angles_of_feet(robot, feet), hexctl.InputError, "feet_body")
+            for feet in (np.zeros((5, 3)), np.zeros(3), 0.1, np.full((6, 3), np.nan))
+        ),
+        *(
+            (
+                lambda robot, wrong=wrong: api.feet_of_joint_angles(robot, wrong),
+                hexctl.InputError,
+                "joint_pos",
+            )
+            for wrong in (np.zeros(17), np.zeros((18, 2)), [0.0] * 17 + [np.inf], 0.4)
+        ),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(call: Any, error: type[Exception], named: str) -> None:
+    with pytest.raises(error, match=f"^{named}"):
+        call(shipped())

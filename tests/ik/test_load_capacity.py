@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq, linprog
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
@@ -14,7 +13,7 @@ from hexctl.ik.statics import GRAVITY_M_S2, arms_m, link_torques_nm
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets
-from tests.robots import ROBOT_NAMES, shipped, without_friction
+from tests.robots import shipped, without_friction
 
 FLAT, ICE = World(), World(friction=0.001, contact_time_s=0.005)
 EVERY_FOOT = np.ones(6, dtype=bool)
@@ -36,6 +35,8 @@ def with_capacity(robot: Robot, capacity: float, world: World) -> Robot:
     def excess(share: float) -> float:
         return capacity_of(weaker(share), robot.stance_angles_rad, EVERY_FOOT, world) - capacity
 
+    from scipy.optimize import brentq
+
     return weaker(brentq(excess, 1e-4, 1.0))
 
 
@@ -50,8 +51,7 @@ def lowered_m(robot: Robot, world: World) -> float:
         return robot.standing_height_m - float(state.base_position_world[2])
 
 
-@pytest.mark.parametrize("world", [FLAT, ICE], ids=["flat", "ice"])
-@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize(("name", "world"), [("ant", ICE), ("pexod", FLAT), ("phantomx", FLAT)])
 def test_a_robot_stands_above_a_capacity_of_one_and_sinks_below(name: str, world: World) -> None:
     robot = without_friction(name)
     # Where friction between the feet has to help, feet creep a little before it does.
@@ -82,6 +82,8 @@ def test_it_is_what_a_linear_program_finds() -> None:
 
 
 def _program(robot: Robot, joints_rad: FloatArray, standing: BoolArray) -> float:
+    from scipy.optimize import linprog
+
     points = link_points_body(robot, joints_rad)
     arms = arms_m(robot, points, joints_rad.reshape(6, 3))
     own, centre = link_torques_nm(robot, arms), centre_of_mass_of(robot, points)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
@@ -15,16 +14,16 @@ from hexctl.ik.statics import GRAVITY_M_S2, lean_and_forces, static_load
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, JointTargets
-from tests.robots import ROBOT_NAMES, shipped, without_friction
+from tests.robots import shipped, without_friction
 
 #: Feet slide, as in the model, and the floor is hard.
 ICE = World(friction=0.001, contact_time_s=0.005)
 
 
 def at_rest(robot: Robot, targets_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Torques of the servos and joint angles of a simulated robot that has held targets for two seconds."""
+    """Torques of the servos and joint angles of a simulated robot that has held targets for 1.5 s."""
     with SimServos(robot, world=ICE) as servos:
-        for _ in range(100):
+        for _ in range(75):
             servos.clock.tick()
             state = servos.read()
             servos.write(JointTargets(targets_rad, servos.clock.now_s))
@@ -42,8 +41,7 @@ def same_torques(computed_nm: FloatArray, simulated_nm: FloatArray) -> None:
     assert (errors_nm <= np.where(carrying, 0.03 * np.abs(simulated_nm), 0.02 * most_nm)).all()
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-@pytest.mark.parametrize("lifted", [False, True])
+@pytest.mark.parametrize(("name", "lifted"), [("ant", True), ("phantomx", False), ("pexod", True)])
 def test_torques_and_deflections_are_those_of_a_simulation_at_rest(name: str, lifted: bool) -> None:
     robot = without_friction(name)
     targets_rad = robot.stance_angles_rad
@@ -105,6 +103,8 @@ def test_loads_of_a_robot_with_its_own_centres_of_mass_and_stiffness() -> None:
 
 def test_a_robot_that_stands_inside_its_feet_balances_on_any_servos() -> None:
     """Each Newton step alone may go round between two sets of feet for ever."""
+    from scipy.spatial import ConvexHull
+
     robot = shipped("ant")
     rng = np.random.default_rng(1)
     inside = 0
@@ -114,8 +114,8 @@ def test_a_robot_that_stands_inside_its_feet_balances_on_any_servos() -> None:
             body=replace(robot.body, mass_kg=mass * robot.body.mass_kg),
             servo=replace(robot.servo, stiffness_nm_per_rad=stiffness * robot.servo.stiffness_nm_per_rad),
         )
-        moved = rng.uniform(-0.03, 0.03, (300, 6, 2))
-        lifted = np.where(rng.random((300, 6, 1)) < 0.5, rng.uniform(0, 0.04, (300, 6, 1)), 0.0)
+        moved = rng.uniform(-0.03, 0.03, (150, 6, 2))
+        lifted = np.where(rng.random((150, 6, 1)) < 0.5, rng.uniform(0, 0.04, (150, 6, 1)), 0.0)
         feet = robot.stance_feet_body + np.concatenate([moved, lifted], axis=-1)
         solution = solve_legs(heavy, feet)
         joints_rad = solution.joint_positions_rad[solution.reachable.all(axis=-1)]
@@ -127,10 +127,10 @@ def test_a_robot_that_stands_inside_its_feet_balances_on_any_servos() -> None:
             if (hull[:, :2] @ centre_m[:2] + hull[:, 2] < -0.01).all():
                 inside += 1
                 assert balanced
-    assert inside > 1000
+    assert inside > 500
 
 
-@pytest.mark.parametrize("leg", range(1, 7))
+@pytest.mark.parametrize("leg", [1, 5])
 def test_a_robot_leans_to_the_leg_that_carries_nothing(leg: int) -> None:
     robot = shipped("ant")
     carries = np.arange(1, 7) != leg

@@ -1,52 +1,47 @@
-"""The servo board: peers, commands, silence."""
+"""The servo board: peers, commands, silence, channels."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import mavlink_messages
-from hexctl.robot.loader import load_robot_file
+from hexctl.errors import CommandRefusedError
+from hexctl.robot.servos.servo_map import default_servo_map
 from hexctl.simulators.servo_board import (
     FORGET_AFTER_S,
     FREE_AFTER_S,
     MOST_PEERS,
+    Channels,
     OverrideStream,
     Peers,
 )
 from hexctl.types import FloatArray
-from tests.backends.mavlink.boards import BoardProcess, board, fitting_file, stance_us
+from tests.backends.mavlink.boards import MemoryBoard, fitting_map, memory_board
 from tests.backends.mavlink.clients import Client
-
-pytestmark = pytest.mark.realtime
+from tests.robots import shipped
 
 LOOSE_US = 2.0
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
-    return fitting_file(tmp_path)
-
-
-@pytest.fixture
-def running(file: Path) -> Iterator[BoardProcess]:
-    with board("--backend", "mock", "--robot", str(file), "--release-after", "1.5") as made:
+def running(tmp_path: Path) -> Iterator[MemoryBoard]:
+    with memory_board(fitting_map(tmp_path), release_after_s=1.5) as made:
         yield made
 
 
 @pytest.fixture
-def client(running: BoardProcess) -> Iterator[Client]:
-    with Client(running.port) as made:
-        made.hail()
-        yield made
+def client(running: MemoryBoard) -> Client:
+    made = Client(running.port.peer())
+    made.hail()
+    return made
 
 
 @pytest.fixture
-def stance(file: Path) -> FloatArray:
-    return stance_us(load_robot_file(file).servo_map)
+def stance(running: MemoryBoard) -> FloatArray:
+    return running.servo_map.to_us(shipped().stance_angles_rad)
 
 
 def shows(client: Client, pulses: FloatArray) -> bool:
@@ -64,7 +59,7 @@ def test_who_comes_is_told_at_once_who_is_there(client: Client) -> None:
 
 
 def test_an_override_moves_and_silence_holds(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     moved = stance + 30
     client.drive(moved, times=60)
@@ -82,7 +77,7 @@ def test_an_override_moves_and_silence_holds(
 
 
 def test_overrides_that_come_late_all_together_move_nothing(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     """What a controller sent before it noticed that its link had begun to delay everything."""
     client.drive(stance, times=20)
@@ -95,7 +90,7 @@ def test_overrides_that_come_late_all_together_move_nothing(
 
 
 def test_a_release_counts_at_once_after_a_silence(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
     client.until(lambda: client.state() == mavlink_messages.CRITICAL)
@@ -105,7 +100,7 @@ def test_a_release_counts_at_once_after_a_silence(
 
 
 def test_a_controller_that_shows_that_it_is_there_moves_at_once_after_a_silence(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
     client.until(lambda: client.state() == mavlink_messages.CRITICAL)
@@ -121,7 +116,7 @@ def test_a_controller_that_shows_that_it_is_there_moves_at_once_after_a_silence(
 
 
 def test_what_a_controller_sent_long_ago_moves_nothing_although_it_was_forgotten(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
     client.listen(FORGET_AFTER_S + 0.2)
@@ -142,10 +137,10 @@ def test_a_stream_is_steady_once_it_has_come_for_long_enough_without_a_silence()
 
 
 def test_without_a_controller_the_servos_are_let_go(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
-    with Client(running.port, system=254) as watcher:
+    with Client(running.port.peer("watcher"), system=254) as watcher:
         watcher.hail()
         watcher.until(lambda: not released(watcher), hailing=True)
         watcher.until(lambda: released(watcher), hailing=True)
@@ -157,7 +152,7 @@ def released(client: Client) -> bool:
 
 
 def test_heartbeats_of_who_commanded_keep_the_pose_held(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
     for _ in range(25):
@@ -168,7 +163,7 @@ def test_heartbeats_of_who_commanded_keep_the_pose_held(
 
 
 def test_letting_go_on_command_and_driving_again(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
     client.say(mavlink_messages.release(1, 1))
@@ -191,7 +186,7 @@ def test_target_0_is_a_broadcast(client: Client, stance: FloatArray) -> None:
 
 
 def test_a_void_override_moves_nothing_and_is_counted(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive([*[1500] * 17, 99])
     assert shows(client, stance)
@@ -200,7 +195,7 @@ def test_a_void_override_moves_nothing_and_is_counted(
 
 
 def test_losses_and_disorder_are_counted_and_old_overrides_not_obeyed(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.say(mavlink_messages.override(stance, 1, 1), sequence=10)
     client.say(mavlink_messages.override(stance, 1, 1), sequence=14)
@@ -215,10 +210,10 @@ def test_losses_and_disorder_are_counted_and_old_overrides_not_obeyed(
 
 
 def test_a_controller_that_vanished_is_replaced_after_a_while(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
-    with Client(running.port) as second:
+    with Client(running.port.peer("second")) as second:
         second.drive(stance + 20)
         second.until(lambda: any(frame.kind == "STATUSTEXT" for frame in second.heard))
         assert mavlink_messages.name_of(second.newest("STATUSTEXT")) == "another controller holds the servos"
@@ -232,50 +227,37 @@ def driven(client: Client, pulses: FloatArray) -> bool:
 
 
 def test_who_says_goodbye_makes_room_at_once(
-    running: BoardProcess, client: Client, stance: FloatArray
+    running: MemoryBoard, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
     client.hail(mavlink_messages.POWEROFF)
-    with Client(running.port) as second:
+    with Client(running.port.peer("second")) as second:
         second.drive(stance + 20)
         second.until(lambda: shows(second, stance + 20))
     assert running.end()["of_others"] == 0
 
 
-def test_it_answers_who_asks_for_its_version_or_pings(client: Client) -> None:
-    def ask(command: int, parameter: float) -> Any:
-        client.heard.clear()
-        client.say(common.MAVLink_command_long_message(1, 1, command, 0, parameter, 0, 0, 0, 0, 0, 0))
-        client.until(lambda: any(frame.kind == "COMMAND_ACK" for frame in client.heard))
-        client.listen(0.1)
-        return client.newest("COMMAND_ACK")
-
-    for command, parameter in ((520, 1.0), (512, 148.0)):
-        answer = ask(command, parameter)
-        assert (answer.command, answer.result) == (command, common.MAV_RESULT_ACCEPTED)
-        assert client.newest("AUTOPILOT_VERSION").capabilities & 8192
-    for command, parameter in ((512, 30.0), (400, 1.0), (512, float("nan"))):
-        assert ask(command, parameter).result == common.MAV_RESULT_UNSUPPORTED
+def test_it_answers_requests_and_pings(client: Client) -> None:
+    client.say(common.MAVLink_command_long_message(1, 1, 520, 0, 1.0, 0, 0, 0, 0, 0, 0))
+    client.until(lambda: any(frame.kind == "COMMAND_ACK" for frame in client.heard))
+    assert client.newest("COMMAND_ACK").result == common.MAV_RESULT_ACCEPTED
     client.say(common.MAVLink_ping_message(12345, 7, 0, 0))
     client.until(lambda: any(frame.kind == "PING" for frame in client.heard))
     ping = client.newest("PING")
     assert (ping.time_usec, ping.seq, ping.target_system, ping.target_component) == (12345, 7, 255, 191)
 
 
-def test_a_board_with_a_key_obeys_signed_frames_only(file: Path, tmp_path: Path, stance: FloatArray) -> None:
+def test_a_board_with_a_key_obeys_signed_frames_only(tmp_path: Path, stance: FloatArray) -> None:
     key = bytes(range(32))
-    (tmp_path / "mavlink.key").touch(mode=0o600)
-    (tmp_path / "mavlink.key").write_text(key.hex())
-    with board("--backend", "mock", "--robot", str(file), "--keys", str(tmp_path)) as running:
-        with Client(running.port) as unsigned:
-            unsigned.drive(stance + 50)
-            assert unsigned.heard == []
-        with Client(running.port, key=key) as signed:
-            signed.drive(stance + 20)
-            signed.until(lambda: shows(signed, stance + 20))
+    with memory_board(fitting_map(tmp_path), signing_key=key) as running:
+        unsigned = Client(running.port.peer("unsigned"))
+        unsigned.drive(stance + 50)
+        assert unsigned.heard == []
+        signed = Client(running.port.peer(), key=key)
+        signed.drive(stance + 20)
+        signed.until(lambda: shows(signed, stance + 20))
         report = running.end()
-        assert report["malformed"] == 5
-        assert report["of_others"] == 0
+    assert (report["malformed"], report["of_others"]) == (5, 0)
 
 
 def test_a_flood_of_senders_does_not_keep_out_who_commands() -> None:
@@ -290,3 +272,61 @@ def test_a_flood_of_senders_does_not_keep_out_who_commands() -> None:
     late, _ = peers.hear("late", 255, 191, 1.0)
     assert not peers.may_command(late, 1.0)
     assert peers.may_command(late, 1.0 + FREE_AFTER_S + 0.1)
+
+
+# Channels: what overrides drive, leave, release and refuse.
+
+ALL, FIRST = [1600] * 18, list(range(1500, 1518))
+RELEASE, IGNORE = [0] * 8 + [65534] * 10, [65535] * 18
+ONE_EACH = [0, *[65535] * 16, 65534]
+
+
+def channels(*overrides: list[int]) -> Channels:
+    made = Channels(default_servo_map())
+    for override in overrides:
+        made.take(override)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("overrides", "pulses", "active"),
+    [
+        ((), None, [False] * 18),
+        ((FIRST,), FIRST, [True] * 18),
+        ((ALL, RELEASE), ALL, [False] * 18),
+        ((ALL, IGNORE), ALL, [True] * 18),
+        ((IGNORE,), None, [False] * 18),
+        # MAVLink cuts trailing zeros off, and what was cut off was not meant.
+        ((ALL, [1700] * 8 + [0] * 10), [1700] * 8 + [1600] * 10, [True] * 18),
+        ((ALL, ONE_EACH), ALL, [False, *[True] * 16, False]),
+        (([100, 5000, *[1500] * 16],), [500, 2500, *[1500] * 16], [True] * 18),
+    ],
+)
+def test_overrides_drive_leave_and_release_channels(
+    overrides: tuple[list[int], ...], pulses: list[int] | None, active: list[bool]
+) -> None:
+    made = channels(*overrides)
+    assert made.active.tolist() == active
+    if pulses is not None:
+        assert made.pulses_us.tolist() == pulses
+    assert made.clipped == (overrides[:1] == ([100, 5000, *[1500] * 16],))
+
+
+@pytest.mark.parametrize(
+    ("channel", "pulse"), [(0, 1), (7, 99), (8, 5001), (17, 60_000), (17, 65533), (0, 65534), (7, 65534)]
+)
+def test_a_pulse_that_no_servo_has_makes_the_whole_override_void(channel: int, pulse: int) -> None:
+    made = channels(ALL)
+    wild = [1700] * 18
+    wild[channel] = pulse
+    with pytest.raises(CommandRefusedError):
+        made.take(wild)
+    assert made.pulses_us.tolist() == ALL
+
+
+def test_only_an_override_that_leaves_no_channel_driven_is_a_release() -> None:
+    assert channels(ALL).released_by(RELEASE)
+    assert channels().released_by(IGNORE)
+    assert not channels(ALL).released_by(IGNORE)
+    assert not channels(ALL).released_by([0, *[65535] * 17])
+    assert not channels().released_by(ALL)

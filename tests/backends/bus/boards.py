@@ -1,19 +1,30 @@
-"""Servos on a simulated bus, in a thread of the test."""
+"""Servos on a simulated bus: on a pseudo-terminal in a thread of the test, or in memory on simulated time."""
 
+import termios
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.packets import PacketFormat
+from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servos import BusServos
+from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.mock import MockServos
+from hexctl.errors import RobotFaultError
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.bus_board import BusBoard
+from hexctl.simulators.register_servos import BusServo
+from hexctl.time_source import TimeSource
+from hexctl.types import JOINT_NAMES
+from tests.backends.fake_time import FakeTime, Standing
 from tests.robots import shipped
 
 #: Models of every kind of registers.
@@ -26,24 +37,33 @@ MODELS = (
     ("feetech", "scs0009"),
 )
 
+#: One model of each protocol.
+FAMILIES = (("dynamixel", "ax12a"), ("dynamixel", "xl430-w250"), ("feetech", "sts3215"), ("lx16a", "lx16a"))
 
-def a_map(driver: str = "feetech", model: str = "sts3215") -> BusMap:
-    """Servos of one model, ids 1 to 18, whose horns are mounted so that the stance fits into their travel."""
-    section = ServosSection.model_validate(
-        {"model": model, "femur": {"offset_deg": -10, "sign": -1}, "tibia": {"offset_deg": 40}}
-    )
-    return bus_map_of(section, driver)
+
+def a_map(driver: str = "feetech", model: str = "sts3215", *, first_id: int = 1) -> BusMap:
+    """Servos of one model whose horns are mounted so that the stance fits into their travel."""
+    joints = {name: {"id": first_id + place} for place, name in enumerate(JOINT_NAMES)}
+    mounted = {"femur": {"offset_deg": -10, "sign": -1}, "tibia": {"offset_deg": 40}}
+    return bus_map_of(ServosSection.model_validate({"model": model, **mounted, **joints}), driver)
+
+
+def stance_counts(bus_map: BusMap) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    """Counts of the stance, rounded."""
+    return np.rint(bus_map.raw(shipped("phantomx").stance_angles_rad))
+
+
+def _board(bus_map: BusMap, faults: tuple[str, ...], servos: LegServos, baud: int | None = None) -> BusBoard:
+    given = tuple(parse_fault(fault, BusBoard.kinds) for fault in faults)
+    return BusBoard(servos, bus_map, baud=baud or DEFAULT_BAUDS[bus_map.driver], faults=given)
 
 
 @contextmanager
 def bus_board(
     bus_map: BusMap, *faults: str, servos: LegServos | None = None, baud: int | None = None
 ) -> Iterator[BusBoard]:
-    """A bus that runs meanwhile, of servos without a robot unless others are given."""
-    moved = MockServos(shipped("phantomx")) if servos is None else servos
-    speed = baud or DEFAULT_BAUDS[bus_map.driver]
-    given = tuple(parse_fault(fault, BusBoard.kinds) for fault in faults)
-    board = BusBoard(moved, bus_map, baud=speed, faults=given)
+    """A bus on a pseudo-terminal, of servos without a robot unless others are given."""
+    board = _board(bus_map, faults, MockServos(shipped("phantomx")) if servos is None else servos, baud)
     stop, ready = threading.Event(), threading.Event()
     thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
     thread.start()
@@ -55,11 +75,246 @@ def bus_board(
         thread.join()
 
 
-def servos_on(board: BusBoard, bus_map: BusMap) -> BusServos:
+def register_servo_of(board: BusBoard, joint: int) -> BusServo:
+    """The simulated servo of a joint, which has registers."""
+    servo = board._servos[joint]
+    assert isinstance(servo, BusServo)
+    return servo
+
+
+class MemoryLine(SerialLine):
+    """A line whose other end is in this process, on simulated time.
+
+    Attributes:
+        coming: times and bytes of what is on its way to this end.
+    """
+
+    def __init__(self, time: FakeTime, baud: int = 1_000_000) -> None:
+        self.path, self.baud, self.time = "memory", baud, time
+        self.echoes, self.free_s, self._echo, self._last, self._damaged = False, 0.0, b"", b"", None
+        self.coming: list[tuple[float, bytes]] = []
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def pass_time(self, duration_s: float) -> None:
+        """Let a time pass, in s, and the other end do what is due meanwhile."""
+        self.time.sleep(duration_s)
+
+    def _put(self, data: bytes, deadline_s: float) -> None:
+        raise NotImplementedError
+
+    def _take(self, wait_s: float) -> bytes:
+        until_s = self.time.now() + wait_s
+        while not (due := [each for each in self.coming if each[0] <= self.time.now()]):
+            now_s = self.time.now()
+            if now_s >= until_s:
+                return b""
+            self.pass_time(min([until_s, *(at_s for at_s, _ in self.coming)]) - now_s)
+        self.coming = [each for each in self.coming if each not in due]
+        return b"".join(data for _, data in due)
+
+
+class LateServoLine(MemoryLine):
+    """A line with a servo that answers single questions, each after a delay that a test sets; else at once.
+
+    Args:
+        packets: format of its packets.
+        answer: error and parameters of the answer to an instruction and its parameters.
+
+    Attributes:
+        delays_s: of the next answers.
+    """
+
+    def __init__(
+        self, packets: PacketFormat, answer: Callable[[int, bytes], tuple[int, bytes]], baud: int = 1_000_000
+    ) -> None:
+        super().__init__(FakeTime(), baud)
+        self._packets, self._answered = packets, answer
+        self.delays_s: list[float] = []
+
+    def _put(self, data: bytes, deadline_s: float) -> None:
+        packet, _ = self._packets.take(data)
+        assert packet is not None
+        delay_s = self.delays_s.pop(0) if self.delays_s else 0.0
+        answer = self._packets.status(packet[0], *self._answered(packet[1], packet[2]))
+        self.coming.append((self.time.now() + delay_s, answer))
+
+
+class BoardLine(MemoryLine):
+    """A line with a simulated bus, whose servos move a mock robot and take their time to answer.
+
+    Attributes:
+        board: the bus.
+    """
+
+    def __init__(self, bus_map: BusMap, *faults: str) -> None:
+        time = FakeTime()
+        super().__init__(time, DEFAULT_BAUDS[bus_map.driver])
+        self.robot = MockServos(shipped("phantomx"), clock=time.clock())
+        self.board = _board(bus_map, faults, self.robot)
+        self.board._line.close()
+        self.board._line, self._sent = self, b""  # type: ignore[assignment]
+        self.robot.connect()
+        self.robot.clock.tick()
+        self.board._start()
+
+    @property
+    def speed(self) -> int:
+        """Speed as a terminal has it: none that it knows."""
+        return -1
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Bytes for the board."""
+        sent, self._sent = self._sent, b""
+        return sent
+
+    def send(self, data: bytes) -> None:
+        """Bytes from the board."""
+        self.coming.append((self.time.now(), data))
+
+    def pass_time(self, duration_s: float) -> None:
+        """Let a time pass, in s, in which the board has its control periods."""
+        until_s = self.time.now() + duration_s
+        while self.robot.clock.due_in_s <= until_s - self.time.now():
+            self.robot.clock.tick()
+            self.board._tick()
+        self.time.sleep(max(0.0, until_s - self.time.now()))
+
+    def _put(self, data: bytes, deadline_s: float) -> None:
+        self._sent += data
+        self.board._serve(0.0)  # answers are sent once the line has carried them
+        self.pass_time(0.0)
+
+
+class MemoryBus:
+    """A simulated bus in the place of a port: any thread may open it, and no one waits for it.
+
+    Its servos move a mock robot, whose control periods pass when somebody speaks to the bus.
+
+    Attributes:
+        time: of everything on it; it passes while the test's own thread waits.
+        board: the bus.
+        path: where it is.
+        unplugged: whether the device has gone.
+    """
+
+    def __init__(self, bus_map: BusMap, *faults: str, baud: int | None = None) -> None:
+        self.time = FakeTime()
+        self._clock = WallClock(time=Standing(self.time))
+        self.robot = MockServos(shipped("phantomx"), clock=self._clock)
+        self.board = _board(bus_map, faults, self.robot, baud)
+        self.path, self.unplugged, self.opened_baud = self.board.path, False, 0
+        self.board._line.close()
+        self.board._line = self  # type: ignore[assignment]
+        self._sent, self._answers = b"", b""
+        self.robot.connect()
+        self._clock.begin(self.time.now() - PERIOD_S)
+        self.board._start()
+
+    def open(self, path: str, baud: int, *, time: TimeSource | None = None) -> SerialLine:
+        """Open the line, as `SerialLine` does."""
+        if self.unplugged or path != self.path:
+            raise RobotFaultError(f"there is no port {path}")
+        self.opened_baud, self._sent, self._answers = baud, b"", b""
+        return _MemoryBusLine(self, baud)
+
+    def speak(self, data: bytes) -> bytes:
+        """What the servos answer to some bytes."""
+        if self._clock.due_in_s <= 0:
+            self._clock.tick()
+            self.board._tick()
+        self._sent += data
+        self.board._serve(0.0)
+        answers, self._answers = self._answers, b""
+        return answers
+
+    @property
+    def speed(self) -> int:
+        """Speed as a terminal has it."""
+        return int(getattr(termios, f"B{self.opened_baud}"))
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Bytes for the board."""
+        sent, self._sent = self._sent, b""
+        return sent
+
+    def send(self, data: bytes) -> None:
+        """Bytes from the board."""
+        self._answers += data
+
+
+class _MemoryBusLine(MemoryLine):
+    def __init__(self, bus: MemoryBus, baud: int) -> None:
+        super().__init__(bus.time, baud)
+        self._bus, self.path = bus, bus.path
+
+    def _put(self, data: bytes, deadline_s: float) -> None:
+        if self._bus.unplugged:
+            raise OSError(5, "Input/output error")
+        if answers := self._bus.speak(data):
+            self.coming.append((self.time.now(), answers))
+
+    def _take(self, wait_s: float) -> bytes:
+        if self._bus.unplugged:
+            raise OSError(5, "Input/output error")
+        return super()._take(wait_s)
+
+
+@contextmanager
+def memory_bus(bus_map: BusMap, *faults: str, baud: int | None = None) -> Iterator[MemoryBus]:
+    """A bus in memory, which is found at its path meanwhile."""
+    bus = MemoryBus(bus_map, *faults, baud=baud)
+    with (
+        patch("hexctl.backends.bus.servos.SerialLine", bus.open),
+        patch("hexctl.backends.bus.tools.SerialLine", bus.open),
+    ):
+        yield bus
+
+
+def servos_on(bus: MemoryBus | BusBoard, bus_map: BusMap) -> BusServos:
     """Servos of the controller's end, not connected."""
-    return BusServos(shipped("phantomx"), bus_map=bus_map, port=board.path)
+    clock = bus.time.clock() if isinstance(bus, MemoryBus) else None
+    return BusServos(shipped("phantomx"), bus_map=bus_map, port=bus.path, clock=clock)
 
 
-def stance_counts(bus_map: BusMap) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-    """Counts of the stance, rounded."""
-    return np.rint(bus_map.raw(shipped("phantomx").stance_angles_rad))
+class SdkSerial:
+    """The serial port of a vendor's SDK, in the place of pyserial's, on a line in memory."""
+
+    def __init__(self, line: BoardLine) -> None:
+        self._line, self._came = line, b""
+
+    @property
+    def in_waiting(self) -> int:
+        """Count of bytes that have come."""
+        self._came += self._line._take(0.0)
+        return len(self._came)
+
+    def write(self, packet: Any) -> int:
+        """Send bytes, and let a little time pass."""
+        self._line.write(bytes(packet))
+        self._line.pass_time(0.005)
+        return len(packet)
+
+    def read(self, count: int) -> bytes:
+        """Bytes that have come."""
+        size = min(count, self.in_waiting)
+        data, self._came = self._came[:size], self._came[size:]
+        return data
+
+    def reset_input_buffer(self) -> None:
+        """Forget what has come."""
+        self.read(self.in_waiting)
+
+    flush = reset_input_buffer
+    flushInput = reset_input_buffer  # noqa: N815  as pyserial has it
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def sdk_port(handler: Any, line: BoardLine) -> Any:
+    """An open port of a vendor's SDK on a line in memory."""
+    port = handler("memory")
+    port.ser, port.is_open, port.tx_time_per_byte = SdkSerial(line), True, 0.01
+    return port

@@ -12,8 +12,7 @@ from hexctl.backends.bus.tools import bus_of
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.lx16a_servos import SimulatedLx16aServo
 from hexctl.types import FloatArray
-from tests.backends.bus.boards import a_map, stance_counts
-from tests.backends.bus.memory_line import BoardLine, LateServoLine, MemoryLine
+from tests.backends.bus.boards import BoardLine, LateServoLine, MemoryLine, a_map, stance_counts
 
 MAP = a_map("lx16a", "lx16a")
 EVERY = np.ones(18, dtype=bool)
@@ -158,40 +157,6 @@ def test_a_move_behind_lost_answers_has_the_time_of_a_joint_that_missed_the_move
     assert time_of_next_move_s() == 0.02, "a dead servo is no line that loses packets"
 
 
-def test_an_adapter_that_echoes_is_noticed() -> None:
-    bus, _, counters = _bus("echo")
-    assert bus.find().all()
-    bus.hold(stance_counts(MAP), EVERY)
-    bus.write_goals(stance_counts(MAP) + 3)
-    assert _reaches(bus, stance_counts(MAP) + 3)
-    assert counters.garbled == 0
-
-
-def test_one_mute_servo_does_not_silence_the_others() -> None:
-    bus, _, _counters = _bus("mute:3:femur")
-    assert np.flatnonzero(~bus.find()).tolist() == [7]
-    heard: set[int] = set()
-
-    def all_others() -> bool:
-        heard.update(report.place for report in bus.poll())
-        return len(heard) == 17
-
-    assert _within(all_others)
-    assert heard == set(range(18)) - {7}
-
-
-def test_garbled_answers_are_counted_and_never_believed() -> None:
-    bus, _, counters = _bus("garble:0.2")
-    bus.find()
-
-    def many() -> bool:
-        for report in bus.poll():
-            assert report.position == stance_counts(MAP)[report.place]
-        return min(counters.missed, counters.garbled) > 20
-
-    assert _within(many)
-
-
 def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
     bus, board, _ = _bus()
     _servo(board, 4).limits = (330, 350)
@@ -205,15 +170,21 @@ def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
     assert _servo(board, 4).holds
 
 
-def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_torque() -> None:
-    """It was driven to the limit, 12 degrees away, in 20 ms as the torque was switched on."""
+def _bus_with_a_joint_at(counts: int) -> tuple[Lx16aBus, BusBoard, FloatArray]:
+    """A bus whose fourth joint was moved by hand beyond the limits 330 to 350, and where its joints are."""
     bus, board, _ = _bus()
     here = stance_counts(MAP)
-    here[4] = 400
-    board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
+    here[4] = counts
+    board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]
     _servo(board, 4).limits = (330, 350)
     bus.settings(bus.find())
     assert _within(lambda: _positions(bus) == here.tolist())
+    return bus, board, here
+
+
+def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_torque() -> None:
+    """It was driven to the limit, 12 degrees away, in 20 ms as the torque was switched on."""
+    bus, board, here = _bus_with_a_joint_at(400)
     holds = bus.hold(here, EVERY)
     assert np.flatnonzero(~holds).tolist() == [4]
     bus.write_goals(stance_counts(MAP))
@@ -226,13 +197,7 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
 
 
 def test_a_joint_a_little_beyond_a_stored_limit_moves_to_it() -> None:
-    bus, board, _ = _bus()
-    here = stance_counts(MAP)
-    here[4] = 355
-    board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
-    _servo(board, 4).limits = (330, 350)
-    bus.settings(bus.find())
-    assert _within(lambda: _positions(bus) == here.tolist())
+    bus, board, here = _bus_with_a_joint_at(355)
     bus.hold(here, EVERY)
     bus.poll_all()
     assert _servo(board, 4)._goal == 350

@@ -1,4 +1,4 @@
-"""Servo boards for tests: `hexctl sim board` in a process of its own, and one that says what a test wants."""
+"""Servo boards for tests: `hexctl sim board` in a process, and boards in memory on simulated time."""
 
 import json
 import os
@@ -11,22 +11,27 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
+from unittest.mock import patch
 
 import numpy as np
 
-from hexctl.backends.clock import WallClock
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
+from hexctl.backends.mavlink.mavlink_client import MavlinkServos
+from hexctl.backends.mavlink.mavlink_transport import Address, Port
+from hexctl.backends.mock import MockServos
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.simulators import board_messages
-from hexctl.time_source import TimeSource
+from hexctl.simulators.servo_board import ServoBoard
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import FloatArray
 from hexctl.waiting import wait_for
+from tests.backends.fake_time import FakeTime
 from tests.robots import edited_file, put, shipped
 
 #: How long anything may take on a machine that does other things too.
@@ -50,24 +55,6 @@ def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-@dataclass(frozen=True)
-class FastTime(TimeSource):
-    """Time whose seconds are shorter."""
-
-    speed: float = 4.0
-
-    def now(self) -> float:
-        return self.speed * super().now()
-
-    def sleep(self, duration_s: float) -> None:
-        super().sleep(duration_s / self.speed)
-
-
-def fast_clock() -> WallClock:
-    """A clock whose seconds are shorter."""
-    return WallClock(time=FastTime())
 
 
 class BoardProcess:
@@ -129,11 +116,121 @@ def board(*arguments: str, pty: bool = False) -> Iterator[BoardProcess]:
         running.kill()
 
 
-class ScriptedBoard:
-    """A board in this process: it beats, says where its servos are, and whatever else it is told to.
+class MemoryPort(Port):
+    """A port in memory, on whose time its threads wait.
 
     Attributes:
-        port: what to connect to.
+        time: of everything on it; it passes while the test's own thread waits.
+        others: the ports of its peers, by the addresses that this end sends to; None is the board.
+        gone: whether the other end has gone.
+    """
+
+    datagrams = True
+
+    def __init__(self, time: FakeTime, name: str | None = None) -> None:
+        super().__init__()
+        self.time, self.name, self.gone = time, name, False
+        self.others: dict[Address, MemoryPort] = {}
+        self._came: list[tuple[bytes, Address]] = []
+        self._news = threading.Event()
+
+    def peer(self, name: str = "controller") -> "MemoryPort":
+        """A port whose frames come to this one."""
+        made = MemoryPort(self.time, name)
+        made.others[None], self.others[name] = self, made
+        return made
+
+    def put(self, data: bytes, sender: Address) -> None:
+        """Let bytes come."""
+        self._came.append((data, sender))
+        self._news.set()
+
+    def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
+        self.time.wait(self._news, timeout_s)
+        if self.gone:
+            raise OSError("the other end of the port has gone")
+        self._news.clear()
+        came, self._came = self._came, []
+        return came
+
+    def send(self, frame: bytes, to: Address) -> None:
+        if (other := self.others.get(to)) is not None:
+            other.put(frame, self.name)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+@dataclass
+class MemoryBoard:
+    """The simulated servo board, in a thread on simulated time.
+
+    Attributes:
+        port: of the board.
+        servo_map: of its servos.
+        robot: that it moves.
+    """
+
+    port: MemoryPort
+    servo_map: ServoMap
+    robot: MockServos
+    board: ServoBoard
+    stopping: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def time(self) -> FakeTime:
+        """Of everything on it."""
+        return self.port.time
+
+    def end(self) -> dict[str, Any]:
+        """Let it end and return its report."""
+        self.stopping.set()
+        self.time.sleep(0.1)
+        return self.board.report()
+
+
+class _OnMemory(MavlinkServos):
+    memory_port: MemoryPort
+
+    def _open_all(self, opening: ExitStack) -> None:
+        with patch("hexctl.backends.mavlink.mavlink_client.open_port", lambda *_, **__: self.memory_port):
+            super()._open_all(opening)
+
+
+def servos_on(
+    port: MemoryPort, servo_map: ServoMap, *, name: str = "controller", key: bytes | None = None
+) -> MavlinkServos:
+    """A client of the board at a port in memory, not connected."""
+    clock = port.time.clock()
+    servos = _OnMemory(shipped(), servo_map=servo_map, port="udpout:here:1", clock=clock, signing_key=key)
+    servos.memory_port = port.peer(name)
+    return servos
+
+
+@contextmanager
+def memory_board(servo_map: ServoMap, **options: Any) -> Iterator[MemoryBoard]:
+    """Run a board in memory meanwhile, with options of `ServoBoard`."""
+    port = MemoryPort(FakeTime())
+    robot = MockServos(shipped(), clock=port.time.clock())
+    running = MemoryBoard(port, servo_map, robot, ServoBoard(robot, servo_map, port, **options))
+    ready = threading.Event()
+    run, until = running.board.run, running.stopping.is_set
+    thread = threading.Thread(target=run, args=(until,), kwargs={"ready": ready.set})
+    thread.start()
+    try:
+        while not ready.wait(0.001):
+            port.time.sleep(0.01)
+        yield running
+    finally:
+        running.stopping.set()
+        port.time.join(thread)
+
+
+class ScriptedBoard:
+    """A board in memory: it beats, says where its servos are, and whatever else it is told to.
+
+    Attributes:
+        port: of the board.
         pulses_us: what it says of its channels, (18,).
         active: the mask that it says.
         kind: MAV_TYPE under which it shows itself.
@@ -143,11 +240,8 @@ class ScriptedBoard:
         heard: frames that came, newest last.
     """
 
-    def __init__(self, *, signing_key: bytes | None = None) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.settimeout(0.01)
-        self.port = f"udpout:127.0.0.1:{self._socket.getsockname()[1]}"
+    def __init__(self, *, port: MemoryPort | None = None, signing_key: bytes | None = None) -> None:
+        self.port = MemoryPort(FakeTime()) if port is None else port
         self.pulses_us: FloatArray = np.full(18, 1500.0)
         self.active = 0x3FFFF
         self.kind, self.state = 0, mavlink_messages.ACTIVE
@@ -156,8 +250,7 @@ class ScriptedBoard:
         self.heard: list[Frame] = []
         self._codec = Codec(1, 1, signing_key=signing_key)
         self._ears = Codec(1, 1, signing_key=signing_key)
-        self._sequence = 0
-        self._client: Any = None
+        self.sequence = 0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -167,18 +260,13 @@ class ScriptedBoard:
 
     def __exit__(self, *_: object) -> None:
         self._over.set()
-        self._thread.join()
-        self._socket.close()
+        self.port.time.join(self._thread)
 
     def say(self, message: Any) -> None:
-        """Send one message now."""
-        if self._client is not None:
-            self._sequence += 1
-            self._socket.sendto(self._codec.encode(message, self._sequence), self._client)
-
-    def say_bytes(self, data: bytes) -> None:
-        """Send bytes now."""
-        self._socket.sendto(data, self._client)
+        """Send one message to everyone now."""
+        self.sequence += 1
+        for address in list(self.port.others):
+            self.port.send(self._codec.encode(message, self.sequence), address)
 
     def overrides(self) -> list[list[int]]:
         """The channels of all overrides received."""
@@ -190,11 +278,8 @@ class ScriptedBoard:
 
     def _run(self) -> None:
         while not self._over.is_set():
-            try:
-                data, self._client = self._socket.recvfrom(2048)
+            for data, _ in self.port.receive(0.01):
                 self.heard += self._ears.decode(data, whole=True)
-            except TimeoutError:
-                pass
             self.say(mavlink_messages.heartbeat(self.kind, 0, self.state))
             if not self.silent:
                 mask = np.array([self.active >> channel & 1 for channel in range(18)], dtype=bool)
@@ -203,10 +288,6 @@ class ScriptedBoard:
                     self.say(message)
 
 
-def eventually(condition: Any) -> None:
+def eventually(condition: Any, time: TimeSource = WALL_TIME) -> None:
     """Wait until something is so."""
-    wait_for(condition, PATIENCE_S, "the condition never became true", poll_s=0.005)
-
-
-def stance_us(servo_map: ServoMap) -> FloatArray:
-    return servo_map.to_us(shipped().stance_angles_rad)
+    wait_for(condition, PATIENCE_S, "the condition never became true", poll_s=0.005, time=time)

@@ -1,7 +1,5 @@
 """A MAVLink client for tests that says exactly what it is told to, and keeps what it hears."""
 
-import socket
-import time
 from types import TracebackType
 from typing import Any, Self
 
@@ -9,23 +7,23 @@ import numpy as np
 
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
+from hexctl.backends.mavlink.mavlink_transport import UdpPort, parse_port
+from hexctl.time_source import WALL_TIME
 from hexctl.types import FloatArray
-from tests.backends.mavlink.boards import PATIENCE_S
+from tests.backends.mavlink.boards import PATIENCE_S, MemoryPort
 
 
 class Client:
-    """Speaks UDP with a board, as a system of its own.
+    """Speaks with a board over UDP or in memory, as a system of its own.
 
     Attributes:
         heard: all frames so far, newest last.
         sequence: number of the next frame.
     """
 
-    def __init__(self, port: str, *, system: int = 255, key: bytes | None = None) -> None:
-        _, host, number = port.split(":")
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect((host, int(number)))
-        self._socket.settimeout(0.02)
+    def __init__(self, port: str | MemoryPort, *, system: int = 255, key: bytes | None = None) -> None:
+        self._port = UdpPort(parse_port(port)) if isinstance(port, str) else port
+        self._time = WALL_TIME if isinstance(port, str) else port.time
         self._codec = Codec(system, 191, signing_key=key)
         self.heard: list[Frame] = []
         self.sequence = 0
@@ -36,13 +34,13 @@ class Client:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._socket.close()
+        self._port.close()
 
     def say(self, message: Any, *, sequence: int | None = None) -> None:
         """Send a message, with its own number if it has one."""
         if sequence is not None:
             self.sequence = sequence
-        self._socket.send(self._codec.encode(message, self.sequence))
+        self._port.send(self._codec.encode(message, self.sequence), None)
         self.sequence += 1
 
     def hail(self, state: int = mavlink_messages.ACTIVE) -> None:
@@ -56,21 +54,20 @@ class Client:
 
     def listen(self, duration_s: float) -> None:
         """Keep what comes for a while."""
-        until_s = time.monotonic() + duration_s
-        while time.monotonic() < until_s:
-            try:
-                self.heard += self._codec.decode(self._socket.recv(2048), whole=True)
-            except TimeoutError:
-                continue
+        until_s = self._time.now() + duration_s
+        while (left_s := until_s - self._time.now()) > 0:
+            self._take(left_s)
 
     def drain(self) -> None:
         """Take everything that has come so far."""
-        self._socket.setblocking(False)
-        try:
-            while True:
-                self.heard += self._codec.decode(self._socket.recv(2048), whole=True)
-        except BlockingIOError:
-            self._socket.settimeout(0.02)
+        while self._take(0.0):
+            pass
+
+    def _take(self, timeout_s: float) -> bool:
+        came = self._port.receive(timeout_s)
+        for data, _ in came:
+            self.heard += self._codec.decode(data, whole=True)
+        return bool(came)
 
     def newest(self, kind: str) -> Any:
         """The newest message of a kind; fails when there was none."""
@@ -85,9 +82,9 @@ class Client:
 
     def until(self, condition: Any, *, hailing: bool = False) -> None:
         """Listen until something is so."""
-        until_s = time.monotonic() + PATIENCE_S
+        until_s = self._time.now() + PATIENCE_S
         while not condition():
-            assert time.monotonic() < until_s, [frame.kind for frame in self.heard[-20:]]
+            assert self._time.now() < until_s, [frame.kind for frame in self.heard[-20:]]
             if hailing:
                 self.hail()
             self.listen(0.1 if hailing else 0.01)

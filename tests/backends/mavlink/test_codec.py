@@ -91,11 +91,11 @@ def test_a_changed_byte_is_noticed(place: int, change: int) -> None:
     assert codec.malformed > 0
 
 
-def test_ten_thousand_hostile_datagrams_neither_break_it_nor_make_an_override() -> None:
+def test_thousands_of_hostile_datagrams_neither_break_it_nor_make_an_override() -> None:
     draw = random.Random(7)
     good, codec = override_frame(), Codec(1, 1)
     kinds = sorted(common.mavlink_map)
-    for number in range(10_000):
+    for number in range(4_000):
         if number % 4 == 0:
             data = draw.randbytes(draw.randrange(300))
         elif number % 4 == 1:
@@ -108,7 +108,7 @@ def test_ten_thousand_hostile_datagrams_neither_break_it_nor_make_an_override() 
             data = valid_frame(draw, draw.choice(kinds))
         for frame in codec.decode(data, whole=True):
             assert frame.kind != "RC_CHANNELS_OVERRIDE"
-    assert codec.malformed > 7_000
+    assert codec.malformed > 2_800
 
 
 def valid_frame(draw: random.Random, kind: int) -> bytes:

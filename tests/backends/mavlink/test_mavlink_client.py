@@ -1,6 +1,14 @@
-"""MAVLink client: conformance over UDP and a pseudo-terminal, states, link faults, registry entry."""
+"""MAVLink client: conformance, states, faults of link and board, registry entry."""
 
+import itertools
+import json
 import math
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,90 +19,47 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.mavlink import mavlink_client, mavlink_messages
+from hexctl.backends.mavlink import mavlink_messages
+from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
 from hexctl.backends.mavlink.mavlink_messages import quaternion_of_euler
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
-from hexctl.errors import EStopError, InputError, RobotFaultError
+from hexctl.errors import EStopError, HexctlError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot_file
 from hexctl.simulators import board_messages
 from hexctl.testing.servo_conformance import LegServosConformance, check_state, move
 from hexctl.types import JointTargets, RobotState
+from tests.backends.fake_time import FakeTime
 from tests.backends.mavlink.boards import (
-    BoardProcess,
+    PATIENCE_S,
+    MemoryPort,
     ScriptedBoard,
     board,
     eventually,
-    fast_clock,
     fitting_file,
     fitting_map,
-    free_port,
+    memory_board,
+    servos_on,
 )
+from tests.backends.mavlink.test_codec import override_frame, valid_frame
 from tests.robots import shipped
 
-pytestmark = pytest.mark.realtime
+nan, inf = math.nan, math.inf
 
 
-class OverBoard(LegServosConformance):
-    """The suite against one board that all its tests share, one after the other.
-
-    Attributes:
-        pty: whether it speaks over a pseudo-terminal.
-    """
-
-    pty = False
-    running: BoardProcess
-    file: Path
-
-    @pytest.fixture(autouse=True, scope="class")
-    @classmethod
-    def _board(cls, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-        cls.file = fitting_file(tmp_path_factory.mktemp("robot"))
-        with board("--backend", "mock", "--robot", str(cls.file), pty=cls.pty) as running:
-            cls.running = running
+class TestOverMemory(LegServosConformance):
+    @pytest.fixture(autouse=True)
+    def board(self, tmp_path: Path) -> Iterator[None]:
+        with memory_board(fitting_map(tmp_path)) as self.running:
             yield
 
     def make(self) -> LegServos:
-        return MavlinkServos(
-            shipped(),
-            servo_map=load_robot_file(self.file).servo_map,
-            port=self.running.port,
-            clock=fast_clock(),
-        )
+        return servos_on(self.running.port, self.running.servo_map)
 
 
-class TestOverUdp(OverBoard):
-    pass
-
-
-class TestOverPseudoTerminal(OverBoard):
-    pty = True
-
-
-@pytest.mark.parametrize("pty", [False, True], ids=["udp", "pty"])
-def test_a_simulated_robot_measures_and_knows_its_pose(pty: bool, tmp_path: Path) -> None:
-    """The few of the suite that physics could spoil, on a clock that is the wall's."""
-    file = fitting_file(tmp_path)
-    with board("--robot", str(file), pty=pty) as running:
-        servos = MavlinkServos(shipped(), servo_map=load_robot_file(file).servo_map, port=running.port)
-        with servos:
-            check_state(servos.read(), servos)
-            suite = LegServosConformance()
-            suite.test_a_small_change_is_reached_within_a_second(servos)
-            move(servos, servos.robot.stance_angles_rad, ticks=50)
-            state = servos.read()
-            check_state(state, servos)
-            assert state.measured
-            assert state.base_position_world is not None
-            assert state.base_position_world[2] == pytest.approx(servos.robot.standing_height_m, abs=0.01)
-        report = running.end()
-        assert report["overrides"] >= 150
-        assert report["refused"] == report["malformed"] == 0
-
-
-nan, inf = math.nan, math.inf
+# States that a board tells.
 
 
 def servos_at(
@@ -102,25 +67,10 @@ def servos_at(
 ) -> MavlinkServos:
     servo_map = load_robot_file(fitting_file(folder, servos)).servo_map
     board.pulses_us = servo_map.to_us(shipped().stance_angles_rad)
-    return MavlinkServos(shipped(), servo_map=servo_map, port=board.port, signing_key=key)
+    return servos_on(board.port, servo_map, key=key)
 
 
-def test_after_a_pause_the_first_command_counts(tmp_path: Path) -> None:
-    """The board holds the pose then, and must not take what is new for what comes late."""
-    file = fitting_file(tmp_path)
-    with board("--backend", "mock", "--robot", str(file)) as running:
-        robot = shipped()
-        with MavlinkServos(robot, servo_map=load_robot_file(file).servo_map, port=running.port) as servos:
-            for _ in range(2):
-                servos.clock.tick()
-                servos.write(JointTargets(robot.stance_angles_rad, servos.clock.now_s))
-                time.sleep(0.6)
-        report = running.end()
-    assert (report["overrides"], report["not_yet"]) == (2, 0)
-    assert report["expired"] >= 1
-
-
-def next_state(servos: MavlinkServos) -> RobotState:
+def next_state(servos: LegServos) -> RobotState:
     servos.clock.tick()
     return servos.read()
 
@@ -128,8 +78,7 @@ def next_state(servos: MavlinkServos) -> RobotState:
 def state_after(servos: MavlinkServos, board: ScriptedBoard, *said: Any) -> RobotState:
     """The state once the board has said something for a few periods."""
     board.extra = list(said)
-    before = servos.counters.received + servos.counters.refused
-    eventually(lambda: servos.counters.received + servos.counters.refused > before + 3 * (2 + len(said)))
+    board.port.time.sleep(0.05)
     return next_state(servos)
 
 
@@ -143,6 +92,13 @@ def orientation(*components: float) -> Any:
 
 def position(x: float, y: float, z: float) -> Any:
     return common.MAVLink_local_position_ned_message(0, x, y, z, 0, 0, 0)
+
+
+def odometry(frame: int) -> Any:
+    unknown = [nan] * 21
+    return common.MAVLink_odometry_message(
+        0, frame, 8, 1, 2, 3, [1, 0, 0, 0], 0, 0, 0, 0, 0, 0, unknown, unknown
+    )
 
 
 def battery(*cells_mv: int, share: int = -1) -> Any:
@@ -171,105 +127,64 @@ def test_a_servo_that_is_not_driven_and_not_measured_counts_as_told_last(tmp_pat
             np.testing.assert_allclose(next_state(servos).joint_positions_rad, stance + 0.1)
 
 
-def test_the_pose_comes_from_ned(tmp_path: Path) -> None:
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        state = state_after(servos, board, attitude(0, 0, -0.5), position(1, -2, -0.12))
-        assert state.base_position_world is not None
-        assert state.base_quaternion_world is not None
-        np.testing.assert_allclose(state.base_position_world, [1, 2, 0.12], atol=1e-6)
-        np.testing.assert_allclose(
-            state.base_quaternion_world, [math.cos(0.25), 0, 0, math.sin(0.25)], atol=1e-6
-        )
-        turned = state_after(servos, board, orientation(*quaternion_of_euler(0, 0, 0.5)), position(1, -2, 0))
-        assert turned.base_quaternion_world is not None
-        assert turned.base_quaternion_world[3] == pytest.approx(-math.sin(0.25), abs=1e-6)
-
-
-def test_an_inertial_sensor_alone_tells_how_the_body_leans(tmp_path: Path) -> None:
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        state = state_after(servos, board, attitude(0.5, 0, 0))
-        assert state.base_position_world is None
-        assert state.base_quaternion_world is not None
-        np.testing.assert_allclose(
-            state.base_quaternion_world, [math.cos(0.25), math.sin(0.25), 0, 0], atol=1e-6
-        )
-        board.extra = []
-        eventually(lambda: next_state(servos).base_quaternion_world is None)
-
-
-def test_a_position_alone_is_no_orientation(tmp_path: Path) -> None:
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        state = state_after(servos, board, position(1, -2, -0.12))
-        assert state.base_quaternion_world is None
-        assert state.base_position_world is not None
-        np.testing.assert_allclose(state.base_position_world, [1, 2, 0.12], atol=1e-6)
-
-
-def test_odometry_is_a_pose_by_itself(tmp_path: Path) -> None:
-    def odometry(frame: int) -> Any:
-        unknown = [nan] * 21
-        return common.MAVLink_odometry_message(
-            0, frame, 8, 1, 2, 3, [1, 0, 0, 0], 0, 0, 0, 0, 0, 0, unknown, unknown
-        )
-
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        assert state_after(servos, board, odometry(21)).base_position_world is None
-        assert servos.counters.refused > 0
-        state = state_after(servos, board, odometry(common.MAV_FRAME_LOCAL_FRD))
-        assert state.base_position_world is not None
-        np.testing.assert_allclose(state.base_position_world, [1, -2, -3])
-
-
-def test_a_pose_that_stops_coming_is_none(tmp_path: Path) -> None:
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        assert (
-            state_after(servos, board, attitude(0, 0, 0), position(0, 0, 0)).base_position_world is not None
-        )
-        board.extra = []
-        eventually(lambda: next_state(servos).base_position_world is None)
-        assert servos.read().healthy
+HALF = math.cos(0.25), math.sin(0.25)
 
 
 @pytest.mark.parametrize(
-    "said",
+    ("said", "position_world", "quaternion_world"),
     [
-        attitude(nan, 0, 0),
-        attitude(0, inf, 0),
-        orientation(nan, 0, 0, 0),
-        orientation(0, 0, 0, 0),
-        orientation(30, 0, 0, 0),
+        ([attitude(0, 0, -0.5), position(1, -2, -0.12)], (1, 2, 0.12), (HALF[0], 0, 0, HALF[1])),
+        (
+            [orientation(*quaternion_of_euler(0, 0, 0.5)), position(1, -2, 0)],
+            (1, 2, 0),
+            (HALF[0], 0, 0, -HALF[1]),
+        ),
+        ([attitude(0.5, 0, 0)], None, (*HALF, 0, 0)),
+        ([position(1, -2, -0.12)], (1, 2, 0.12), None),
+        ([odometry(21)], None, None),
+        ([odometry(common.MAV_FRAME_LOCAL_FRD)], (1, -2, -3), (1, 0, 0, 0)),
+        ([attitude(nan, 0, 0)], None, None),
+        ([attitude(0, inf, 0)], None, None),
+        ([orientation(nan, 0, 0, 0)], None, None),
+        ([orientation(0, 0, 0, 0)], None, None),
+        ([orientation(30, 0, 0, 0)], None, None),
+        ([position(0, nan, 0)], None, None),
     ],
-    ids=["nan", "inf", "quaternion-nan", "quaternion-zero", "quaternion-long"],
 )
-def test_an_orientation_that_is_none_is_no_pose(said: Any, tmp_path: Path) -> None:
+def test_a_pose_comes_from_ned_and_is_none_while_nothing_sensible_comes(
+    said: list[Any],
+    position_world: tuple[float, ...] | None,
+    quaternion_world: tuple[float, ...] | None,
+    tmp_path: Path,
+) -> None:
     with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        state = state_after(servos, board, said, position(0, 0, 0))
-        assert state.base_quaternion_world is None
-        assert servos.counters.refused > 0
+        state = state_after(servos, board, *said)
+        for seen, expected in (
+            (state.base_position_world, position_world),
+            (state.base_quaternion_world, quaternion_world),
+        ):
+            if expected is None:
+                assert seen is None
+            else:
+                assert seen == pytest.approx(np.array(expected), abs=1e-6)
+        assert (servos.counters.refused > 0) == (position_world is quaternion_world is None)
         assert np.isfinite(state.joint_positions_rad).all()
-
-
-def test_a_position_that_is_not_finite_is_no_pose(tmp_path: Path) -> None:
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        state = state_after(servos, board, attitude(0, 0, 0), position(0, nan, 0))
-        assert state.base_position_world is None
+        board.extra = []
+        board.port.time.sleep(0.5)
+        later = next_state(servos)
+        assert later.base_position_world is None
+        assert later.base_quaternion_world is None
+        assert later.healthy
 
 
 @pytest.mark.parametrize("pulse", [nan, inf, -inf, 0.0, -1500.0, 1e30])
 def test_pulses_that_no_servo_has_are_no_state_and_stop_the_robot(pulse: float, tmp_path: Path) -> None:
     with ScriptedBoard() as board, Guard(servos_at(board, tmp_path)) as guard:
-        guard.clock.tick()
-        guard.read()
+        next_state(guard)
         board.pulses_us = np.full(18, pulse)
-        eventually(lambda: not tick_stopped(guard))
+        for _ in range(50):
+            next_state(guard)
         assert guard.stopped == "state"
-
-
-def tick_stopped(guard: Guard) -> bool:
-    """Let a tick pass and return whether the guard still lets the robot move."""
-    guard.clock.tick()
-    guard.read()
-    return guard.stopped is None
 
 
 def test_a_low_battery_is_a_fault_with_its_voltage(tmp_path: Path) -> None:
@@ -280,9 +195,8 @@ def test_a_low_battery_is_a_fault_with_its_voltage(tmp_path: Path) -> None:
         low = state_after(servos, board, battery(9600))
         assert (low.healthy, low.fault, low.battery_share) == (False, "low battery 9.6 V", None)
         guard = Guard(servos)
-        guard.clock.tick()
-        guard.read()
-        with pytest.raises(EStopError, match=r"fault: low battery 9\.6 V"):
+        next_state(guard)
+        with pytest.raises(EStopError, match="low battery"):
             guard.write(JointTargets(shipped().stance_angles_rad, guard.clock.now_s))
 
 
@@ -302,9 +216,9 @@ def test_an_error_text_and_an_emergency_are_faults(tmp_path: Path) -> None:
         state = state_after(servos, board, board_messages.text(2, "servo 3\x07 overload"))
         assert (state.healthy, state.fault) == (False, "the board says: servo 3 overload")
         board.extra = []
-        eventually(lambda: next_state(servos).healthy)
+        eventually(lambda: next_state(servos).healthy, board.port.time)
         board.state = mavlink_messages.EMERGENCY
-        eventually(lambda: not next_state(servos).healthy)
+        eventually(lambda: not next_state(servos).healthy, board.port.time)
         assert "MAV_STATE 6" in str(servos.read().fault)
 
 
@@ -317,81 +231,29 @@ def test_pulse_limits_clip_last_and_are_counted(tmp_path: Path) -> None:
         assert sent.joint_positions_rad[0] == pytest.approx(math.radians(9))
         np.testing.assert_allclose(sent.joint_positions_rad[1:], wanted[1:])
         assert servos.counters.clipped == 1
-        eventually(board.overrides)
+        eventually(board.overrides, board.port.time)
         assert board.overrides()[-1][0] == 1600
 
 
-def test_letting_go(tmp_path: Path) -> None:
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        assert servos.disable_torque()
-        eventually(board.overrides)
-        assert board.overrides()[-1] == [0] * 8 + [65534] * 10
-
-
-def test_closing_says_goodbye_and_moves_nothing(tmp_path: Path) -> None:
+def test_torque_off_releases_and_closing_says_goodbye_and_moves_nothing(tmp_path: Path) -> None:
     with ScriptedBoard() as board:
-        with servos_at(board, tmp_path):
-            pass
-        eventually(lambda: any(frame.kind == "HEARTBEAT" for frame in board.heard))
-        eventually(lambda: board.heard[-1].message.system_status == mavlink_messages.POWEROFF)
-        assert board.overrides() == []
+        with servos_at(board, tmp_path) as servos:
+            assert servos.disable_torque()
+            board.port.time.sleep(0.05)
+            assert board.overrides() == [[0] * 8 + [65534] * 10]
+        board.port.time.sleep(0.05)
+        assert board.heard[-1].message.system_status == mavlink_messages.POWEROFF
         assert board.heard[-1].message.type == common.MAV_TYPE_ONBOARD_CONTROLLER
+        assert len(board.overrides()) == 1
 
 
 def test_losses_and_noise_are_counted(tmp_path: Path) -> None:
     with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        board._sequence += 5
-        eventually(lambda: servos.counters.lost >= 5)
-        board.say_bytes(b"noise")
-        eventually(lambda: servos.counters.malformed >= 1)
+        board.sequence += 5
+        eventually(lambda: servos.counters.lost >= 5, board.port.time)
+        board.port.others["controller"].put(b"noise", None)
+        eventually(lambda: servos.counters.malformed >= 1, board.port.time)
         assert next_state(servos).healthy
-
-
-class TestConnecting:
-    @pytest.fixture(autouse=True)
-    def _impatient(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(mavlink_client, "CONNECT_TIMEOUT_S", 0.5)
-
-    def connecting(self, folder: Path, port: str) -> str:
-        """Message with which connecting fails."""
-        servos = MavlinkServos(shipped(), servo_map=fitting_map(folder), port=port)
-        with pytest.raises(RobotFaultError) as refused:
-            servos.connect()
-        servos.close()
-        assert "\n" not in str(refused.value)
-        return str(refused.value)
-
-    def test_no_board(self, tmp_path: Path) -> None:
-        message = self.connecting(tmp_path, f"udpout:127.0.0.1:{free_port()}")
-        assert "no heartbeat" in message
-        assert "baud rate" in message
-
-    def test_no_such_device(self, tmp_path: Path) -> None:
-        assert "/dev/no-such-port" in self.connecting(tmp_path, "/dev/no-such-port")
-
-    def test_a_port_in_use(self, tmp_path: Path) -> None:
-        with ScriptedBoard() as board:
-            assert "cannot be opened" in self.connecting(tmp_path, board.port.replace("udpout", "udpin"))
-
-    def test_a_drone_with_six_rotors(self, tmp_path: Path) -> None:
-        with ScriptedBoard() as board:
-            board.kind = 13
-            assert "type 13" in self.connecting(tmp_path, board.port)
-
-    def test_a_board_that_says_nothing_of_its_servos(self, tmp_path: Path) -> None:
-        with ScriptedBoard() as board:
-            board.silent = True
-            assert "ACTUATOR_OUTPUT_STATUS" in self.connecting(tmp_path, board.port)
-
-    def test_a_board_that_wants_another_key(self, tmp_path: Path) -> None:
-        with ScriptedBoard(signing_key=bytes(32)) as board:
-            message = self.connecting(tmp_path, board.port)
-        assert "signing key" in message
-        assert " 0 runs" not in message
-
-    def test_a_port_that_is_none(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match="connect: got 'COM3'"):
-            MavlinkServos(shipped(), servo_map=fitting_map(tmp_path), port="COM3")
 
 
 def test_a_signed_link_works_both_ways(tmp_path: Path) -> None:
@@ -399,25 +261,212 @@ def test_a_signed_link_works_both_ways(tmp_path: Path) -> None:
     with ScriptedBoard(signing_key=key) as board, servos_at(board, tmp_path, key=key) as servos:
         assert next_state(servos).healthy
         servos.write(JointTargets(shipped().stance_angles_rad, servos.clock.now_s))
-        eventually(board.overrides)
+        eventually(board.overrides, board.port.time)
 
 
 def test_a_board_on_another_address_is_not_ours(tmp_path: Path) -> None:
     """At a port where others come to, the first board that beats stays the one."""
-    with ScriptedBoard() as other:
-        servo_map = fitting_map(tmp_path)
-        servos = MavlinkServos(shipped(), servo_map=servo_map, port=f"udpin:127.0.0.1:{free_port()}")
-        other.pulses_us = servo_map.to_us(shipped().stance_angles_rad)
-        intruder = ScriptedBoard()
-        _, host, number = servos._port_text.split(":")
-        other._client = intruder._client = (host, int(number))
-        with servos, intruder:
-            ours = servos._peer.address
-            eventually(lambda: servos.counters.foreign > 5)
-            assert servos._peer.address == ours
+    with ScriptedBoard(port=MemoryPort(FakeTime(), "ours")) as board, servos_at(board, tmp_path) as servos:
+        intruder = ScriptedBoard(port=MemoryPort(board.port.time, "intruder"))
+        intruder.port.others["controller"] = board.port.others["controller"]
+        with intruder:
+            eventually(lambda: servos.counters.foreign > 5, board.port.time)
+            assert servos._peer.address == "ours"
             state = next_state(servos)
-            np.testing.assert_allclose(state.joint_positions_rad, shipped().stance_angles_rad, atol=1e-6)
-            time.sleep(0)
+        np.testing.assert_allclose(state.joint_positions_rad, shipped().stance_angles_rad, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"kind": 13}, "type 13"),
+        ({"silent": True}, "ACTUATOR_OUTPUT_STATUS"),
+        ({"key": bytes(32)}, "signing key"),
+        ({"port": MemoryPort(FakeTime())}, "no heartbeat"),
+    ],
+    ids=["a drone with six rotors", "no servo positions", "another key", "no board"],
+)
+def test_a_board_that_cannot_be_is_refused_at_connect(
+    change: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    with ScriptedBoard(signing_key=change.get("key")) as board:
+        for name in change.keys() & {"kind", "silent"}:
+            setattr(board, name, change[name])
+        port = MemoryPort(board.port.time) if "port" in change else board.port
+        servos = servos_on(port, fitting_map(tmp_path))
+        with pytest.raises(RobotFaultError, match=said):
+            servos.connect()
+        servos.close()
+
+
+# Faults of a link to the simulated board.
+
+
+def stand(guard: Guard, ticks: int) -> None:
+    """Command the stance for some ticks."""
+    for _ in range(ticks):
+        next_state(guard)
+        guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
+
+
+def stand_until_stopped(guard: Guard) -> str:
+    """Command the stance until the guard does not let it through, and return why."""
+    for _ in range(500):
+        try:
+            stand(guard, 1)
+        except HexctlError:
+            if guard.stopped is not None:
+                return guard.stopped
+            raise
+    raise AssertionError("the guard did not stop the robot")
+
+
+def test_after_a_pause_the_first_command_counts(tmp_path: Path) -> None:
+    """The board holds the pose then, and must not take what is new for what comes late."""
+    with memory_board(fitting_map(tmp_path)) as running:
+        with servos_on(running.port, running.servo_map) as servos:
+            for _ in range(2):
+                servos.clock.tick()
+                servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+                running.time.sleep(0.6)
+        report = running.end()
+    assert (report["overrides"], report["not_yet"]) == (2, 0)
+    assert report["expired"] >= 1
+
+
+def test_a_second_controller_is_refused_and_told(tmp_path: Path) -> None:
+    with memory_board(fitting_map(tmp_path)) as running:
+        first, second = (
+            Guard(servos_on(running.port, running.servo_map, name=name)) for name in ("first", "second")
+        )
+        with first, second:
+            stand(first, 10)
+            for _ in range(100):
+                stand(first, 1)
+                next_state(second)
+                if second.stopped is not None:
+                    break
+                second.write(JointTargets(second.robot.stance_angles_rad + 0.3, second.clock.now_s))
+            assert second.stopped == "fault: the board says: another controller holds the servos"
+            stand(first, 10)
+            reached = first.read().joint_positions_rad
+            np.testing.assert_allclose(reached, shipped().stance_angles_rad, atol=0.03)
+        with Guard(servos_on(running.port, running.servo_map, name="third")) as third:
+            stand(third, 10)
+            assert third.stopped is None
+        assert running.end()["of_others"] > 0
+
+
+def test_a_flooded_board_moves_nothing_and_goes_on(tmp_path: Path) -> None:
+    draw, good = random.Random(11), override_frame()
+    elsewhere = Codec(255, 191).encode(mavlink_messages.override(np.full(18, 900.0), 77, 1), 0)
+    with (
+        memory_board(fitting_map(tmp_path)) as running,
+        Guard(servos_on(running.port, running.servo_map)) as guard,
+    ):
+        stand(guard, 20)
+        before = guard.read().joint_positions_rad
+        for count in range(3_000):
+            changed = bytearray(good)
+            changed[draw.randrange(50)] ^= 1 << draw.randrange(8)
+            data = (
+                draw.randbytes(draw.randrange(1, 200)),
+                bytes(changed),
+                good[: draw.randrange(1, 50)],
+                valid_frame(draw, draw.choice([1, 4, 76, 77, 253, 375])),
+                elsewhere,
+            )[count % 5]
+            running.port.put(data, "hostile")
+            if count % 100 == 0:
+                stand(guard, 1)
+        stand(guard, 20)
+        assert guard.stopped is None
+        np.testing.assert_allclose(guard.read().joint_positions_rad, before, atol=1e-3)
+        report = running.end()
+        assert report["malformed"] > 100
+        assert report["refused"] == 0
+        assert report["overrides"] > 60
+
+
+# Over UDP and pseudo-terminals, on the wall clock.
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("pty", [False, True], ids=["udp", "pty"])
+def test_a_simulated_robot_measures_and_stops_its_controller_when_it_goes(pty: bool, tmp_path: Path) -> None:
+    """A board that hangs is silent; a pseudo-terminal goes with its process, as a device with its plug."""
+    file = fitting_file(tmp_path)
+    with board("--robot", str(file), pty=pty) as running:
+        servos = MavlinkServos(shipped(), servo_map=load_robot_file(file).servo_map, port=running.port)
+        with Guard(servos, expiry_s=1.0) as guard:
+            check_state(guard.read(), guard)
+            LegServosConformance().test_a_small_change_is_reached_within_a_second(guard)
+            move(guard, guard.robot.stance_angles_rad, ticks=50)
+            state = guard.read()
+            assert state.measured
+            assert state.base_position_world is not None
+            assert state.base_position_world[2] == pytest.approx(guard.robot.standing_height_m, abs=0.01)
+            running.process.send_signal(signal.SIGSTOP)
+            assert stand_until_stopped(guard) == "state"
+            assert guard.read().age_s > 1.0
+            running.process.send_signal(signal.SIGCONT)
+            eventually(lambda: next_state(guard).age_s < 0.1)
+            guard.clear()
+            stand(guard, 5)
+            assert guard.stopped is None
+            if pty:
+                running.process.kill()
+                with pytest.raises(RobotFaultError, match="has gone"):
+                    stand(guard, 500)
+                return
+        report = running.end()
+        assert report["overrides"] >= 150
+        assert report["refused"] == report["malformed"] == 0
+
+
+@pytest.mark.realtime
+def test_a_walk_on_a_board_that_dies_ends_with_exit_code_3(tmp_path: Path) -> None:
+    file = fitting_file(tmp_path)
+    words = ["run", "--backend", "mavlink", "--duration", "60", "--no-record", "--json"]
+    with board("--robot", str(file)) as running:
+        walk = subprocess.Popen(
+            [sys.executable, "-m", "hexctl", *words, "--robot", str(file), "--connect", running.port],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={**os.environ, "MUJOCO_GL": "disable"},
+        )
+        try:
+            await_commands(running.port)
+            running.process.kill()
+            out, err = walk.communicate(timeout=PATIENCE_S)
+        finally:
+            if walk.poll() is None:
+                walk.kill()
+                walk.communicate()
+    assert walk.returncode == 3, err.decode()
+    outcome = json.loads(out)
+    assert outcome["status"] == "aborted"
+    assert outcome["stopped"] in ("state", "pose lost", "expired")
+    assert outcome["servo_link"]["received"] > 0
+
+
+def await_commands(port: str) -> None:
+    """Wait until a board reports that it executes commands."""
+    _, host, number = port.split(":")
+    codec = Codec(254, 1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as watcher:
+        watcher.connect((host, int(number)))
+        watcher.settimeout(0.5)
+        until_s = time.monotonic() + PATIENCE_S
+        for count in itertools.count():
+            assert time.monotonic() < until_s
+            watcher.send(codec.encode(mavlink_messages.controller_heartbeat(), count))
+            for frame in codec.decode(watcher.recv(2048), whole=True):
+                if frame.kind == "HEARTBEAT" and frame.message.system_status == mavlink_messages.ACTIVE:
+                    return
+
+
+# The entry of the registry.
 
 
 def made(**options: object) -> MavlinkServos:
@@ -426,42 +475,36 @@ def made(**options: object) -> MavlinkServos:
     return servos
 
 
-def test_it_looks_for_a_board_on_this_computer_unless_told_otherwise() -> None:
+def test_port_and_servo_map_are_those_of_the_options(tmp_path: Path) -> None:
     assert made()._port_text == "udpout:127.0.0.1:14550"
     assert made(connect="/dev/ttyACM0:57600")._address.number == 57600
-
-
-def test_the_servo_map_comes_from_the_robot_file(tmp_path: Path) -> None:
     path = fitting_file(tmp_path, {"leg1_coxa": {"sign": -1}})
     assert made(robot_file=load_robot_file(path)).servo_map.signs[0] == -1
-
-
-def test_the_key_comes_from_the_folder_of_keys(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"mavlink\.key: cannot be read .*; allowed: a file of 32 random"):
-        made(credentials=tmp_path)
-    key = tmp_path / "mavlink.key"
-    key.touch(mode=0o600)
-    key.write_text("too short")
-    with pytest.raises(InputError, match=r"mavlink\.key: got 9 bytes; allowed: 32 bytes, or 64 hexadecimal"):
-        made(credentials=tmp_path)
-    for content in (bytes(range(32)), bytes(range(32)).hex().encode() + b"\n"):
-        key.write_bytes(content)
-        assert made(credentials=tmp_path)._signing_key == bytes(range(32))
+    with pytest.raises(InputError, match="connect: got 'COM3'"):
+        made(connect="COM3")
 
 
 def test_the_command_makes_a_key_that_is_read_and_never_overwritten(tmp_path: Path) -> None:
     folder = tmp_path / "keys"
+    with pytest.raises(InputError, match=r"mavlink\.key"):
+        made(credentials=folder)
     assert exit_code(["keys", "mavlink", str(folder)]) == 0
-    content = (folder / "mavlink.key").read_bytes()
-    assert (folder / "mavlink.key").stat().st_mode & 0o077 == 0
+    key = folder / "mavlink.key"
+    content = key.read_bytes()
+    assert key.stat().st_mode & 0o077 == 0
     assert made(credentials=folder)._signing_key == bytes.fromhex(content.decode())
     assert exit_code(["keys", "mavlink", str(folder)]) == 2
-    assert (folder / "mavlink.key").read_bytes() == content
+    assert key.read_bytes() == content
+    key.write_bytes(bytes(range(32)))
+    assert made(credentials=folder)._signing_key == bytes(range(32))
+    key.write_text("too short")
+    with pytest.raises(InputError, match=r"mavlink\.key: got 9 bytes"):
+        made(credentials=folder)
 
 
 def test_an_unsigned_port_that_others_reach_must_be_asked_for(tmp_path: Path) -> None:
     far = "udpout:192.168.1.9:14550"
-    with pytest.raises(InputError, match=r"anybody on the network could move the servos"):
+    with pytest.raises(InputError, match="insecure"):
         made(connect=far)
     assert made(connect=far, insecure=True)._port_text == far
     (tmp_path / "mavlink.key").touch(mode=0o600)

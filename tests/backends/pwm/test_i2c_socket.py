@@ -1,10 +1,14 @@
-"""Transactions over a socket: they come back as they were, in whatever pieces."""
+"""Transactions over a socket, and the simulated boards behind it, which move a robot."""
 
 import os
 import socket
 import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,10 +16,9 @@ from smbus2 import i2c_msg
 
 from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket, encode_transaction, take_transaction
 from hexctl.simulators.pca9685_chips import SimulatedPca9685
-from hexctl.waiting import wait_for
-from tests.backends.pwm.boards import pca9685_board
-
-pytestmark = pytest.mark.realtime
+from hexctl.types import JointTargets, RobotState
+from tests.backends.pwm.boards import a_map, i2c_servos_on, pca9685_board
+from tests.robots import shipped
 
 MESSAGES = st.lists(
     st.one_of(
@@ -94,5 +97,42 @@ def test_an_answer_that_does_not_come_ends_the_connection(
         bus.write_byte_data(0x40, 0, 0)
     over.set()
     thread.join()
-    wait_for(lambda: not thread.is_alive(), 5.0, "its end")
     listener.close()
+
+
+@pytest.mark.realtime
+def test_a_simulated_robot_moves_as_the_pulses_say_and_outlasts_faults() -> None:
+    from hexctl.backends.sim.servos import SimServos
+
+    simulated = SimServos(shipped(), realtime=True)
+    faults = ("nack:0.02", "unplug@2", "replug@2.5", "reset@4")
+    with pca9685_board(*faults, servos=simulated) as board, i2c_servos_on(board) as servos:
+        wanted = servos.robot.stance_angles_rad + 0.05
+
+        def until(condition: Callable[[RobotState], Any], *, write: bool = True) -> RobotState:
+            for _ in range(400):
+                servos.clock.tick()
+                state = servos.read()
+                if condition(state):
+                    return state
+                if write:
+                    servos.write(JointTargets(wanted, servos.clock.now_s))
+            raise AssertionError(state)
+
+        until(lambda _: np.allclose(simulated.read().joint_positions_rad, wanted, atol=0.03))
+        np.testing.assert_allclose(board.pulses_us(), a_map("pca9685").raw(wanted), atol=2.5)
+        assert "Remote I/O error" in str(until(lambda state: not state.healthy).fault)
+        until(lambda state: state.healthy, write=False)
+        assert (board.pulses_us() > 0).all(), "a cable that comes back leaves the robot standing"
+        assert "has lost its settings" in str(until(lambda state: not state.healthy).fault)
+        until(lambda _: not board.pulses_us().any())
+        assert board.report()["refused"] > 0
+
+
+@pytest.mark.realtime
+def test_transfers_take_no_less_than_their_bits() -> None:
+    with pca9685_board(bits_per_s=10_000) as board:
+        bus, began_s = I2cSocket(board.path), time.monotonic()
+        bus.read_byte_data(0x40, 0)  # four bytes
+        assert time.monotonic() - began_s >= 0.0036
+        bus.close()

@@ -11,7 +11,7 @@ from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.types import FloatArray, JointTargets, leg_slice
+from hexctl.types import FloatArray, JointTargets
 from tests.robots import shipped
 from tests.trials import gait_of
 
@@ -50,13 +50,13 @@ def test_torques_are_the_mean_of_the_actuator_forces_over_a_period() -> None:
         assert np.abs(servos.forces_nm[-1]).max() > 0.1
 
 
-@pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
+@pytest.mark.parametrize("name", ["ant", "phantomx"])
 def test_energy_is_the_work_of_mujocos_forces(name: str) -> None:
     with Metered(shipped(name)) as servos:
-        plan = TrialPlan(gait=gait_of(servos.robot, "tripod"), duration_s=4.0)
+        plan = TrialPlan(gait=gait_of(servos.robot, "tripod"), duration_s=2.0)
         result = run_trial(Guard(servos), plan, soft_stop=False)
         # Each period of each joint is counted where it is positive; the walk's first tick begins the count.
-        work_j = np.array(servos.work_j)[-199:]
+        work_j = np.array(servos.work_j)[-99:]
     assert result.energy_j == pytest.approx(np.maximum(work_j, 0).sum(), rel=0.04)
     weight_n = 9.81 * servos.robot.mass_kg
     assert result.energy_j is not None
@@ -65,17 +65,15 @@ def test_energy_is_the_work_of_mujocos_forces(name: str) -> None:
     assert result.cost_of_transport == pytest.approx(cost)
 
 
-@pytest.mark.parametrize(("kind", "idle"), [("limp", slice(12, 15)), ("missing", slice(12, 15))])
-def test_a_leg_without_torque_costs_nothing(kind: str, idle: slice) -> None:
-    for name in ("ant", "phantomx"):
-        failure, log = Failure(leg=5, kind=kind), TickLog()
-        with SimServos(shipped(name), failure=failure) as servos:
-            plan = TrialPlan(gait=gait_of(servos.robot), belief=failure, self_rotation="none", duration_s=1.0)
-            run_trial(Guard(servos), plan, recorders=(log,))
-        torques_nm = log["joint_torques_nm"]
-        assert idle == leg_slice(5)
-        assert (torques_nm[:, idle] == 0).all()
-        assert (torques_nm[:, :12] != 0).any(axis=0).all()
+@pytest.mark.parametrize("kind", ["limp", "missing"])
+def test_a_leg_without_torque_costs_nothing(kind: str) -> None:
+    failure, log = Failure(leg=5, kind=kind), TickLog()
+    with SimServos(shipped(), failure=failure) as servos:
+        plan = TrialPlan(gait=gait_of(servos.robot), belief=failure, self_rotation="none", duration_s=1.0)
+        run_trial(Guard(servos), plan, recorders=(log,))
+    torques_nm = log["joint_torques_nm"]
+    assert (torques_nm[:, 12:15] == 0).all()
+    assert (torques_nm[:, :12] != 0).any(axis=0).all()
 
 
 def test_the_servo_of_a_stuck_joint_pushes_against_the_jam() -> None:

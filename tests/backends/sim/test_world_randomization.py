@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.special import ndtr
 
 from hexctl.backends.sim.distribution import Distribution
 from hexctl.backends.sim.simulation_model import make_simulation
@@ -56,23 +55,20 @@ def _shares(worlds: list[World], key: str, spread: Distribution) -> FloatArray:
     if spread.scale == "log":
         return np.asarray(np.log(values / spread.low) / np.log(spread.high / spread.low))
     if spread.scale == "normal":
+        from scipy.special import ndtr
+
         return np.asarray(ndtr((values - (spread.low + spread.high) / 2) / ((spread.high - spread.low) / 4)))
     return (values - spread.low) / (spread.high - spread.low)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-def test_a_member_is_the_same_every_time(name: str) -> None:
-    first, again = (load_randomization(name).members(40, 8) for _ in range(2))
-    assert first == again
-    assert len(set(first)) == 8
-
-
-@pytest.mark.slow
 @given(first=st.integers(0, MAX_MEMBERS - 8), count=st.integers(1, 8), at=st.integers(0, 7))
-def test_a_member_does_not_depend_on_what_it_is_asked_with(first: int, count: int, at: int) -> None:
+@settings(max_examples=5)
+def test_a_member_is_the_same_whatever_it_is_asked_with(first: int, count: int, at: int) -> None:
     at = min(at, count - 1)
     for name in FAMILIES:
-        assert family(name).members(first, count)[at] == family(name).members(first + at, 1)[0]
+        members = family(name).members(first, count)
+        assert members[at] == load_randomization(name).members(first + at, 1)[0]
+        assert len(set(members)) == count
 
 
 def test_another_seed_draws_other_worlds() -> None:
@@ -93,10 +89,14 @@ def test_members_lie_within_their_ranges(first: int) -> None:
             assert (values <= spread.high + room).all()
 
 
-def test_a_normal_range_holds_nineteen_of_twenty() -> None:
+def test_a_normal_range_holds_nineteen_of_twenty_and_parts_are_spread_one_by_one() -> None:
     offsets = np.abs(_values(family().members(0, 256), "joint_offset_deg"))
     assert (offsets <= 1.8).mean() == pytest.approx(0.9545, abs=0.01)
     assert offsets.std() == pytest.approx(np.sqrt(0.9**2 - offsets.mean() ** 2), rel=0.05)
+    for key, parts in (("joint_offset_deg", 18), ("body_mass_shift_m", 3)):
+        values = _values(family().members(0, 256), key)
+        assert values.shape == (256, parts)
+        assert np.abs(np.corrcoef(values.T) - np.eye(parts)).max() < 0.3
 
 
 @pytest.mark.slow
@@ -120,14 +120,6 @@ def test_what_belongs_to_a_member_and_not_to_its_world_is_spread_as_evenly(block
     spare = family().spare(spread, 16 * block, 16)
     assert sorted(np.floor((spare + 4) * 2).tolist()) == list(range(16))
     assert spare[5] == family().spare(spread, 16 * block + 5, 1)[0]
-
-
-def test_the_parts_of_a_list_are_spread_one_by_one() -> None:
-    worlds = family().members(0, 256)
-    for key, parts in (("joint_offset_deg", 18), ("body_mass_shift_m", 3)):
-        values = _values(worlds, key)
-        assert values.shape == (256, parts)
-        assert np.abs(np.corrcoef(values.T) - np.eye(parts)).max() < 0.3
 
 
 def test_kinds_take_turns() -> None:
@@ -177,55 +169,33 @@ def test_a_greater_share_lies_below_a_greater_value(scale: str, shares: list[flo
 def test_a_scale_says_how_a_range_is_filled(scale: str, shares: list[float], values: list[float]) -> None:
     spread = Distribution.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
     np.testing.assert_allclose(spread.at(np.array(shares)), values, atol=1e-4)
+    one = Distribution.model_validate({"low": 0.7, "high": 0.7, "scale": scale})
+    np.testing.assert_allclose(one.at(np.array([0.0, 0.3, 1.0])), 0.7)
 
 
-def test_a_range_of_one_value_is_that_value() -> None:
-    for scale in ("even", "log", "normal"):
-        spread = Distribution.model_validate({"low": 0.7, "high": 0.7, "scale": scale})
-        np.testing.assert_allclose(spread.at(np.array([0.0, 0.3, 1.0])), 0.7)
-
-
-@pytest.mark.parametrize("name", FAMILIES)
-def test_a_member_is_a_world_by_name(name: str) -> None:
-    assert load_world(f"{name}:7") == family(name).members(7, 1)[0]
-    assert load_world(f"{name}:{MAX_MEMBERS - 1}") == family(name).members(MAX_MEMBERS - 1, 1)[0]
-
-
-def test_a_member_of_a_file_is_a_world_by_its_path(tmp_path: Path) -> None:
+def test_a_member_is_a_world_by_name_or_path(tmp_path: Path) -> None:
+    for name in FAMILIES:
+        for number in (7, MAX_MEMBERS - 1):
+            assert load_world(f"{name}:{number}") == family(name).members(number, 1)[0]
     path = _written(SMALL, tmp_path)
     assert load_world(f"{path}:3") == load_randomization(path).members(3, 1)[0]
 
 
-def test_a_world_that_is_no_family_is_what_it_was() -> None:
-    assert load_world("slope") == load_world("slope")
-
-
 @pytest.mark.parametrize(
-    ("name", "parts"),
+    ("name", "named"),
     [
-        ("randomised", ["'randomised' is a family", "randomised:7"]),
-        ("randomised:x", ["got 'randomised:x'", "randomised:7"]),
-        ("randomised:", ["got 'randomised:'", "randomised:7"]),
-        ("randomised:-1", ["got 'randomised:-1'", "randomised:7"]),
-        ("randomised:1.5", ["got 'randomised:1.5'", "randomised:7"]),
-        (f"randomised:{MAX_MEMBERS}", [f"got member {MAX_MEMBERS}", f"0..{MAX_MEMBERS - 1}"]),
-        (
-            "randomised:99999999999999999999",
-            ["got 'randomised:99999999999999999999'", "number of a member, 0..1048575"],
-        ),
-        ("flat:3", ["flat.yaml", "no `ranges`", "a family of worlds"]),
-        ("mars:3", ["unknown world 'mars'", "randomised", "transfer"]),
-        ("mars", ["unknown world 'mars'", "randomised", "transfer"]),
-        (":7", ["unknown world ''"]),
+        ("randomised", "randomised:7"),
+        *((f"randomised:{number}", f"'randomised:{number}'") for number in ("x", "", "-1", "1.5")),
+        (f"randomised:{MAX_MEMBERS}", f"0..{MAX_MEMBERS - 1}"),
+        ("randomised:99999999999999999999", "number of a member"),
+        ("flat:3", "flat.yaml"),
+        ("mars:3", "unknown world 'mars'"),
+        (":7", "unknown world ''"),
     ],
 )
-def test_a_member_that_is_not_there_is_refused_in_one_line(name: str, parts: list[str]) -> None:
-    with pytest.raises(InputError) as refused:
+def test_a_member_that_is_not_there_is_refused(name: str, named: str) -> None:
+    with pytest.raises(InputError, match=named):
         load_world(name)
-    message = str(refused.value)
-    assert "\n" not in message
-    for part in parts:
-        assert part in message
 
 
 @pytest.mark.parametrize(("first", "count"), [(-1, 1), (0, 0), (MAX_MEMBERS - 1, 2), (MAX_MEMBERS, 1)])
@@ -234,72 +204,51 @@ def test_members_that_a_family_does_not_have_are_refused(first: int, count: int)
         family().members(first, count)
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        (
-            "seed: 1\nranges: {friction: {low: 1, high: 0.4}}",
-            ["ranges.friction", "1 to 0.4", "low up to high"],
-        ),
-        ("seed: 1\nranges: {slope_deg: {low: 0, high: 1, scale: log}}", ["0 to 1", "above 0", "log"]),
-        ("seed: 1\nranges: {friction: {low: -1, high: 1, scale: log}}", ["-1 to 1", "above 0", "log"]),
-        ("seed: 1\nranges: {friction: {low: .nan, high: 1}}", ["ranges.friction.low", "nan", "finite"]),
-        ("seed: 1\nranges: {friction: {low: 0.4, high: .inf}}", ["ranges.friction.high", "inf", "finite"]),
-        ("seed: 1\nranges: {friction: {low: no, high: 1}}", ["ranges.friction.low", "False", "a number"]),
-        (
-            "seed: 1\nranges: {friction: {low: 1, high: 2, scale: cubic}}",
-            ["'cubic'", "'even', 'log' or 'normal'"],
-        ),
-        (
-            "seed: 1\nranges: {joint_friction_nm.coxa: {low: 0.1, high: 0.2}}",
-            ["got joint_friction_nm.coxa", "joint_friction_nm alone"],
-        ),
-        (
-            "seed: 1\nranges: {joint_stiffness: {low: 1, high: 2}, joint_stiffness.tibia: {low: 1, high: 2}}",
-            ["got joint_stiffness, joint_stiffness.tibia", "joint_stiffness alone"],
-        ),
-        ("seed: 1\nranges: {friction: 1}", ["ranges.friction", "got 1", "mapping"]),
-        ("seed: 1\nranges: {fricton: {low: 0.4, high: 1}}", ["fricton", "quantities of a world file"]),
-        ("seed: 1\nranges: {slope_deg: {low: 0, high: 90}}", ["slope_deg", "got 90", "40 or less"]),
-        ("seed: 1\nranges: {friction: {low: -1, high: 1}}", ["friction", "got -1", "above 0"]),
-        ("seed: 1\nranges: {friction_cone: {low: 0, high: 1}}", ["friction_cone", "have no steps"]),
-        ("seed: 1\nranges: 1", ["ranges", "got 1"]),
-        ("seed: 1\n", ["no `ranges`", "a family of worlds"]),
-        ("friction: 1\n", ["no `ranges`", "a family of worlds"]),
-        ("", ["no `ranges`", "a family of worlds"]),
-        (SMALL.removeprefix("seed: 1\n"), ["seed is missing"]),
-        (SMALL.replace("seed: 1", "seed: -1"), ["seed", "got -1", "0 or more"]),
-        (SMALL.replace("seed: 1", "seed: 1.5"), ["seed", "got 1.5", "integer"]),
-        (SMALL + "kindz: []", ["unknown key kindz", "kinds, ranges, seed"]),
-        (SMALL + "kinds: []", ["no kinds"]),
-        (SMALL + "kinds: [{world: {friction: 1}}]", ["kinds[0].name is missing"]),
-        (SMALL + "kinds: [{name: a, world: {fricton: 1}}]", ["unknown key kinds[0].world.fricton"]),
-        (
-            SMALL + "kinds: [{name: a}, {name: b, world: {friction: -1}}]",
-            ["kinds[1].world.friction", "got -1"],
-        ),
-        pytest.param(
-            "seed: 1\nranges: {friction: {low: 1, hi: 2}}",
-            ["unknown key ranges.friction.hi"],
-        ),
-        pytest.param("seed: 1\nranges: {friction: {low: 1}}", ["ranges.friction.high"]),
-        ("seed: 1\nranges: {joint_stiffness.knee: {low: 1, high: 2}}", ["joint_stiffness.knee", "allowed"]),
-        ("seed: 1\nranges: {friction.coxa: {low: 1, high: 2}}", ["friction.coxa", "allowed"]),
-        (
-            "seed: 1\nranges: {joint_stiffness.coxa: {low: -1, high: 2}}",
-            ["joint_stiffness", "-1", "0.01 to 20"],
-        ),
-    ],
-)
-def test_a_bad_family_is_refused_in_one_line(text: str, parts: list[str], tmp_path: Path) -> None:
+#: Ranges that a family cannot have, and what is named of each.
+WRONG_RANGES = {
+    "friction: {low: 1, high: 0.4}": "ranges.friction",
+    "slope_deg: {low: 0, high: 1, scale: log}": "log",
+    "friction: {low: -1, high: 1, scale: log}": "log",
+    "friction: {low: .nan, high: 1}": "ranges.friction.low",
+    "friction: {low: 0.4, high: .inf}": "ranges.friction.high",
+    "friction: {low: no, high: 1}": "ranges.friction.low",
+    "friction: {low: 1, high: 2, scale: cubic}": "cubic",
+    "friction: {low: 1, hi: 2}": "ranges.friction.hi",
+    "friction: {low: 1}": "ranges.friction.high",
+    "friction: 1": "ranges.friction",
+    "friction: {low: -1, high: 1}": "friction",
+    "fricton: {low: 0.4, high: 1}": "fricton",
+    "slope_deg: {low: 0, high: 90}": "slope_deg",
+    "friction_cone: {low: 0, high: 1}": "friction_cone",
+    "friction.coxa: {low: 1, high: 2}": "friction.coxa",
+    "joint_friction_nm.coxa: {low: 0.1, high: 0.2}": "joint_friction_nm.coxa",
+    "joint_stiffness: {low: 1, high: 2}, joint_stiffness.tibia: {low: 1, high: 2}": "joint_stiffness.tibia",
+    "joint_stiffness.knee: {low: 1, high: 2}": "joint_stiffness.knee",
+    "joint_stiffness.coxa: {low: -1, high: 2}": "joint_stiffness",
+}
+
+WRONG_FAMILIES = {
+    **{f"seed: 1\nranges: {{{ranges}}}": named for ranges, named in WRONG_RANGES.items()},
+    "seed: 1\nranges: 1": "ranges",
+    "seed: 1\n": "ranges",
+    "": "ranges",
+    SMALL.removeprefix("seed: 1\n"): "seed",
+    SMALL.replace("seed: 1", "seed: -1"): "seed",
+    SMALL.replace("seed: 1", "seed: 1.5"): "seed",
+    SMALL + "kindz: []": "kindz",
+    SMALL + "kinds: []": "kinds",
+    SMALL + "kinds: [{world: {friction: 1}}]": r"kinds\[0\].name",
+    SMALL + "kinds: [{name: a, world: {fricton: 1}}]": r"kinds\[0\].world.fricton",
+    SMALL + "kinds: [{name: a}, {name: b, world: {friction: -1}}]": r"kinds\[1\].world.friction",
+}
+
+
+@pytest.mark.parametrize("text", WRONG_FAMILIES)
+def test_a_bad_family_is_refused_with_file_and_key(text: str, tmp_path: Path) -> None:
     path = _written(text, tmp_path)
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError, match=WRONG_FAMILIES[text]) as refused:
         load_randomization(path)
-    message = str(refused.value)
-    assert message.startswith(f"{path}: ")
-    assert "\n" not in message
-    for part in parts:
-        assert part in message.removeprefix(path)
+    assert str(refused.value).startswith(f"{path}: ")
 
 
 @pytest.mark.parametrize(
@@ -361,9 +310,8 @@ def test_a_prior_is_tried_on_wider_ranges_and_other_kinds_than_it_was_built_from
 
 
 @pytest.mark.parametrize("robot", ROBOT_NAMES)
-@pytest.mark.parametrize("name", FAMILIES)
-def test_every_shipped_robot_can_be_as_light_and_as_heavy_as_a_family_has_it(robot: str, name: str) -> None:
-    spread = family(name).ranges["added_mass_share"]
-    for share in (spread.low, spread.high):
+def test_every_shipped_robot_can_be_as_light_and_as_heavy_as_any_family_has_it(robot: str) -> None:
+    ends = [family(name).ranges["added_mass_share"] for name in FAMILIES]
+    for share in (min(each.low for each in ends), max(each.high for each in ends)):
         model = make_simulation(shipped(robot), World(added_mass_share=share)).physics.model
         assert model.body_mass.sum() == pytest.approx((1 + share) * shipped(robot).mass_kg)

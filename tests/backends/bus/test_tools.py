@@ -1,0 +1,264 @@
+"""Servos that answer on a bus, without a robot or beside one whose ids are not those of its file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.bus.bus_options import BusAddress, BusOptions, IdentificationOptions, ScanOptions
+from hexctl.backends.bus.tools import adopt, id_differences, ids_around, joint_of, scan_bus, set_servo_id
+from hexctl.errors import InputError, RobotFaultError, WrongTypeError
+from hexctl.robot.servos.bus_map import BusMap
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.simulators.register_servos import BusServo
+from hexctl.types import JOINT_NAMES
+from tests.backends.bus.boards import (
+    FAMILIES,
+    MODELS,
+    a_map,
+    memory_bus,
+    register_servo_of,
+    servos_on,
+    stance_counts,
+)
+from tests.robots import edited_file, put, shipped
+
+ALL_BUT_ONE = [
+    f"mute:{leg}:{joint}"
+    for leg in range(1, 7)
+    for joint in ("coxa", "femur", "tibia")
+    if (leg, joint) != (2, "coxa")
+]
+
+
+@pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", "lx16a")])
+def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
+    bus_map, baud = a_map(driver, model), DEFAULT_BAUDS[driver]
+    old = driver == "lx16a"
+    with memory_bus(bus_map, "mute:1:femur", "hot:1:tibia:72") as bus:
+        found = scan_bus(bus.path, driver, baud, ids=range(6))
+    assert [each.servo_id for each in found] == [1, 3, 4, 5]
+    assert {(each.model, each.baud) for each in found} == {(None if old else model, baud)}
+    assert found[0].position == stance_counts(bus_map)[0]
+    assert found[0].voltage_v == (7.4 if old else 12.0)
+    assert [each.temperature_c for each in found[:2]] == [35.0, 72.0]
+    assert old or "hot" in found[1].error
+
+
+@pytest.mark.parametrize("driver", ["feetech", "lx16a"])
+def test_an_adapter_that_echoes_shows_no_servos_that_are_not_there(driver: str) -> None:
+    with memory_bus(a_map(driver, "lx16a" if driver == "lx16a" else "sts3215"), "echo") as bus:
+        found = scan_bus(bus.path, driver, DEFAULT_BAUDS[driver], ids=(0, 7, 30))
+    assert [each.servo_id for each in found] == [7]
+
+
+@pytest.mark.parametrize(("driver", "model"), FAMILIES)
+def test_the_only_servo_on_a_bus_takes_an_id_and_keeps_it_without_power(driver: str, model: str) -> None:
+    with memory_bus(a_map(driver, model), *ALL_BUT_ONE) as bus:
+        found = set_servo_id(bus.path, driver, DEFAULT_BAUDS[driver], 40)
+        assert found.servo_id == 40
+        servo = bus.board._servos[3]
+        if isinstance(servo, BusServo):
+            servo.restart()
+        assert servo.servo_id == 40
+        if driver == "feetech":
+            assert register_servo_of(bus.board, 3).memory[55] == 1, "locked again"
+
+
+@pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("lx16a", "lx16a")])
+def test_with_more_servos_no_id_is_changed(driver: str, model: str) -> None:
+    with memory_bus(a_map(driver, model)) as bus:
+        with pytest.raises(InputError, match="servos that answer: got 1, 2, "):
+            set_servo_id(bus.path, driver, DEFAULT_BAUDS[driver], 40)
+        assert [servo.servo_id for servo in bus.board._servos] == list(range(1, 19))
+
+
+def test_a_scan_or_an_id_that_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="new_id: got 253"):
+        set_servo_id("/dev/nothing", "feetech", 1_000_000, 253)
+    with pytest.raises(RobotFaultError, match="/dev/nothing"):
+        scan_bus("/dev/nothing", "feetech", 1_000_000)
+    with pytest.raises(InputError, match="driver: got 'hitec'"):
+        scan_bus("/dev/nothing", "hitec", 1_000_000)
+
+
+def test_servos_are_found_at_the_baud_that_they_have() -> None:
+    with memory_bus(a_map("dynamixel", "xl430-w250"), baud=57_600) as bus:
+        asked: list[tuple[int, int]] = []
+        assert scan_bus(bus.path, "dynamixel", 1_000_000, ids=range(1, 4)) == []
+        found = scan_bus(
+            bus.path,
+            "dynamixel",
+            1_000_000,
+            57_600,
+            ids=range(1, 4),
+            progress=lambda *each: asked.append(each),
+        )
+    assert [(each.servo_id, each.baud) for each in found] == [(1, 57_600), (2, 57_600), (3, 57_600)]
+    assert asked == [(number, 12) for number in range(12)]
+
+
+# A servo that has fallen back to the id 1.
+
+LOST = r"leg 3 tibia \(id 29\)"
+
+
+def _from_21(driver: str = "feetech", model: str = "sts3215") -> BusMap:
+    """Servos with ids from 21: id 1 belongs to none."""
+    return a_map(driver, model, first_id=21)
+
+
+@pytest.mark.parametrize(("driver", "model"), FAMILIES)
+def test_a_lost_servo_is_named_at_connect_and_adopted(driver: str, model: str) -> None:
+    bus_map, robot = _from_21(driver, model), shipped("phantomx")
+    with memory_bus(bus_map, "lost-id:3:tibia") as bus:
+        with servos_on(bus, bus_map) as servos:
+            note = servos.read().warnings[0]
+        assert note.startswith("leg 3 tibia (id 29) does not answer")
+        assert "hexctl servos adopt" in note
+        servo = bus.board._servos[8]
+        assert servo.servo_id == 1, "nothing is written at connect"
+        adoption = adopt(robot, bus_map, bus.path, DEFAULT_BAUDS[driver])
+        assert (adoption.joint, adoption.servo.servo_id) == (8, 29)
+        assert adoption.angle_deg is not None
+        assert np.radians(adoption.angle_deg) == pytest.approx(robot.stance_angles_rad[8], abs=0.01)
+        assert servo.servo_id == 29
+        assert not servo.holds
+        if isinstance(servo, BusServo):
+            servo.restart()
+            assert servo.servo_id == 29, "kept without power"
+        with servos_on(bus, bus_map) as again:
+            assert not [each for each in again.read().warnings if "lost its id" in each]
+
+
+@pytest.mark.parametrize(
+    ("faults", "message"),
+    [
+        ((), "none; exactly one"),
+        (("mute:3:tibia",), f"{LOST} does not answer, and no servo with id 1"),
+        (("lost-id:3:tibia", "mute:2:coxa"), rf"leg 2 coxa \(id 24\), {LOST}; exactly one"),
+    ],
+)
+def test_nothing_is_written_unless_exactly_one_is_lost(faults: tuple[str, ...], message: str) -> None:
+    with memory_bus(_from_21(), *faults) as bus:
+        before = [servo.servo_id for servo in bus.board._servos]
+        with pytest.raises(RobotFaultError, match=message):
+            adopt(shipped("phantomx"), _from_21(), bus.path, 1_000_000)
+        assert [servo.servo_id for servo in bus.board._servos] == before
+
+
+@pytest.mark.parametrize("other", ["model", "place"])
+def test_a_servo_of_another_model_or_place_is_left_alone(other: str) -> None:
+    with memory_bus(_from_21(), "lost-id:3:tibia") as bus:
+        servo = register_servo_of(bus.board, 8)
+        if other == "model":
+            servo.memory[3] = 5
+        else:
+            bus.robot._positions_rad[8] -= 3.2
+            bus.time.sleep(0.2)
+        with pytest.raises(RobotFaultError, match="model number" if other == "model" else f"where {LOST}"):
+            adopt(shipped("phantomx"), _from_21(), bus.path, 1_000_000)
+        assert servo.servo_id == 1
+
+
+def test_a_robot_file_with_id_1_has_none_to_lose() -> None:
+    with pytest.raises(RobotFaultError, match="id 1 belongs to a joint"):
+        adopt(shipped("phantomx"), a_map(), "/dev/nothing", 1_000_000)
+
+
+# Ids that are not those of the robot file.
+
+
+@pytest.mark.parametrize(("driver", "model"), FAMILIES)
+def test_ids_that_are_off_by_one_are_refused(driver: str, model: str) -> None:
+    with memory_bus(a_map(driver, model, first_id=2)) as bus:
+        with pytest.raises(RobotFaultError, match=r"leg 1 coxa \(id 1\) does not .* id 19 does"):
+            servos_on(bus, a_map(driver, model)).connect()
+        assert not any(servo.holds for servo in bus.board._servos)
+
+
+@pytest.mark.parametrize(
+    ("first_id", "file_id", "faults", "message"),
+    [
+        (3, 1, (), r"femur \(id 2\) do not answer, and ids 19, 20 do"),
+        (21, 21, ("lost-id:3:tibia", "mute:2:coxa"), f"{LOST} do not answer, and id 1 does"),
+    ],
+)
+def test_all_ids_that_differ_are_named(
+    first_id: int, file_id: int, faults: tuple[str, ...], message: str
+) -> None:
+    with (
+        memory_bus(a_map(first_id=first_id), *faults) as bus,
+        pytest.raises(RobotFaultError, match=message),
+    ):
+        servos_on(bus, a_map(first_id=file_id)).connect()
+
+
+def test_ids_are_compared_with_those_of_the_joints() -> None:
+    ids = _from_21()
+    assert ids_around(ids) == [1, *range(3, 21), *range(39, 57)]
+    assert (joint_of(ids, 22), joint_of(ids, 1)) == (JOINT_NAMES[1], None)
+    assert id_differences(ids, range(21, 39)) == []
+    missing, others = id_differences(ids, [*range(22, 39), 1, 40])
+    assert "leg 1 coxa (id 21)" in missing
+    assert "id 1, 40" in others
+
+
+# Options of a bus.
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> str:
+    section = {"driver": "lx16a", "port": "/dev/ttyUSB7", "baud": 57_600, "model": "lx224"}
+    return str(edited_file(tmp_path, put("servos", section), base="phantomx"))
+
+
+def test_a_bus_is_where_the_options_say_else_the_robot_file(robot: str) -> None:
+    assert BusOptions(robot=robot).address() == BusAddress("lx16a", "/dev/ttyUSB7", 57_600)
+    assert BusOptions(robot=robot, connect="x", baud=9600).address() == BusAddress("lx16a", "x", 9600)
+    assert BusOptions(driver="feetech", connect="x").address() == BusAddress("feetech", "x", 1_000_000)
+    assert BusOptions(driver="feetech", connect="x:57600").address().baud == 57_600
+    servo_map = BusOptions(robot=robot).servo_map()
+    assert servo_map is not None
+    assert servo_map.ids.tolist() == list(range(1, 19))
+    assert BusOptions(driver="feetech", connect="x").servo_map() is None
+
+
+def test_a_scan_asks_at_one_baud_rate_or_at_all_that_are_usual(robot: str) -> None:
+    for bauds, asked in ((None, (57_600,)), (115_200, (115_200,)), ("all", (115_200,))):
+        options = ScanOptions(robot=robot, bauds=bauds)
+        assert options.bauds_at(options.address()) == asked
+
+
+def test_only_servos_that_report_no_model_are_given_one(robot: str) -> None:
+    assert IdentificationOptions(robot=robot).unreported_model("lx16a") == "lx224"
+    assert IdentificationOptions(robot=robot, model="hts35h").unreported_model("lx16a") == "hts35h"
+    assert IdentificationOptions().unreported_model("lx16a") is None
+    assert IdentificationOptions(robot=robot).unreported_model("feetech") is None
+    with pytest.raises(InputError, match="model: got hts35h"):
+        IdentificationOptions(model="hts35h").unreported_model("feetech")
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"connect": "x"}, "driver"),
+        ({"driver": "feetech"}, "connect"),
+        ({"driver": "hitec"}, "driver"),
+        ({"driver": "feetech", "connect": "x", "baud": 9}, "baud"),
+        ({"robot": "freenove-big"}, "robot"),
+        ({"robot": None, "driver": "feetech"}, "driver"),
+    ],
+)
+def test_a_bus_that_cannot_be_is_refused(options: dict[str, Any], named: str, robot: str) -> None:
+    given = options if "robot" not in options or options["robot"] else {**options, "robot": robot}
+    with pytest.raises(InputError, match=f"^{named}: "):
+        BusOptions(**given).address()
+
+
+def test_wrong_types_and_an_output_beside_a_robot_are_refused(robot: str) -> None:
+    with pytest.raises(WrongTypeError, match="connect"):
+        BusOptions(connect=5)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="output: got it with robot"):
+        IdentificationOptions(robot=robot, output="x")
