@@ -10,8 +10,7 @@ from hexctl.adapt.sessions.store import SessionStore
 from hexctl.errors import InputError
 from hexctl.export.recordings import recordings_to_export, title_of
 from hexctl.recording.recorded_trial import RecordedTrial
-from tests.adapt.sessions.test_store import record
-from tests.adapt.walking import SPEC
+from tests.adapt.walking import SPEC, record
 
 
 def test_recordings_of_a_session_are_those_in_its_folder_wherever_they_were_written(tmp_path: Path) -> None:
