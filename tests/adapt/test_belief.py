@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import quad
-from scipy.stats import foldnorm, norm
 
 from hexctl.adapt.prior.acquisition import (
     chance_above,
@@ -274,16 +272,6 @@ def test_where_nothing_can_be_told_nothing_changes(known: FloatArray, seen: Floa
     np.testing.assert_array_equal(shrink, np.eye(len(known)))
 
 
-def test_wherever_the_failed_leg_is_locked_the_others_say_the_same() -> None:
-    bent = ordinary_sag_rad()
-    bent[12:15] += [0.5, -0.9, 1.2]
-    one, other = (
-        Belief(STANDING, noise_m=NOISE_M, sag_rad=sag).forecast() for sag in (ordinary_sag_rad(), bent)
-    )
-    np.testing.assert_array_equal(one.mean_m, other.mean_m)
-    np.testing.assert_array_equal(one.covariance_m2, other.covariance_m2)
-
-
 def test_a_prior_that_knows_no_stances_believes_the_same() -> None:
     blind = replace(STANDING, sag_rad=None)
     told = Belief(blind, noise_m=NOISE_M, sag_rad=ordinary_sag_rad()).forecast()
@@ -327,6 +315,8 @@ def one(value: float) -> FloatArray:
 
 @given(mean=metres, sd=spreads, bound=st.floats(0, 2))
 def test_chances_are_scipys(mean: float, sd: float, bound: float) -> None:
+    from scipy.stats import norm
+
     within = norm.cdf(bound, mean, sd) - norm.cdf(-bound, mean, sd)
     assert chance_within(one(mean), one(sd), bound)[0] == pytest.approx(within, abs=1e-12)
     assert chance_above(one(mean), one(sd), bound)[0] == pytest.approx(norm.sf(bound, mean, sd), abs=1e-12)
@@ -334,6 +324,9 @@ def test_chances_are_scipys(mean: float, sd: float, bound: float) -> None:
 
 @pytest.mark.parametrize(("mean", "sd", "best"), CASES)
 def test_the_expected_gain_is_its_integral(mean: float, sd: float, best: float) -> None:
+    from scipy.integrate import quad
+    from scipy.stats import norm
+
     wanted, _ = quad(
         lambda x: (best - abs(x)) * norm.pdf(x, mean, sd),
         -best,
@@ -370,6 +363,8 @@ def forecast(mean_m: FloatArray, sd_m: FloatArray | float, common: float = 0.0) 
 
 @given(mean=metres, sd=spreads)
 def test_the_expected_size_is_the_mean_of_the_folded_normal(mean: float, sd: float) -> None:
+    from scipy.stats import foldnorm
+
     wanted = foldnorm.mean(abs(mean) / sd, scale=sd)
     assert expected_size_m(one(mean), one(sd))[0] == pytest.approx(wanted, abs=1e-9)
     assert expected_size_m(one(mean), one(sd))[0] >= abs(mean) - 1e-12

@@ -309,16 +309,6 @@ def test_a_stagnating_particle_takes_its_parents_from_the_archive() -> None:
         assert abs(swarm.positions[0, 0] - 4.0) <= 0.5
 
 
-def test_a_success_ends_the_stagnation() -> None:
-    swarm = swarm_of(2)
-    swarm.advance(np.full(10, 1.0))
-    for _ in range(5):
-        swarm.advance(np.full(10, 1.0))
-    assert (swarm.idle == 5).all()
-    swarm.advance(np.array([0.5] + [1.0] * 9))
-    np.testing.assert_array_equal(swarm.idle, [0] + [6] * 9)
-
-
 SEEDS = 150
 
 GENERATIONS = 25
@@ -370,31 +360,6 @@ def test_it_converges_as_scipys_does(
     found, reference = ours(core, function), scipys(strategy, function)
     assert mannwhitneyu(found, reference).pvalue > 0.01
     assert np.median(found) == pytest.approx(np.median(reference), abs=0.5)
-
-
-class NoCrossover(BestEvolution):
-    crossover: ClassVar[float] = 0.0
-
-
-class FullCrossover(BestEvolution):
-    crossover: ClassVar[float] = 1.0
-
-
-def differing(core: type[DifferentialEvolution]) -> FloatArray:
-    """Number of coordinates in which each challenger differs from its parent, in five dimensions."""
-    counts = []
-    for seed in range(40):
-        population = make(core, seed, 5)
-        population.advance(sphere(population.positions))
-        counts.append((population.positions != population.kept).sum(axis=1))
-    return np.concatenate(counts)
-
-
-def test_crossover_takes_one_coordinate_for_certain_and_the_others_by_chance() -> None:
-    assert set(differing(NoCrossover)) == {1}
-    assert set(differing(FullCrossover)) == {5}
-    # 1 + 4 CR = 3 of 5; 400 challengers, standard error 0.05.
-    assert differing(BestEvolution).mean() == pytest.approx(3.0, abs=0.2)
 
 
 @pytest.mark.parametrize("core", [BestEvolution, RandomEvolution])

@@ -448,5 +448,6 @@ def test_another_question_is_named_with_both_values(
 
 @pytest.mark.parametrize(("field", "value"), [("pace_hz", 0.75), ("amplitude", 0.05), ("height", 0.03)])
 def test_another_gait_is_another_question(field: str, value: float) -> None:
-    (difference,) = key_of().differences(replace(key_of(), **{field: value}))
+    changed: dict[str, Any] = {field: value}
+    (difference,) = key_of().differences(replace(key_of(), **changed))
     assert difference.startswith(field.removesuffix("_hz"))

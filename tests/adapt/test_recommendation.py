@@ -1,5 +1,6 @@
 """Which walk a session recommends, and which ends are confirmed by a walk at a finer time step."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -57,35 +58,37 @@ def recommended(
     return None if best is None else best.gait if isinstance(best, BaselineRecord) else best.index
 
 
-@pytest.mark.parametrize("trial_m", [0.0, 0.06])
-def test_a_gait_without_a_search_is_recommended_if_the_best_trial_is_not_resolved_from_it(
-    trial_m: float,
+NEAR = (walk("auto", 0.03, 0.04), walk("demo", 0.001, -0.01), walk("tripod", 0.02, 0.02))
+TRIPOD = (walk("tripod", 0.001),)
+
+
+@pytest.mark.parametrize(
+    ("baseline", "trials", "uncertainty_m", "best"),
+    [
+        # Without a search, if the best trial is not resolved from it.
+        (TRIPOD, (trial(1, 0.0), trial(2, 0.2)), 0.025, "tripod"),
+        (TRIPOD, (trial(1, 0.06), trial(2, 0.2)), 0.025, "tripod"),
+        # A trial that is resolved from all others.
+        ((walk("auto", 0.3), walk("demo", 0.5)), (trial(1, 0.2), trial(2, 0.01)), 0.025, 2),
+        ((walk("tripod", INVALID_SCORE),), (trial(1, 0.2),), 0.025, 1),
+        # The largest margin among those that need no search; without margins the straightest.
+        (NEAR, (trial(1, 0.0, 0.1),), 0.025, "auto"),
+        (NEAR, (trial(1, 0.0),), 0.0001, 1),
+        (NEAR, (trial(1, 0.1),), 0.001, "demo"),
+        ((walk("auto", 0.03), walk("demo", 0.001)), (trial(1, 0.0),), 0.025, "demo"),
+        # The straightest, if nothing is known of the resolution.
+        (TRIPOD, (trial(1, 0.0),), 0.0, 1),
+        (TRIPOD, (trial(1, 0.001),), 0.0, "tripod"),
+        (TRIPOD, (), 0.025, None),
+    ],
+)
+def test_the_walk_that_is_recommended(
+    baseline: tuple[BaselineRecord, ...],
+    trials: tuple[TrialRecord, ...],
+    uncertainty_m: float,
+    best: str | int | None,
 ) -> None:
-    """The best trial, 6 cm off, was recommended though the tripod was 0.1 cm off: 5.9 cm are not resolved."""
-    assert recommended(walk("tripod", 0.001), trials=(trial(1, trial_m), trial(2, 0.2))) == "tripod"
-
-
-def test_a_trial_that_is_resolved_from_every_other_walk_is_recommended() -> None:
-    assert recommended(walk("auto", 0.3), walk("demo", 0.5), trials=(trial(1, 0.2), trial(2, 0.01))) == 2
-    assert recommended(walk("tripod", INVALID_SCORE), trials=(trial(1, 0.2),)) == 1
-
-
-def test_of_gaits_that_need_no_search_the_one_with_the_largest_margin_is_recommended() -> None:
-    near = (walk("auto", 0.03, 0.04), walk("demo", 0.001, -0.01), walk("tripod", 0.02, 0.02))
-    assert recommended(*near, trials=(trial(1, 0.0, 0.1),)) == "auto"
-    assert recommended(*near, trials=(trial(1, 0.0),), uncertainty_m=0.0001) == 1
-    assert recommended(*near, trials=(trial(1, 0.1),), uncertainty_m=0.001) == "demo"
-    unknown = (walk("auto", 0.03), walk("demo", 0.001))
-    assert recommended(*unknown, trials=(trial(1, 0.0),)) == "demo", "without margins: the straightest"
-
-
-def test_if_nothing_is_known_of_the_resolution_the_straightest_is_recommended() -> None:
-    assert recommended(walk("tripod", 0.001), trials=(trial(1, 0.0),), uncertainty_m=0.0) == 1
-    assert recommended(walk("tripod", 0.001), trials=(trial(1, 0.001),), uncertainty_m=0.0) == "tripod"
-
-
-def test_before_the_first_trial_nothing_is_recommended() -> None:
-    assert recommended(walk("tripod", 0.001), trials=()) is None
+    assert recommended(*baseline, trials=trials, uncertainty_m=uncertainty_m) == best
 
 
 SPEC = SessionSpec(
@@ -103,17 +106,18 @@ ENDS = {0: 0.5, 1: 0.30, 2: 0.01, 3: -0.02, 4: 0.04, 5: 0.20}
 
 
 class Ends:
-    """Walks gaits to given ends."""
+    """Walks gaits to given ends; NaN is a fall."""
 
-    def __init__(self, ends: Mapping[int, float], *, aborted: bool = False, status: str = "ok") -> None:
-        self.ends, self.aborted, self.status = ends, aborted, status
+    def __init__(self, ends: Mapping[int, float], *, aborted: bool = False) -> None:
+        self.ends, self.aborted = ends, aborted
         self.walked: list[int] = []
 
     def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         if self.aborted:
             return WalkedTrial(result=result_of(0.0, "aborted"))
         self.walked.append(code)
-        return WalkedTrial(result=result_of(self.ends[code], self.status))
+        fell = math.isnan(self.ends[code])
+        return WalkedTrial(result=result_of(0.0 if fell else self.ends[code], "fell" if fell else "ok"))
 
 
 def search(store: SessionStore, finely: Ends, *, name: str | None = None, **spec: float) -> Session:
@@ -166,50 +170,40 @@ def test_a_target_that_single_trials_cannot_resolve_is_confirmed(store: SessionS
     assert far.within_target < 0.01
 
 
-def test_a_candidate_that_ends_worse_than_another_trial_gives_way_to_it(store: SessionStore) -> None:
-    finely = Ends({0: 0.5, 2: 0.09, 3: 0.03})
-    session = search(store, finely, target_m=NEVER_M)
-    assert finely.walked == [2, 3, 0]
-    assert session.best_walk is not None
-    assert session.best_walk.code == 3
-
-
-def test_at_most_three_trials_are_confirmed(store: SessionStore) -> None:
-    finely = Ends({2: 0.5, 3: 0.6, 4: 0.45, 0: 0.46})
-    session = search(store, finely, target_m=NEVER_M)
-    assert finely.walked == [2, 3, 4, 0], "the tripod is not resolved from the best of them"
-    assert isinstance(session.best_walk, BaselineRecord)
-
-
-def test_a_baseline_that_is_not_resolved_walks_too_and_is_preferred(
-    store: SessionStore, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("tripod_m", "finely_m", "walked", "best"),
+    [
+        (0.5, {0: 0.5, 2: 0.09, 3: 0.03}, [2, 3, 0], 3),
+        (0.5, {2: 0.5, 3: 0.6, 4: 0.45, 0: 0.46}, [2, 3, 4, 0], None),
+        (0.5, {0: 0.01, 2: 0.05, 3: 0.06, 4: 0.07}, [2, 3, 4, 0], None),
+        (0.06, {2: 0.01, 0: 0.02}, [2, 0], None),
+        (0.06, {2: 0.01, 0: 0.06}, [2, 0], 2),
+        (0.5, {2: math.nan, 3: 0.01}, [2, 3], 3),
+    ],
+    ids=[
+        "it ends worse than another trial",
+        "at most three, and the tripod that is not resolved",
+        "the tripod beats all at the finer step",
+        "the tripod is not resolved",
+        "two confirmed walks resolve 5 cm",
+        "it falls at the finer step",
+    ],
+)
+def test_ends_at_the_finer_step_decide(
+    tripod_m: float,
+    finely_m: dict[int, float],
+    walked: list[int],
+    best: int | None,
+    store: SessionStore,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(ENDS, 0, 0.06)
-    finely = Ends({2: 0.01, 0: 0.02})
+    """Codes that are walked, 0 being the tripod, and the code of the recommendation, None being its."""
+    monkeypatch.setitem(ENDS, 0, tripod_m)
+    finely = Ends(finely_m)
     session = search(store, finely, target_m=NEVER_M)
-    assert finely.walked == [2, 0]
-    assert isinstance(session.best_walk, BaselineRecord)
-    worse = search(store, Ends({2: 0.01, 0: 0.06}), target_m=NEVER_M)
-    assert worse.best_walk is not None
-    assert worse.best_walk.code == 2, "5 cm are resolved by two confirmed walks"
-
-
-def test_no_trial_is_recommended_that_a_baseline_beats_at_the_finer_step(store: SessionStore) -> None:
-    finely = Ends({0: 0.01, 2: 0.05, 3: 0.06, 4: 0.07})
-    session = search(store, finely, target_m=NEVER_M)
-    assert finely.walked[-1] == 0, "0.5 m at the usual step, resolved from the trials"
-    assert isinstance(session.best_walk, BaselineRecord)
-
-
-def test_a_candidate_that_falls_at_the_finer_step_is_not_recommended(store: SessionStore) -> None:
-    class Falling(Ends):
-        def __call__(self, index: int, code: int, *rest: object) -> WalkedTrial:
-            self.status = "fell" if code == 2 else "ok"
-            return super().__call__(index, code, *rest)  # type: ignore[arg-type]
-
-    session = search(store, Falling({2: 0.0, 3: 0.01}), target_m=NEVER_M)
+    assert finely.walked == walked
     assert session.best_walk is not None
-    assert session.best_walk.code == 3
+    assert session.best_walk.code == best
 
 
 def test_an_interrupted_confirmation_loses_nothing(store: SessionStore) -> None:

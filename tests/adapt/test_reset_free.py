@@ -197,7 +197,7 @@ def robot() -> Iterator[Guard]:
         yield servos
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
     robot: Guard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,14 +209,14 @@ def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
 
     monkeypatch.setattr(runner_module, "run_trial", watched)
     runner, results = runner_of(robot, arena=ARENA), []
-    for index in range(1, 7):
-        code = 20 * index - 10
+    for index in range(1, 5):
+        code = 30 * index - 10
         result = runner.walk(index, code, SPACE.slots_of(code)).result
         results.append(result)
         self_check(logs[-1], result)
     assert StayingSim.farthest_m < ARENA.radius_m + MARGIN_M
     statuses = [result.status for result in results]
-    assert statuses.count("ok") >= 3, "most walks fit"
+    assert statuses.count("ok") >= 2, "most walks fit"
     assert set(statuses) <= {"ok", "no_progress", "cut_short"}
     for result in results:
         assert result.stopped == ("arena" if result.status == "cut_short" else None)
@@ -247,7 +247,7 @@ def self_check(log: TickLog, result: TrialResult) -> None:
     assert result.deviation.signed == pytest.approx(float(along[0] * moved[1] - along[1] * moved[0]))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(robot: Guard) -> None:
     """The arena is much smaller than the walk."""
     arena = Arena(home_m=(0.0, 0.0), radius_m=0.6)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from matplotlib.image import imread
 
 import hexctl
 from hexctl.adapt.adapt_options import AdaptOptions
@@ -123,6 +122,8 @@ def test_what_two_searches_do_not_share_is_named() -> None:
 
 
 def test_the_plot_is_a_new_png(tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
     both = [session(0.3, 0.1), session(0.5, 0.2, 0.05, name="b")]
     draw_comparison(both, tmp_path / "best.png")
     assert imread(tmp_path / "best.png").shape[:2] == (750, 1200)

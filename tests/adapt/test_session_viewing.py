@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.bayes import Bayes
@@ -74,6 +73,8 @@ def test_a_trial_that_never_set_out_or_diverged_has_no_impossible_points() -> No
 
 
 def test_it_is_written_beside_the_trials_and_replaced_after_more(tmp_path: Path) -> None:
+    import rerun as rr
+
     session = make_session(result_of(0.3))
     path = write_overview(session, tmp_path / "session")
     assert path == tmp_path / "session" / "overview.rrd"

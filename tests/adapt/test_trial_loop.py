@@ -24,7 +24,7 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RecordingError
 from hexctl.gait.encoding import Slots
 from hexctl.types import FloatArray
-from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes, shown_of
+from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes
 from tests.adapt.walking import SPEC, Landscape, result_of
 
 MODEL = MadeUpModel()
@@ -205,19 +205,6 @@ def test_a_search_that_is_sure_ends_confirmed(store: SessionStore) -> None:
     assert session.settled_on["code"] == session.best.code
     assert 0.9 <= session.settled_on["chance"] <= 1.0
     assert session.as_json()["settled_on"] == session.settled_on
-
-
-def test_what_was_expected_is_kept_with_each_trial(store: SessionStore) -> None:
-    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
-    kept = load_session(session.name, store.folder).trials
-    assert kept == session.trials
-    fresh = believing()
-    for trial in kept:
-        (code,) = fresh.ask()
-        assert trial.expected == fresh.predict(code).as_json()
-        assert trial.expected["low_m"] < trial.expected["signed_m"] < trial.expected["high_m"]
-        assert trial.as_json()["expected"] == trial.expected
-        fresh.tell([code], [trial.score], [shown_of(KIND[code - 1])])
 
 
 def test_a_target_that_the_optimizer_judges_is_not_judged_by_one_lucky_trial(store: SessionStore) -> None:

@@ -139,18 +139,6 @@ def test_one_gait_is_walked_until_it_fails_then_the_next() -> None:
 
 
 @pytest.mark.usefixtures("drifting")
-def test_the_second_walk_of_the_gait_auto_is_within_the_target() -> None:
-    result = search()
-    assert (result.session.spec.optimizer, result.session.spec.target_m) == ("trim", 0.025)
-    assert (result.ended, len(result.trials)) == ("target", 2)
-    first, second = result.trials
-    assert first.code == second.code
-    assert (first.outcome["trim_deg"], first.score > 0.1) == (0.0, True)
-    assert second.outcome["trim_deg"] == pytest.approx(first.wanted_trim_deg)
-    assert second.score < 0.025
-
-
-@pytest.mark.usefixtures("drifting")
 def test_the_trim_is_the_mean_of_all_walks_of_the_gait_and_of_no_other() -> None:
     result = search(target_m=1e-6, budget=WALKS + 2)
     trials = result.trials
@@ -196,17 +184,6 @@ def test_a_robot_that_holds_nothing_learns_nothing(drifting: Drifting) -> None:
     ]
     assert said.endswith("--optimizer trim --hold none learns a turn from the ends alone")
     assert not any(line.startswith("walk on with") for line in lines)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("drifting")
-def test_a_session_that_is_cut_off_after_any_trial_goes_on_with_the_same_trims() -> None:
-    whole = search(target_m=1e-6, budget=6, baseline=True)
-    for cut in range(1, 6):
-        part = search(target_m=1e-6, budget=cut, baseline=True)
-        resumed = Adaptation.resume(part.session.name, budget=6, record=False).run()
-        assert resumed.trials == whole.trials
-        assert resumed.session.best_trim_deg == whole.session.best_trim_deg
 
 
 def test_a_walk_in_open_loop_wants_a_turn_against_its_curve() -> None:

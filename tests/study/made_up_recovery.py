@@ -90,12 +90,6 @@ class Found:
         """Statistics of all judged episodes of a method."""
         return statistics(self.rows[self.rows["judged"] & (self.rows["method"] == method)])
 
-    def share(self, method: str, legs: Any, protocol: str = HEXAHEAL) -> dict[str, Any]:
-        """Walks by a method that recover, of so many legs or of a set of them."""
-        name = protocol if isinstance(legs, int) else f"{protocol}_sets"
-        shares = self.plan.numbers(self.rows)[name]
-        return next(one for one in shares if (one["legs"], one["method"]) == (legs, method))
-
 
 def findings(**options: Any) -> Found:
     """Walks as they go usually, a little different in each world."""

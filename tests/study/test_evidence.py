@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from pandas import DataFrame
-from scipy import stats
 
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import known_uncertainty
@@ -38,6 +36,8 @@ def test_about_a_number_is_half_of_it_to_both_sides() -> None:
 
 
 def test_the_interval_over_worlds_is_students() -> None:
+    from scipy import stats
+
     values = (0.08, 0.11, 0.09, 0.14)
     expected = stats.t.interval(0.95, 3, loc=sum(values) / 4, scale=stats.sem(values))
     assert Measure("pso", values).interval == pytest.approx(expected)
@@ -48,6 +48,8 @@ def test_the_interval_over_worlds_is_students() -> None:
 
 @pytest.mark.parametrize(("count", "of"), [(0, 10), (3, 10), (10, 10), (999, 1000)])
 def test_the_interval_of_a_share_is_wilsons(count: int, of: int) -> None:
+    from scipy import stats
+
     expected = stats.binomtest(count, of).proportion_ci(method="wilson")
     assert wilson_interval(count, of) == pytest.approx((expected.low, expected.high))
     assert wilson_interval(0, 0) == (0.0, 1.0)
@@ -150,6 +152,8 @@ def test_a_matrix_is_walked_once_and_written(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_table_shows_red_where_it_is_red_and_what_survives_everywhere(tmp_path: Path) -> None:
+    from pandas import DataFrame
+
     assert len(NAMES) == len(OF_WALKS) + len(OF_SEARCHES)
     few = ("pso", "debest", "random")
     near, far = (made_up_findings(spread_out(worst_m), optimizers=few, runs=2) for worst_m in (0.25, 0.5))

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from hexctl.backends.sim.world import World, load_randomization
@@ -172,6 +171,8 @@ def test_bars_are_judged_by_their_numbers_and_on_walks_of_30_s_only() -> None:
 
 @pytest.mark.slow
 def test_the_report_is_one_page_with_figures_and_all_walks_beside_it(tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
     made = rows()
     assert plan().write(made, tmp_path) == tmp_path / "holds.html"
     names = {path.name for path in tmp_path.iterdir()}

@@ -19,7 +19,6 @@ from hexctl.control.trial_result import QUALITIES, TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.walk_cache import WalkCache
-from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.study.made_up import made_up, spec, spread_out
 
@@ -141,27 +140,6 @@ def test_a_robot_that_is_put_down_stands_as_its_self_rotation_would_leave_it(
     leg_points_to_rad = log.frame.yaw_rad + float(shipped().leg_azimuths_rad[leg - 1])
     assert _off_rad(leg_points_to_rad, math.radians(points_to_deg + miss_deg)) < math.radians(0.5)
     assert _off_rad(log.frame.heading_rad, 0.0) < math.radians(0.5), "it still travels along the world's x"
-
-
-def _moved_m(log: TickLog) -> FloatArray:
-    """Displacement of a walk in the world, (2,) in m."""
-    positions = log["base_position_world"][log.rows_of("walk")]
-    return np.asarray((positions[-1] - positions[0])[:2])
-
-
-def test_a_robot_that_is_put_down_walks_the_line_of_one_that_has_turned() -> None:
-    asked = spec(3, "rear", 4.0, CODES)
-    turned, turned_log = _watched(asked.trial(40))
-    assert turned_log.rows_of("turn").stop > 0
-    assert turned_log.frame is not None
-    missed_rad = turned.turned_rad - math.radians(60)
-    standing, log = _watched(replace(asked, placed=True, miss_rad=missed_rad).trial(40))
-    assert log.frame is not None
-    assert _off_rad(log.frame.yaw_rad, turned_log.frame.yaw_rad) < math.radians(0.5)
-    assert _off_rad(log.frame.heading_rad, turned_log.frame.heading_rad) < math.radians(0.5)
-    np.testing.assert_allclose(_moved_m(log), _moved_m(turned_log), atol=0.03)
-    assert standing.distance_m == pytest.approx(turned.distance_m, abs=0.03)
-    assert _moved_m(log)[0] > 0.2
 
 
 def test_robots_put_down_differently_do_not_share_a_start() -> None:

@@ -23,7 +23,6 @@ from hexctl.study.priors.prior_building import (
     TIME_STEP_S,
     WORLDS_PER_LEG,
     PriorPlan,
-    checkpoints_of,
     deflection_of,
     deflections_of,
     prior_file_name,
@@ -100,15 +99,6 @@ def test_every_end_is_at_its_place_whatever_the_order_of_the_legs() -> None:
         np.testing.assert_array_equal(prior.yaw_rad[row, world], landscape.number("yaw_change_rad"))
     by_leg = sorted(landscapes, key=lambda landscape: landscape.spec.leg)
     assert prior_of(asked, by_leg).digest() == prior.digest()
-
-
-@pytest.mark.parametrize("duration_s", [6.0, 8.0, 14.0, 30.0, 50.0])
-def test_checkpoints_are_tenths_of_a_walk_and_the_last_one_is_its_end(duration_s: float) -> None:
-    landscape = told_apart(prior_plan(duration_s=duration_s).specs()[0], 0)
-    landscape.paths_m[..., 0] = np.arange(1, landscape.spec.n_points + 1) / landscape.spec.n_points
-    kept = checkpoints_of(landscape)
-    np.testing.assert_allclose(kept[0, :, 0], np.arange(1, 11) / 10, atol=1e-6)
-    np.testing.assert_array_equal(kept[:, -1], landscape.paths_m[:, -1].astype(float))
 
 
 PLAN = PriorPlan(

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from hexctl.study.paper.evidence import clustered_error
@@ -29,6 +28,8 @@ from tests.study.made_up_recovery import (
 
 @pytest.mark.slow
 def test_the_report_is_one_page_with_a_figure_and_all_walks_beside_it(tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
     made = findings()
     assert made.plan.write(made.rows, tmp_path) == tmp_path / "recovery.html"
     assert {path.name for path in tmp_path.iterdir()} == {"recovery.html", "recovery.parquet", "recovery.svg"}

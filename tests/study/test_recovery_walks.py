@@ -142,6 +142,7 @@ def test_the_standing_test_says_what_failed_and_when_it_is_known(episodes: Seque
         assert LEAST_S < one.delay_s < LEAST_S + 4
 
 
+@pytest.mark.slow
 def test_it_goes_on_along_the_line_after_it_has_stood(episodes: Sequence[Episode]) -> None:
     intact, *failed = episodes
     for one in failed:

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
-from pandas import DataFrame
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizers.deduplication import Deduplication
@@ -54,7 +54,9 @@ def test_curves_are_those_of_a_step_by_step_search(landscape: Landscape, name: s
         np.testing.assert_array_equal(run["best_m"], expected)
 
 
-def by_count(landscape: Landscape, name: str, seeds: Sequence[int], budget: int) -> list[DataFrame]:
+def by_count(landscape: Landscape, name: str, seeds: Sequence[int], budget: int) -> list[Any]:
+    from pandas import DataFrame
+
     runs = DataFrame(search_landscape(landscape, name, seeds, budget))
     return [where(runs, count=count) for count in (FRESH, PAPER)]
 
@@ -68,7 +70,9 @@ def test_the_fresh_count_pays_for_each_code_once_and_ends_with_all(landscape: La
     assert all((codes > 0).all() for codes in paper["codes"])
 
 
-def curve(best_m: list[list[float]]) -> DataFrame:
+def curve(best_m: list[list[float]]) -> Any:
+    from pandas import DataFrame
+
     return curve_of(DataFrame({"best_m": [np.array(run) for run in best_m]}))
 
 

@@ -8,9 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
-from pandas import DataFrame
 
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.uncertainty_store import (
@@ -108,6 +106,8 @@ def test_the_page_asks_nobody_for_anything(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: Path) -> None:
+    import pyarrow.parquet as pq
+
     gaits, curves, runs = (
         pq.read_table(folder / f"{name}.parquet").to_pydict()
         for name in ("landscapes", "convergence", "runs")
@@ -163,25 +163,26 @@ def test_what_step_solver_and_contacts_change_is_what_was_measured(
 
 NAN = math.nan
 
-WALKS = DataFrame(
-    [
-        (2, "demo", "ok", -0.35, 4.0, 0.35),
-        (2, "tripod", "ok", 0.001, 4.1, 0.001),
-        (6, "demo", "fell", NAN, NAN, NAN),
-        (6, "tripod", "no_progress", 0.2, 1.0, NAN),
-    ],
-    columns=["leg", "gait", "status", "signed_m", "distance_m", "final_m"],
-)
+#: Leg, gait, status, signed deviation, distance and final deviation of walks with default gaits.
+WALKS = [
+    (2, "demo", "ok", -0.35, 4.0, 0.35),
+    (2, "tripod", "ok", 0.001, 4.1, 0.001),
+    (6, "demo", "fell", NAN, NAN, NAN),
+    (6, "tripod", "no_progress", 0.2, 1.0, NAN),
+]
 
 
 @pytest.mark.slow
-def test_the_report_has_them_beside_the_searches(tmp_path: Path) -> None:
+def test_the_report_has_default_gaits_beside_the_searches(tmp_path: Path) -> None:
+    from pandas import DataFrame
+
     pytest.importorskip("matplotlib", reason="figures need the study extra")
     findings = made_up_findings(
         spread_out(0.5), {2: 0.5, 6: 0.0}, legs=(2, 6), optimizers=("pso", "random"), runs=3, budget=25
     )
     assert "Without a search" not in reported(findings, tmp_path).read_text(encoding="utf-8")
-    findings = replace(findings, default_walks=WALKS)
+    columns = ["leg", "gait", "status", "signed_m", "distance_m", "final_m"]
+    findings = replace(findings, default_walks=DataFrame(WALKS, columns=columns))
     text = reported(findings, tmp_path).read_text(encoding="utf-8")
     section = text[text.index(">Without a search</h") :]
     section = section[: section.index("</table>")]

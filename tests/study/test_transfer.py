@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from hexctl.adapt.prior.prior import PriorKey
@@ -163,6 +162,8 @@ def test_the_bars_follow_from_the_curves(findings: TransferFound) -> None:
 def test_the_report_is_one_page_with_figures_and_table_beside_it(
     findings: TransferFound, tmp_path: Path
 ) -> None:
+    import pyarrow.parquet as pq
+
     assert plan().write(findings, tmp_path) == tmp_path / "transfer.html"
     figures = {f"transfer_{name}.svg" for name in ("over_trials", "over_seconds", "kinds")}
     names = {path.name for path in tmp_path.iterdir()}
@@ -239,7 +240,7 @@ def test_landscapes_without_a_valid_gait_are_left_out_and_counted(landscapes: li
 
 SAME_WORLDS = {"family": load_randomization("transfer").model_dump(mode="json")}
 
-PEXODS_LEG = made_up_prior(question("pexod"), legs=(1,))
+PEXODS_LEG = made_up_prior(question("pexod"), legs=(1,), worlds=1)
 
 
 @pytest.mark.parametrize(
@@ -260,9 +261,9 @@ PEXODS_LEG = made_up_prior(question("pexod"), legs=(1,))
         ({"duration_s": math.inf}, "duration"),
         ({"duration_s": 12.0}, "duration"),
         ({"robot": shipped("pexod")}, "robot"),
-        ({"prior": made_up_prior(question(self_rotation="front"))}, "self-rotation"),
-        ({"prior": made_up_prior(question("phantomx"))}, "robot"),
-        ({"prior": replace(made_up_prior(question()), origin=SAME_WORLDS)}, "prior"),
+        ({"prior": made_up_prior(question(self_rotation="front"), worlds=1)}, "self-rotation"),
+        ({"prior": made_up_prior(question("phantomx"), worlds=1)}, "robot"),
+        ({"prior": replace(made_up_prior(question(), worlds=1), origin=SAME_WORLDS)}, "prior"),
         ({"robot": shipped("pexod"), "prior": PEXODS_LEG, "legs": (1, 2)}, "legs"),
     ],
     ids=lambda value: value if isinstance(value, str) else "-",

@@ -14,7 +14,6 @@ from threading import Event
 from typing import Any, ClassVar
 
 import pytest
-from distributed import Client, LocalCluster
 
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial
@@ -268,7 +267,9 @@ def local(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Landscape]:
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[LocalCluster]:
+def cluster() -> Iterator[Any]:
+    from distributed import LocalCluster
+
     with LocalCluster(
         processes=True, n_workers=2, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1"
     ) as cluster:
@@ -278,8 +279,10 @@ def cluster() -> Iterator[LocalCluster]:
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_chunks")
 def test_a_worker_killed_in_mid_study_changes_nothing(
-    cluster: LocalCluster, local: Sequence[Landscape], tmp_path: Path
+    cluster: Any, local: Sequence[Landscape], tmp_path: Path
 ) -> None:
+    from distributed import Client
+
     address = cluster.scheduler_address
     with Client(address, set_as_default=False) as client:
         pids = list(client.run(os.getpid).values())
