@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.baselines import RandomSearch
-from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SURE, Bayes
+from hexctl.adapt.optimizers.bayes import SURE, Bayes
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
@@ -157,20 +157,6 @@ def test_what_the_trials_left_gain_together_decides() -> None:
     assert walked(None) == walked(1) < walked(10) <= walked(40) <= 30
 
 
-def test_a_noisy_gait_near_the_target_is_walked_again() -> None:
-    """On a real floor one trial within the target is not yet sure; the same gait is the next choice."""
-    world = solvable(1)[0]
-    optimizer = made_up_bayes(BELIEVED, noise_m=REAL_NOISE_M)
-    codes: list[int] = []
-    while len(codes) < 40 and not optimizer.finished:
-        (code,) = optimizer.ask()
-        codes.append(code)
-        tell(optimizer, code, world[code - 1])
-    assert optimizer.finished
-    assert codes[-1] == codes[-2]
-    assert len(adapt(made_up_bayes(BELIEVED), world)) < len(codes)
-
-
 @pytest.mark.parametrize("status", ["fell", "diverged", "no_progress", "cut_short"])
 def test_a_gait_that_failed_is_not_asked_for_again(status: str) -> None:
     world = worlds(1)[0]
@@ -224,18 +210,6 @@ def test_without_what_a_trial_showed_only_that_it_was_tried_is_known() -> None:
     codes = search(optimizer, 10)
     assert len(set(codes)) == 10
     np.testing.assert_array_equal(optimizer.forecast().mean_m, before.forecast().mean_m)
-
-
-def test_a_walk_that_was_not_asked_for_is_learned_from_and_kept() -> None:
-    world = worlds(1)[0]
-    optimizer, restored = made_up_bayes(SAMPLES), made_up_bayes(SAMPLES)
-    adapt(optimizer, world, 2)
-    code = promising(optimizer)[0]
-    before = optimizer.predict(code).sd_m
-    optimizer.repeat(code, 0.1, shown_of(world[code - 1]))
-    assert optimizer.predict(code).sd_m < before
-    restored.restore(travelled(optimizer.state()))
-    assert restored.predict(code) == optimizer.predict(code)
 
 
 def test_a_gait_that_fell_once_is_not_settled_on_though_it_walked_before() -> None:

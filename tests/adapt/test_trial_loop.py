@@ -8,22 +8,19 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, as_objective
-from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, Bayes
-from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
-from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RecordingError
 from hexctl.gait.encoding import Slots
 from hexctl.types import FloatArray
+from tests.adapt.killing import optimizer_of
 from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes
 from tests.adapt.walking import SPEC, Landscape, result_of
 
@@ -37,11 +34,6 @@ _BEST_M = np.abs(_WORLDS[..., FINAL]).min(axis=1)
 KIND, HARD = _WORLDS[np.flatnonzero(_BEST_M < 0.01)[3]], _WORLDS[np.flatnonzero(_BEST_M > 0.03)[0]]
 
 NAMES = ("pso", "psosp", "dps", "debest", "derand", "random", "exhaustive")
-
-
-def optimizer_of(spec: SessionSpec) -> Optimizer:
-    inner = make_optimizer(spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
-    return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
 
 
 def run(store: SessionStore, spec: SessionSpec, walk: Landscape | None = None) -> tuple[Session, str]:
@@ -68,12 +60,6 @@ def test_it_spends_its_budget_and_no_gait_twice(store: SessionStore) -> None:
     assert [trial.index for trial in session.trials] == list(range(1, 13))
     codes = [trial.code for trial in session.trials]
     assert len(set(codes)) == 12
-
-
-def test_the_papers_count_pays_for_repetitions(store: SessionStore) -> None:
-    session, _ = run(store, replace(SPEC, budget=120, count_repeats=True))
-    assert len(session.trials) == 120
-    assert len({trial.code for trial in session.trials}) < 120
 
 
 def test_an_objective_that_fails_is_named_with_its_trial_and_nothing_before_it_is_lost(
@@ -278,18 +264,22 @@ def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
     assert resumed.settled_on == whole.settled_on
 
 
-def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: SessionStore) -> None:
-    class NoRoom(Landscape):
-        def __call__(
-            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
-        ) -> WalkedTrial:
-            walked = super().__call__(index, code, slots, should_stop)
-            return replace(walked, recording_error=OSError("disk full")) if index == 2 else walked
+class NoRoom(Landscape):
+    """The recording of one trial is not whole."""
 
+    def __init__(self, full_at: int, *, cut_after: int | None = None) -> None:
+        super().__init__(cut_after=cut_after)
+        self._full_at = full_at
+
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        walked = super().__call__(index, code, slots, should_stop)
+        return replace(walked, recording_error=OSError("disk full")) if index == self._full_at else walked
+
+
+def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: SessionStore) -> None:
     session = store.create(SPEC)
-    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
     with pytest.raises(RecordingError, match=r"trial 2 .*disk full"):
-        AdaptLoop(session, store, optimizer, NoRoom()).run()
+        AdaptLoop(session, store, optimizer_of(SPEC), NoRoom(2)).run()
     assert [trial.index for trial in load_session(session.name, store.folder).trials] == [1, 2]
     whole, ended = run(store, SPEC)
     resumed, ended_later = run_on(store, session.name)
@@ -300,17 +290,9 @@ def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: Ses
 def test_an_interrupted_trial_whose_recording_is_not_whole_is_reported(
     confirm: int, store: SessionStore
 ) -> None:
-    class NoRoom(Landscape):
-        def __call__(
-            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
-        ) -> WalkedTrial:
-            walked = super().__call__(index, code, slots, should_stop)
-            return replace(walked, recording_error=OSError("disk full")) if index == 3 else walked
-
     session = store.create(replace(SPEC, budget=3, confirm=confirm))
-    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
     with pytest.raises(RecordingError, match=r"trial 3 .*disk full"):
-        AdaptLoop(session, store, optimizer, NoRoom(cut_after=2)).run()
+        AdaptLoop(session, store, optimizer_of(SPEC), NoRoom(3, cut_after=2)).run()
     assert [trial.index for trial in load_session(session.name, store.folder).trials] == [1, 2]
 
 

@@ -9,7 +9,6 @@ import pytest
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import known_uncertainty
 from hexctl.errors import InputError
-from hexctl.study.paper.claims import NAMES, OF_SEARCHES, claims_of
 from hexctl.study.paper.evidence import (
     Claim,
     Measure,
@@ -22,7 +21,6 @@ from hexctl.study.paper.evidence import (
 )
 from hexctl.study.paper.matrix import Cell, MatrixPlan, cells_of
 from hexctl.study.paper.study_figures import PALE, verdicts_figure
-from hexctl.study.paper.trajectory_claims import OF_WALKS
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
 from tests.study.made_up import made_up_findings, spread_out
@@ -148,32 +146,6 @@ def test_a_matrix_is_walked_once_and_written(tmp_path: Path) -> None:
     assert [cell["failure"] for cell in values["cells"]] == ["locked", "limp"]
     assert "not judged" in (tmp_path / "out" / "matrix.md").read_text(encoding="utf-8")
     assert "without self-rotation 3 gaits" in (tmp_path / "out" / "matrix.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_the_table_shows_red_where_it_is_red_and_what_survives_everywhere(tmp_path: Path) -> None:
-    from pandas import DataFrame
-
-    assert len(NAMES) == len(OF_WALKS) + len(OF_SEARCHES)
-    few = ("pso", "debest", "random")
-    near, far = (made_up_findings(spread_out(worst_m), optimizers=few, runs=2) for worst_m in (0.25, 0.5))
-    lost = made_up_findings(2.5 + spread_out(1.0), optimizers=few, runs=2)
-    cells = tuple(Cell(title=title, plan=near.plan) for title in ("near", "far", "lost"))
-    walked = zip(cells, (near, far, lost), strict=True)
-    claims = DataFrame([row for cell, findings in walked for row in cell.rows(claims_of(findings))])
-    plan = MatrixPlan(cells=cells)
-    plan.write(claims, tmp_path)
-    values = plan.numbers(claims)
-    header, _, *rows = plan.lines(claims)
-    assert [cell.strip() for cell in header.split("|")[1:4]] == ["setting", "worlds", "left"]
-    assert rows[2].count("**does not hold**") > rows[0].count("**does not hold**")
-    assert values["survive"] == ["left", "right"]
-    assert "(holds)" in rows[0]
-    assert "(**does not hold**)" in rows[2]
-    assert {cell["interval_tested"] for cell in values["cells"]} == {False}
-    page = (tmp_path / "matrix.html").read_text(encoding="utf-8")
-    assert "that of a single world" in page
-    assert "mirror symmetry" in page
 
 
 def test_a_verdict_of_one_world_is_in_brackets_and_pale() -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from hexctl.backends.sim.world import World, load_world
-from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.options import options_of
 from hexctl.study.hold_plan import HoldPlan
@@ -72,20 +71,6 @@ def test_a_world_that_is_no_family_is_refused(kind: str) -> None:
     asked: dict[str, Any] = {kind: True, "world": "slippery"}
     with pytest.raises(InputError, match="world"):
         planned_study(StudyOptions(**asked))
-
-
-@pytest.mark.slow
-def test_a_study_is_planned_and_run_in_one_call(tmp_path: Path) -> None:
-    options = StudyOptions(
-        legs=(2,), duration_s=0.2, optimizers=("random",), runs=1, budget=2, jobs=1, out=tmp_path / "out"
-    )
-    planned = planned_study(options)
-    cache = WalkCache(tmp_path / "cache")
-    assert planned.saved(cache) == (0, 240)
-    result = planned.run(cache=cache)
-    assert planned.saved(cache) == (240, 240)
-    assert result.report.is_file()
-    assert any(line.startswith("not judged") for line in result.lines())
 
 
 def test_walks_that_hold_their_line_do_not_turn_before() -> None:
@@ -180,20 +165,6 @@ def test_a_study_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     again = Remembering()
     small_plan().run(folder=folder, cache=cache, progress=again)
     assert again.walks == 0
-
-
-@pytest.mark.slow
-def test_the_uncertainty_measured_beside_the_cache_is_that_of_the_study(tmp_path: Path) -> None:
-    cache = WalkCache(tmp_path / "runs" / "study-cache")
-    found = SimulationUncertainty(step_m=0.3, solver_m=0.4, contact_m=1.0, walks=20, duration_s=0.2)
-    keep_uncertainty(shipped(), World(), found, folder=tmp_path / "runs")
-    result = small_plan().run(folder=tmp_path / "out", cache=cache, jobs=1)
-    assert result.found.uncertainty.known == found
-    assert result.to_json()["uncertainty"]["numerical_m"] == 0.3
-    assert "± 30.0 cm" in result.report.read_text(encoding="utf-8")
-    assert [claim["verdict"] for claim in result.to_json()["claims"]] == [
-        claim.verdict for claim in result.found.claims
-    ]
 
 
 @pytest.mark.slow
