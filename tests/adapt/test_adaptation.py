@@ -1,24 +1,22 @@
-"""`hexctl.adapt` and `Adaptation`: what the command line does, in Python, without a word printed."""
+"""`hexctl.adapt` and `Adaptation`: a search in Python, its settings, and its progress bar."""
 
 import math
-import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import matplotlib
 import pytest
 
 import hexctl
 from hexctl.adapt.adaptation import Adaptation, adapt
 from hexctl.adapt.measurement import Answer
-from hexctl.adapt.objectives import make_objective
 from hexctl.adapt.optimizers.baselines import RandomSearch
-from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.prior.prior import Prior
+from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
+from hexctl.adapt.prior.prior_choice import noise_m
 from hexctl.adapt.runner import (
     LegFailedError,
     NotBegunError,
@@ -28,33 +26,17 @@ from hexctl.adapt.runner import (
 )
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.session_tables import export_session
-from hexctl.adapt.sessions.store import StoreError, delete_session, list_sessions, load_session, stored_names
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.store import StoreError, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import TrialRecord
-from hexctl.backends.sim.world import load_world
+from hexctl.backends.sim.world import World, load_world
+from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import InputError, RecordingError, RobotFaultError, WrongTypeError
+from hexctl.errors import InputError, RecordingError, WrongTypeError
 from tests.adapt.walking import Landscape, result_of
 from tests.cli.adaptkits import Blind, EStopped
 from tests.cli.kits import Kit
 from tests.robots import shipped
-
-LIGHT = """
-import sys
-import hexctl
-from hexctl.adapt.space import GaitSpace
-assert callable(hexctl.adapt) and GaitSpace((5,)).size == 120
-heavy = {"mujoco", "dm_control", "rerun", "zenoh", "typer", "hexctl.adapt.adaptation"} & set(sys.modules)
-assert not heavy, heavy
-"""
-
-#: A robot's own computer adapts over a link, without a simulation.
-WITHOUT_SIMULATION = """
-import sys
-import hexctl.adapt.adaptation
-heavy = {"mujoco", "dm_control"} & set(sys.modules)
-assert not heavy, heavy
-"""
 
 
 @pytest.fixture(autouse=True)
@@ -78,26 +60,6 @@ class Backwards(RandomSearch):
 def to_the_left(result: TrialResult) -> float:
     """Distance to the left."""
     return result.deviation.signed if result.deviation is not None else 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("landscape")
-def test_a_plot_shows_the_path_of_every_trial() -> None:
-    matplotlib.use("Agg")
-    result = hexctl.adapt(failed_leg=5, budget=3, optimizer="random", record=False)
-    ax = result.plot()
-    labels = [line.get_label() for line in ax.get_lines() if line.get_label().startswith("code")]
-    assert labels == [f"code {trial.code}: {trial.score:g}" for trial in result.trials]
-    assert result.plot(ax) is ax
-
-
-def test_the_package_is_callable_and_light() -> None:
-    subprocess.run([sys.executable, "-c", LIGHT], check=True)
-
-
-@pytest.mark.slow
-def test_adapting_over_a_link_loads_no_simulation() -> None:
-    subprocess.run([sys.executable, "-c", WITHOUT_SIMULATION], check=True)
 
 
 @pytest.mark.slow
@@ -148,7 +110,7 @@ def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
 def test_a_session_is_continued_with_more_budget() -> None:
     whole = adapt(5, budget=9, optimizer="pso", record=False, folder="whole")
     part = adapt(5, budget=4, optimizer="pso", record=False)
-    with pytest.raises(InputError, match="budget: got 4, of which 4 are walked"):
+    with pytest.raises(InputError, match="budget"):
         Adaptation.resume(part.session.name, budget=4, record=False)
     resumed = Adaptation.resume(part.session.name, budget=9, record=False).run()
     assert (resumed.walked, resumed.trials) == (5, whole.trials)
@@ -169,50 +131,6 @@ def test_a_finished_session_is_continued_without_writing(monkeypatch: pytest.Mon
     )
     assert (again.walked, again.ended, again.trials) == (0, "budget", whole.trials)
     assert begun == [whole.session.name]
-
-
-@pytest.mark.usefixtures("landscape")
-def test_no_other_process_can_delete_a_session_from_its_first_moment_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def sync_among_others(_file: int) -> None:
-        for name in stored_names(Path("runs")):
-            with pytest.raises(InputError, match="another process"):
-                delete_session(name)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", sync_among_others)
-        result = adapt(5, budget=2, optimizer="random", record=False)
-    assert load_session(result.session.name) == result.session
-    assert len(result.trials) == 2
-
-
-@pytest.mark.usefixtures("landscape")
-def test_a_session_is_loaded_when_it_is_resumed_and_when_it_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = adapt(5, budget=2, optimizer="random", record=False).session.name
-    loads: list[str] = []
-
-    def counted(named: str, folder: Path | str) -> Session:
-        loads.append(named)
-        return load_session(named, folder)
-
-    monkeypatch.setattr("hexctl.adapt.adaptation.load_session", counted)
-    assert Adaptation.resume(name, budget=3, record=False).run().walked == 1
-    assert loads == [name] * 2
-    finished = load_session(name)
-    del loads[:]
-    assert Adaptation.resume(finished, record=False).run().session is finished
-    assert not loads
-
-
-@pytest.mark.usefixtures("landscape")
-def test_trials_that_were_added_since_a_session_was_loaded_are_kept() -> None:
-    whole = adapt(5, budget=9, optimizer="pso", record=False, folder="whole")
-    part = adapt(5, budget=4, optimizer="pso", record=False)
-    later = Adaptation.resume(part.session, budget=9, record=False)
-    Adaptation.resume(part.session.name, budget=6, record=False).run()
-    added = later.run()
-    assert (added.walked, added.trials) == (3, whole.trials)
 
 
 @pytest.mark.usefixtures("landscape")
@@ -298,33 +216,6 @@ def test_a_connected_robot_and_an_operator() -> None:
     assert robot.closed
 
 
-class Lost:
-    """A live view whose viewer has ended."""
-
-    lost = "the live view has ended"
-    block_ticks = None
-
-    def __enter__(self) -> "Lost":
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def begin(self, *_: object, **__: object) -> None: ...
-
-    def write_block(self, *_: object) -> None: ...
-
-
-def test_a_live_view_that_was_lost_is_told_and_ends_no_search() -> None:
-    notes: list[str] = []
-    spec = new_spec(
-        failed_leg=5, backend="tests.cli.adaptkits:Blind", ask=True, prior="none", budget=1, duration_s=1.0
-    )
-    view: Any = Lost()
-    adaptation = Adaptation(spec, operator=Measures(), record=False, live=lambda: view, note=notes.append)
-    assert adaptation.run().walked == 1
-    assert notes[-1] == "the live view has ended; the trials are not affected"
-
-
 def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
     with pytest.raises(RobotStoppedError, match="estop"):
         adapt(
@@ -360,14 +251,6 @@ def test_a_trial_in_which_another_leg_fails_does_not_count(policy: str, tmp_path
     assert [trial.valid for trial in resumed.session.trials] == [True]
 
 
-@pytest.mark.slow
-def test_legs_are_not_watched_unless_asked(tmp_path: Path) -> None:
-    world = tmp_path / "breaks.yaml"
-    world.write_text("failures: ['2:limp@2']\n")
-    result = adapt(failed_leg=5, duration_s=4.0, budget=1, record=False, world=str(world), baseline=False)
-    assert len(result.session.trials) == 1
-
-
 def test_a_target_may_be_a_share_of_the_distance() -> None:
     spec = new_spec(failed_leg=5, prior="none", target="1%", duration_s=10.0)
     ideal_m = 1.5 * 0.11 * 0.9 * 10.0
@@ -380,22 +263,6 @@ def test_a_target_may_be_a_share_of_the_distance() -> None:
     assert new_spec(failed_leg=5, prior="none", target_m=0.05) == metres
 
 
-def test_a_share_of_the_distance_loads_its_world_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    loaded = mock.Mock(side_effect=load_world)
-    monkeypatch.setattr("hexctl.adapt.setting.load_world", loaded)
-    new_spec(failed_leg=5, prior="none", target="1%", world="slope")
-    assert loaded.call_count == 1
-
-
-@pytest.mark.slow
-def test_a_session_reads_its_prior_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = mock.Mock()
-    monkeypatch.setattr(Prior, "__post_init__", lambda prior: made(prior.key))
-    result = adapt(5, budget=1, baseline=False, record=False)
-    assert result.session.spec.sag_rad is not None
-    assert made.call_count == 1
-
-
 def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
     uncertain = new_spec(failed_leg=5)
     assert uncertain.worth_m == pytest.approx(uncertain.uncertainty_m)
@@ -404,183 +271,11 @@ def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
     assert new_spec(failed_leg=5, prior="none").worth_m is None
 
 
-@pytest.mark.parametrize(
-    "options", [{"prior": "none"}, {"optimizer": "random"}, {"duration_s": 7.0}, {"objective": "mean"}]
-)
-def test_a_search_without_a_belief_does_not_know_what_a_trial_is_worth(options: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="prior"):
-        new_spec(failed_leg=5, worth_m=0.01, **options)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"target": "0%"}, "target: got 0%; allowed: a number above 0, or a share"),
-        ({"target": "much"}, "target: got 'much'"),
-        ({"target": "1%", "target_m": 0.1}, "allowed: one of the two"),
-        ({"worth_m": -1.0}, "worth_m: got -1; allowed: 0 m or more"),
-        ({"uncertainty_m": -1.0}, "uncertainty_m: got -1; allowed: 0 m or more"),
-        (
-            {"uncertainty_m": 0.1, "backend": "mock"},
-            "uncertainty_m: got 0.1 with backend mock; allowed: with",
-        ),
-        (
-            {"uncertainty_m": 0.1, "objective": "progress"},
-            "uncertainty_m: got 0.1 with objective progress; allowed: with final",
-        ),
-        ({"failed_leg": 7}, "7"),
-        ({"world": "mars"}, "mars"),
-        ({"budget": 0}, "budget: got 0; allowed: 1..100000"),
-        ({"optimizer": "magic"}, "magic"),
-        ({"optimizer": Landscape}, "allowed: a name, or a subclass of Optimizer"),
-        ({"objective": "haste"}, "haste"),
-        ({"objective": 3}, "allowed: a name, an Objective, or a function"),
-        ({"arena_m": 3.0}, "arena_m: got it with backend sim"),
-        ({"backend": "mock", "home_m": (0.0, 1.0)}, "without arena_m; allowed: with it"),
-        (
-            {"backend": "mock", "arena_m": 9.0, "home_m": (0.0, math.nan)},
-            r"home_m: got \[0.0, nan\]; allowed: x and y in m",
-        ),
-        ({"backend": "mock", "world": "flat"}, "world: got flat with backend mock"),
-    ],
-)
-def test_bad_input_is_refused_before_a_session_exists(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        adapt(**{"failed_leg": 5, **options})
-    assert not Path("runs").exists()
-
-
-def test_an_operator_is_needed_to_measure() -> None:
-    spec = new_spec(failed_leg=5, backend="mock", ask=True, prior="none")
-    with pytest.raises(InputError, match="operator: got none"):
-        Adaptation(spec)
-
-
-@pytest.mark.parametrize(
-    ("parts", "words"),
-    [
-        ({"operator": Measures()}, "operator: got one without ask"),
-        ({"optimizer": Backwards}, r"optimizer: got .*:Backwards for a session with pso"),
-        ({"objective": "mean"}, "objective: got mean for a session with final"),
-        ({"objective": to_the_left}, "objective: got .*:to_the_left for a session with final"),
-    ],
-)
-def test_parts_that_contradict_the_spec_are_refused(parts: dict[str, Any], words: str) -> None:
-    spec = new_spec(failed_leg=5, optimizer="pso")
-    with pytest.raises(InputError, match=words):
-        Adaptation(spec, **parts)
-    assert Adaptation(spec, optimizer="pso", objective="final").spec is spec
-
-
-def test_bayes_may_be_named_by_its_class() -> None:
-    assert new_spec(failed_leg=5, optimizer=Bayes) == new_spec(failed_leg=5, optimizer="bayes")
-
-
-@pytest.mark.usefixtures("landscape")
-def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: object, **__: object) -> None:
-        raise ValueError("no picture")
-
-    monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.write_overview_file", broken)
-    notes: list[str] = []
-    result = adapt(5, budget=2, prior="none", note=notes.append)
-    assert (result.ended, result.overview, notes[-1]) == ("budget", None, "no overview: no picture")
-
-
-@pytest.mark.slow
-def test_a_robot_without_a_position_is_refused() -> None:
-    with pytest.raises(RobotFaultError, match="knows no position"):
-        adapt(5, backend="mock", duration_s=0.5, record=False)
-
-
-@pytest.mark.usefixtures("landscape")
-def test_sessions_are_listed_exported_and_deleted() -> None:
-    assert list_sessions() == []
-    for load in (load_session, Adaptation.resume):
-        with pytest.raises(InputError, match="none yet"):
-            load("unknown")
-    assert not Path("runs").exists()
-    result = adapt(5, budget=3, record=False)
-    (session,) = list_sessions()
-    assert session.name == result.session.name
-    assert load_session(session.name).trials == result.trials
-    export_session(session.name, "trials.csv")
-    assert len(Path("trials.csv").read_text().splitlines()) == 4
-    delete_session(session.name)
-    assert list_sessions() == []
-
-
 def test_a_search_without_a_valid_trial_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TrialRunner, "walk", lambda *_: WalkedTrial(result=result_of(0.1, "fell")))
     result = adapt(5, budget=2, record=False)
     assert (result.best, result.to_dict()["found"]) == (None, False)
     assert "no valid trial" in repr(result)
-
-
-def test_early_stopping_is_for_optimizers_that_know_when() -> None:
-    assert new_spec(failed_leg=5, optimizer=Backwards, early_stop=True).early_stop
-    with pytest.raises(InputError, match="early_stop: got it without a prior"):
-        new_spec(failed_leg=5, optimizer="pso", early_stop=True)
-
-
-@pytest.mark.parametrize("part", ["on_trial", "stop_requested", "note"])
-def test_what_must_be_a_function_is_refused_by_name(part: str, tmp_path: Path) -> None:
-    given: dict[str, Any] = {part: 3}
-    with pytest.raises(WrongTypeError, match=rf"^{part}: got 3 .int.; allowed: a function"):
-        adapt(5, optimizer="random", **given)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_speed_is_searched_with_steered_walks_and_the_session_keeps_its_hold() -> None:
-    notes: list[str] = []
-    begun = adapt(5, budget=2, duration_s=3.0, objective="speed", record=False, note=notes.append)
-    assert begun.session.spec.hold == "auto"
-    assert (begun.session.spec.prior, begun.session.spec.uncertainty_m) == (None, 0.0)
-    (note,) = [note for note in notes if "no prior" in note]
-    assert "duration 30 s, not 3 s" in note
-    assert note.endswith("searching with random instead")
-    again = Adaptation.resume(begun.session.name, budget=3, record=False).run()
-    assert again.session.spec.hold == "auto"
-    stored = again.to_dict()
-    walks = [*stored["baseline"], *stored["trials"]]
-    assert [walk["hold"] for walk in walks] == ["line"] * 6
-    for walk in walks:
-        assert walk["score"] == pytest.approx(3.0 / walk["distance_m"])
-        assert walk["cost_of_transport"] > 0
-    front = again.session.pareto([make_objective("speed"), make_objective("cost")])
-    assert 1 <= len(front) <= 3
-    assert front[0][0] is again.best
-
-
-def test_a_prior_is_for_the_hold_it_was_built_with() -> None:
-    notes: list[str] = []
-    spec = new_spec(failed_leg=5, hold="line", note=notes.append)
-    assert (spec.optimizer, spec.prior, spec.hold) == ("random", None, "line")
-    assert len(notes) == 1
-    assert "priors of steered walks are for speed, cost, tilt, steadiness, not final" in notes[0]
-    with pytest.raises(InputError, match="hold none, not line"):
-        new_spec(failed_leg=5, hold="line", objective="speed", prior="ant-locked-rear-30s")
-    assert new_spec(failed_leg=5).hold == "none"
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"hold": "sideways"}, "hold: got sideways; allowed: auto, line, heading, none"),
-        ({"objective": "tilt", "backend": "mock", "ask": True}, "objective: got tilt with ask"),
-        ({"hold": "line", "backend": "mock", "ask": True}, "hold: got line with ask"),
-    ],
-)
-def test_holds_and_objectives_that_do_not_fit_are_refused(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        new_spec(failed_leg=5, **options)
-
-
-def test_a_robot_that_does_not_tell_its_torques_is_not_searched_for_its_cost() -> None:
-    with pytest.raises(InputError, match="got cost with a robot that does not tell its joint torques"):
-        adapt(5, backend="tests.cli.adaptkits:Straight", objective="cost", record=False)
-    assert list_sessions() == []
 
 
 @pytest.mark.usefixtures("landscape")
@@ -605,3 +300,197 @@ def test_a_recording_that_cannot_be_written_does_not_hide_that_the_store_is_gone
 
     with mock.patch.object(TrialRunner, "walk", lose), pytest.raises(StoreError, match="was deleted"):
         adaptation.run()
+
+
+FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=40.0)
+
+
+def spec_of(folder: Path, notes: list[str], **options: object) -> SessionSpec:
+    return new_spec(failed_leg=5, prior="none", folder=folder, note=notes.append, **options)  # type: ignore[arg-type]
+
+
+def test_a_simulated_session_stores_the_uncertainty_that_was_measured(tmp_path: Path) -> None:
+    notes: list[str] = []
+    assert 0 < spec_of(tmp_path, notes).uncertainty_m < 0.05
+    keep_uncertainty(shipped(), World(), FOUND, folder=tmp_path)
+    assert spec_of(tmp_path, notes, duration_s=40.0).uncertainty_m == pytest.approx(0.03)
+    assert spec_of(tmp_path, notes, duration_s=40.0, uncertainty_m=0).uncertainty_m == 0
+    assert not notes
+
+
+def test_walks_are_confirmed_where_a_finer_step_says_more(tmp_path: Path) -> None:
+    notes: list[str] = []
+    assert 0 < spec_of(tmp_path, notes).confirmed_uncertainty_m < 0.015
+    fine = tmp_path / "fine.yaml"
+    fine.write_text("time_step_s: 0.0005", encoding="utf-8")
+    keep_uncertainty(shipped(), load_world(fine), replace(FOUND, confirmed_m=0.01), folder=tmp_path)
+    at_fine = spec_of(tmp_path, notes, world=str(fine), duration_s=40.0)
+    assert (at_fine.uncertainty_m, at_fine.confirmed_uncertainty_m) == (FOUND.step_m, 0.0)
+    assert spec_of(tmp_path, notes, optimizer="trim", hold="none").confirmed_uncertainty_m == 0.0
+    assert spec_of(tmp_path, notes, objective="mean").confirmed_uncertainty_m == 0.0
+
+
+@pytest.mark.parametrize("options", [{"backend": "mock"}, {"objective": "mean"}, {"duration_s": 5.0}])
+def test_there_is_none_on_a_robot_of_other_scores_and_of_short_walks(
+    options: dict[str, object], tmp_path: Path
+) -> None:
+    notes: list[str] = []
+    assert spec_of(tmp_path, notes, **options).uncertainty_m == 0
+    assert not notes
+
+
+def test_what_noise_is_believed_is_stored() -> None:
+    simulated, real = (new_spec(failed_leg=5, backend=backend) for backend in ("sim", "mock"))
+    assert (simulated.noise_m, real.noise_m) == (SIMULATED_NOISE_M, REAL_NOISE_M)
+    assert real.worth_m == pytest.approx(REAL_NOISE_M)
+    assert [noise_m(spec) for spec in (simulated, real)] == [SIMULATED_NOISE_M, REAL_NOISE_M]
+
+
+LIGHT = """
+import sys
+import hexctl
+from hexctl.adapt.space import GaitSpace
+assert callable(hexctl.adapt) and GaitSpace((5,)).size == 120
+heavy = {"mujoco", "dm_control", "rerun", "zenoh", "typer", "hexctl.adapt.adaptation"} & set(sys.modules)
+assert not heavy, heavy
+import hexctl.adapt.adaptation  # a robot's own computer adapts over a link, without a simulation
+heavy = {"mujoco", "dm_control"} & set(sys.modules)
+assert not heavy, heavy
+"""
+
+
+def test_the_package_is_callable_and_light_and_adapting_over_a_link_loads_no_simulation() -> None:
+    subprocess.run([sys.executable, "-c", LIGHT], check=True)
+
+
+@pytest.mark.usefixtures("landscape")
+def test_python_shows_progress_on_a_terminal_and_nothing_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options: dict[str, Any] = {"optimizer": "random", "budget": 2, "record": False}
+    adapt(5, **options)
+    assert capsys.readouterr() == ("", "")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    adapt(5, **options)
+    assert "walks" in capsys.readouterr().err
+    adapt(5, **options, progress=False)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("landscape")
+def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ValueError("no picture")
+
+    monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.write_overview_file", broken)
+    notes: list[str] = []
+    result = adapt(5, budget=2, prior="none", note=notes.append)
+    assert (result.ended, result.overview) == ("budget", None)
+    assert "no picture" in notes[-1]
+
+
+def test_a_prior_is_for_the_hold_it_was_built_with() -> None:
+    notes: list[str] = []
+    spec = new_spec(failed_leg=5, hold="line", note=notes.append)
+    assert (spec.optimizer, spec.prior, spec.hold, len(notes)) == ("random", None, "line", 1)
+    assert new_spec(failed_leg=5).hold == "none"
+
+
+def test_an_uncertainty_that_is_not_known_is_one_note_with_its_command(tmp_path: Path) -> None:
+    world = tmp_path / "coarse.yaml"
+    world.write_text("time_step_s: 0.004")
+    for options, command in (
+        ({"duration_s": 45.0}, "hexctl check ant --physics --duration 45"),
+        ({"world": str(world)}, f"hexctl check ant --physics --world {world}"),
+    ):
+        notes: list[str] = []
+        assert spec_of(tmp_path, notes, **options).uncertainty_m == 0
+        (note,) = notes
+        assert command in note
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [{"operator": Measures()}, {"optimizer": Backwards}, {"objective": "mean"}, {"objective": to_the_left}],
+    ids=lambda parts: "-".join(parts),
+)
+def test_parts_that_contradict_the_spec_are_refused(parts: dict[str, Any]) -> None:
+    spec = new_spec(failed_leg=5, optimizer="pso")
+    with pytest.raises(InputError, match=next(iter(parts))):
+        Adaptation(spec, **parts)
+    assert Adaptation(spec, optimizer="pso", objective="final").spec is spec
+
+
+def test_classes_may_be_named_by_themselves_and_those_that_know_when_may_stop_early() -> None:
+    assert new_spec(failed_leg=5, optimizer=Bayes) == new_spec(failed_leg=5, optimizer="bayes")
+    assert new_spec(failed_leg=5, optimizer=Backwards, early_stop=True).early_stop
+
+
+#: Options of a search that are refused before a session exists, and the named option.
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"target": "0%"}, "target"),
+    ({"target": "much"}, "target"),
+    ({"target": "1%", "target_m": 0.1}, "target"),
+    ({"worth_m": -1.0}, "worth_m"),
+    ({"worth_m": 0.01, "prior": "none"}, "prior"),
+    ({"worth_m": 0.01, "optimizer": "random"}, "prior"),
+    ({"worth_m": 0.01, "duration_s": 7.0}, "prior"),
+    ({"worth_m": 0.01, "objective": "mean"}, "prior"),
+    ({"uncertainty_m": -1.0}, "uncertainty_m"),
+    ({"uncertainty_m": 0.1, "backend": "mock"}, "uncertainty_m"),
+    ({"uncertainty_m": 0.1, "objective": "progress"}, "uncertainty_m"),
+    ({"failed_leg": 7}, "7"),
+    ({"world": "mars"}, "mars"),
+    ({"budget": 0}, "budget"),
+    ({"optimizer": "magic"}, "magic"),
+    ({"optimizer": Landscape}, "optimizer"),
+    ({"optimizer": "pso", "early_stop": True}, "early_stop"),
+    ({"objective": "haste"}, "haste"),
+    ({"objective": 3}, "objective"),
+    ({"objective": "tilt", "backend": "mock", "ask": True}, "objective"),
+    ({"hold": "sideways"}, "hold"),
+    ({"hold": "line", "backend": "mock", "ask": True}, "hold"),
+    ({"hold": "line", "objective": "speed", "prior": "ant-locked-rear-30s"}, "hold"),
+    ({"arena_m": 3.0}, "arena_m"),
+    ({"backend": "mock", "home_m": (0.0, 1.0)}, "arena_m"),
+    ({"backend": "mock", "arena_m": 9.0, "home_m": (0.0, math.nan)}, "home_m"),
+    ({"backend": "mock", "world": "flat"}, "world"),
+]
+
+
+@pytest.mark.parametrize(("options", "field"), REFUSED, ids=str)
+def test_options_that_do_not_fit_are_refused(options: dict[str, Any], field: str) -> None:
+    with pytest.raises(InputError, match=field):
+        new_spec(**{"failed_leg": 5, **options})
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ({"budget": 0}, "budget"),
+        ({"objective": "cost", "backend": "tests.cli.adaptkits:Straight"}, "cost"),
+        *(({part: 3}, part) for part in ("on_trial", "stop_requested", "note")),
+    ],
+)
+def test_a_search_that_is_refused_leaves_no_session(options: dict[str, Any], field: str) -> None:
+    with pytest.raises((InputError, WrongTypeError), match=field):
+        adapt(5, record=False, **options)
+    assert list_sessions() == []
+
+
+def test_an_operator_is_needed_to_measure() -> None:
+    with pytest.raises(InputError, match="operator"):
+        Adaptation(new_spec(failed_leg=5, backend="mock", ask=True, prior="none"))
+
+
+def test_a_live_view_that_was_lost_is_told_and_ends_no_search() -> None:
+    notes: list[str] = []
+    spec = new_spec(
+        failed_leg=5, backend="tests.cli.adaptkits:Blind", ask=True, prior="none", budget=1, duration_s=1.0
+    )
+    view = mock.MagicMock(lost="the live view has ended", block_ticks=None)
+    view.__enter__.return_value = view
+    adaptation = Adaptation(spec, operator=Measures(), record=False, live=lambda: view, note=notes.append)
+    assert adaptation.run().walked == 1
+    assert "the live view has ended" in notes[-1]

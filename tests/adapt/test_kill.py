@@ -14,8 +14,10 @@ from tests.adapt.killing import SPECS_TO_KILL, landscape_of, optimizer_of
 
 pytestmark = pytest.mark.slow
 
+
 #: Sessions of each optimizer, and how often each session is killed.
-SESSIONS = {"dps": 5, "bayes": 2, "trim": 2}
+SESSIONS = {"dps": 3, "bayes": 1, "trim": 1}
+
 KILLS = 4
 
 #: Between two kills at most, so that all of a session's fit into its budget.
@@ -24,10 +26,8 @@ MOST_TRIALS = 12
 #: A few trials: a kill falls anywhere in a walk, its writing and its telling.
 WITHIN_S = 0.02
 
-
 #: Starts processes that have everything imported already.
 SERVER = multiprocessing.get_context("forkserver")
-SERVER.set_forkserver_preload(["tests.adapt.killing"])
 
 
 def _killed_after(trials: int, delay_s: float, *arguments: str) -> None:

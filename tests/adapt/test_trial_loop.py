@@ -8,38 +8,32 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, as_objective
-from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, Bayes
-from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
-from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RecordingError
 from hexctl.gait.encoding import Slots
 from hexctl.types import FloatArray
-from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes, shown_of
+from tests.adapt.killing import optimizer_of
+from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes
 from tests.adapt.walking import SPEC, Landscape, result_of
 
 MODEL = MadeUpModel()
+
 _WORLDS = MODEL.worlds(40, 500)
+
 _BEST_M = np.abs(_WORLDS[..., FINAL]).min(axis=1)
 
 #: A made-up world in which some gait is within the target that is no first choice, and one without any.
 KIND, HARD = _WORLDS[np.flatnonzero(_BEST_M < 0.01)[3]], _WORLDS[np.flatnonzero(_BEST_M > 0.03)[0]]
 
 NAMES = ("pso", "psosp", "dps", "debest", "derand", "random", "exhaustive")
-
-
-def optimizer_of(spec: SessionSpec) -> Optimizer:
-    inner = make_optimizer(spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
-    return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
 
 
 def run(store: SessionStore, spec: SessionSpec, walk: Landscape | None = None) -> tuple[Session, str]:
@@ -68,12 +62,6 @@ def test_it_spends_its_budget_and_no_gait_twice(store: SessionStore) -> None:
     assert len(set(codes)) == 12
 
 
-def test_the_papers_count_pays_for_repetitions(store: SessionStore) -> None:
-    session, _ = run(store, replace(SPEC, budget=120, count_repeats=True))
-    assert len(session.trials) == 120
-    assert len({trial.code for trial in session.trials}) < 120
-
-
 def test_an_objective_that_fails_is_named_with_its_trial_and_nothing_before_it_is_lost(
     store: SessionStore,
 ) -> None:
@@ -87,10 +75,8 @@ def test_an_objective_that_fails_is_named_with_its_trial_and_nothing_before_it_i
     with pytest.raises(InputError) as failed:
         AdaptLoop(session, store, optimizer_of(SPEC), Landscape(), objective=spoiled).run()
     code = whole.trials[4].code  # the fourth trial is invalid and not measured
-    assert str(failed.value) == (
-        f"objective mine:ratio: failed on trial 5, gait {code} (ZeroDivisionError: float division by zero); "
-        f"the trials before it are stored: once it is mended, resume {session.name} walks it again"
-    )
+    for words in ("mine:ratio", "trial 5", f"gait {code}", "ZeroDivisionError", session.name):
+        assert words in str(failed.value)
     assert len(load_session(session.name, store.folder).trials) == 4
     resumed, ended = run_on(store, session.name)
     assert (ended, [trial.code for trial in resumed.trials]) == (
@@ -112,15 +98,6 @@ def test_it_ends_when_every_gait_has_been_tried(store: SessionStore) -> None:
     assert sorted(trial.code for trial in session.trials) == list(range(1, 121))
 
 
-def test_an_invalid_trial_is_never_the_best(store: SessionStore) -> None:
-    session, _ = run(store, replace(SPEC, budget=120, optimizer="exhaustive"))
-    invalid = [trial for trial in session.trials if trial.code % 7 == 0]
-    assert all(trial.score == INVALID_SCORE for trial in invalid)
-    assert session.best is not None
-    assert session.best.code == 60
-    assert session.as_json()["trials"][6]["score"] is None
-
-
 def test_the_best_is_repeated_within_the_budget(store: SessionStore) -> None:
     session, _ = run(store, replace(SPEC, confirm=2))
     assert len(session.trials) == 12
@@ -129,7 +106,7 @@ def test_the_best_is_repeated_within_the_budget(store: SessionStore) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("cut", [0, 1, 5, 11, 12, 13])
+@pytest.mark.parametrize("cut", [0, 5, 13])
 def test_a_session_that_was_cut_ends_as_if_it_had_not_been(name: str, cut: int, store: SessionStore) -> None:
     spec = replace(SPEC, optimizer=name, budget=14, confirm=1)
     whole, _ = run(store, spec)
@@ -169,12 +146,6 @@ def test_a_session_that_gets_a_greater_budget_ends_as_if_it_had_had_it(
     assert longer.spec == spec
     assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
     assert longer.trials == whole.trials
-
-
-def test_an_aborted_trial_is_not_kept(store: SessionStore) -> None:
-    session, ended = run(store, SPEC, Landscape(cut_after=3))
-    assert ended == "interrupted"
-    assert len(load_session(session.name, store.folder).trials) == 3
 
 
 def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_path: Path) -> None:
@@ -222,41 +193,6 @@ def test_a_search_that_is_sure_ends_confirmed(store: SessionStore) -> None:
     assert session.as_json()["settled_on"] == session.settled_on
 
 
-def test_a_search_ends_when_another_trial_is_not_worth_it(store: SessionStore) -> None:
-    session, ended = walked_by_bayes(store, MadeUpWorld(HARD), worth_m=0.05)
-    assert ended == session.ended == "not worth another trial"
-    assert 1 <= len(session.trials) < 12
-
-
-def test_what_was_expected_is_kept_with_each_trial(store: SessionStore) -> None:
-    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
-    kept = load_session(session.name, store.folder).trials
-    assert kept == session.trials
-    fresh = believing()
-    for trial in kept:
-        (code,) = fresh.ask()
-        assert trial.expected == fresh.predict(code).as_json()
-        assert trial.expected["low_m"] < trial.expected["signed_m"] < trial.expected["high_m"]
-        assert trial.as_json()["expected"] == trial.expected
-        fresh.tell([code], [trial.score], [shown_of(KIND[code - 1])])
-
-
-def test_searches_that_expect_nothing_keep_nothing_of_it(store: SessionStore) -> None:
-    session, _ = run(store, SPEC)
-    assert all(trial.expected is None for trial in session.trials)
-    assert session.settled_on is None
-
-
-def test_where_no_gait_is_good_enough_the_budget_is_spent_and_it_says_how_sure_it_is(
-    store: SessionStore,
-) -> None:
-    session, ended = walked_by_bayes(store, MadeUpWorld(HARD))
-    assert ended == "budget"
-    assert len(session.trials) == 12
-    assert session.settled_on is not None
-    assert session.settled_on["chance"] < 0.9
-
-
 def test_a_target_that_the_optimizer_judges_is_not_judged_by_one_lucky_trial(store: SessionStore) -> None:
     """On a real floor one trial within the target is not yet the end, though the best score is below it."""
     spec = replace(BAYES_SPEC, target_m=0.025, budget=30)
@@ -283,35 +219,6 @@ def test_an_early_stop_is_an_invalid_trial_that_took_less_time(store: SessionSto
     # Nothing of a walk that was cut short is asked for again.
     codes = [trial.code for trial in session.trials]
     assert len(set(codes)) == len(codes)
-
-
-def test_without_early_stop_every_walk_is_whole(store: SessionStore) -> None:
-    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
-    assert {trial.outcome["duration_s"] for trial in session.trials} == {30.0}
-
-
-def test_the_seconds_walked_are_those_of_all_trials(store: SessionStore) -> None:
-    world = with_a_bad_start()
-    whole, _ = walked_by_bayes(store, MadeUpWorld(world))
-    assert whole.walked_s == pytest.approx(30.0 * len(whole.trials))
-    early, _ = walked_by_bayes(store, MadeUpWorld(world), replace(BAYES_SPEC, early_stop=True))
-    assert early.walked_s == pytest.approx(sum(trial.outcome["duration_s"] for trial in early.trials))
-    assert early.walked_s < 30.0 * len(early.trials)
-    assert early.as_json()["walked_s"] == pytest.approx(early.walked_s, abs=1e-3)
-
-
-def test_a_search_without_an_opinion_never_ends_a_walk_early(store: SessionStore) -> None:
-    session, _ = run(store, replace(SPEC, early_stop=True))
-    assert {trial.outcome["status"] for trial in session.trials} <= {"ok", "no_progress"}
-
-
-def test_robots_that_fall_do_not_stop_the_search(store: SessionStore) -> None:
-    first = believing().ask()[0]
-    session, _ = walked_by_bayes(store, MadeUpWorld(KIND, fallen=(first,)))
-    assert [trial.code for trial in session.trials].count(first) == 1
-    assert session.trials[0].outcome["status"] == "fell"
-    assert session.best is not None
-    assert session.best.code != first
 
 
 def test_repeats_are_of_the_gait_that_it_settles_on_and_are_learned_from(store: SessionStore) -> None:
@@ -342,7 +249,7 @@ class CutOff(MadeUpWorld):
 
 
 @pytest.mark.parametrize("early_stop", [False, True])
-@pytest.mark.parametrize("cut", [0, 1, 4, 9])
+@pytest.mark.parametrize("cut", [0, 1, 9])
 def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
     cut: int, early_stop: bool, store: SessionStore
 ) -> None:
@@ -357,33 +264,22 @@ def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
     assert resumed.settled_on == whole.settled_on
 
 
-def test_a_session_that_was_sure_ends_at_once_when_it_is_continued(store: SessionStore) -> None:
-    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
-    again, world = load_session(session.name, store.folder), MadeUpWorld(KIND)
-    assert AdaptLoop(again, store, believing(), world).run() == "confirmed"
-    assert world.walked == []
-    assert again.settled_on == session.settled_on
+class NoRoom(Landscape):
+    """The recording of one trial is not whole."""
 
+    def __init__(self, full_at: int, *, cut_after: int | None = None) -> None:
+        super().__init__(cut_after=cut_after)
+        self._full_at = full_at
 
-def test_what_the_optimizer_settled_on_is_stored(store: SessionStore) -> None:
-    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
-    assert session.settled_on is not None
-    assert load_session(session.name, store.folder).settled_on == session.settled_on
-    assert load_session(session.name, store.folder).as_json() == session.as_json()
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        walked = super().__call__(index, code, slots, should_stop)
+        return replace(walked, recording_error=OSError("disk full")) if index == self._full_at else walked
 
 
 def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: SessionStore) -> None:
-    class NoRoom(Landscape):
-        def __call__(
-            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
-        ) -> WalkedTrial:
-            walked = super().__call__(index, code, slots, should_stop)
-            return replace(walked, recording_error=OSError("disk full")) if index == 2 else walked
-
     session = store.create(SPEC)
-    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
-    with pytest.raises(RecordingError, match="trial 2 is done, its recording is not whole: disk full"):
-        AdaptLoop(session, store, optimizer, NoRoom()).run()
+    with pytest.raises(RecordingError, match=r"trial 2 .*disk full"):
+        AdaptLoop(session, store, optimizer_of(SPEC), NoRoom(2)).run()
     assert [trial.index for trial in load_session(session.name, store.folder).trials] == [1, 2]
     whole, ended = run(store, SPEC)
     resumed, ended_later = run_on(store, session.name)
@@ -394,29 +290,10 @@ def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: Ses
 def test_an_interrupted_trial_whose_recording_is_not_whole_is_reported(
     confirm: int, store: SessionStore
 ) -> None:
-    class NoRoom(Landscape):
-        def __call__(
-            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
-        ) -> WalkedTrial:
-            walked = super().__call__(index, code, slots, should_stop)
-            return replace(walked, recording_error=OSError("disk full")) if index == 3 else walked
-
     session = store.create(replace(SPEC, budget=3, confirm=confirm))
-    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
-    with pytest.raises(RecordingError, match="trial 3 was interrupted, its recording is not whole: disk"):
-        AdaptLoop(session, store, optimizer, NoRoom(cut_after=2)).run()
+    with pytest.raises(RecordingError, match=r"trial 3 .*disk full"):
+        AdaptLoop(session, store, optimizer_of(SPEC), NoRoom(3, cut_after=2)).run()
     assert [trial.index for trial in load_session(session.name, store.folder).trials] == [1, 2]
-
-
-def test_an_objective_of_ones_own_decides(store: SessionStore) -> None:
-    farthest = as_objective(lambda result: -abs(result.deviation.signed), "farthest")
-    session = store.create(replace(SPEC, objective="tests.adapt.test_trial_loop:unknown", objective_unit=""))
-    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
-    AdaptLoop(session, store, optimizer, Landscape(), objective=farthest).run()
-    assert session.best is not None
-    valid = [trial for trial in session.trials if trial.valid]
-    assert session.best.code == max(valid, key=lambda trial: trial.outcome["deviation_m"]["final"]).code
-    assert session.trials_to(0.1) is None, "a milestone in m of a score that is not"
 
 
 BASELINE_SPEC = replace(SPEC, baseline_gaits=["demo", "tripod"])
@@ -448,20 +325,10 @@ def test_a_baseline_is_walked_once_whenever_the_session_was_cut_off(store: Sessi
     ]
 
 
-def test_a_session_without_baseline_gaits_walks_no_baseline(store: SessionStore) -> None:
-    session = store.create(SPEC)
-    assert not AdaptLoop(session, store, optimizer_of(SPEC), Landscape()).run().startswith("inter")
-    assert session.baseline == []
-
-
-def test_an_invalid_baseline_has_no_score_and_is_never_the_best(store: SessionStore) -> None:
-    class Stuck(Landscape):
-        def __call__(
-            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
-        ) -> WalkedTrial:
-            status = "no_progress" if index == 0 else "ok"
-            return WalkedTrial(result=result_of(0.0 if index == 0 else 0.2, status))
-
-    session, _ = run(store, BASELINE_SPEC, Stuck())
-    assert [one.as_json()["score"] for one in session.baseline] == [None, None]
-    assert session.best is session.trials[0]
+def test_an_invalid_trial_is_never_the_best(store: SessionStore) -> None:
+    session, _ = run(store, replace(SPEC, budget=120, optimizer="exhaustive"))
+    invalid = [trial for trial in session.trials if trial.code % 7 == 0]
+    assert all(trial.score == INVALID_SCORE for trial in invalid)
+    assert session.best is not None
+    assert session.best.code == 60
+    assert session.as_json()["trials"][6]["score"] is None

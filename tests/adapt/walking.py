@@ -40,6 +40,35 @@ def result_of(deviation_m: float, status: str = "ok") -> TrialResult:
     )
 
 
+def record(index: int, walked: float | TrialResult = 0.2, *, confirms: bool = False) -> TrialRecord:
+    """A trial of `SPEC`, by its result or by how far to the left it ends."""
+    result = walked if isinstance(walked, TrialResult) else result_of(walked)
+    code = (index - 1) % 120 + 1
+    return TrialRecord(
+        index=index,
+        code=code,
+        slots=GaitSpace((SPEC.broken.leg,)).slots_of(code),
+        score=OBJECTIVES["final"](result),
+        outcome=result.to_dict(),
+        path_m=result.path_m[::10].tolist(),
+        recording=None,
+        confirms=confirms,
+    )
+
+
+def tripod_record(result: TrialResult) -> BaselineRecord:
+    """A walk of the baseline with the gait `tripod`."""
+    return BaselineRecord(
+        gait="tripod",
+        code=None,
+        slots=(1, 4, 1, 4, 1, 4),
+        score=OBJECTIVES["final"](result),
+        outcome=result.to_dict(),
+        path_m=result.path_m[::10].tolist(),
+        recording=None,
+    )
+
+
 def stored_session(folder: Path, trial_m: float, optimizer: str = "random", /, **baseline_m: float) -> str:
     """Name of a session of `ant` without leg 2 with one trial, of code 17, and walks of its baseline.
 

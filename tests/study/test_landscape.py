@@ -1,3 +1,5 @@
+"""Tests."""
+
 import math
 import pickle
 from dataclasses import replace
@@ -15,13 +17,13 @@ from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_result import QUALITIES, TrialResult
 from hexctl.gait.gait import make_gait
-from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
+from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.walk_cache import WalkCache
-from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.study.made_up import made_up, spec, spread_out
 
 pytestmark = pytest.mark.slow
+
 
 CODES = (3, 40, 77, 120)
 
@@ -33,15 +35,6 @@ def walked(asked: LandscapeSpec) -> Landscape:
 @pytest.fixture(scope="module")
 def one() -> Landscape:
     return walked(spec(5, "none", 3.0, CODES))
-
-
-def test_landscapes_compare_by_value(one: Landscape) -> None:
-    same = Landscape(
-        spec=one.spec, codes=one.codes, status=one.status, numbers=one.numbers.copy(), paths_m=one.paths_m
-    )
-    assert same == one
-    same.numbers[0, 0] += 1.0
-    assert same != one
 
 
 def test_rows_are_those_of_the_trials_alone(one: Landscape) -> None:
@@ -69,11 +62,6 @@ def test_cutting_into_chunks_changes_nothing(self_rotation: str) -> None:
     whole = asked.walk(CODES)
     for cuts in ((CODES[:1], CODES[1:]), (CODES[:3], CODES[3:])):
         assert [walk for codes in cuts for walk in asked.walk(codes)] == whole
-
-
-def test_gaits_are_divided_into_chunks() -> None:
-    asked = spec()
-    assert [len(chunk) for chunk in asked.chunks(asked.codes[:90])] == [40, 40, 10]
 
 
 def test_a_spec_travels_as_a_pickle(one: Landscape) -> None:
@@ -124,21 +112,6 @@ def test_another_question_has_another_fingerprint() -> None:
     assert spec().fingerprint == spec().fingerprint
 
 
-def test_what_people_call_a_place_is_in_the_title_and_decides_nothing() -> None:
-    named = replace(spec(), place="world 3")
-    assert named.title == "leg 5 without self-rotation, world 3"
-    assert named.identity() == spec().identity()
-    assert named.fingerprint == spec().fingerprint
-    assert spec().title == "leg 5 without self-rotation"
-
-
-def test_numbers_are_named() -> None:
-    landscape = made_up(5, "rear", np.full(120, -0.3))
-    assert landscape.number("signed_m")[0] == -0.3
-    assert landscape.final_m[0] == 0.3
-    assert len(NUMBERS) == landscape.numbers.shape[1]
-
-
 def placed(leg: int, self_rotation: str, *, miss_deg: float = 0.0, duration_s: float = 0.4) -> LandscapeSpec:
     asked = spec(leg, self_rotation, duration_s, CODES)
     return replace(asked, placed=True, miss_rad=math.radians(miss_deg))
@@ -167,34 +140,6 @@ def test_a_robot_that_is_put_down_stands_as_its_self_rotation_would_leave_it(
     leg_points_to_rad = log.frame.yaw_rad + float(shipped().leg_azimuths_rad[leg - 1])
     assert _off_rad(leg_points_to_rad, math.radians(points_to_deg + miss_deg)) < math.radians(0.5)
     assert _off_rad(log.frame.heading_rad, 0.0) < math.radians(0.5), "it still travels along the world's x"
-
-
-def test_a_robot_without_self_rotation_is_put_down_as_it_is() -> None:
-    asked = spec(5, "none", 0.4, CODES)
-    standing, turned = (run_sim_trial(each.trial(40)) for each in (replace(asked, placed=True), asked))
-    assert standing.to_dict() == turned.to_dict()
-    np.testing.assert_array_equal(standing.path_m, turned.path_m)
-
-
-def _moved_m(log: TickLog) -> FloatArray:
-    """Displacement of a walk in the world, (2,) in m."""
-    positions = log["base_position_world"][log.rows_of("walk")]
-    return np.asarray((positions[-1] - positions[0])[:2])
-
-
-def test_a_robot_that_is_put_down_walks_the_line_of_one_that_has_turned() -> None:
-    asked = spec(3, "rear", 4.0, CODES)
-    turned, turned_log = _watched(asked.trial(40))
-    assert turned_log.rows_of("turn").stop > 0
-    assert turned_log.frame is not None
-    missed_rad = turned.turned_rad - math.radians(60)
-    standing, log = _watched(replace(asked, placed=True, miss_rad=missed_rad).trial(40))
-    assert log.frame is not None
-    assert _off_rad(log.frame.yaw_rad, turned_log.frame.yaw_rad) < math.radians(0.5)
-    assert _off_rad(log.frame.heading_rad, turned_log.frame.heading_rad) < math.radians(0.5)
-    np.testing.assert_allclose(_moved_m(log), _moved_m(turned_log), atol=0.03)
-    assert standing.distance_m == pytest.approx(turned.distance_m, abs=0.03)
-    assert _moved_m(log)[0] > 0.2
 
 
 def test_robots_put_down_differently_do_not_share_a_start() -> None:

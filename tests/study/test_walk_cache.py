@@ -1,20 +1,29 @@
-"""The cache of walks, on made-up places: what is kept, what is refused, and what is simulated again."""
+"""The cache of walks, and walks on worker processes: what is kept, refused, and simulated again."""
 
 import gzip
 import json
 import math
-from collections.abc import Callable, Hashable, Sequence
+import os
+import signal
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 from typing import Any, ClassVar
 
 import pytest
 
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial
-from hexctl.study import versions
+from hexctl.errors import RobotFaultError
+from hexctl.study import versions, walking
+from hexctl.study.landscape import Landscape
+from hexctl.study.versions import ROOT, code_versions, simulating_sources, source_digest
 from hexctl.study.walk_cache import CacheError, Place, WalkCache
-from hexctl.study.walking import walk_all
+from hexctl.study.walking import as_finished, evaluate, simulating, walk_all
+from hexctl.waiting import comes_true
 from tests.robots import shipped
 from tests.study.made_up import spec
 from tests.study.watching import Remembering
@@ -75,7 +84,9 @@ class Park(Place[Case, Stroll]):
 
 
 PARK = Park(robot=shipped(), world=World())
+
 CASES = [Case((leg,), group=leg % 2) for leg in (1, 2, 3, 4)] + [Case((1, 2), group=2)]
+
 WALKED = [(PARK, CASES), (replace(PARK, name="wood"), CASES[:2])]
 
 
@@ -101,13 +112,6 @@ def test_what_was_interrupted_goes_on_from_what_has_finished(jobs: int, tmp_path
     walks = walk_all(WALKED, cache, jobs=jobs, progress=rest)
     assert rest.steps == total - saved
     assert repr(walks) == repr(walk_all(WALKED, WalkCache(tmp_path / "new"), jobs=1))
-
-
-def test_more_cases_join_those_in_the_file(tmp_path: Path) -> None:
-    cache = WalkCache(tmp_path)
-    walk_all([(PARK, CASES[:2])], cache)
-    walk_all([(PARK, CASES[2:])], cache)
-    assert cache.load(PARK).keys() == set(CASES)
 
 
 def test_walks_that_a_place_does_not_keep_are_simulated_again(tmp_path: Path) -> None:
@@ -148,18 +152,6 @@ def test_a_damaged_file_is_reported_and_its_walks_are_made_again(
     assert WalkCache(tmp_path).count([(PARK, CASES)]) == (5, 5)
 
 
-def test_the_file_of_another_place_is_reported_and_its_walks_are_made_again(tmp_path: Path) -> None:
-    cache, progress = WalkCache(tmp_path), Remembering()
-    walk_all(WALKED, cache)
-    wood = WALKED[1][0]
-    cache.path_of(wood).replace(cache.path_of(PARK))
-    walk_all([(PARK, CASES)], cache, progress=progress)
-    (note,) = cache.notes
-    assert note.startswith(f"{cache.path_of(PARK)}: not usable")
-    assert (progress.notes[0], progress.steps) == (note, 5)
-    assert WalkCache(tmp_path).count([(PARK, CASES)]) == (5, 5)
-
-
 #: Walks that no simulation gives, by what is wrong with them.
 IMPOSSIBLE: dict[str, Callable[[dict[str, Any]], object]] = {
     "a status that does not exist": lambda walk: walk.update(status="flew"),
@@ -195,28 +187,6 @@ def test_the_cases_of_equal_places_are_simulated_together_and_once(tmp_path: Pat
     assert cache.count(walked) == (6, 6)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
-def test_a_truncated_file_is_not_used(share: float, tmp_path: Path) -> None:
-    cache = WalkCache(tmp_path)
-    walk_all(WALKED, cache)
-    path = cache.path_of(PARK)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    assert cache.load(PARK) == {}
-    assert "not usable" in cache.notes[0]
-
-
-def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:
-    cache = WalkCache(tmp_path)
-    walk_all(WALKED, cache)
-    path = cache.path_of(PARK)
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-    assert cache.load(PARK) == {}
-    assert len(cache.notes) == 1
-
-
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     cache = WalkCache(tmp_path / "file")
@@ -238,3 +208,177 @@ def test_other_code_has_other_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     versions.code_versions.cache_clear()
     assert changed != before == spec().fingerprint
+
+
+def cut_off(content: bytes) -> bytes:
+    return content[: int(0.9 * len(content))]
+
+
+def flipped(content: bytes) -> bytes:
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+@pytest.mark.parametrize(
+    "spoil", [cut_off, flipped, lambda _: b"", None], ids=["cut", "flipped", "empty", "other"]
+)
+def test_a_file_that_is_not_whole_or_of_another_place_is_not_used(
+    spoil: Callable[[bytes], bytes] | None, tmp_path: Path
+) -> None:
+    cache = WalkCache(tmp_path)
+    walk_all(WALKED, cache)
+    path = cache.path_of(PARK)
+    if spoil is None:
+        cache.path_of(WALKED[1][0]).replace(path)
+    else:
+        path.write_bytes(spoil(path.read_bytes()))
+    assert cache.load(PARK) == {}
+    assert len(cache.notes) == 1
+    assert WalkCache(tmp_path).count([(PARK, CASES)]) == (0, 5)
+
+
+SPECS = [
+    spec(leg, rotation, 1.0, (1, 20, 40, 60, 80, 100)) for leg in (2, 5) for rotation in ("none", "rear")
+]
+
+
+class KillsAWorker(Remembering):
+    """Kills a worker process once the first chunk is done."""
+
+    def __init__(self, pid: int) -> None:
+        super().__init__()
+        self.pid: int | None = pid
+
+    def step(self, steps: int = 1) -> None:
+        super().step(steps)
+        if self.pid is not None:
+            os.kill(self.pid, signal.SIGKILL)
+            self.pid = None
+
+
+@pytest.fixture
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexctl.study.landscape.CHUNK_SIZE", 2)
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Landscape]:
+    return evaluate(SPECS, WalkCache(tmp_path_factory.mktemp("local")), jobs=1)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        processes=True, n_workers=2, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1"
+    ) as cluster:
+        yield cluster
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("small_chunks")
+def test_a_worker_killed_in_mid_study_changes_nothing(
+    cluster: Any, local: Sequence[Landscape], tmp_path: Path
+) -> None:
+    from distributed import Client
+
+    address = cluster.scheduler_address
+    with Client(address, set_as_default=False) as client:
+        pids = list(client.run(os.getpid).values())
+    assert len(set(pids)) == 2
+    assert os.getpid() not in pids
+    watcher = KillsAWorker(pids[0])
+    far = evaluate(SPECS, WalkCache(tmp_path), dask=address, progress=watcher)
+    assert watcher.pid is None
+    assert watcher.steps == sum(len(one.codes) for one in SPECS)
+    assert far == local
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("jobs", [2, 5])
+def test_threads_and_chunks_change_no_number(jobs: int, local: Sequence[Landscape], tmp_path: Path) -> None:
+    assert evaluate(SPECS[:2], WalkCache(tmp_path), jobs=jobs) == local[:2]
+
+
+@pytest.mark.slow
+def test_a_worker_with_other_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def pool(_address: str) -> Iterator[Executor]:
+        with ThreadPoolExecutor(1) as executor:
+            yield executor
+
+    def foreign(walk: Callable[[int], object], threads: int) -> tuple[dict[str, str], object]:
+        return {**code_versions(), "mujoco": "1.0"}, walk(threads)
+
+    monkeypatch.setattr(walking, "dask_executor", pool)
+    monkeypatch.setattr(walking, "_walked_elsewhere", foreign)
+    asked = [spec(1, "none", 0.1, (1,))]
+    with pytest.raises(RobotFaultError, match=r"mujoco 1\.0"):
+        evaluate(asked, WalkCache(tmp_path), dask="tcp://127.0.0.1:1")
+    assert WalkCache(tmp_path).load(asked[0]) == {}
+
+
+@pytest.mark.slow
+def test_walks_that_are_left_are_not_awaited() -> None:
+    go_on = Event()
+
+    def slow(_threads: int) -> str:
+        go_on.wait(30)
+        return "slow"
+
+    walks = as_finished([lambda _: "fast", slow, slow], 2)
+    assert next(walks) == "fast"
+    walks.close()  # type: ignore[attr-defined]
+    assert simulating()
+    go_on.set()
+    assert comes_true(lambda: not simulating(), 30)
+
+
+def relative(files: list[Path]) -> set[str]:
+    return {file.relative_to(ROOT / "hexctl").as_posix() for file in files}
+
+
+def test_the_sources_are_those_that_decide_how_a_gait_walks() -> None:
+    names = relative(simulating_sources())
+    assert {"control/batch.py", "control/guard.py", "gait/gait.py", "ik/legs.py", "robot/model.py"} <= names
+    assert {"study/landscape.py", "types.py", "adapt/space.py"} <= names
+    parts = {name.rpartition("/")[0] for name in names}
+    assert "backends/sim" in parts
+
+
+def test_an_edit_of_the_network_a_servo_board_or_a_recording_keeps_the_landscapes() -> None:
+    names = relative(simulating_sources())
+    for aside in ("backends/mavlink", "backends/zenoh", "wire", "serve", "record", "cli", "errors.py"):
+        assert not [name for name in names if name.startswith(aside)], aside
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A folder with a hexctl of a few modules, `start` being where the imports begin."""
+    (tmp_path / "hexctl" / "parts").mkdir(parents=True)
+    sources = {
+        "parts/__init__": "from hexctl import inner\n",
+        "start": "from hexctl import parts\nimport numpy\n\ndef f():\n    from hexctl.late import x\n",
+        "inner": "import hexctl.start\n",
+        "late": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from hexctl.other import y\n",
+        "other": "y = 1\n",
+    }
+    for name, source in sources.items():
+        (tmp_path / "hexctl" / f"{name}.py").write_text(source)
+    return tmp_path
+
+
+def test_imports_are_followed_through_packages_functions_and_circles(root: Path) -> None:
+    files = simulating_sources("hexctl.start", root)
+    names = {file.relative_to(root / "hexctl").as_posix() for file in files}
+    assert names == {"start.py", "parts/__init__.py", "inner.py", "late.py"}
+
+
+def test_the_digest_changes_with_these_sources_alone(root: Path) -> None:
+    before = source_digest("hexctl.start", root)
+    (root / "hexctl" / "other.py").write_text("y = 2\n")
+    assert source_digest("hexctl.start", root) == before
+    (root / "hexctl" / "late.py").write_text("x = 2\n")
+    assert source_digest("hexctl.start", root) != before

@@ -1,0 +1,376 @@
+"""The optimizer with a prior: it keeps to the interface, and is good in worlds like its prior's."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizers.baselines import RandomSearch
+from hexctl.adapt.optimizers.bayes import SURE, Bayes
+from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
+from hexctl.adapt.space import GaitSpace
+from hexctl.backends.clock import PERIOD_S
+from hexctl.errors import InputError
+from hexctl.testing.optimizer_conformance import (
+    ONE_FAILED,
+    TWO_FAILED,
+    Make,
+    OptimizerConformance,
+    search,
+    travelled,
+)
+from hexctl.types import FloatArray
+from tests.adapt.priors import (
+    DURATION_S,
+    GAITS,
+    MadeUpModel,
+    made_up_bayes,
+    path_of,
+    shown_of,
+    standing_samples,
+    tell,
+)
+
+MODEL = MadeUpModel()
+
+SAMPLES = MODEL.samples(24)
+
+STANDING = standing_samples(MODEL, 24)
+
+BELIEVED = MODEL.samples(48)
+
+
+def worlds(count: int, seed: int = 500) -> FloatArray:
+    """Worlds of the model that the prior has not seen, (count, gaits, N_FEATURES)."""
+    return MODEL.worlds(count, seed)
+
+
+def solvable(count: int, seed: int = 500) -> FloatArray:
+    """Such worlds in which some gait is within 2 cm."""
+    drawn = worlds(4 * count, seed)
+    found: FloatArray = drawn[np.abs(drawn[..., FINAL]).min(axis=1) < 0.02][:count]
+    assert len(found) == count
+    return found
+
+
+class TestBayes(OptimizerConformance):
+    """The suite, for one failed leg: a prior knows no gaits of a robot that has lost two."""
+
+    spaces = (ONE_FAILED,)
+    seeded = False  # nothing is left to chance
+
+    @pytest.fixture
+    def make(self) -> Make:
+        def make(space: GaitSpace, seed: int) -> Optimizer:
+            samples = MODEL.samples(8, leg=space.failed_legs[0])
+            return Bayes(space, seed, samples=samples, target_m=0.025, duration_s=DURATION_S, floor_m=1.0)
+
+        return make
+
+
+def adapt(search: Bayes, world: FloatArray, budget: int = 60) -> list[int]:
+    """Search in a world without noise until sure, and return the codes walked."""
+    codes: list[int] = []
+    while len(codes) < budget and not search.finished:
+        (code,) = search.ask()
+        codes.append(code)
+        tell(search, code, world[code - 1])
+    return codes
+
+
+def told(search: Bayes, code: int, features: FloatArray, status: str = "ok") -> None:
+    """Tell a search a trial of a gait that it would not have asked for."""
+    search._asked = [code]
+    tell(search, code, features, status)
+
+
+def finals(world: FloatArray, codes: list[int]) -> FloatArray:
+    return np.asarray(np.abs(world[np.array(codes) - 1, FINAL]))
+
+
+def test_it_needs_far_fewer_trials_than_random_search() -> None:
+    """In worlds of its prior's model; random search needs 121 / (n + 1) for one of n good gaits."""
+    needed, by_chance = [], []
+    for seed, world in enumerate(solvable(15)):
+        codes = adapt(made_up_bayes(BELIEVED), world)
+        assert finals(world, codes).min() <= 0.025
+        needed.append(len(codes))
+        drawn = search(RandomSearch(ONE_FAILED, seed), 120)
+        within = np.flatnonzero(finals(world, drawn) <= 0.025)
+        by_chance.append(int(within[0]) + 1)
+    assert np.mean(needed) < 0.5 * np.mean(by_chance)
+    assert np.mean(needed) < 12
+
+
+def test_it_is_sure_only_of_a_gait_that_was_walked_and_is_within_the_target() -> None:
+    for target_m in (0.025, 0.1):
+        for world in solvable(6, seed=77):
+            optimizer = made_up_bayes(BELIEVED, target_m=target_m)
+            codes = adapt(optimizer, world)
+            assert optimizer.finished
+            sure = [code for code in codes if optimizer.predict(code).chance >= SURE]
+            assert sure
+            assert (finals(world, sure) <= target_m).all()
+            assert optimizer.recommended() in sure
+            # And it did not continue after it had found one, save one so near to the target that it may miss.
+            assert all(off_m > 0.9 * target_m for off_m in finals(world, codes)[:-1])
+
+
+def test_before_the_first_trial_nothing_is_finished_however_sure_the_prior() -> None:
+    still = np.zeros((32, GAITS, N_FEATURES))
+    still += np.random.default_rng(0).normal(0, 1e-4, still.shape)
+    still[..., -3:-1] = [1.6, 3.2]
+    optimizer = made_up_bayes(Samples(leg=5, features=still, finished=np.ones(GAITS)))
+    assert optimizer.predict(1).chance > SURE
+    assert not optimizer.finished
+    tell(optimizer, optimizer.ask()[0], still[0, 0])
+    assert optimizer.finished
+
+
+def test_a_gait_is_confirmed_with_its_own_doubt_and_the_simulations_together() -> None:
+    world = solvable(1)[0]
+    (code,) = made_up_bayes(BELIEVED).ask()
+    on_the_line = world[code - 1] * 0.0
+    for uncertainty_m, sure in ((0.014, True), (0.017, False)):  # 0.025 m is 1.79 and 1.47 times as much
+        optimizer = made_up_bayes(BELIEVED, uncertainty_m=uncertainty_m)
+        assert optimizer.ask() == [code]
+        tell(optimizer, code, on_the_line)
+        assert optimizer.finished is sure
+        chance = math.erf(0.025 / uncertainty_m / math.sqrt(2))
+        assert optimizer.predict(code).chance == pytest.approx(chance, abs=0.01)
+
+
+def test_what_the_trials_left_gain_together_decides() -> None:
+    """With many trials left a search goes on where a single one would not be worth it."""
+    world = worlds(4)[3]
+
+    def walked(budget: int | None) -> int:
+        optimizer = made_up_bayes(BELIEVED, target_m=0.0001, worth_m=0.004, budget=budget)
+        count = 0
+        while optimizer.worthwhile and count < 30:
+            (code,) = optimizer.ask(1)
+            tell(optimizer, code, world[code - 1])
+            count += 1
+        return count
+
+    assert walked(None) == walked(1) < walked(10) <= walked(40) <= 30
+
+
+@pytest.mark.parametrize("status", ["fell", "diverged", "no_progress", "cut_short"])
+def test_a_gait_that_failed_is_not_asked_for_again(status: str) -> None:
+    world = worlds(1)[0]
+    optimizer = made_up_bayes(SAMPLES)
+    failed: list[int] = []
+    for index in range(40):
+        if optimizer.finished:
+            break
+        (code,) = optimizer.ask()
+        assert code not in failed
+        if index % 2 == 0:
+            failed.append(code)
+            tell(optimizer, code, world[code - 1], status)
+        else:
+            tell(optimizer, code, world[code - 1] + 0.1)
+    assert failed
+    assert all(optimizer.predict(code).chance == 0.0 for code in failed)
+
+
+def test_gaits_that_fall_in_simulations_are_tried_later() -> None:
+    usual = made_up_bayes(BELIEVED)
+    first = usual.ask()[0]
+    finished = np.ones(GAITS)
+    finished[first - 1] = 0.0
+    falling = Samples(leg=5, features=BELIEVED.features, finished=finished)
+    wary = made_up_bayes(falling)
+    assert wary.predict(first).chance < 0.1 * usual.predict(first).chance
+    assert wary.ask()[0] != first
+
+
+def test_when_all_gaits_were_tried_the_likeliest_is_walked_again() -> None:
+    world = worlds(1)[0]
+    world[:, FINAL] = 0.3 + np.arange(GAITS) / 100
+    world[59, FINAL] = 0.06
+    optimizer = made_up_bayes(SAMPLES)
+    codes = []
+    for _ in range(GAITS):
+        (code,) = optimizer.ask()
+        codes.append(code)
+        # Of some it is only told that they were tried: quicker, and there is enough to choose from.
+        if code % 4 == 0:
+            tell(optimizer, code, world[code - 1])
+        else:
+            optimizer.tell([code], [1.0])
+    assert sorted(codes) == list(range(1, 121))
+    assert optimizer.ask() == [60]
+
+
+def test_without_what_a_trial_showed_only_that_it_was_tried_is_known() -> None:
+    optimizer, before = made_up_bayes(SAMPLES), made_up_bayes(SAMPLES)
+    codes = search(optimizer, 10)
+    assert len(set(codes)) == 10
+    np.testing.assert_array_equal(optimizer.forecast().mean_m, before.forecast().mean_m)
+
+
+def test_a_gait_that_fell_once_is_not_settled_on_though_it_walked_before() -> None:
+    optimizer = made_up_bayes(SAMPLES)
+    good = np.array([*np.zeros(10), 1.6, 3.2, 0.0])
+    told(optimizer, 8, good)
+    assert optimizer.finished
+    told(optimizer, 8, good, "fell")
+    assert not optimizer.finished
+    assert optimizer.recommended() is None
+    assert optimizer.predict(8).chance == 0.0
+
+
+def test_a_restored_search_believes_the_same_to_the_last_bit() -> None:
+    world = worlds(1)[0]
+    original, restored = made_up_bayes(SAMPLES), made_up_bayes(SAMPLES)
+    for status in ("ok", "fell", "ok", "cut_short", "no_progress", "ok"):
+        (code,) = original.ask()
+        shown = shown_of(world[code - 1], status)
+        if status == "cut_short":
+            shown = Observation(path_m=shown.path_m[:5], duration_s=15.0, yaw_change_rad=None, status=status)
+        original.tell([code], [0.2 if status == "ok" else 1e6], [shown])
+    original.ask()
+    tell(restored, restored.ask()[0], worlds(2)[1][3])
+    restored.restore(travelled(original.state()))
+    for name in ("mean_m", "covariance_m2", "distance_m", "distance_sd_m", "noise_m", "widened"):
+        np.testing.assert_array_equal(getattr(restored.forecast(), name), getattr(original.forecast(), name))
+    assert restored.state() == original.state()
+    code = travelled(original.state())["asked"][0]
+    for one in (original, restored):
+        tell(one, code, world[code - 1])
+    assert adapt(restored, world, 5) == adapt(original, world, 5)
+    assert restored.state() == original.state()
+
+
+def stood(trials: int = 0) -> Bayes:
+    """A search that was given the stance in a world, and then trials in it."""
+    optimizer, world = made_up_bayes(STANDING, target_m=1e-6), worlds(1)[0]
+    optimizer.observe_stance(MODEL.sags(1, 500)[0])
+    for _ in range(trials):
+        (code,) = optimizer.ask()
+        tell(optimizer, code, world[code - 1])
+    return optimizer
+
+
+def test_how_the_robot_stands_tells_which_world_this_is() -> None:
+    """Before any trial, the ends of all gaits are believed nearer to where they are."""
+    off_m: dict[bool, list[float]] = {True: [], False: []}
+    for world, sag_rad in zip(worlds(20), MODEL.sags(20, 500), strict=True):
+        for told_so in (True, False):
+            optimizer = made_up_bayes(STANDING)
+            if told_so:
+                optimizer.observe_stance(sag_rad)
+            off_m[told_so].append(float(np.abs(optimizer.forecast().mean_m - world[:, FINAL]).mean()))
+    assert np.mean(off_m[True]) < 0.8 * np.mean(off_m[False])
+
+
+def whole_path(features: FloatArray) -> FloatArray:
+    """A walk tick by tick."""
+    path = path_of(features)
+    ticks = round(DURATION_S / PERIOD_S)
+    knots = np.linspace(0, ticks, 11)
+    return np.column_stack(
+        [np.interp(np.arange(1, ticks + 1), knots, [0, *path[:, column]]) for column in (0, 1)]
+    )
+
+
+def stopped_after_s(optimizer: Bayes, code: int, path: FloatArray) -> float | None:
+    enough = optimizer.early_stopping(code)
+    for tick in range(50, len(path), 50):
+        if enough(path[:tick]):
+            return tick * PERIOD_S
+    return None
+
+
+def straight(code: int, final_m: float) -> FloatArray:
+    """A walk of a gait of a usual world, but to another end."""
+    features = BELIEVED.features[0, code - 1].copy()
+    features[: FINAL + 1] = final_m * (np.arange(1, 11) / 10) ** 1.5
+    features[-1] = 0.4 * final_m
+    return whole_path(features)
+
+
+def promising(optimizer: Bayes, within_m: float = 0.15) -> list[int]:
+    """The gaits that are believed to end near the line."""
+    return [int(row) + 1 for row in np.flatnonzero(np.abs(optimizer.forecast().mean_m) < within_m)]
+
+
+def test_a_walk_far_off_has_should_stop_and_one_on_the_line_has_not() -> None:
+    optimizer = made_up_bayes(BELIEVED)
+    codes = promising(optimizer)[:6]
+    assert codes
+    for code in codes:
+        assert stopped_after_s(optimizer, code, straight(code, 0.0)) is None
+        for far_m in (-6.0, 6.0):
+            stopped_s = stopped_after_s(optimizer, code, straight(code, far_m))
+            assert stopped_s is not None
+            assert DURATION_S / 4 <= stopped_s < 0.7 * DURATION_S
+
+
+def test_a_walk_that_may_still_beat_the_best_goes_on() -> None:
+    """Before any good trial all that ends within half a metre is of use; later only what is better."""
+    fresh, spoilt = made_up_bayes(BELIEVED), made_up_bayes(BELIEVED)
+    code, other = promising(fresh)[:2]
+    path = straight(code, 0.35)
+    assert stopped_after_s(fresh, code, path) is None
+    told(spoilt, other, np.array([*np.zeros(10), 1.6, 3.2, 0.0]))
+    assert stopped_after_s(spoilt, code, path) is not None
+
+
+def test_a_walk_is_not_stopped_in_its_first_third_nor_when_the_robot_is_lost() -> None:
+    enough = made_up_bayes(BELIEVED).early_stopping(1)
+    path = straight(1, 30.0)
+    assert not any(enough(path[:tick]) for tick in range(50, round(0.29 * len(path)), 50))
+    path[700:] = np.nan
+    assert not enough(path[:1000])
+
+
+def test_an_expectation_is_an_interval_around_its_middle() -> None:
+    expected = made_up_bayes(SAMPLES).predict(30)
+    low_m, high_m = expected.interval_m
+    assert low_m < expected.signed_m < high_m
+    assert expected.trial_sd_m == pytest.approx(math.hypot(expected.sd_m, 0.001))
+    ends_m = (expected.signed_m, low_m + 1e-6, low_m - 1e-6, high_m + 1e-6, math.nan)
+    assert [expected.holds(end_m) for end_m in ends_m] == [True, True, False, False, False]
+
+
+#: Trials and sags that are none; a place of the trial `[code, score, status, numbers]`, or `sag_rad`.
+DAMAGE: list[tuple[int | str, object]] = [
+    *((0, code) for code in (0, 121, -1, "five")),
+    *((3, numbers) for numbers in (None, [1.0], ["far"] * N_FEATURES)),
+    *(("sag_rad", sag) for sag in ([0.1] * 17, "low", 3, [["a"] * 18], [[0.1] * 18])),
+]
+
+
+@pytest.mark.parametrize(("place", "value"), DAMAGE, ids=str)
+def test_a_damaged_state_is_refused_and_nothing_is_taken_over(place: int | str, value: object) -> None:
+    optimizer = stood(2)
+    before = travelled(optimizer.state())
+    damaged = travelled(optimizer.state())
+    if isinstance(place, str):
+        damaged["search"][place] = value
+    else:
+        damaged["search"]["trials"][1][place] = value
+    with pytest.raises(InputError):
+        optimizer.restore(damaged)
+    assert optimizer.state() == before
+
+
+def test_what_does_not_fit_is_refused_and_nothing_is_taken_over() -> None:
+    for space in (TWO_FAILED, GaitSpace((2,))):
+        with pytest.raises(InputError, match="prior"):
+            Bayes(space, 0, samples=SAMPLES, target_m=0.025, duration_s=30.0, floor_m=1.0)
+    for uncertainty_m in (-0.01, math.nan, math.inf):
+        with pytest.raises(InputError, match="uncertainty_m"):
+            made_up_bayes(SAMPLES, uncertainty_m=uncertainty_m)
+    optimizer = made_up_bayes(STANDING)
+    (code,) = optimizer.ask()
+    before = travelled(optimizer.state())
+    with pytest.raises(InputError):
+        optimizer.tell([code], [0.1], [None, None])
+    with pytest.raises(InputError, match="sag"):
+        optimizer.observe_stance(np.zeros(3))
+    assert optimizer.state() == before

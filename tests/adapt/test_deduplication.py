@@ -1,0 +1,234 @@
+"""Deduplication: every code is walked once, and the search inside is unaffected."""
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import count, repeat
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedError
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
+from hexctl.errors import InputError
+from hexctl.testing.optimizer_conformance import ONE_FAILED, THREE_FAILED, search, slope
+from hexctl.types import FloatArray
+
+
+class Scripted(Optimizer):
+    """Asks for the codes of a script and writes down what it is told."""
+
+    name = "scripted"
+
+    def __init__(self, script: Iterator[int]) -> None:
+        super().__init__(ONE_FAILED, 0)
+        self._script = script
+        self.told: list[tuple[int, float]] = []
+
+    def _suggest(self, count: int) -> list[int]:
+        return [next(self._script) for _ in range(count)]
+
+    def _learn(self, codes: list[int], scores: list[float]) -> None:
+        self.told += zip(codes, scores, strict=True)
+
+    def _search_state(self) -> dict[str, Any]:
+        return {}
+
+    def _restore_search(self, state: dict[str, Any]) -> None:
+        pass
+
+
+def fresh(name: str, seed: int = 1, **options: Any) -> Deduplication:
+    return Deduplication(make_optimizer(name, ONE_FAILED, seed), seed, **options)
+
+
+def tell(optimizer: Optimizer, codes: list[int]) -> None:
+    optimizer.tell(codes, [slope(code) for code in codes])
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+@pytest.mark.parametrize(("batch", "landscape"), [(1, slope), (64, lambda _: 1e9)], ids=["slope", "flat"])
+def test_every_code_is_handed_out_once_and_then_it_is_exhausted(
+    name: str, batch: int, landscape: Callable[[int], float]
+) -> None:
+    optimizer = fresh(name)
+    codes = search(optimizer, 1000, batch=batch, landscape=landscape)
+    assert sorted(codes) == list(range(1, 121))
+    assert optimizer.exhausted
+    with pytest.raises(SpaceExhaustedError, match=name):
+        optimizer.ask()
+
+
+def test_not_exhausted_before_the_last_score_is_told() -> None:
+    optimizer = Deduplication(make_optimizer("pso", THREE_FAILED, 0), 0)
+    search(optimizer, 5)
+    codes = optimizer.ask()
+    assert not optimizer.exhausted
+    tell(optimizer, codes)
+    assert optimizer.exhausted
+
+
+def test_a_known_code_is_answered_at_once_with_the_score_it_got() -> None:
+    inner = Scripted(iter([5, 5, 9, 5, 9, 30]))
+    optimizer = Deduplication(inner, 0)
+    asked = []
+    for score in (0.5, 0.9, 0.3):
+        asked += optimizer.ask()
+        optimizer.tell(asked[-1:], [score])
+    assert asked == [5, 9, 30]
+    assert inner.told == [(5, 0.5), (5, 0.5), (9, 0.9), (5, 0.5), (9, 0.9), (30, 0.3)]
+
+
+def test_a_code_that_comes_twice_in_one_ask_is_paid_for_once() -> None:
+    inner = Scripted(iter([5, 9, 5, 30, 9, 5, 7, 7, 30, 8]))
+    optimizer = Deduplication(inner, 0)
+    codes = optimizer.ask(5)
+    assert codes == [5, 9, 30]
+    tell(optimizer, codes)
+    codes = optimizer.ask(5)
+    assert codes == [7, 8]
+    tell(optimizer, codes)
+    assert inner.told == [(code, slope(code)) for code in (5, 9, 5, 30, 9, 5, 7, 7, 30, 8)]
+
+
+def test_a_search_that_is_stuck_gets_help_after_the_patience_and_asks_on() -> None:
+    inner = Scripted(repeat(5))
+    optimizer = Deduplication(inner, 0, patience=20)
+    assert search(optimizer, 1) == [5]
+    substitutes = optimizer.ask()
+    assert len(inner.told) == 1 + 20
+    tell(optimizer, substitutes)
+    for extra in range(1, 30):
+        tell(optimizer, optimizer.ask())
+        assert len(inner.told) == 1 + 20 + extra
+    assert set(inner.told) == {(5, slope(5))}, "a code that it did not ask for"
+
+
+def test_a_fresh_code_of_its_own_ends_the_help() -> None:
+    inner = Scripted(iter([5, *[5] * 21, 77, *[5] * 20]))
+    optimizer = Deduplication(inner, 0, patience=20)
+    assert search(optimizer, 4)[::3] == [5, 77]  # with two substitutes between them
+    assert len(inner.told) == 1 + 20 + 1 + 1
+    optimizer.ask()
+    assert len(inner.told) == 1 + 20 + 1 + 1 + 20
+
+
+def test_a_substitute_is_told_when_the_search_asks_for_it_later() -> None:
+    asked: list[int] = []
+    inner = Scripted(iter(lambda: asked[-1] if len(asked) > 1 else 5, None))
+    optimizer = Deduplication(inner, 0, patience=3)
+    for _ in range(2):
+        asked += optimizer.ask()
+        tell(optimizer, asked[-1:])
+    substitute = asked[-1]
+    assert substitute != 5
+    search(optimizer, 1)
+    assert inner.told[-1] == (substitute, slope(substitute))
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_the_search_is_told_exactly_what_it_would_see_on_its_own(name: str) -> None:
+    # Without help, the counted search is the bare one with its repetitions left out.
+    bare = search(make_optimizer(name, ONE_FAILED, 2), 60)
+    once = list(dict.fromkeys(bare))
+    assert search(fresh(name, 2, patience=10_000), len(once)) == once
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_the_papers_count_passes_everything_through(name: str) -> None:
+    optimizer = fresh(name, 4, paper_count=True)
+    assert search(optimizer, 300) == search(make_optimizer(name, ONE_FAILED, 4), 300)
+    assert not optimizer.exhausted
+
+
+@pytest.mark.parametrize("stop", [0, 3])
+def test_help_goes_on_after_a_restore(stop: int) -> None:
+    # By then the swarm has collapsed.
+    original, restored = fresh("pso", 5, patience=5), fresh("pso", 6, patience=5)
+    search(original, 60 + stop)
+    restored.restore(original.state())
+    assert search(restored, 20) == search(original, 20)
+
+
+SEEN = Observation(path_m=np.zeros((3, 2)), duration_s=1.0, yaw_change_rad=0.0, status="ok")
+
+FORECAST = Prediction(signed_m=0.1, sd_m=0.2, trial_sd_m=0.3, chance=0.4, target_m=0.05)
+
+
+def never_stop(_path_m: FloatArray) -> bool:
+    return False
+
+
+class Outspoken(Scripted):
+    """Answers everything that the interface of optimizers asks otherwise than the default."""
+
+    judges_target = True
+    exhausted = True
+    finished = True
+    worthwhile = False
+
+    def __init__(self) -> None:
+        super().__init__(count(1))
+        self.repeated: list[tuple[int, float, Observation]] = []
+        self.seen: list[Observation | None] = []
+
+    def recommended(self) -> int | None:
+        return 17
+
+    def predict(self, code: int) -> Prediction | None:
+        return FORECAST
+
+    def early_stopping(self, code: int) -> Callable[[FloatArray], bool]:
+        return never_stop
+
+    def repeat(self, code: int, score: float, observation: Observation) -> None:
+        self.repeated.append((code, score, observation))
+
+    def _learn_observed(
+        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
+    ) -> None:
+        self.seen += observations
+
+
+def test_an_answer_from_memory_is_a_score_alone() -> None:
+    inner = Outspoken()
+    inner._script = iter([5, 5, 9])
+    optimizer = Deduplication(inner, 0)
+    for _ in range(2):
+        optimizer.tell(optimizer.ask(), [0.3], [SEEN])
+    assert inner.seen == [SEEN, None, SEEN]
+
+
+@pytest.mark.parametrize("paper_count", [False, True])
+def test_everything_that_the_search_says_passes_through(paper_count: bool) -> None:
+    inner = Outspoken()
+    optimizer = Deduplication(inner, 0, paper_count=paper_count)
+    optimizer.repeat(5, 0.5, SEEN)
+    assert inner.repeated == [(5, 0.5, SEEN)]
+    optimizer.tell(optimizer.ask(2), [0.1, 0.2], [SEEN, None])
+    assert inner.seen == [SEEN, None]
+    fields = ("judges_target", "exhausted", "finished", "worthwhile", "space", "name")
+    assert [getattr(optimizer, name) for name in fields] == [getattr(inner, name) for name in fields]
+    assert (optimizer.recommended(), optimizer.predict(3)) == (17, FORECAST)
+    assert optimizer.early_stopping(3) is never_stop
+    public = {name for name in {*vars(Optimizer), *Optimizer.__annotations__} if not name.startswith("_")}
+    methods = {"recommended", "predict", "early_stopping", "ask", "tell", "state", "restore", "repeat"}
+    assert public | {"space"} == {*fields, *methods}, "is it passed through?"
+
+
+@pytest.mark.parametrize("options", [{"paper_count": True}, {"patience": 7}, None], ids=str)
+def test_states_of_other_rules_and_of_bare_searches_are_refused(options: dict[str, Any] | None) -> None:
+    optimizer, bare = fresh("pso"), make_optimizer("pso", ONE_FAILED, 0)
+    before = optimizer.state()
+    with pytest.raises(InputError):
+        optimizer.restore(bare.state() if options is None else fresh("pso", **options).state())
+    assert optimizer.state() == before
+    with pytest.raises(InputError):
+        bare.restore(before)
+
+
+def test_a_patience_below_one_is_refused() -> None:
+    with pytest.raises(InputError, match="patience"):
+        fresh("pso", patience=0)
+    fresh("pso", patience=1)

@@ -1,0 +1,453 @@
+"""A prior's file and key: what goes in comes out, damage is refused, and a session finds its prior."""
+
+import json
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.prior.prior import (
+    Prior,
+    PriorKey,
+    ScorePrior,
+    check_place,
+    load_prior,
+    load_score_prior,
+    open_prior,
+    save_prior,
+)
+from hexctl.adapt.prior.prior_files import (
+    check_prior,
+    describe_prior,
+    find_prior,
+    shipped_priors,
+)
+from hexctl.adapt.prior.samples import covering, samples_of, score_samples_of
+from hexctl.archive import ArchiveFileError
+from hexctl.errors import HexctlError, InputError
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
+from hexctl.robot.loader import load_robot
+from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior, plan_of
+from tests.robots import ROBOT_NAMES, edited_file, put, shipped
+
+ARRAYS = ("signed_m", "progress_m", "yaw_rad", "sag_rad")
+
+#: What a prior may have or lack.
+STANDING = "sag_rad"
+
+
+@cache
+def prior_with_a_fall() -> Prior:
+    prior = made_up_prior(legs=(2, 5), worlds=2)
+    for array in (prior.signed_m, prior.progress_m):
+        array[1, 0, 7, 4:] = np.nan
+    prior.yaw_rad[1, 0, 7] = np.nan
+    sag_rad = np.random.default_rng(8).normal(0.0, 0.05, (2, 2, 18))
+    sag_rad[0, 1] = np.nan  # did not stay on its legs
+    return replace(prior, sag_rad=sag_rad)
+
+
+@cache
+def small_prior() -> Prior:
+    """A prior whose file is a few kB."""
+    prior = made_up_prior(worlds=1)
+    return replace(
+        prior,
+        signed_m=np.round(prior.signed_m[:, :, :1] * np.ones((1, 1, 120, 1)), 1),
+        progress_m=np.round(prior.progress_m[:, :, :1] * np.ones((1, 1, 120, 1)), 1),
+        yaw_rad=np.zeros((1, 1, 120)),
+        sag_rad=np.full((1, 1, 18), 0.02),
+    )
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "some.npz"
+    save_prior(prior_with_a_fall(), path)
+    return path
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputError) as refused:
+        load_prior(path)
+    message = str(refused.value)
+    assert "\n" not in message
+    assert path.name in message
+    assert "; allowed: " in message
+    return message
+
+
+def same(one: Prior, other: Prior) -> bool:
+    return one.head == other.head and all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in ARRAYS
+    )
+
+
+def test_a_prior_comes_back_as_it_went(path: Path) -> None:
+    prior, loaded = prior_with_a_fall(), load_prior(path)
+    assert loaded.head == prior.head
+    assert (loaded.worlds, loaded.legs, loaded.key) == (2, (2, 5), key_of())
+    for name in ARRAYS:
+        got, wanted = getattr(loaded, name), getattr(prior, name)
+        assert got.dtype == np.float64
+        np.testing.assert_array_equal(np.isnan(got), np.isnan(wanted))
+        # Half precision: 2 mm at 4 m, and finer nearer to the line.
+        np.testing.assert_allclose(got, wanted, rtol=1e-3, atol=1e-4)
+
+
+def test_the_digest_survives_the_file_and_a_second_one(path: Path, tmp_path: Path) -> None:
+    loaded = load_prior(path)
+    assert loaded.digest() == prior_with_a_fall().digest()
+    save_prior(loaded, tmp_path / "again.npz")
+    assert same(load_prior(tmp_path / "again.npz"), loaded)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda prior: replace(prior, key=key_of(duration_s=12.0)),
+        lambda prior: replace(prior, legs=(2, 4)),
+        lambda prior: replace(prior, origin={**prior.origin, "worlds": 3}),
+        *[lambda prior, name=name: replace(prior, **{name: getattr(prior, name) + 0.01}) for name in ARRAYS],
+    ],
+    ids=["question", "legs", "origin", *ARRAYS],
+)
+def test_the_digest_changes_with_anything(change: Any) -> None:
+    prior = prior_with_a_fall()
+    assert change(prior).digest() != prior.digest()
+
+
+def test_a_prior_that_knows_no_stances_is_one_too(tmp_path: Path) -> None:
+    prior = replace(prior_with_a_fall(), sag_rad=None)
+    save_prior(prior, tmp_path / "some.npz")
+    loaded = load_prior(tmp_path / "some.npz")
+    assert loaded.sag_rad is None
+    assert loaded.digest() == prior.digest() != prior_with_a_fall().digest()
+
+
+@pytest.mark.parametrize("share", [0.001, 0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 0.999])
+def test_a_file_that_is_cut_off_is_refused(share: float, path: Path) -> None:
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    assert "cut off" in refusal(path)
+
+
+def write(path: Path, head: Any, **arrays: Any) -> None:
+    """Write a file of a prior's form, whatever is in it."""
+    text = head if isinstance(head, str) else json.dumps(head)
+    np.savez_compressed(path, allow_pickle=False, head=np.array(text), **arrays)
+
+
+def parts_of(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    with np.load(path) as file:
+        return json.loads(str(file["head"])), {name: file[name] for name in ARRAYS}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"version": 3}, "it has version 3, this hexctl reads 1 and 2"),
+        ({"version": None}, "it has version None"),
+        ({"format": "hexctl landscape"}, "it is not a prior"),
+        ({"digest": "0" * 32}, "altered"),
+        ({"legs": [2, 3]}, "altered"),
+        ({"legs": [2]}, "damaged"),
+        ({"legs": 5}, "damaged"),
+        ({"question": {}}, "damaged"),
+        ({"question": None}, "damaged"),
+        ({"origin": {}}, "altered"),
+    ],
+    ids=str,
+)
+def test_a_head_that_is_another_is_refused(change: dict[str, Any], words: str, path: Path) -> None:
+    head, arrays = parts_of(path)
+    write(path, {**head, **change}, **arrays)
+    assert words in refusal(path)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_numbers_that_do_not_fit_are_refused(name: str, path: Path) -> None:
+    head, arrays = parts_of(path)
+    for other in (arrays[name][:, :1], arrays[name][..., :9], np.float16(1.0), np.zeros(3)):
+        write(path, head, **{**arrays, name: other})
+        assert "damaged" in refusal(path)
+    del arrays[name]
+    write(path, head, **arrays)
+    assert ("altered" if name == STANDING else "damaged") in refusal(path)
+
+
+@pytest.mark.slow
+def test_no_byte_can_be_changed_unnoticed(tmp_path: Path) -> None:
+    """Each byte, changed in four ways: the file is refused in one line, or holds what it held before."""
+    path = tmp_path / "some.npz"
+    save_prior(small_prior(), path)
+    prior, content = load_prior(path), path.read_bytes()
+    random = np.random.default_rng(0)
+    failed: list[tuple[int, int, str]] = []
+    for place in range(len(content)):
+        changes = {1 << int(random.integers(8)), int(random.integers(1, 256)), 0xFF, 1}
+        for value in sorted(content[place] ^ change for change in changes):
+            path.write_bytes(content[:place] + bytes([value]) + content[place + 1 :])
+            try:
+                if not same(load_prior(path), prior):
+                    failed.append((place, value, "silently another prior"))
+            except InputError as error:
+                if "\n" in str(error):
+                    failed.append((place, value, "refused in several lines"))
+            except Exception as error:  # noqa: BLE001  that is what is looked for
+                failed.append((place, value, repr(error)))
+    assert failed == []
+
+
+@pytest.mark.parametrize("write_there", [check_place, lambda path: save_prior(small_prior(), path)])
+def test_a_place_that_is_none_is_refused_in_one_line(write_there: Any, tmp_path: Path) -> None:
+    (tmp_path / "a-file").touch()
+    with pytest.raises(ArchiveFileError) as refused:
+        write_there(tmp_path / "a-file" / "new.npz")
+    assert isinstance(refused.value, HexctlError)
+    assert "cannot be written" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_looking_at_a_place_leaves_nothing_there(path: Path) -> None:
+    before = path.read_bytes()
+    check_place(path)
+    check_place(path.with_name("new.npz"))
+    assert list(path.parent.iterdir()) == [path]
+    assert path.read_bytes() == before
+
+
+def test_another_robot_is_named_once() -> None:
+    differences = key_of().differences(key_of(shipped("phantomx")))
+    assert "robot ant, not phantomx" in differences
+    assert not any("description" in words or "fingerprint" in words for words in differences)
+
+
+def test_the_same_robot_with_another_description_is_another_question(tmp_path: Path) -> None:
+    heavier = load_robot(str(edited_file(tmp_path, put("body", "mass_kg", 3.0))))
+    assert key_of().differences(key_of(heavier)) == ["another description of ant"]
+
+
+def test_each_kind_of_prior_is_read_as_what_it_is_and_the_other_is_refused_by_name(tmp_path: Path) -> None:
+    ends, scores = tmp_path / "ends.npz", tmp_path / "scores.npz"
+    save_prior(small_prior(), ends)
+    save_prior(made_up_score_prior(), scores)
+    assert isinstance(open_prior(ends), Prior)
+    assert isinstance(open_prior(scores), ScorePrior)
+    with pytest.raises(InputError, match=r"scores.npz: it is of steered walks \(hold line\), not of where"):
+        load_prior(scores)
+    with pytest.raises(InputError, match=r"ends.npz: it is of where open-loop walks end, not of steered"):
+        load_score_prior(ends)
+
+
+SHIPPED = sorted(shipped_priors().glob("*.npz"))
+
+MAX_BYTES = 1_500_000
+
+
+def save(folder: Path, name: str, question: PriorKey) -> Path:
+    path = folder / name
+    save_prior(made_up_prior(question, worlds=1), path)
+    return path
+
+
+def test_the_prior_that_fits_is_found_whatever_its_name(tmp_path: Path) -> None:
+    save(tmp_path, "a.npz", key_of(duration_s=5.0))
+    fits = save(tmp_path, "b.npz", key_of())
+    save(tmp_path, "c.npz", key_of(self_rotation="front"))
+    found = find_prior(key_of(), [tmp_path])
+    assert (found.path, found.reason) == (fits, "")
+
+
+def test_files_that_are_no_priors_are_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").write_text("my diary")
+    (tmp_path / "b.npz").touch()
+    np.savez(tmp_path / "c.npz", a=np.arange(3))
+    (tmp_path / "d.npz").mkdir()
+    cut = save(tmp_path, "e.npz", key_of())
+    cut.write_bytes(cut.read_bytes()[:-200])
+    (tmp_path / "f.npz").symlink_to(tmp_path / "gone")
+    fits = save(tmp_path, "g.npz", key_of())
+    assert find_prior(key_of(), [tmp_path]).path == fits
+    fits.unlink()
+    assert find_prior(key_of(), [tmp_path]).path is None
+
+
+def test_the_reason_names_the_nearest(tmp_path: Path) -> None:
+    save(tmp_path, "a.npz", key_of(shipped("phantomx"), duration_s=12.0))
+    save(tmp_path, "b.npz", key_of(duration_s=12.0))
+    save(tmp_path, "c.npz", key_of(duration_s=12.0, self_rotation="none"))
+    found = find_prior(key_of(), [tmp_path])
+    assert found.path is None
+    assert found.reason == "b.npz is for duration 12 s, not 30 s"
+
+
+def test_a_prior_of_other_legs_is_passed_over_and_named(tmp_path: Path) -> None:
+    robot = shipped("pexod")
+    question = key_of(robot, failure=Failure(leg=2))
+    save_prior(made_up_prior(question, legs=(1, 6), worlds=1), tmp_path / "a.npz")
+    covers = covering(robot, plan_of(robot, failure=Failure(leg=2)))
+    found = find_prior(question, [tmp_path], covers=covers)
+    assert (found.path, found.reason) == (None, "a.npz is for failed leg 1, 6")
+    with pytest.raises(InputError, match="is for failed leg 1, 6; allowed: a prior for the same trials"):
+        check_prior(tmp_path / "a.npz", question, covers=covers)
+    save_prior(made_up_prior(question, legs=(5,), worlds=1), tmp_path / "b.npz")
+    assert find_prior(question, [tmp_path], covers=covers).path == tmp_path / "b.npz"
+
+
+def test_a_prior_of_a_question_with_other_parts_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "odd.npz"
+    prior = made_up_prior(worlds=1)
+    odd = prior.key.as_json() | {"weather": "rain"}
+
+    class Odd(PriorKey):
+        def as_json(self) -> dict[str, object]:
+            return odd
+
+    save_prior(replace(prior, key=Odd(**prior.key.as_json())), path)
+    with pytest.raises(InputError, match="it is damaged"):
+        check_prior(path, key_of())
+    assert find_prior(key_of(), [tmp_path]).path is None
+
+
+def test_there_is_a_shipped_prior_for_the_default_session() -> None:
+    found = find_prior(key_of(), [shipped_priors()])
+    assert found.path is not None
+    assert found.path.name == "ant-locked-rear-30s.npz"
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
+def test_a_shipped_prior_is_whole_small_and_for_the_shipped_robot(path: Path) -> None:
+    prior = open_prior(path)
+    assert prior.key.robot in ROBOT_NAMES
+    robot = shipped(prior.key.robot)
+    assert path.name.startswith(f"{robot.name}-")
+    asked = key_of(robot, duration_s=prior.key.duration_s)
+    usual: dict[str, Any] = {"failure": "locked", "self_rotation": "rear", "hold": "none"}
+    assert replace(prior.key, posture="stance", **usual).differences(asked) == []
+    assert path.stat().st_size < MAX_BYTES
+    for leg in range(1, 7):
+        if isinstance(prior, ScorePrior):
+            scores = score_samples_of(prior, robot, leg, "speed")
+            assert len(scores.log_scores) == 2 * prior.worlds
+            assert scores.valid.mean() > 0.5
+            assert 5 < np.exp(scores.log_scores.mean()) < 15  # s/m
+            continue
+        samples = samples_of(prior, robot, leg)
+        assert len(samples.features) >= 2
+        assert samples.finished.mean() > 0.5
+        assert np.abs(samples.features).max() < 20
+
+
+def test_a_key_without_a_hold_is_that_of_open_loop_walks(tmp_path: Path) -> None:
+    path, steered = save(tmp_path, "a.npz", key_of()), replace(key_of(), hold="line")
+    assert load_prior(path).key.hold == "none"
+    with pytest.raises(InputError, match="is for hold none, not line"):
+        check_prior(path, steered)
+    other = save(tmp_path, "b.npz", steered)
+    assert load_prior(other).key == steered
+    assert find_prior(steered, [tmp_path]).path == other
+
+
+def test_what_a_score_prior_is_for_is_told(tmp_path: Path) -> None:
+    save_prior(made_up_score_prior(), tmp_path / "scores.npz")
+    described = describe_prior(tmp_path / "scores.npz")
+    assert (described["hold"], described["posture"], described["worlds"]) == ("line", "auto", 3)
+    assert described["scores"] == ["speed", "cost", "tilt", "steadiness"]
+
+
+def test_a_prior_for_another_hold_posture_or_failure_is_refused_by_name(tmp_path: Path) -> None:
+    path, prior = tmp_path / "scores.npz", made_up_score_prior()
+    save_prior(prior, path)
+    check_prior(path, prior.key)
+    other = replace(prior.key, hold="heading", posture="stance", failure="limp")
+    with pytest.raises(InputError, match="failure locked, not limp, hold line, not heading, posture auto, n"):
+        check_prior(path, other)
+    assert find_prior(other, [tmp_path]).path is None
+
+
+def test_other_files_are_no_priors(tmp_path: Path) -> None:
+    refusal(tmp_path / "nowhere.npz")
+    refusal(tmp_path)
+    path = tmp_path / "diary.npz"
+    for content in (b"", b"my diary\n" * 100, b"\x93NUMPY", b"PK\x03\x04" + bytes(99)):
+        path.write_bytes(content)
+        refusal(path)
+    np.savez(path, a=np.arange(3))
+    refusal(path)
+    np.save(tmp_path / "alone.npy", np.arange(3))
+    refusal(tmp_path / "alone.npy")
+
+
+def test_a_head_that_is_none_or_lacks_a_part_is_refused(path: Path) -> None:
+    head, arrays = parts_of(path)
+    parts = ("format", "version", "digest", "question", "legs", "origin")
+    assert set(head) == set(parts)
+    lacking = ({name: value for name, value in head.items() if name != part} for part in parts)
+    for other in ("", "[]", "7", "not json", *lacking):
+        write(path, other, **arrays)
+        refusal(path)
+
+
+def test_saving_makes_the_folder_and_leaves_nothing_but_the_prior(tmp_path: Path) -> None:
+    path = tmp_path / "runs" / "priors" / "new.npz"
+    for prior in (prior_with_a_fall(), small_prior()):
+        save_prior(prior, path)
+        assert list(path.parent.iterdir()) == [path]
+        assert load_prior(path).digest() == prior.digest()
+
+
+@pytest.mark.parametrize(("step", "number"), [("write_bytes", 28), ("replace", 5)])
+def test_a_disk_that_fails_keeps_the_old_prior(
+    step: str, number: int, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = path.read_bytes()
+
+    def fails(*_: object) -> None:
+        raise OSError(number, "it fails")
+
+    monkeypatch.setattr(Path, step, fails)
+    with pytest.raises(ArchiveFileError, match=r"some\.npz"):
+        save_prior(small_prior(), path)
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
+
+
+def weak(share: float) -> Failure:
+    return parse_kind(5, f"weak:{share}")
+
+
+#: Pairs of options of two questions, and how the second differs from the first.
+DIFFERENCES: list[tuple[dict[str, Any], dict[str, Any], list[str]]] = [
+    ({}, {}, []),
+    ({}, {"failure": Failure(leg=2)}, []),  # the failed leg points to the rear of wherever it goes
+    ({}, {"heading_rad": 1.0}, []),
+    ({}, {"duration_s": 12.5}, ["duration 30 s, not 12.5 s"]),
+    ({}, {"self_rotation": "front"}, ["self-rotation rear, not front"]),
+    ({}, {"failure": Failure(leg=5, kind="limp")}, ["failure locked, not limp"]),
+    ({"failure": weak(0.5)}, {"failure": weak(0.25)}, ["failure weak:0.5, not weak:0.25"]),
+    (
+        {"self_rotation": "none"},
+        {"self_rotation": "none", "heading_rad": math.pi / 2},  # the body does not turn to where it goes
+        ["heading 0 deg, not 90 deg"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("one", "other", "differences"), DIFFERENCES, ids=str)
+def test_another_question_is_named_with_both_values(
+    one: dict[str, Any], other: dict[str, Any], differences: list[str]
+) -> None:
+    assert key_of(**one).differences(key_of(**other)) == differences
+
+
+@pytest.mark.parametrize(("field", "value"), [("pace_hz", 0.75), ("amplitude", 0.05), ("height", 0.03)])
+def test_another_gait_is_another_question(field: str, value: float) -> None:
+    changed: dict[str, Any] = {field: value}
+    (difference,) = key_of().differences(replace(key_of(), **changed))
+    assert difference.startswith(field.removesuffix("_hz"))

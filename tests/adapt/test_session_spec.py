@@ -1,0 +1,240 @@
+"""The spec of a session, its table of trials, and sessions compared by their best score so far."""
+
+import builtins
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hexctl
+from hexctl.adapt.adapt_options import AdaptOptions
+from hexctl.adapt.adaptation import Adaptation
+from hexctl.adapt.objectives import OBJECTIVES
+from hexctl.adapt.runner import TrialRunner
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.comparison import best_so_far, check_comparable, differences, draw_comparison
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, LAST_COLUMNS, flat_rows
+from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
+from hexctl.cli.main import exit_code
+from hexctl.control.trial_result import TrialResult
+from hexctl.errors import InputError
+from hexctl.robot.failure import Failure
+from tests.adapt.test_recommendation import trial
+from tests.adapt.walking import SPEC, Landscape, record, result_of, stored_session, tripod_record
+
+
+def test_every_option_of_a_search_is_stored_and_comes_back(tmp_path: Path) -> None:
+    spec = new_spec(
+        failure=Failure(leg=2, kind="stuck", joint="femur", angle_rad=0.123456789),
+        seed=7,
+        duration_s=12.5,
+        heading_rad=0.1,
+        hold="heading",
+        target="2%",
+        prior="none",
+        baseline=False,
+    )
+    store = SessionStore(tmp_path)
+    session = store.create(spec)
+    assert load_session(session.name, tmp_path).spec == spec
+    stored = json.loads((tmp_path / session.name / FILE_NAME).read_text())["session"]["spec"]
+    assert {field.name for field in fields(AdaptOptions)} < set(stored)
+    assert (spec.target_share, spec.versions["hexctl"] != "") == (0.02, True)
+
+
+def test_a_session_continues_as_it_began_whatever_the_settings_say_by_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    Path("hexctl.toml").write_text("[adapt]\nduration = 7\noptimizer = 'pso'\n")
+    begun = ["adapt", "--failed-leg", "5", "--budget", "2", "--no-record", "--quiet"]
+    assert exit_code(begun) == 0
+    (session,) = list_sessions()
+    assert (session.spec.duration_s, session.spec.optimizer) == (7.0, "pso")
+    Path("hexctl.toml").write_text("[adapt]\nduration = 9\noptimizer = 'dps'\nseed = 4\n")
+    assert exit_code(["adapt", "--resume", session.name, "--budget", "4", "--no-record", "--quiet"]) == 0
+    again = load_session(session.name)
+    assert len(again.trials) == 4
+    assert (again.spec.duration_s, again.spec.optimizer, again.spec.seed) == (7.0, "pso", 0)
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("field", ["optimizer", "objective", "backend", "policy"])
+def test_a_session_imports_no_code_without_trust(field: str) -> None:
+    spec = new_spec(failed_leg=5)
+    spec.check_trusted((), trust=False)
+    named: dict[str, Any] = {field: "planted:Thing"}
+    foreign = replace(spec, **named)
+    with pytest.raises(InputError, match="trust"):
+        foreign.check_trusted((), trust=False)
+    foreign.check_trusted((), trust=True)
+    foreign.check_trusted({"servos" if field == "backend" else field}, trust=False)
+
+
+def test_resuming_a_foreign_session_runs_none_of_its_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "planted_score.py").write_text("open('ran', 'w').close()\ndef score(result): return 1.0\n")
+    foreign = replace(new_spec(failed_leg=5, budget=2), objective="planted_score:score")
+    store = SessionStore(tmp_path / "runs")
+    name = store.create(foreign).name
+    for session in (name, load_session(name, tmp_path / "runs")):
+        with pytest.raises(InputError, match="trust"):
+            Adaptation.resume(session, folder=tmp_path / "runs", record=False)
+    assert not (tmp_path / "ran").exists()
+    Adaptation.resume(name, folder=tmp_path / "runs", record=False, trust=True)
+    assert (tmp_path / "ran").exists()
+
+
+def session(*offs_m: float, name: str = "a", **spec: str) -> Session:
+    trials = [trial(index, off_m) for index, off_m in enumerate(offs_m, start=1)]
+    return Session(name=name, spec=SessionSpec(failed_leg=5, **spec), created="2026-01-01", trials=trials)  # type: ignore[arg-type]
+
+
+def test_the_best_so_far_never_rises_and_an_invalid_trial_is_none() -> None:
+    assert best_so_far(session(1e9, 0.3, 0.5, 0.1)) == [None, 0.3, 0.3, 0.1]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        [session(0.1)],
+        [session(0.1), session(0.1)],
+        [session(0.1), session(0.1, name="b", objective="mean")],
+        [session(0.1), session(name="b")],
+    ],
+)
+def test_what_cannot_be_compared_is_refused(given: list[Session]) -> None:
+    with pytest.raises(InputError, match="session: "):
+        check_comparable(given)
+
+
+def test_what_two_searches_do_not_share_is_named() -> None:
+    assert differences([session(0.1), session(0.2, name="b", optimizer="random")]) == []
+    (found,) = differences([session(0.1), session(0.2, name="b", world="rough")])
+    assert found == "world (flat, rough)"
+
+
+def test_the_plot_is_a_new_png(tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    both = [session(0.3, 0.1), session(0.5, 0.2, 0.05, name="b")]
+    draw_comparison(both, tmp_path / "best.png")
+    assert imread(tmp_path / "best.png").shape[:2] == (750, 1200)
+    for path in ("best.png", "best.svg", "nowhere/best.png"):
+        with pytest.raises(InputError, match="out: "):
+            draw_comparison(both, tmp_path / path)
+
+
+def test_the_command_prints_a_column_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = [
+        stored_session(tmp_path / "runs", 0.12, tripod=0.02),
+        stored_session(tmp_path / "runs", 0.034),
+    ]
+    assert exit_code(["sessions", "compare", *names, "--out", "best.png"]) == 0
+    head, tripod, row, found, out = capsys.readouterr().out.splitlines()
+    assert head.split() == ["trials", *names]
+    assert tripod.split() == ["0:", "tripod", "2.0", "cm", "-"]
+    assert row.split() == ["best", "of", "1", "12.0", "cm", "3.4", "cm"]
+    assert found.split() == ["found", "tripod", "2.0", "cm", "17", "3.4", "cm"]
+    assert exit_code(["sessions", "compare", *names, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["sessions"]
+    assert [row["without_search"] for row in rows] == [{"tripod": pytest.approx(0.02)}, {}]
+    assert [row["recommended"]["code"] for row in rows] == [None, 17]
+    assert Path(out).is_file()
+    assert exit_code(["sessions", "compare", names[0]]) == 2
+    assert exit_code(["sessions", "compare", names[0], "nobody"]) == 2
+
+
+def without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
+    load = builtins.__import__
+
+    def refuse(name: str, *arguments: Any, **more: Any) -> Any:
+        if name == "pandas":
+            raise ModuleNotFoundError("no pandas", name="pandas")
+        return load(name, *arguments, **more)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+
+
+def test_every_trial_of_all_sessions_is_a_row_with_pandas_and_without(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pandas
+
+    empty = hexctl.sessions(tmp_path)
+    assert len(empty[empty["status"] == "ok"].sort_values("score")) == 0
+    assert not list(tmp_path.iterdir())
+    names = [stored_session(tmp_path, off_m, tripod=0.2) for off_m in (0.12, 0.03)]
+    table = hexctl.sessions(tmp_path)
+    assert isinstance(table, pandas.DataFrame)
+    assert (table["session"].tolist(), table["failed_leg"].tolist()) == (names, [2, 2])
+    assert str(table["created"].dtype).startswith("datetime64")
+    sessions = {session.name: session for session in list_sessions(tmp_path)}
+    for row in table.to_dict("records"):
+        trial = sessions[row["session"]].trials[row["index"] - 1]
+        assert row["slots"] == " ".join(map(str, trial.slots))
+        assert (row["score"], row["status"]) == (trial.score, trial.as_json()["status"])
+    without_pandas(monkeypatch)
+    rows = hexctl.sessions(tmp_path)
+    assert isinstance(rows, list)
+    assert list(rows[0]) == list(table.columns)
+    assert [row["session"] for row in rows] == names
+
+
+def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns() -> None:
+    session = Session(name="s", spec=SPEC, created="2026-01-01", trials=[record(1), record(2)])
+    without = flat_rows(session)
+    session.baseline.append(tripod_record(result_of(0.0, "no_progress")))
+    rows = flat_rows(session)
+    assert [row["index"] for row in rows] == [1, 2]
+    columns = list(rows[0])
+    assert columns == list(without[0])
+    asked = list(ASKED_COLUMNS)
+    assert columns[-len(asked) :] == asked
+    assert [rows[0][name] for name in asked] == ["ant", "flat", "locked", 30.0, None]
+    assert columns.index("cause") == len(columns) - 13 - len(LAST_COLUMNS) - len(asked)
+    assert all(row["baseline_tripod_status"] == "no_progress" for row in rows)
+    assert all(row["baseline_tripod_score"] is None for row in rows)
+    assert all(row[name] is None for row in without for name in columns if name.startswith("baseline_"))
+
+
+def test_json_has_leg_and_kind_and_degrees() -> None:
+    failure = Failure(leg=3, kind="weak", torque_fraction=0.5)
+    values = SessionSpec(failure=(failure,), heading_rad=0.5).as_json()
+    assert (values["failed_leg"], values["failure"]) == (3, "weak:0.5")
+    assert values["heading_deg"] == pytest.approx(28.6478897565)
+    assert "heading_rad" not in values
+
+
+def test_a_score_has_the_label_of_its_objective_and_a_chance_if_its_uncertainty_is_known() -> None:
+    spec = SessionSpec(failed_leg=5, target_m=0.025)
+    assert (spec.score_label, spec.greatest_chance) == (OBJECTIVES["final"].label, None)
+    custom = replace(spec, objective="mine:score")
+    assert custom.score_label == "mine:score"
+    assert replace(custom, objective_label="my words").score_label == "my words"
+    known = replace(spec, uncertainty_m=0.025)
+    assert known.greatest_chance == pytest.approx(0.6827, abs=1e-4)
+    assert replace(known, target_m=None).greatest_chance is None
+    assert replace(known, objective="mean").greatest_chance is None
+
+
+def test_the_pareto_front_is_of_valid_trials_that_no_other_beats() -> None:
+    def walked(off_m: float, cost: float, status: str = "ok") -> TrialResult:
+        return replace(result_of(off_m, status), cost_of_transport=cost)
+
+    results = [walked(0.3, 0.1), walked(0.1, 0.5), walked(0.2, 0.6), walked(0.01, 0.01, "fell")]
+    trials = [record(index, result) for index, result in enumerate(results, start=1)]
+    session = Session(name="s", spec=SPEC, created="2026-01-01", trials=trials)
+    front = session.pareto([OBJECTIVES["final"], OBJECTIVES["cost"]])
+    assert [trial.index for trial, _ in front] == [2, 1]
+    assert front[0][1] == pytest.approx([0.1, 0.5])

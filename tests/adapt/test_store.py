@@ -1,0 +1,712 @@
+"""Sessions on disk: durable trial by trial, safe under kills, neighbours and damage."""
+
+import errno
+import json
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.adaptation import Adaptation
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.session_tables import export_session
+from hexctl.adapt.sessions.store import (
+    FILE_NAME,
+    SessionStore,
+    StoreError,
+    delete_session,
+    list_sessions,
+    load_session,
+    stored_names,
+)
+from hexctl.adapt.sessions.unfinished import NOTE, note_created, remove_unfinished, unfinished
+from hexctl.adapt.space import GaitSpace
+from hexctl.cli.main import exit_code
+from hexctl.errors import InputError
+from tests.adapt.walking import SPEC, record, result_of
+
+SPACE = GaitSpace((SPEC.broken.leg,))
+
+
+def test_a_session_comes_back_as_it_was(tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    for index in (1, 2, 3):
+        store.add(session, record(index), {"after": index})
+    store = SessionStore(tmp_path)
+    again = load_session(session.name, store.folder)
+    assert again == session
+    assert again.optimizer_state == {"after": 3}
+
+
+@pytest.mark.parametrize("value", [np.zeros(2), np.int64(3), SPACE, Path("state"), {1, 2}], ids=repr)
+def test_a_state_that_cannot_be_stored_as_it_is_is_refused_at_once(value: object, tmp_path: Path) -> None:
+    """A session whose state is stored as another value cannot be resumed."""
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    with pytest.raises(TypeError, match="JSON"):
+        store.add(session, record(1), {"particles": [value]})
+    assert session.trials == load_session(session.name, tmp_path).trials == []
+    store.add(session, record(1), {"particles": [1.5]})
+    assert load_session(session.name, tmp_path) == session
+
+
+def test_sessions_are_listed_newest_last_and_names_never_collide(tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    names = [store.create(SPEC).name for _ in range(4)]
+    assert stored_names(store.folder) == names
+    assert len(set(names)) == 4
+
+
+def test_the_same_trial_is_not_kept_twice(tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    twin = load_session(session.name, store.folder)
+    store.add(session, record(1), {})
+    with pytest.raises(StoreError, match="trial 1 cannot be stored"):
+        store.add(twin, record(1), {})
+    assert twin.trials == []
+    assert len(load_session(session.name, store.folder).trials) == 1
+
+
+def test_a_session_is_held_by_one_process_at_a_time(tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    other = SessionStore(tmp_path)
+    name = store.create(SPEC).name
+    with (
+        store.held(name),
+        pytest.raises(InputError, match="another process"),
+        other.held(name),
+    ):
+        pass
+    with other.held(name):
+        pass
+    with pytest.raises(InputError, match="session"):
+        store.held("unknown").__enter__()
+    assert not (tmp_path / "unknown").exists()
+
+
+def test_a_new_session_is_held_before_another_process_can_find_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if another process tried to delete it whenever something reaches the disk."""
+    refused: list[str] = []
+
+    def sync_among_others(_file: int) -> None:
+        for name in stored_names(tmp_path):
+            with pytest.raises(InputError, match="another process"):
+                delete_session(name, tmp_path)
+            refused.append(name)
+
+    monkeypatch.setattr(os, "fsync", sync_among_others)
+    store = SessionStore(tmp_path)
+    with ExitStack() as stack:
+        session = store.create(SPEC, stack)
+        assert refused == [session.name] * len(refused) != []
+        store.add(session, record(1), {})
+        store.keep(session)
+        with pytest.raises(InputError, match="another process"):
+            SessionStore(tmp_path).held(session.name).__enter__()
+    monkeypatch.undo()
+    assert load_session(session.name, tmp_path) == session
+    delete_session(session.name, tmp_path)
+
+
+def test_nothing_is_added_to_a_session_that_another_process_holds(tmp_path: Path) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    session = load_session(name, tmp_path)
+    with SessionStore(tmp_path).held(name), pytest.raises(StoreError, match="another process"):
+        SessionStore(tmp_path).add(session, record(4), {})
+    assert len(load_session(name, tmp_path).trials) == len(session.trials) == 3
+    SessionStore(tmp_path).add(session, record(4), {})
+
+
+def test_of_two_writers_at_one_moment_neither_cuts_off_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    first, second = load_session(name, tmp_path), load_session(name, tmp_path)
+    pread = os.pread
+    trouble: list[StoreError] = []
+
+    def pread_and_let_another_write(file: int, size: int, at: int) -> bytes:
+        found = pread(file, size, at)
+        monkeypatch.undo()
+        try:
+            SessionStore(tmp_path).add(second, record(4), {"after": "second"})
+        except StoreError as error:
+            trouble.append(error)
+        return found
+
+    monkeypatch.setattr(os, "pread", pread_and_let_another_write)
+    SessionStore(tmp_path).add(first, record(4), {"after": "first"})
+    assert len(trouble) == 1
+    assert len(second.trials) == 3
+    assert load_session(name, tmp_path) == first
+
+
+def test_a_session_that_is_held_takes_nothing_once_its_file_is_another(tmp_path: Path) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    session, store = load_session(name, tmp_path), SessionStore(tmp_path)
+    path = tmp_path / name / FILE_NAME
+    with store.held(name):
+        shutil.copy(path, tmp_path / "copy")
+        (tmp_path / "copy").replace(path)
+        with pytest.raises(StoreError, match="replaced"):
+            store.add(session, record(4), {})
+    assert len(load_session(name, tmp_path).trials) == 3
+
+
+def test_milestones_and_best() -> None:
+    session = Session(name="s", spec=SPEC, created="now")
+    for index, deviation in enumerate((0.4, -0.09, 0.3, 0.02, -0.01), start=1):
+        session.trials.append(record(index, deviation))
+    values = json.loads(json.dumps(session.as_json()))
+    assert (values["trials_to_0.10_m"], values["trials_to_0.025_m"]) == (2, 4)
+    assert values["best"]["index"] == 5
+
+
+def test_a_session_of_an_optimizer_of_ones_own_has_a_name_that_every_tool_takes(tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    name = store.create(SessionSpec(failed_leg=5, optimizer="my.search:Nearest")).name
+    assert name.endswith("-leg5-my.search-Nearest")
+    assert load_session(name, store.folder).spec.optimizer == "my.search:Nearest"
+
+
+def test_a_session_that_is_moved_or_replaced_meanwhile_takes_nothing_more(tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    store = SessionStore(runs)
+    session = store.create(SPEC)
+    store.add(session, record(1), {"after": 1})
+    store.check_there(session)
+    shutil.move(runs, tmp_path / "moved")
+    with pytest.raises(StoreError):
+        store.add(session, record(2), {"after": 2})
+    with pytest.raises(StoreError):
+        store.check_there(session)
+    (runs / session.name).mkdir(parents=True)
+    (runs / session.name / FILE_NAME).write_text("{}\n")
+    with pytest.raises(StoreError):
+        store.keep(session)
+    (kept,) = list_sessions(tmp_path / "moved")
+    assert kept.trials == [record(1)]
+
+
+def make_sessions(folder: Path, sessions: int = 2, trials: int = 3) -> list[str]:
+    """Sessions of some trials; their names, newest last."""
+    store = SessionStore(folder)
+    for _ in range(sessions):
+        session = store.create(SPEC)
+        store.keep(session)
+        for index in range(1, trials + 1):
+            store.add(session, record(index), {"after": index})
+    return stored_names(folder)
+
+
+#: Where the trials of `make_sessions` begin in a file.
+FIRST = 2
+
+
+def lines_of(folder: Path, name: str) -> list[str]:
+    return (folder / name / FILE_NAME).read_text().splitlines(keepends=True)
+
+
+def test_a_session_cut_off_at_any_byte_has_what_was_stored_before_and_goes_on(tmp_path: Path) -> None:
+    """As if killed, or without power, at any moment of a write."""
+    (name,) = make_sessions(tmp_path, sessions=1)
+    path = tmp_path / name / FILE_NAME
+    content = path.read_bytes()
+    begin = len(content) - len(lines_of(tmp_path, name)[-1])
+    end = len(content)
+    for size in (*range(begin, begin + 20), *range(begin + 20, end - 20, 13), *range(end - 20, end)):
+        path.write_bytes(content[:size])
+        told: list[StoreError] = []
+        (session,) = list_sessions(tmp_path, on_damage=told.append)
+        assert (len(session.trials), session.optimizer_state, told) == (2, {"after": 2}, [])
+        SessionStore(tmp_path).add(session, record(3), {"after": 3})
+        assert path.read_bytes() == content
+
+
+def changed(line: str, **parts: Any) -> str:
+    """A line with other values, by paths such as `trial.outcome.status`."""
+    values = json.loads(line)
+    for place, value in parts.items():
+        *path, last = place.split("__")
+        inner = values
+        for key in path:
+            inner = inner[key]
+        inner[last] = value
+    return json.dumps(values) + "\n"
+
+
+#: Lines that are no trial 2, by what is wrong with them.
+BAD_LINES: dict[str, Callable[[str], str]] = {
+    "cut off": lambda line: line[:60] + "\n",
+    "zeros": lambda line: "\0" * len(line) + "\n",
+    "empty": lambda _: "\n",
+    "a list": lambda _: "[]\n",
+    "a word": lambda _: '"trial"\n',
+    "null": lambda _: '{"trial": null, "state": 1}\n',
+    "nested without end": lambda _: '{"trial":' * 20_000 + "\n",
+    "another kind": lambda _: '{"wings": 2}\n',
+    "an earlier trial": lambda line: changed(line, trial__index=1),
+    "trial 0": lambda line: changed(line, trial__index=0),
+    "no score": lambda line: changed(line, trial__score=None),
+    "a score of NaN": lambda line: changed(line, trial__score=math.nan),
+    "slots that are none": lambda line: changed(line, trial__slots=[1, 1, 1, 1, 1, 1]),
+    "code 0": lambda line: changed(line, trial__code=0),
+    "code 121": lambda line: changed(line, trial__code=121),
+    "another gait": lambda line: changed(line, trial__code=3),
+    "unknown keys": lambda line: changed(line, trial__wings=2),
+    "no outcome": lambda line: changed(line, trial__outcome={}),
+    "a status of its own": lambda line: changed(line, trial__outcome__status="flew"),
+    "a distance in words": lambda line: changed(line, trial__outcome__distance_m="far"),
+    "a path of one": lambda line: changed(line, trial__path_m=[[1.0]]),
+    "a number of 400 digits": lambda line: line.replace('"score": ', '"score": 1e400, "old": '),
+    "a number of 5000 digits": lambda line: line.replace('"index": 2', '"index": 1' + "0" * 5000),
+    "an expectation of nothing": lambda line: changed(line, trial__expected={}),
+}
+
+
+@pytest.mark.parametrize("spoil", BAD_LINES.values(), ids=list(BAD_LINES))
+def test_a_damaged_line_costs_that_line_alone(spoil: Callable[[str], str], tmp_path: Path) -> None:
+    bad, good = make_sessions(tmp_path)
+    lines = lines_of(tmp_path, bad)
+    lines[FIRST + 1] = spoil(lines[FIRST + 1])
+    (tmp_path / bad / FILE_NAME).write_text("".join(lines))
+    told: list[StoreError] = []
+    sessions = list_sessions(tmp_path, on_damage=told.append)
+    assert [session.name for session in sessions] == [bad, good]
+    assert [trial.index for trial in sessions[0].trials] == [1, 3]
+    assert sessions[0].optimizer_state == {"after": 3}
+    (error,) = told
+    assert bad in str(error)
+    assert str(FIRST + 2) in str(error)
+    assert len(str(error)) < 1000
+    sessions[0].as_json()
+    SessionStore(tmp_path).add(sessions[0], record(4), {"after": 4})
+    assert len(load_session(bad, tmp_path).trials) == 3
+
+
+def test_a_damaged_first_line_costs_nothing_where_the_search_had_begun(tmp_path: Path) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    whole = load_session(name, tmp_path)
+    lines = lines_of(tmp_path, name)
+    lines[0] = "\0" * 50 + "\n"
+    (tmp_path / name / FILE_NAME).write_text("".join(lines))
+    told: list[StoreError] = []
+    assert load_session(name, tmp_path, on_damage=told.append) == whole
+    assert len(told) == 1
+
+
+def _folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def _pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def _link(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("nowhere")
+
+
+BAD_FILES: dict[str, Callable[[Path], object]] = {
+    "empty": lambda path: path.write_bytes(b""),
+    "text": lambda path: path.write_text("my diary, not a session\n" * 50),
+    "zeros": lambda path: path.write_bytes(bytes(100_000)),
+    "a folder": _folder,
+    "a pipe": _pipe,
+    "a link": _link,
+}
+
+
+@pytest.mark.parametrize("spoil", BAD_FILES.values(), ids=list(BAD_FILES))
+def test_a_file_that_is_no_session_costs_no_other(spoil: Callable[[Path], object], tmp_path: Path) -> None:
+    bad, good = make_sessions(tmp_path)
+    spoil(tmp_path / bad / FILE_NAME)
+    told: list[StoreError] = []
+    assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
+    assert len(told) == 1
+    with pytest.raises(StoreError, match=bad):
+        load_session(bad, tmp_path)
+    delete_session(bad, tmp_path)
+    assert stored_names(tmp_path) == [good]
+    assert not (tmp_path / bad).exists()
+
+
+@pytest.mark.parametrize("name", ["my walk", "été", "-x", "a*b", "[red]", "x" * 255])
+def test_a_session_whose_folder_was_renamed_goes_by_its_new_name(name: str, tmp_path: Path) -> None:
+    (made,) = make_sessions(tmp_path, sessions=1)
+    (tmp_path / made).rename(tmp_path / name)
+    (tmp_path / name / "trial-001.rrd").touch()
+    assert stored_names(tmp_path) == [name]
+    session = load_session(name, tmp_path)
+    store = SessionStore(tmp_path)
+    with store.held(name):
+        store.add(session, record(4), {})
+    delete_session(name, tmp_path)
+    assert stored_names(tmp_path) == []
+    assert (tmp_path / name / "trial-001.rrd").exists(), "a folder that hexctl has not made"
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9", b"a\nb", b"a\\b"])
+def test_a_name_that_cannot_be_typed_is_reported(name: bytes, tmp_path: Path) -> None:
+    other, good = make_sessions(tmp_path)
+    os.rename(os.fsencode(tmp_path / other), os.fsencode(tmp_path) + b"/" + name)
+    told: list[StoreError] = []
+    assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
+    assert len(told) == 1
+    assert "\n" not in str(told[0])
+    assert stored_names(tmp_path) == [good]
+
+
+@pytest.mark.parametrize("name", ["../evil", "/tmp/evil", "..", ".", "", "a\\b", "x" * 300, "a\nb"])  # noqa: S108
+def test_a_name_leads_nowhere_else(name: str, tmp_path: Path) -> None:
+    runs, evil = tmp_path / "runs", tmp_path / "evil"
+    make_sessions(runs)
+    evil.mkdir()
+    shutil.copy(runs / stored_names(runs)[0] / FILE_NAME, evil)
+    for act in (load_session, delete_session, lambda name, runs: SessionStore(runs).folder_of(name)):
+        with pytest.raises(InputError):
+            act(name, runs)
+    assert (evil / FILE_NAME).is_file()
+
+
+def test_deleting_follows_no_link(tmp_path: Path) -> None:
+    outside, runs = tmp_path / "outside", tmp_path / "runs"
+    linked, inner = make_sessions(runs)
+    (runs / linked).rename(outside)
+    (outside / "precious").touch()
+    (runs / linked).symlink_to(outside)
+    (runs / inner / "away").symlink_to(outside)
+    for name in (linked, inner):
+        delete_session(name, runs)
+    assert sorted(path.name for path in outside.iterdir()) == ["precious", FILE_NAME]
+    assert list(runs.iterdir()) == []
+
+
+def test_a_running_session_is_not_deleted(tmp_path: Path) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    with SessionStore(tmp_path).held(name), pytest.raises(InputError, match="another process"):
+        delete_session(name, tmp_path)
+    assert stored_names(tmp_path) == [name]
+
+
+def test_a_write_that_fails_leaves_the_session_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(errno.ENOSPC, "no space left")))
+        with pytest.raises(StoreError, match="no space left"):
+            store.add(session, record(1), {"after": 1})
+    assert session.trials == load_session(session.name, tmp_path).trials == []
+    store.add(session, record(1), {"after": 1})
+    assert load_session(session.name, tmp_path) == session
+
+
+def test_a_disk_that_fails_twice_is_named_by_the_next_write_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A complete line that can neither be synced nor removed is none of another process."""
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    ftruncate, failing = os.ftruncate, iter([False, True])
+
+    def failing_sync(_file: int) -> None:
+        raise OSError(errno.EIO, "no answer")
+
+    def failing_ftruncate(file: int, size: int) -> None:
+        if next(failing):
+            raise OSError(errno.EIO, "no answer")
+        ftruncate(file, size)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", failing_sync)
+        patched.setattr(os, "ftruncate", failing_ftruncate)
+        with pytest.raises(StoreError, match="no answer"):
+            store.add(session, record(1), {"after": 1})
+    with pytest.raises(StoreError, match="the disk failed") as refused:
+        store.keep(session)
+    assert "another process" not in str(refused.value)
+    resumed = load_session(session.name, tmp_path)
+    assert resumed.trials == [record(1)]
+    SessionStore(tmp_path).add(resumed, record(2), {"after": 2})
+
+
+def test_a_deletion_that_fails_is_not_tried_again_without_the_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    tried: list[Path] = []
+
+    def failing(place: Path) -> None:
+        tried.append(place)
+        raise OSError(errno.EBUSY, "in use")
+
+    monkeypatch.setattr(shutil, "rmtree", failing)
+    with pytest.raises(StoreError, match="in use"):
+        delete_session(name, tmp_path)
+    assert tried == [tmp_path / name]
+
+
+#: A user without the rights of root, who may read what all may.
+NOBODY = 65534
+
+
+@contextmanager
+def read_only_folder() -> Iterator[tuple[Path, str]]:
+    """A folder in which this process may write nothing, and the name of its session."""
+    with tempfile.TemporaryDirectory() as place:
+        runs = Path(place, "runs")
+        (name,) = make_sessions(runs, sessions=1, trials=1)
+        (runs / name / FILE_NAME).chmod(0o444)
+        (runs / name).chmod(0o555)
+        runs.chmod(0o555)
+        Path(place).chmod(0o755)
+        root = os.geteuid() == 0
+        if root:
+            os.seteuid(NOBODY)
+        try:
+            yield runs, name
+        finally:
+            if root:
+                os.seteuid(0)
+            runs.chmod(0o755)
+            (runs / name).chmod(0o755)
+
+
+def test_sessions_that_may_not_be_written_are_listed_and_shown() -> None:
+    with read_only_folder() as (runs, name):
+        with pytest.raises(PermissionError):
+            (runs / "new").touch()
+        (session,) = list_sessions(runs)
+        assert session.name == name
+        assert len(load_session(name, runs).trials) == 1
+        with pytest.raises(StoreError, match="cannot be"):
+            delete_session(name, runs)
+        assert stored_names(runs) == [name]
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    store = SessionStore(tmp_path / "runs")
+    return store.create(SPEC)
+
+
+def killed_while_recording(path: Path, *, created: bool = True) -> None:
+    """Let a process end without any farewell while it writes a recording."""
+    child = os.fork()
+    if child == 0:
+        with unfinished(path):
+            path.write_bytes(b"half a walk")
+            if created:
+                note_created(path)
+            os._exit(9)
+    os.waitpid(child, 0)
+
+
+@pytest.mark.parametrize("created", [True, False])
+@pytest.mark.parametrize("name", ["trial-002.rrd", "trial-002-2.rrd", "baseline-demo.rrd"])
+def test_the_recording_of_a_killed_trial_is_removed(
+    name: str, created: bool, session: Session, tmp_path: Path
+) -> None:
+    killed_while_recording(tmp_path / name, created=created)
+    assert remove_unfinished(tmp_path, session) == tmp_path / name
+    assert not (tmp_path / name).exists()
+    assert not (tmp_path / NOTE).exists()
+    assert remove_unfinished(tmp_path, session) is None
+
+
+def replaced(path: Path) -> None:
+    path.with_name("mine").write_bytes(b"mine")
+    path.with_name("mine").rename(path)
+
+
+def linked(path: Path) -> None:
+    path.with_name("mine").write_bytes(b"mine")
+    path.unlink()
+    path.symlink_to("mine")
+
+
+@pytest.mark.parametrize("change", [replaced, linked])
+def test_a_file_that_a_user_put_there_is_kept(
+    change: Callable[[Path], None], session: Session, tmp_path: Path
+) -> None:
+    path = tmp_path / "trial-002.rrd"
+    killed_while_recording(path)
+    change(path)
+    assert remove_unfinished(tmp_path, session) is None
+    assert path.read_bytes() == b"mine"
+
+
+def test_the_recording_of_a_trial_that_was_stored_is_kept(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / "trial-001.rrd"
+    killed_while_recording(path)
+    session.trials.append(replace(record(1), recording=str(path)))
+    assert remove_unfinished(tmp_path, session) is None
+    assert path.exists()
+
+
+@pytest.mark.parametrize(
+    "note",
+    ["", "walk.rrd", "../trial-002.rrd", "trial-002.rrd x", "/trial-002.rrd 1", "lock", "x" * 1000],
+)
+def test_a_note_of_another_person_removes_nothing(note: str, session: Session, tmp_path: Path) -> None:
+    folder = tmp_path / "runs" / session.name
+    for path in (folder / "walk.rrd", folder / "trial-002.rrd", folder.parent / "trial-002.rrd"):
+        path.touch()
+    before = sorted(tmp_path.rglob("*.rrd"))
+    (folder / NOTE).write_text(note)
+    assert remove_unfinished(folder, session) is None
+    assert sorted(tmp_path.rglob("*.rrd")) == before
+
+
+def test_a_note_that_is_a_link_changes_no_file_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / NOTE).symlink_to("mine")
+    with unfinished(tmp_path / "trial-001.rrd"):
+        pass
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_a_session_that_was_killed_is_resumed_with_one_recording_of_each_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = new_spec(failed_leg=5, prior="none", budget=2, baseline=False, duration_s=1.0)
+    name = (
+        Adaptation(spec).run(stop_requested=lambda: len(list(tmp_path.rglob("trial-*.rrd"))) > 1).session.name
+    )
+    folder = tmp_path / "runs" / name
+    (folder / "trial-002.rrd").unlink(missing_ok=True)
+    killed_while_recording(folder / "trial-002.rrd")
+    notes: list[str] = []
+    resumed = Adaptation.resume(name, note=notes.append).run()
+    assert len(resumed.trials) == 2
+    assert sorted(path.name for path in folder.glob("trial-*")) == ["trial-001.rrd", "trial-002.rrd"]
+    assert (folder / "trial-002.rrd").stat().st_size > 10_000
+    assert any("trial-002.rrd" in note for note in notes)
+    assert not (folder / NOTE).exists()
+
+
+def test_a_session_larger_than_is_read_is_refused_and_costs_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    large, good = make_sessions(tmp_path)
+    path = tmp_path / large / FILE_NAME
+    monkeypatch.setattr("hexctl.adapt.sessions.store.MOST_BYTES", path.stat().st_size)
+    assert load_session(large, tmp_path).name == large
+    path.write_bytes(path.read_bytes() + b"\n")
+    told: list[StoreError] = []
+    assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
+    (error,) = told
+    assert large in str(error)
+    assert "larger" in str(error)
+
+
+#: Specs that are none, by what is wrong with them; None is an option that is missing.
+BAD_SPECS: dict[str, dict[str, Any] | None] = {
+    "a missing option": None,
+    "NaN": {"duration_s": math.nan},
+    "another version": {"wings": 2},
+    "leg 7": {"failure": [{"leg": 7}]},
+    "no leg": {"failure": []},
+    "text for a number": {"budget": "many"},
+    "out of its range": {"budget": 0},
+    "another choice": {"hold": "hands"},
+    "a list for a robot": {"robot": []},
+}
+
+
+@pytest.mark.parametrize("values", BAD_SPECS.values(), ids=list(BAD_SPECS))
+def test_a_session_without_a_spec_is_named_and_the_others_are_listed(
+    values: dict[str, Any] | None, tmp_path: Path
+) -> None:
+    bad, good = make_sessions(tmp_path)
+    lines = lines_of(tmp_path, bad)
+    spec = json.loads(lines[0])["session"]["spec"]
+    if values is None:
+        del spec["seed"]  # whose default may have changed since
+    lines[:FIRST] = [changed(lines[0], session__spec=spec | (values or {}))] * FIRST
+    (tmp_path / bad / FILE_NAME).write_text("".join(lines))
+    told: list[StoreError] = []
+    assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
+    (error,) = told
+    assert bad in str(error)
+    assert "\n" not in str(error)
+    with pytest.raises(StoreError, match=bad):
+        load_session(bad, tmp_path)
+    delete_session(bad, tmp_path)
+    assert stored_names(tmp_path) == [good]
+
+
+def test_the_command_lists_shows_and_deletes_sessions_beside_a_damaged_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bad, good = make_sessions(Path("runs"))
+    Path("runs", bad, FILE_NAME).write_text("my diary\n")
+    assert exit_code(["sessions", "list"]) == 3
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[1].startswith(good)
+    assert bad in printed.err
+    for command in (
+        ["sessions", "show", bad],
+        ["adapt", "--resume", bad],
+        ["sessions", "export", bad, "x.csv"],
+    ):
+        assert exit_code(command) == 3
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert exit_code(["sessions", "delete", bad, "--yes"]) == 0
+    store = SessionStore(Path("runs"))
+    session = load_session(good)
+    store.add(session, replace(record(4), recording="runs/gone/trial-004.rrd"), {})
+    assert exit_code(["sessions", "show", good]) == 0, "a recording that is missing costs nothing"
+    export_session(good, "trials.csv", "runs")
+    assert exit_code(["sessions", "list"]) == 0
+
+
+def test_reading_makes_nothing(tmp_path: Path) -> None:
+    assert list_sessions(tmp_path) == list_sessions(tmp_path / "none") == []
+    assert stored_names(tmp_path) == stored_names(tmp_path / "none") == []
+    with pytest.raises(InputError):
+        load_session("any", tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_that_are_numbers_of_numpy_are_stored_as_numbers(tmp_path: Path) -> None:
+    asked: dict[str, Any] = {"seed": np.int64(3), "duration_s": np.float32(4.0)}
+    session = SessionStore(tmp_path).create(replace(SPEC, **asked))
+    spec = json.loads((tmp_path / session.name / FILE_NAME).read_text())["session"]["spec"]
+    assert (spec["seed"], spec["duration_s"]) == (3, 4.0)
+    assert load_session(session.name, tmp_path).spec == replace(SPEC, seed=3, duration_s=4.0)
+
+
+def test_a_stored_trial_gives_its_result_again(tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    store.add(session, record(1), {})
+    lost = replace(record(2), path_m=[[math.nan, math.nan], [4.0, 0.2]])
+    store.add(session, lost, {})
+    trial, unknown = load_session(session.name, store.folder).trials
+    assert repr(unknown.path_m) == repr(lost.path_m), "a pose that was not known"
+    assert trial.result.to_dict() == trial.outcome
+    assert (trial.result.status, trial.result.deviation) == ("ok", result_of(0.2).deviation)
+    assert trial.result.path_m[-1].tolist() == pytest.approx([4.0, 0.2])

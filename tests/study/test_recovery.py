@@ -1,0 +1,265 @@
+"""The recovery benchmark: its plan and methods, and what is read from a walk."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.world import World, load_randomization
+from hexctl.control.assessment.static_stability import most_stable_slots
+from hexctl.control.monitor.recovery import StopWalking
+from hexctl.errors import InputError
+from hexctl.study.recovery.decentralised import LegLoads, phase_rate
+from hexctl.study.recovery.episodes import RecoveryCase, RecoveryPlace, Track
+from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, Told, method_of
+from hexctl.study.recovery.recovery_plan import (
+    HEADINGS_DEG,
+    HEXAHEAL,
+    LINE,
+    RecoveryPlan,
+)
+from hexctl.types import RobotState
+from tests.robots import ROBOT_NAMES, shipped
+from tests.study.made_up_recovery import IDEAL_M_S, alarm, episode, plan
+
+
+class MyOwn(Told):
+    """A custom method."""
+
+
+def test_methods_have_names_and_own_ones_a_package() -> None:
+    assert DEFAULT_METHODS == tuple(METHODS)[:3] == ("nothing", "told", "recover")
+    assert tuple(METHODS)[3:] == ("stop-diagnose", "decentralised", "open-loop-best")
+    assert isinstance(method_of("told"), Told)
+    assert method_of("recover") is method_of("recover")
+    assert isinstance(method_of(f"{__name__}:MyOwn"), MyOwn)
+    assert [method_of(name).notices for name in METHODS] == [True, False, True, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (
+            "hope",
+            "methods",
+        ),
+        ("no.such.module:Hope", "cannot be loaded"),
+        (f"{StopWalking.__module__}:StopWalking", "a StopWalking; allowed: a RecoveryMethod"),
+    ],
+)
+def test_what_is_no_method_is_refused(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        method_of(name)
+
+
+CASE = RecoveryCase(
+    gait="tripod", legs=(2,), failure="stuck:tibia", at_s=8.3, heading_deg=60.0, method="recover"
+)
+
+ROUGH = RecoveryPlace(
+    protocol="line",
+    robot=shipped(),
+    family="transfer",
+    number=205,
+    kind="rough",
+    world=World(roughness_m=0.003),
+    duration_s=20.0,
+)
+
+
+def test_nothing_of_what_will_fail_is_told_in_the_plan() -> None:
+    trial = ROUGH.trial(CASE)
+    assert (trial.failure, trial.plan.belief, trial.seed, trial.plan.hold) == (None, None, 205, "line")
+    assert [str(event) for event in trial.events] == ["2:stuck:tibia@8.3"]
+    assert trial.plan.gait.slots == (1, 4, 1, 4, 1, 4)
+    assert trial.plan.heading_rad == pytest.approx(math.radians(60))
+    auto = ROUGH.trial(replace(CASE, gait="auto", legs=(1, 4), failure="limp"))
+    assert auto.plan.gait.slots == most_stable_slots(shipped(), heading_rad=math.radians(60))
+    assert [str(event) for event in auto.events] == ["1:limp@8.3", "4:limp@8.3"]
+
+
+@pytest.mark.slow
+def test_whatever_decides_a_walk_is_in_the_fingerprint() -> None:
+    changes: list[dict[str, Any]] = [
+        {"robot": shipped("pexod")},
+        {"number": 206},
+        {"world": World()},
+        {"duration_s": 60.0},
+    ]
+    prints = {replace(ROUGH, **change).fingerprint for change in changes}
+    assert len(prints | {ROUGH.fingerprint}) == len(changes) + 1
+
+
+def test_the_first_alarm_of_a_walk_counts() -> None:
+    right = episode(CASE)
+    assert (right.right_leg, right.right_kind, right.early) == (True, True, ())
+    assert right.delay_s == pytest.approx(0.3)
+    wrongs: list[tuple[dict[str, Any], bool]] = [
+        ({"kind": "limp"}, True),
+        ({"joint": None}, True),
+        ({"leg": 3}, False),
+    ]
+    for wrong, leg in wrongs:
+        other = episode(CASE, alarms=(alarm(CASE, **wrong),))
+        assert (other.right_leg, other.right_kind) == (leg, False)
+    early = episode(CASE, alarms=(alarm(CASE, after_s=-2.0), alarm(CASE)))
+    assert (early.right_leg, len(early.early)) == (False, 1)
+    assert early.delay_s == pytest.approx(0.3)
+    missed = episode(CASE, alarms=())
+    assert (missed.right_leg, math.isnan(missed.delay_s)) == (False, True)
+    intact = replace(CASE, legs=(), failure="intact")
+    assert len(episode(intact, alarms=(alarm(CASE),)).early) == 1
+
+
+def test_a_walk_recovers_that_stays_on_its_feet_and_has_half_of_the_speed() -> None:
+    assert episode(CASE, last_m_s=0.5 * IDEAL_M_S).recovered
+    assert not episode(CASE, last_m_s=0.49 * IDEAL_M_S).recovered
+    fell = episode(CASE, status="fell")
+    assert not fell.recovered
+    assert math.isnan(fell.final_m)
+
+
+def test_speeds_are_those_of_the_true_way_along_the_line() -> None:
+    track = walked([0.2] * 500 + [0.1] * 500)
+    assert track.speed(4.0, 8.0) == pytest.approx(0.2)
+    assert track.speed(15.0, 20.0) == pytest.approx(0.1)
+    assert math.isnan(track.speed(19.9, 20.0))
+    assert track.way_m(10.0) == pytest.approx(0.03)
+    assert math.isnan(Track(np.zeros((0, 2)), 0.0, 1.0).speed(4.0, 8.0))
+
+
+def test_a_walk_settles_when_its_speed_is_back_after_its_lowest() -> None:
+    dip = walked([0.2] * 500 + [0.05] * 100 + [0.15] * 400)  # two seconds from the failure at 10 s
+    assert dip.settled_s(10.0, 0.15) == pytest.approx(2.35, abs=0.05)
+    assert walked([0.2] * 1000).settled_s(10.0, 0.2) == 0.0
+    assert math.isnan(walked([0.2] * 500 + [0.0] * 500).settled_s(10.0, 0.1))
+    assert math.isnan(walked([0.2] * 500).settled_s(10.0, 0.1))
+
+
+def walked(speeds_m_s: list[float]) -> Track:
+    """Track with a speed at each tick, 3 cm to the right of the line, of cycles of a second."""
+    path_m = np.stack([0.02 * np.cumsum(speeds_m_s), np.full(len(speeds_m_s), -0.03)], axis=-1)
+    return Track(path_m, 0.02, 1.0)
+
+
+def test_every_robot_meets_every_failure_in_every_world_by_every_method() -> None:
+    made = plan(robots=(shipped(), shipped("pexod")), gaits=("tripod", "wave"))
+    made.check()
+    walked = made.walked()
+    line = [(one, cases) for one, cases in walked if one.protocol == LINE]
+    assert [(one.robot.name, one.family, one.number) for one, _ in line] == [
+        (robot, family, number)
+        for robot in ("ant", "pexod")
+        for family in ("transfer", "real")
+        for number in (200, 201)
+    ]
+    for _, cases in line:
+        assert len(set(cases)) == len(cases) == 2 * (len(HEADINGS_DEG) + 2 * 2 * 3)
+        assert {case.heading_deg for case in cases if not case.legs} == set(HEADINGS_DEG)
+    pairs = [(one, cases) for one, cases in walked if one.protocol == HEXAHEAL]
+    assert [(one.robot.name, one.number, one.duration_s) for one, _ in pairs] == [
+        (robot, run, 14.0) for robot in ("ant", "pexod") for run in (0, 1)
+    ]
+    for _, cases in pairs:
+        assert {case.legs for case in cases} == {(2,), (5,), (2, 5)}
+        assert {case.failure for case in cases} == {"limp"}
+
+
+@pytest.mark.slow
+def test_a_second_leg_fails_ten_seconds_after_the_first_in_either_order() -> None:
+    made = RecoveryPlan(robots=(shipped(),), families=plan().families, protocols=("second",), runs=6)
+    assert [one.duration_s for one, _ in made.walked()] == [36.0] * 6
+    cases = [case for _, some in made.walked() for case in some if case.method == "told"]
+    assert len(cases) == 15 * 6
+    for case in cases:
+        (first, second), trial = case.legs, made.walked()[0][0].trial(case)
+        assert [event.leg for event in trial.events] == [first, second]
+        assert [event.at_s for event in trial.events] == pytest.approx([case.at_s, case.at_s + 10.0])
+    assert sum(first < second for first, second in (case.legs for case in cases)) == 15 * 3
+
+
+def test_phase_and_heading_are_drawn_by_the_seed_and_are_the_same_for_all_methods() -> None:
+    def drawn(seed: int) -> dict[tuple[Any, ...], set[tuple[float, float]]]:
+        found: dict[tuple[Any, ...], set[tuple[float, float]]] = {}
+        for one, cases in plan(seed=seed).walked():
+            for case in cases:
+                key = (one.protocol, one.family, one.number, case.legs, case.failure)
+                if case.legs:
+                    found.setdefault(key, set()).add((case.at_s, case.heading_deg))
+        return found
+
+    first = drawn(0)
+    assert first == drawn(0) != drawn(1)
+    assert {len(values) for values in first.values()} == {1}
+    pace_hz = shipped().gait.pace_hz
+    for (protocol, *_), values in first.items():
+        ((at_s, heading_deg),) = values
+        earliest_s = {LINE: 8.0, HEXAHEAL: 4.0}[protocol]
+        assert earliest_s <= at_s <= earliest_s + 1 / pace_hz + 0.01
+        assert heading_deg in (HEADINGS_DEG if protocol == LINE else (0.0,))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"robots": ()}, "robot"),
+        ({"families": {}}, "world"),
+        (
+            {"families": {"failing": load_randomization("failing")}},
+            "world",
+        ),
+        ({"gaits": ("gallop",)}, "gaits"),
+        ({"worlds": 0}, "worlds"),
+        ({"runs": 0}, "runs"),
+        ({"seed": -1}, "seed"),
+        ({"legs": (7,)}, "legs"),
+        ({"failures": ("tired",)}, "failure"),
+        ({"failures": ("stuck:tibia:20",)}, "it jams where it is"),
+        (
+            {"methods": ("nothing", "hope")},
+            "methods",
+        ),
+        ({"methods": ("recover",)}, "methods"),
+        ({"protocols": ("ours",)}, "protocols"),
+        ({"duration_s": 9.0}, "duration"),
+        ({"legs": [2]}, "legs"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_runs(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        plan(**options).check()
+
+
+#: Times of the cycle: late and early in the stance, and the two ends of the swing.
+LATE, EARLY = 0.25, 0.75
+
+
+def test_a_leg_waits_under_its_own_load_and_hurries_once_its_neighbours_carry() -> None:
+    u = np.full(6, LATE)
+    nothing, own, beside = np.zeros(6), np.eye(6)[2], np.eye(6)[1] + np.eye(6)[3]
+    assert phase_rate(u, nothing).tolist() == [1.0] * 6
+    assert phase_rate(u, own)[2] < 1 < phase_rate(u, beside)[2]
+    assert phase_rate(np.full(6, EARLY), own)[2] > 1 > phase_rate(np.full(6, EARLY), beside)[2]
+    assert phase_rate(u, 100 * own).min() == 0, "no phase goes back"
+    several = phase_rate(np.stack([u, u]), np.stack([own, beside]))
+    assert np.array_equal(several, [phase_rate(u, own), phase_rate(u, beside)])
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_loads_are_read_from_torques_else_from_contacts(name: str) -> None:
+    robot = shipped(name)
+    state = RobotState(robot.stance_angles_rad, 0.0, True)
+    loads = LegLoads(robot)
+    assert loads.of(state) is None
+    contacts = np.array([True, False] * 3)
+    (touching,) = [loads.of(replace(state, foot_contacts=contacts))]
+    assert touching is not None
+    assert touching.tolist() == [1, 0] * 3
+    torques_nm = np.zeros(18)
+    torques_nm[4], torques_nm[7] = -1.0, 1.0  # the femur of leg 2 holds the body up, that of leg 3 does not
+    read = loads.of(replace(state, joint_torques_nm=torques_nm, foot_contacts=contacts))
+    assert read is not None
+    assert read[1] > 0
+    assert np.count_nonzero(read) == 1

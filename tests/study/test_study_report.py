@@ -1,0 +1,188 @@
+"""The report of a study: its page, figures and tables."""
+
+import base64
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.world import World
+from hexctl.control.assessment.uncertainty_store import (
+    SimulationUncertainty,
+    keep_uncertainty,
+    known_uncertainty,
+)
+from hexctl.palette import INVALID_COLOR, deviation_color
+from hexctl.study.frames import where
+from hexctl.study.paper.evidence import cm
+from hexctl.study.paper.searches import FRESH, PAPER, Findings, curve_of
+from hexctl.study.paper.study_figures import convergence_figure, trajectories_figure
+from hexctl.study.paper.study_report import assumptions
+from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, markdown, render_page, texts
+from tests.robots import shipped
+from tests.study.made_up import made_up, made_up_findings, reported, spread_out, summarised
+
+HOSTILE = '<script>alert("a & b")</script>'
+
+
+def test_every_text_is_escaped(tmp_path: Path) -> None:
+    image = tmp_path / "a<b.svg"
+    image.write_bytes(b"svg")
+    blocks: list[Block] = [
+        HOSTILE,
+        Bullets([HOSTILE]),
+        Table([HOSTILE], [[HOSTILE]]),
+        Picture(image, HOSTILE, HOSTILE),
+    ]
+    text = render_page(HOSTILE, HOSTILE, [Section(HOSTILE, blocks)])
+    assert text.count("<script") == 1
+    assert HOSTILE not in text
+    assert text.count("&lt;script&gt;") >= 9
+    assert "a<b" not in text
+
+
+def test_verdicts_are_coloured_and_nothing_else_is() -> None:
+    row = ["holds", "does not hold, by 2 cm", "not measured", "not judged: too short", "it holds", ""]
+    text = render_page("", "", [Section("", [Table(["holds"] * 6, [row])])])
+    assert '<td class="yes">holds</td>' in text
+    assert '<td class="no">does not hold, by 2 cm</td>' in text
+    assert '<td class="open">not judged: too short</td>' in text
+    assert text.count('<td class="') == 3
+
+
+def test_a_path_has_the_colour_that_the_viewer_gives_its_deviation() -> None:
+    pytest.importorskip("matplotlib", reason="figures need the study extra")
+    signed_m = np.full(120, 0.5)
+    signed_m[:6] = [0.001, -0.03, 0.1, -0.2, 0.9, 5.0]
+    figure = trajectories_figure([made_up(5, "rear", signed_m, invalid=[20])], "paths")
+    grey, lines = figure.axes[0].collections[:2]
+    (invalid,) = np.asarray(grey.get_edgecolor())
+    np.testing.assert_allclose(invalid[:3], np.array(INVALID_COLOR) / 255, atol=1e-3)
+    lines.update_scalarmappable()
+    deviations_m = np.asarray(lines.get_array())
+    assert {0.001, 5.0} <= set(deviations_m.round(6).tolist())
+    for deviation_m, drawn in zip(deviations_m, np.asarray(lines.get_edgecolor()), strict=True):
+        color = np.array(deviation_color(float(deviation_m), valid=True)) / 255
+        np.testing.assert_allclose(drawn[:3], color, atol=0.02)
+
+
+@pytest.fixture(scope="module")
+def findings() -> Findings:
+    left = {2: 0.5, 6: 0.0}
+    return made_up_findings(
+        spread_out(0.5), left, legs=(2, 6), optimizers=("pso", "random"), runs=3, budget=25
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(findings: Findings, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study")
+    reported(findings, folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_the_page_holds_all_figures_itself(folder: Path) -> None:
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    images = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
+    assert len(images) == len(texts("captions"))
+    assert [base64.b64decode(image) for image in images] == [
+        (folder / f"{name}.svg").read_bytes() for name in texts("captions")
+    ]
+
+
+@pytest.mark.slow
+def test_the_page_asks_nobody_for_anything(folder: Path) -> None:
+    text = re.sub(r'"data:[^"]*"', '""', (folder / "report.html").read_text(encoding="utf-8"))
+    assert not re.search(
+        r"https?:|//|<script [^>]*src|<link|<iframe|@import|url\(", text, flags=re.IGNORECASE
+    )
+    assert set(re.findall(r'src="([^"]*)"', text)) == {""}
+
+
+@pytest.mark.slow
+def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: Path) -> None:
+    import pyarrow.parquet as pq
+
+    gaits, curves, runs = (
+        pq.read_table(folder / f"{name}.parquet").to_pydict()
+        for name in ("landscapes", "convergence", "runs")
+    )
+    assert len(gaits["code"]) == 2 * 2 * 120
+    assert len(curves["mean_m"]) == 2 * 2 * 2 * 25
+    assert len(runs["best_m"]) == 2 * 2 * 2 * 3 * 25
+    landscape = findings.without(2)
+    assert gaits["signed_m"][:120] == landscape.number("signed_m").tolist()
+    assert gaits["path_deviation_m"][7] == landscape.paths_m[7, :, 1].tolist()
+    searches = where(findings.first_runs, leg=2, optimizer="pso", count=FRESH)
+    assert curves["mean_m"][:25] == curve_of(searches)["mean_m"].tolist()
+    assert np.array_equal(np.reshape(runs["code"][: 3 * 25], (3, 25)), np.stack(searches["codes"]))
+
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_the_page_has_the_table_of_the_report() -> None:
+    table = "\n".join(markdown(assumptions())) + "\n"
+    assert table in (DOCS / "assumptions.md").read_text(encoding="utf-8"), (
+        "docs/assumptions.md differs from hexctl/study/templates/texts.yaml: replace its table with\n" + table
+    )
+
+
+def test_what_step_solver_and_contacts_change_is_what_was_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page has the numbers that come with hexctl, not copies of them nor those of this computer."""
+    known = known_uncertainty("ant", folder=tmp_path)
+    assert known is not None
+    monkeypatch.chdir(tmp_path)
+    other = SimulationUncertainty(step_m=0.5, solver_m=0.5, contact_m=0.5, walks=1000, duration_s=30.0)
+    keep_uncertainty(shipped(), World(), other)
+    simulator = assumptions().rows[-1][-1]
+    for moved_m in (known.step_m, known.solver_m, known.contact_m):
+        assert f"by {cm(moved_m)}" in simulator
+
+
+NAN = math.nan
+
+#: Leg, gait, status, signed deviation, distance and final deviation of walks with default gaits.
+WALKS = [
+    (2, "demo", "ok", -0.35, 4.0, 0.35),
+    (2, "tripod", "ok", 0.001, 4.1, 0.001),
+    (6, "demo", "fell", NAN, NAN, NAN),
+    (6, "tripod", "no_progress", 0.2, 1.0, NAN),
+]
+
+
+@pytest.mark.slow
+def test_the_report_has_default_gaits_beside_the_searches(tmp_path: Path) -> None:
+    from pandas import DataFrame
+
+    pytest.importorskip("matplotlib", reason="figures need the study extra")
+    findings = made_up_findings(
+        spread_out(0.5), {2: 0.5, 6: 0.0}, legs=(2, 6), optimizers=("pso", "random"), runs=3, budget=25
+    )
+    columns = ["leg", "gait", "status", "signed_m", "distance_m", "final_m"]
+    findings = replace(findings, default_walks=DataFrame(WALKS, columns=columns))
+    text = reported(findings, tmp_path).read_text(encoding="utf-8")
+    section = text[text.index(">Without a search</h") :]
+    section = section[: section.index("</table>")]
+    cells = (cm(0.35), cm(0.001), "fell", "no_progress", "random after 20", "median of all valid gaits")
+    for cell in cells:
+        assert f">{cell}<" in section, cell
+    median_m = np.median(np.abs(findings.rotated(2).number("signed_m")))
+    assert f">{cm(float(median_m))}<" in section
+
+    panel, other = convergence_figure(findings, PAPER).axes[:2]
+    levels = {str(line.get_label()): np.asarray(line.get_ydata()) for line in panel.get_lines()}
+    assert (levels["demo, without a search"] == 0.35).all()
+    assert (levels["tripod, without a search"] == 0.001).all()
+    assert f"demo {cm(0.35)}, tripod {cm(0.001)} (below the scale)" in panel.get_title()
+    assert "demo fell, tripod no_progress" in other.get_title()
+
+    (demo, *_, stopped) = summarised(findings)["default_gaits"]
+    assert (demo["leg"], demo["gait"], demo["signed_m"], demo["final_m"]) == (2, "demo", -0.35, 0.35)
+    assert (stopped["status"], stopped["signed_m"], stopped["final_m"]) == ("no_progress", 0.2, None)

@@ -1,0 +1,274 @@
+"""The transfer benchmark on made-up landscapes: its settings, searches, bars and report."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.prior.prior import PriorKey
+from hexctl.adapt.prior.samples import samples_of
+from hexctl.backends.sim.world import load_randomization
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.robot.failure import Failure, drawn_failure
+from hexctl.study.landscape import Landscape
+from hexctl.study.paper.searches import curve_of
+from hexctl.study.priors.prior_building import PriorPlan
+from hexctl.study.transfer.transfer_plan import TransferFound
+from hexctl.study.transfer.transfer_searches import (
+    coverage,
+    make_search,
+    run_course,
+    search_worlds,
+    sure_share,
+    trials_to,
+    walk_of,
+)
+from hexctl.study.transfer.transfer_settings import EARLY, FIRST_WORLD
+from hexctl.types import FloatArray
+from tests.adapt.priors import made_up_prior, plan_of
+from tests.robots import shipped
+from tests.study.made_up_transfer import (
+    BUDGET,
+    DURATION_S,
+    FALLING,
+    LEGS,
+    MODEL,
+    OPTIMIZERS,
+    WORLDS,
+    courses_of,
+    found_in,
+    plan,
+    question,
+)
+
+
+def test_no_world_has_a_value_in_common_with_one_of_a_prior() -> None:
+    believed = load_randomization("randomised")
+    known = PriorPlan(robot=shipped(), family=believed, worlds=100).specs()
+    for key in believed.ranges:
+        tried = {json.dumps(spec.world.model_dump()[key]) for spec in plan(worlds=100).specs()}
+        assert not tried & {json.dumps(spec.world.model_dump()[key]) for spec in known}
+
+
+def test_one_leg_may_fail_in_each_world_the_next_one_in_the_next() -> None:
+    asked = plan(worlds=5, legs=(2, 3, 5), one_leg=True).specs()
+    legs = [(2, 3, 5)[number % 3] for number in range(FIRST_WORLD, FIRST_WORLD + 5)]
+    assert [(spec.seed, spec.leg) for spec in asked] == list(enumerate(legs, FIRST_WORLD))
+
+
+def test_what_is_not_known_differs_from_world_to_world_and_needs_a_prior_for_that() -> None:
+    unknown = plan_of(shipped(), duration_s=DURATION_S, failure=Failure(leg=5, kind="unknown"))
+    prior = made_up_prior(PriorKey.of(shipped(), unknown))
+    asked = plan(failure="unknown", prior=prior, worlds=20)
+    asked.check()
+    broken = [
+        drawn_failure(spec.robot, trial.failure, trial.seed)
+        for spec in asked.specs()
+        for trial in [spec.trial(1)]
+    ]
+    assert len({str(one) for one in broken}) > 8
+    assert {str(spec.trial(1).plan.belief) for spec in asked.specs()} == {"unknown"}
+    with pytest.raises(InputError, match="failure locked, not unknown"):
+        plan(failure="unknown").check()
+
+
+def test_a_course_is_what_the_landscape_has(landscapes: list[Landscape], findings: TransferFound) -> None:
+    for place, landscape in enumerate(landscapes):
+        runs = [one for name in OPTIMIZERS for one in courses_of(findings, name, place)]
+        for course in runs:
+            trials = len(course.codes)
+            assert course.best_m.shape == course.walked_s.shape == (BUDGET,)
+            assert 1 <= trials <= BUDGET
+            assert (np.diff(course.best_m) <= 0).all()
+            assert (np.diff(course.walked_s[:trials]) > 0).all()
+            assert (course.best_m[trials:] == course.best_m[trials - 1]).all()
+            assert (course.walked_s[trials:] == course.walked_s[trials - 1]).all()
+            if course.optimizer == EARLY:
+                continue
+            rows = course.codes - 1
+            best = np.minimum.accumulate(np.where(landscape.valid[rows], landscape.final_m[rows], np.inf))
+            worst = landscape.final_m[landscape.valid].max()
+            np.testing.assert_array_equal(course.best_m[:trials], np.minimum(best, worst))
+            seconds = np.where(landscape.valid[rows], DURATION_S, DURATION_S / 2)
+            np.testing.assert_allclose(course.walked_s[:trials], np.cumsum(seconds))
+
+
+def test_bayes_ends_when_it_is_sure_and_is_right(findings: TransferFound) -> None:
+    sure = [course for course in courses_of(findings, "bayes") if course.sure]
+    assert sure
+    assert all(course.best_m[-1] <= 0.025 for course in sure)
+    share, trials = sure_share(findings.of("bayes"))
+    assert share == pytest.approx(len(sure) / 6)
+    assert trials == pytest.approx(np.mean([len(course.codes) for course in sure]))
+    assert sure_share(findings.of("random"))[0] == 0.0
+
+
+def test_bayes_is_told_how_the_robot_stands_in_each_world(
+    landscapes: list[Landscape], findings: TransferFound, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sags_rad = MODEL.sags(len(landscapes), seed=600)
+    by_place = {one.spec.title: sag for one, sag in zip(landscapes, sags_rad, strict=True)}
+    monkeypatch.setattr(
+        "hexctl.study.transfer.transfer_searches.deflection_of", lambda spec: by_place[spec.title]
+    )
+    blind = made_up_prior(question(), legs=LEGS, worlds=16, model=MODEL)
+    stances = np.array([MODEL.sags(16, leg) for leg in LEGS])
+    asked = plan(prior=replace(blind, sag_rad=stances), optimizers=("bayes", "random"))
+    told = found_in(asked, landscapes)
+    samples = {leg: samples_of(asked.prior, asked.robot, leg) for leg in LEGS}
+    others = 0
+    for place, landscape in enumerate(landscapes):
+        (course,) = courses_of(told, "bayes", place)
+        leg = landscape.spec.leg
+        search = make_search(asked, landscape, "bayes", 0, samples[leg], sags_rad[place])
+        alone = run_course(search, landscape, asked.budget)
+        np.testing.assert_array_equal(course.codes, alone["codes"])
+        others += not np.array_equal(course.codes, courses_of(findings, "bayes", place)[0].codes)
+        for ours, before in zip(
+            courses_of(told, "random", place), courses_of(findings, "random", place), strict=True
+        ):
+            np.testing.assert_array_equal(ours.codes, before.codes)
+    assert others > 0, "what it was told changed no choice"
+
+
+def test_the_bars_follow_from_the_curves(findings: TransferFound) -> None:
+    short = plan().bars(findings)
+    assert {(bar.holds, bar.verdict) for bar in short} == {
+        (None, f"not judged: walks of {DURATION_S:g} s, needs at least 30 s")
+    }
+    as_if = replace(plan(), duration_s=30.0)
+    bars = {bar.name: bar for bar in as_if.bars(findings)}
+    assert list(bars) == [bar.name for bar in short]
+    mean = curve_of(findings.of("bayes"))["mean_m"]
+    for name, bound_m, within in (("mean_0.1_m", 0.1, 4), ("mean_0.025_m", 0.025, 10)):
+        assert bars[name].holds == bool((mean.loc[:within] <= bound_m).any())
+    share, _ = coverage(findings.of("bayes"))
+    assert bars["coverage"].holds == (0.80 <= share <= 0.97)
+    for kind in findings.kinds:
+        theirs, ours = (
+            trials_to(curve_of(findings.of(name, kind=kind)), 0.1) for name in ("random", "bayes")
+        )
+        if theirs is not None and ours is not None:
+            assert bars[f"{kind}_0.1_m"].holds == (ours <= theirs + 2)
+    for bar in bars.values():
+        assert bar.verdict == ("holds" if bar.holds else "does not hold")
+
+
+@pytest.mark.slow
+def test_the_report_is_one_page_with_figures_and_table_beside_it(
+    findings: TransferFound, tmp_path: Path
+) -> None:
+    import pyarrow.parquet as pq
+
+    assert plan().write(findings, tmp_path) == tmp_path / "transfer.html"
+    figures = {f"transfer_{name}.svg" for name in ("over_trials", "over_seconds", "kinds")}
+    names = {path.name for path in tmp_path.iterdir()}
+    assert figures | {"transfer.html", "transfer.parquet"} <= names
+    assert not any(name.endswith(".part") for name in names)
+    text = (tmp_path / "transfer.html").read_text(encoding="utf-8")
+    assert text.startswith("<!doctype html>")
+    assert text.count("data:image/svg+xml;base64,") == 3
+    for words in (*OPTIMIZERS, *findings.kinds, f"{WORLDS} worlds", f"{BUDGET} trials"):
+        assert words in text
+    assert "own uncertainty is not known for these walks" in text  # they take some seconds
+    assert plan().numbers(findings)["uncertainty"] is None
+    table = pq.read_table(tmp_path / "transfer.parquet")
+    assert table.num_rows == sum(map(len, findings.runs["codes"]))
+    assert {"world", "kind", "leg", "optimizer", "run", "trial", "code", "best_m", "walked_s"} == set(
+        table.column_names
+    )
+
+
+def test_half_of_the_worlds_are_of_a_kind_that_no_world_of_a_prior_is() -> None:
+    asked = plan(worlds=30, legs=(5,))
+    plain = [spec for spec in asked.specs() if asked.kind_of(spec) == "plain"]
+    assert len(plain) == 15
+    for spec in asked.specs():
+        world = spec.world
+        odd = (world.roughness_m, world.servo_backlash_deg, world.servo_delay_s)
+        like_a_prior = not any(odd) and (world.friction_cone, world.time_step_s) == ("elliptic", 0.002)
+        assert like_a_prior == (spec in plain)
+
+
+def test_a_prior_that_knows_the_worlds_needs_fewer_trials_than_random(findings: TransferFound) -> None:
+    bayes, random = (curve_of(findings.of(name))["mean_m"] for name in ("bayes", "random"))
+    assert bayes[10] < random[10]
+    assert bayes[20] < random[20] / 2
+
+
+@pytest.mark.parametrize(
+    ("code", "cut_at", "status", "looked"),
+    [
+        (7, 200, "cut_short", [50, 100, 150, 200]),
+        (7, 300, "ok", [50, 100, 150, 200, 250]),
+        (FALLING[0], 1000, "fell", [50, 100]),
+    ],
+    ids=["cut short", "over anyway", "fell"],
+)
+def test_a_walk_is_what_a_session_would_have_seen(
+    code: int, cut_at: int, status: str, looked: list[int], landscapes: list[Landscape]
+) -> None:
+    lengths: list[int] = []
+
+    def enough(path_m: FloatArray) -> bool:
+        lengths.append(len(path_m))
+        return len(path_m) >= cut_at
+
+    shown = walk_of(landscapes[0], code, enough)
+    assert (shown.status, lengths) == (status, looked)
+    assert shown.duration_s == pytest.approx(
+        {"cut_short": 4.0, "ok": DURATION_S, "fell": DURATION_S / 2}[status]
+    )
+    assert (shown.yaw_change_rad is None) == (status == "cut_short")
+    assert np.isfinite(shown.path_m).all()
+    whole = walk_of(landscapes[0], 50)
+    assert whole.path_m[-1, 1] == pytest.approx(landscapes[0].number("signed_m")[49], abs=1e-6)
+
+
+def test_landscapes_without_a_valid_gait_are_left_out_and_counted(landscapes: list[Landscape]) -> None:
+    asked = plan(optimizers=("random",))
+    dead = replace(landscapes[0], status=np.full(120, "no_progress"))
+    values = asked.numbers(found_in(asked, [dead, landscapes[1]]))
+    assert (values["landscapes"], values["landscapes_without_valid_gait"]) == (1, 1)
+    with pytest.raises(RobotFaultError):
+        search_worlds(asked, [dead])
+
+
+SAME_WORLDS = {"family": load_randomization("transfer").model_dump(mode="json")}
+
+PEXODS_LEG = made_up_prior(question("pexod"), legs=(1,), worlds=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"worlds": 0}, "worlds"),
+        ({"worlds": 1001}, "worlds"),
+        ({"budget": 0}, "budget"),
+        ({"runs": 0}, "runs"),
+        ({"legs": ()}, "legs"),
+        ({"legs": (2, 2)}, "legs"),
+        ({"legs": (5, 9)}, "9"),
+        ({"seed": -1}, "seed"),
+        ({"optimizers": ()}, "optimizers"),
+        ({"optimizers": ("random", "random")}, "optimizers"),
+        ({"optimizers": ("nobody",)}, "nobody"),
+        ({"duration_s": math.nan}, "duration"),
+        ({"duration_s": math.inf}, "duration"),
+        ({"duration_s": 12.0}, "duration"),
+        ({"robot": shipped("pexod")}, "robot"),
+        ({"prior": made_up_prior(question(self_rotation="front"), worlds=1)}, "self-rotation"),
+        ({"prior": made_up_prior(question("phantomx"), worlds=1)}, "robot"),
+        ({"prior": replace(made_up_prior(question(), worlds=1), origin=SAME_WORLDS)}, "prior"),
+        ({"robot": shipped("pexod"), "prior": PEXODS_LEG, "legs": (1, 2)}, "legs"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "-",
+)
+def test_what_cannot_be_done_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        plan(**options).check()
+    plan(robot=shipped("pexod"), prior=PEXODS_LEG, legs=(1, 6)).check()
