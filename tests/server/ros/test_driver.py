@@ -53,7 +53,6 @@ class Bench:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.servos = PosedMock()
         monkeypatch.setattr(Transport, "publish", lambda *_: None)
-        monkeypatch.setattr("time.monotonic", lambda: self.servos.time.now_s)
         node: Any = Node()
         self.server = RobotServer(self.servos, Link(), backend="mock", ros=node)
         self.servos.connect()
