@@ -6,7 +6,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_020,
+    "": 2_030,
     "adapt": 7_820,
     "backends": 9_590,
     "cli": 6_740,

@@ -97,7 +97,7 @@ def test_the_port_whose_cable_is_pulled_is_found(plugged: list[_Port]) -> None:
 
 def test_no_cable_two_cables_and_an_interruption(plugged: list[_Port]) -> None:
     before = serial_ports()
-    with pytest.raises(RobotFaultError, match="no port has gone"):
+    with pytest.raises(RobotFaultError, match="no port"):
         unplugged_port(before, timeout_s=0.0)
     assert unplugged_port(before, timeout_s=10.0, stop_requested=lambda: True) is None
     del plugged[:2]
