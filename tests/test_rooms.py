@@ -23,7 +23,7 @@ CEILINGS = {
     "server": 4_040,
     "simulators": 2_250,
     "study": 8_350,
-    "teleop": 1_790,
+    "teleop": 1_890,
     "testing": 560,
     "vision": 6_410,
     "wire": 2_910,
