@@ -6,7 +6,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_020,
+    "": 2_030,
     "adapt": 7_820,
     "backends": 9_590,
     "cli": 6_740,
@@ -25,7 +25,7 @@ CEILINGS = {
     "study": 8_350,
     "teleop": 1_890,
     "testing": 560,
-    "vision": 6_410,
+    "vision": 6_550,
     "wire": 2_910,
 }
 

@@ -67,7 +67,7 @@ def test_half_the_pixels_see_the_same() -> None:
         ({"camera_matrix": {"rows": 3, "cols": 3, "data": [1.0] * 8}}, "9 numbers"),
         ({"camera_matrix": {"rows": 3, "cols": 3, "data": [0.0] * 9}}, "above 0"),
         ({"distortion_model": "ftheta"}, "distortion_model"),
-        ({"distortion_coefficients": {"rows": 1, "cols": 4, "data": [0.0] * 4}}, "5 for plumb_bob"),
+        ({"distortion_coefficients": {"rows": 1, "cols": 3, "data": [0.0] * 3}}, "5 for plumb_bob"),
         ({"camera_matrix": {"rows": 3, "cols": 3, "data": [float("nan")] * 9}}, "finite"),
     ],
 )
