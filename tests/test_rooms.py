@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_040,
     "adapt": 7_820,
-    "backends": 10_060,
+    "backends": 10_070,
     "cli": 6_760,
     "client": 1_100,
     "control": 11_490,

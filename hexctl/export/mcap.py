@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from hexctl.scratch import scratch_folder
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 
 #: Version of the bag's metadata. From 9 on QoS profiles are a list, and Humble, which reads a text, ends.
-BAG_VERSION = 8
+BAG_VERSION: Final = 8
 
 #: The frame of the base's pose.
 ODOM = "odom"

@@ -10,6 +10,7 @@ import pytest
 
 from hexctl.export.lerobot import DATA, EPISODES, QUANTILES, _stats, write_lerobot
 from hexctl.recording.recorded_trial import RecordedTrial
+from hexctl.types import FloatArray
 
 
 def test_statistics_of_all_episodes_are_those_of_all_frames(walk: RecordedTrial, tmp_path: Path) -> None:
@@ -34,7 +35,7 @@ def test_episodes_have_their_own_quantiles(walk: RecordedTrial, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("values", [np.zeros((1, 2)), np.full((7, 1), 3.5), np.arange(200.0).reshape(100, 2)])
-def test_quantiles_lie_between_minimum_and_maximum(values: np.ndarray) -> None:  # type: ignore[type-arg]
+def test_quantiles_lie_between_minimum_and_maximum(values: FloatArray) -> None:
     stats = _stats(values)
     ordered = np.array([stats[key] for key in ("min", *QUANTILES, "max")])
     assert (np.diff(ordered, axis=0) >= 0).all()

@@ -37,7 +37,8 @@ def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.C
         assert {each["model"] for each in found} == ({model} if tells else {None})
         assert {"id", "model", "position", "voltage", "temperature"} <= found[0].keys()
         untold = "" if tells else "these servos do not report their model\n"
-        assert printed.err == f"asking ids: 253, some seconds\n{untold}"
+        kind = "firmware 3.10, 12 V type, 4 to 14 V: all" if tells else "4.5 to 12 V: all"
+        assert printed.err == f"asking ids: 253, some seconds\n{untold}{kind}\n"
         assert exit_code(words) == 0
         table = capsys.readouterr().out
         assert (model in table) is tells

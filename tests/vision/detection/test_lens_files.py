@@ -34,7 +34,8 @@ def loaded(folder: Path, text: str, name: str = "lens.yaml") -> Lens:
 
 def projected(coefficients: list[float]) -> FloatArray:
     none = np.zeros(3)
-    return cv2.projectPoints(POINTS, none, none, MATRIX, np.array(coefficients))[0].reshape(-1, 2)  # type: ignore[return-value]
+    points = cv2.projectPoints(POINTS, none, none, MATRIX, np.array(coefficients))[0]
+    return np.asarray(points, dtype=float).reshape(-1, 2)
 
 
 @pytest.mark.parametrize("count", [5, 8, 12, 14])
