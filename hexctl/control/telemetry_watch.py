@@ -49,7 +49,7 @@ class Temperatures:
             self._believed, self._doubted = np.full(new.shape, np.nan), np.full(new.shape, np.nan)
             self._since_s, self._seen_s = np.full(new.shape, now_s), np.full(new.shape, now_s)
         known = np.isfinite(new)
-        reach_c = JUMP_C + RATE_C_S * (now_s - self._seen_s)
+        reach_c = JUMP_C + RATE_C_S * np.maximum(now_s - self._seen_s, 0.0)
         plausible = known & ~(np.abs(new - self._believed) > reach_c)  # true for the first, too
         doubted = known & ~plausible
         again = np.abs(new - self._doubted) <= JUMP_C
@@ -73,7 +73,7 @@ class BatteryWatch:
         if voltage_v is None or least_v is None or not np.isfinite(voltage_v):
             return False
         readings = self._readings
-        if readings and now_s - readings[-1][0] > GAP_S:
+        if readings and not 0 <= now_s - readings[-1][0] <= GAP_S:
             readings.clear()
         readings.append((now_s, voltage_v))
         while now_s - readings[0][0] > BATTERY_S:

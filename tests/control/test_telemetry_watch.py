@@ -111,3 +111,10 @@ def test_after_a_gap_earlier_readings_do_not_count() -> None:
     for n in range(90):
         watch.low(8.0, 9.0, DT_S * n)
     assert not watch.low(8.0, 9.0, 30.0)
+
+
+def test_a_clock_that_begins_anew_forgets_what_was_before() -> None:
+    watch = BatteryWatch()
+    for n in range(200):
+        watch.low(8.0, 9.0, 100 + DT_S * n)
+    assert not any(watch.low(11.0, 9.0, DT_S * n) for n in range(200))
