@@ -17,6 +17,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import EStopError
 from hexctl.gait.gait import make_gait
 from hexctl.types import JointTargets, RobotState, ServoReadings
+from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
 
 NAN = np.full(18, np.nan)
@@ -32,7 +33,7 @@ class Reporting(MockServos):
         degrees: Callable[[float], float] = lambda _: 40.0,
         least_v: float | None = 9.0,
     ) -> None:
-        super().__init__(shipped("phantomx"))
+        super().__init__(shipped("phantomx"), clock=FakeTime().clock())
         self._volts, self._degrees, self._least_v, self.limp = volts, degrees, least_v, False
 
     def read(self) -> RobotState:
