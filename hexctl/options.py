@@ -97,11 +97,13 @@ class Typed:
 
     Attributes:
         flag: without hyphens; empty for the name of the field without its unit.
+        also: another flag, by which files or other tools name the same.
         parse: makes the value of a text; raises ValueError with what it got and what is allowed.
         words: completion, a name in `hexctl.cli.completion`; empty for files.
     """
 
     flag: str = ""
+    also: str = ""
     short: str = ""
     parse: Callable[[str], Any] | None = None
     words: str = ""

@@ -241,6 +241,7 @@ class RobotState(ArrayFields):
         stopped: reason of the stop of the robot's own guard, or None.
         battery_v: None if unknown.
         battery_share: remaining charge, 0 to 1, or None if unknown.
+        low_battery_v: voltage of the battery below which the robot should sit down, or None.
         joint_torques_nm: torques of the actuators on the joints, (18,), positive with growing angle, mean of
             the control period up to the stamp if possible, else momentary; None if unknown.
         servos: readings of single servos, or None.
@@ -266,6 +267,7 @@ class RobotState(ArrayFields):
     servos: ServoReadings | None = None
     warnings: tuple[str, ...] = ()
     current_a: float | None = None
+    low_battery_v: float | None = None
     stale_joints: BoolArray | None = None
 
     def copy(self) -> "RobotState":

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.robot_options import FAILURE, RobotOptions, check_backend_options
-from hexctl.control.guard import TOO_HOT_C
+from hexctl.control.telemetry_watch import TOO_HOT_C
 from hexctl.control.trial_plan import DURATION_S, HEADING_DEG, Hold, SelfRotation
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, UNTYPED, Panel, Range, Typed, check_fields

@@ -16,6 +16,7 @@ from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.backends.clock import Standstill
 from hexctl.control.position_check import PositionCheck
 from hexctl.control.stop_reason import reason_in_words
+from hexctl.control.telemetry_watch import TOO_HOT_C, BatteryWatch, Temperatures
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,
@@ -79,8 +80,8 @@ MAX_EXPIRY_S = 1.0
 #: Targets that changed by more than this in the last control period belong to a motion.
 MOVES_RAD = 0.001
 
-#: A servo this hot stops the robot (most switch off at 70 to 80 C), and the prefix of that stop.
-TOO_HOT_C, HOT = 68.0, "hot"
+#: Prefixes of the stops after which the robot sits down: a servo of `TOO_HOT_C`, and a battery that is low.
+HOT, LOW_BATTERY = "hot", "low battery"
 
 #: Rounding of a time to a control period, as a share of one.
 ROUNDING = 1e-6
@@ -120,8 +121,9 @@ class Guard(ServosWrapper):
 
     Attributes:
         stopped: why the robot is stopped, or None: `fell`; `fault`, with the robot's report; `state` (not
-            finite or too old); `pose lost` (longer than `POSE_EXPIRY_S`); `expired` (no command); the reason
-            of the robot's own guard; or the reason given to `stop`.
+            finite or too old); `pose lost` (longer than `POSE_EXPIRY_S`); `expired` (no command); `hot` and
+            `low battery`, with the reading; the reason of the robot's own guard; or the reason given to
+            `stop`.
         leaning_ticks: consecutive ticks in which the body leans too far.
         positions: plausibility check; a state with an implausible position reports None.
         standstill: this program's own delay that caused a stop or refusal, or None.
@@ -159,6 +161,7 @@ class Guard(ServosWrapper):
         self._tilt_of = tilt_of
         self.positions = PositionCheck()
         self._seen_at_s: dict[str, float] = {}
+        self._temperatures, self._battery = Temperatures(), BatteryWatch()
         self.leaning_ticks = 0
         self.standstill: Standstill | None = None
 
@@ -179,6 +182,11 @@ class Guard(ServosWrapper):
     def hot(self) -> bool:
         """Whether the stop is for hot servos: the robot should sit down to cool them."""
         return self.stopped is not None and self.stopped.startswith(HOT)
+
+    @property
+    def sits(self) -> bool:
+        """Whether the stop is for hot servos or a low battery: the robot should sit down."""
+        return self.stopped is not None and self.stopped.startswith((HOT, LOW_BATTERY))
 
     def accepted_rad(self) -> FloatArray:
         """Last accepted targets, (18,), initially the joint positions; raises RobotFaultError."""
@@ -203,7 +211,7 @@ class Guard(ServosWrapper):
     def read(self) -> RobotState:
         """Newest state; latches a stop for a fall, a fault, or missing commands. Raises RobotFaultError."""
         state = self._read()
-        if self.stopped in (None, "expired") or self.hot:  # graver reasons outweigh these
+        if self.stopped in (None, "expired") or self.sits:  # graver reasons outweigh these
             self._watch(state)
         return state
 
@@ -228,24 +236,25 @@ class Guard(ServosWrapper):
         return self._pass(targets)
 
     def write_while_timed_out(self, targets: JointTargets) -> JointTargets:
-        """Write as `write` does, but also with expired commands or hot servos: to sit down.
+        """Write as `write` does, but also with expired commands, hot servos or a low battery: to sit down.
 
         Raises EStopError for any other stop.
         """
-        if self.stopped not in (None, "expired") and not self.hot:
+        if self.stopped not in (None, "expired") and not self.sits:
             raise EStopError(f"stopped: {reason_in_words(self.stopped)}; the robot holds its pose")
         return self._pass(targets)
 
     def stop(self, reason: str) -> None:
         """Latch a stop; the servos hold the last accepted targets. Thread-safe.
 
-        Any reason replaces a stop for silence; any reason but silence and heat replaces one for heat.
+        Any reason replaces a stop for silence. Any but silence, heat and a low battery replaces one for
+        heat or a low battery.
         """
         if reason in ("expired", "state"):
             self._note_standstill()
         with self._latch:
-            silence, heat = self.stopped == "expired", reason.startswith(HOT)
-            outweighs = reason != "expired" and (silence or (self.hot and not heat))
+            silence, sits = self.stopped == "expired", reason.startswith((HOT, LOW_BATTERY))
+            outweighs = reason != "expired" and (silence or (self.sits and not sits))
             if self.stopped is None or outweighs:
                 self.stopped = reason
 
@@ -355,11 +364,14 @@ class Guard(ServosWrapper):
         if not state.healthy:
             self.stop("fault" if state.fault is None else f"fault: {state.fault}")
         if state.servos is not None:
-            self._watch_temperatures(state.servos.temperatures_c)
+            self._watch_temperatures(state.servos.temperatures_c, now_s)
+        if self._battery.low(state.battery_v, state.low_battery_v, now_s):
+            self.stop(f"{LOW_BATTERY}: {self._battery.voltage_v:.1f} V")
         if self._accepted_at_s is not None and now_s - self._accepted_at_s > self._expiry_s:
             self.stop("expired")
 
-    def _watch_temperatures(self, temperatures_c: FloatArray) -> None:
+    def _watch_temperatures(self, reported_c: FloatArray, now_s: float) -> None:
+        temperatures_c = self._temperatures.take(reported_c, now_s)
         hottest = int(np.argmax(np.nan_to_num(temperatures_c, nan=-np.inf)))
         if temperatures_c[hottest] >= TOO_HOT_C:
             self.stop(f"{HOT}: {JOINT_NAMES[hottest].replace('_', ' ')} {temperatures_c[hottest]:.0f} C")

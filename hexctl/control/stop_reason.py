@@ -8,6 +8,7 @@ MEANINGS = {
     "fell": "its body leant too far",
     "estop": "a stop was asked for",
     "hot": "a servo is too hot",
+    "low battery": "charge it; the threshold is low_battery_v in the robot file",
 }
 
 

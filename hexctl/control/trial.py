@@ -20,6 +20,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import Until
 from hexctl.control.preparation import Phases, Preparation, WalkStart, ticks_of
+from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import Trace
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -123,6 +124,7 @@ def run_trial(
     try:
         with realtime_priority() if guard.clock.waits else nullcontext():
             trial.run(soft_stop=soft_stop)
+            sit_down(guard)
         # What follows takes time, and silence must not count as a failure.
         guard.pause_watchdog()
     finally:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hexctl.backends.serial_ports import serial_ports
-from hexctl.teleop.gamepad import find_gamepads
+from hexctl.teleop.gamepad import find_gamepads, undrivable_pads
 
 #: Default network ports of hexctl, and their use.
 NETWORK_PORTS = {
@@ -53,7 +53,10 @@ def read_connections() -> Connections:
     return Connections(
         serial=tuple(_device(port.port, port.adapter) for port in serial_ports()),
         i2c=tuple(_device(str(path)) for path in sorted(Path("/dev").glob("i2c-*"))),
-        gamepads=tuple(_device(str(path)) for path in find_gamepads()),
+        gamepads=(
+            *(_device(str(path)) for path in find_gamepads()),
+            *(_device(str(path), lack) for path, lack in undrivable_pads().items()),
+        ),
         network=tuple(
             NetworkPort(protocol=protocol, number=number, use=use, free=_is_free(number, protocol))
             for (protocol, number), use in NETWORK_PORTS.items()

@@ -21,6 +21,9 @@ FPS = round(1 / PERIOD_S)
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
+#: Quantiles in the statistics, by their names; policies scale actions and states by those at the ends.
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+
 POSE_NAMES = ("x", "y", "z", "qw", "qx", "qy", "qz")
 #: Vectors of a frame, and the names of their components.
 VECTORS: dict[str, tuple[str, ...]] = {
@@ -73,7 +76,7 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
     _write_episodes(pa, pq, folder / EPISODES, episodes)
     index = pandas.Index(tasks, name="task")
     pandas.DataFrame({"task_index": range(len(tasks))}, index=index).to_parquet(folder / "meta/tasks.parquet")
-    _write_json(folder / "meta/stats.json", _together([episode["stats"] for episode in episodes]))
+    _write_json(folder / "meta/stats.json", {name: _stats(_column(pq, data, name)) for name in schema.names})
     _write_json(folder / "meta/info.json", _info(robots.pop(), names, len(texts), done, len(tasks)))
 
 
@@ -167,32 +170,24 @@ def _episode(number: int, text: str, before: int, length: int, columns: dict[str
 
 
 def _stats(values: FloatArray) -> dict[str, list[float]]:
+    """Statistics of each component of values, (frames, components)."""
     exact = values.astype(float)
+    quantiles = np.quantile(exact, list(QUANTILES.values()), axis=0)
     return {
         "min": exact.min(axis=0).tolist(),
         "max": exact.max(axis=0).tolist(),
         "mean": exact.mean(axis=0).tolist(),
         "std": exact.std(axis=0).tolist(),
         "count": [len(values)],
+        **dict(zip(QUANTILES, quantiles.tolist(), strict=True)),
     }
 
 
-def _together(parts: list[dict[str, dict[str, list[float]]]]) -> dict[str, dict[str, list[float]]]:
-    """Statistics of all episodes, from those of each: the variance is E[x^2] - E[x]^2."""
-    found = {}
-    for name in parts[0]:
-        each = {key: np.array([part[name][key] for part in parts]) for key in parts[0][name]}
-        share = each["count"] / each["count"].sum()
-        mean = (share * each["mean"]).sum(axis=0)
-        square = (share * (each["std"] ** 2 + each["mean"] ** 2)).sum(axis=0)
-        found[name] = {
-            "min": each["min"].min(axis=0).tolist(),
-            "max": each["max"].max(axis=0).tolist(),
-            "mean": mean.tolist(),
-            "std": np.sqrt(np.maximum(square - mean**2, 0)).tolist(),
-            "count": [int(each["count"].sum())],
-        }
-    return found
+def _column(pq: Any, path: Path, name: str) -> FloatArray:
+    """Values of all episodes of one column, (frames, components)."""
+    values = pq.read_table(path, columns=[name])[name].combine_chunks()
+    flat = values.flatten() if hasattr(values, "flatten") and values.type.num_fields else values
+    return np.asarray(flat.to_numpy(zero_copy_only=False).reshape(len(values), -1))
 
 
 def _write_episodes(pa: Any, pq: Any, path: Path, episodes: list[dict[str, Any]]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from hexctl.robot.formats.link_frames import BASE_LINK, LinkTransforms, fixed_tr
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.scratch import scratch_folder
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
+
+#: Version of the bag's metadata. From 9 on QoS profiles are a list, and Humble, which reads a text, ends.
+BAG_VERSION: Final = 8
 
 #: The frame of the base's pose.
 ODOM = "odom"
@@ -73,7 +76,7 @@ def write_mcap(trial: RecordedTrial, path: Path) -> None:
 def _write_bag(trial: RecordedTrial, folder: Path) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer = Writer(folder, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
     # The compression inside of the file is the only one that all readers support.
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     for name, value in trial.properties.items():

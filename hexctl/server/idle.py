@@ -12,9 +12,9 @@ SIT_AFTER_S = 10.0
 class IdleSupervisor:
     """Lets a robot whose commands have ended sit down after a while, then disables its torque.
 
-    With hot servos it sits down immediately. After any stop except for an expired command it holds its pose
-    until the next command, even if the stop is cleared: the operator may be touching the robot. `name` is
-    `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
+    With hot servos or a low battery it sits down immediately. After any stop except for an expired command it
+    holds its pose until the next command, even if the stop is cleared: the operator may be touching the
+    robot. `name` is `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
     """
 
     def __init__(self, guard: Guard, *, sit_after_s: float = SIT_AFTER_S) -> None:
@@ -34,14 +34,14 @@ class IdleSupervisor:
     def controlled(self, now_s: float) -> None:
         """Note a new lease: it interrupts sitting down, and restarts the time without commands."""
         self._commanded_at_s = now_s
-        if self.name == "sitting" and not self._guard.hot:
+        if self.name == "sitting" and not self._guard.sits:
             self.name = "holding"
 
     def tick(self, now_s: float) -> None:
         """Advance by one tick; `now_s` is on the clock of the servos."""
         if self.name in ("idle", "limp"):
             return
-        if self._guard.hot:
+        if self._guard.sits:
             self._sit(now_s) if self.name == "sitting" else self._begin_to_sit(now_s)
         elif self._guard.stopped not in (None, "expired"):
             self.name, self._held = "holding", True

@@ -68,9 +68,10 @@ class BoardOptions(ServedOptions):
 
     fault: Sequence[str] = ()
     """With --bus, what goes wrong, repeatable: mute:5:coxa@10, hot:2:femur:72@5, overload:4:femur@6,
-    lost-id:3:tibia@8, bad-cable:3:femur:0.2, brown-out@12, unplug@15, replug@18, garble:0.01, wild:0.01,
-    wild-once@5, echo; with servo2040 mute@10, trip:12@10, unplug@15, replug@18, garble:0.01; with pca9685
-    nack:0.01, reset@10, unplug@15, replug@18. (default: nothing)
+    lost-id:3:tibia@8, same-id:3:tibia (that of the joint before it), only:1:coxa (all others are unplugged),
+    bad-cable:3:femur:0.2, brown-out@12, battery:8.5@9 (volts), unplug@15, replug@18, garble:0.01, wild:0.01,
+    wild-once@5, noise:0.5, echo; with servo2040 mute@10, trip:12@10, unplug@15, replug@18, garble:0.01; with
+    pca9685 nack:0.01, reset@10, unplug@15, replug@18. (default: nothing)
     """
 
     def __post_init__(self) -> None:

@@ -1,6 +1,8 @@
 """A bus of servos on a pseudo-terminal, with a simulated robot, in real time."""
 
 import termios
+from functools import reduce
+from operator import and_
 
 import numpy as np
 
@@ -76,7 +78,9 @@ class BusBoard(SimulatedBoard):
             if packet is None:
                 return
             # Servos move on between two control periods of the simulation, whose clock stands meanwhile.
-            self._answer(self._family.obey(*packet, self._time.now()))
+            answers = self._family.obey(*packet, self._time.now())
+            together = len(answers) > 1 and self._family.answer_together(*packet[:2])
+            self._answer([overlapping(answers)] if together else answers)
 
     def _understands(self) -> bool:
         """Whether the controller has opened the line at the servos' baud, if known."""
@@ -110,6 +114,13 @@ class BusBoard(SimulatedBoard):
             self._servos[fault.joint].trip()
         elif fault.joint is not None and fault.kind == "lost-id":
             self._servos[fault.joint].lose_id(FACTORY_ID)
+        elif fault.joint is not None and fault.kind == "same-id":
+            self._servos[fault.joint].lose_id(self._servos[fault.joint - 1 if fault.joint else 1].servo_id)
+
+    def _tick(self) -> None:
+        super()._tick()
+        if self._random.random() < self._faults.noise:
+            self._line.send(self._random.randbytes(self._random.randrange(1, 8)))
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         holds: BoolArray = self._family.holds() & ~self._faults.dead
@@ -121,3 +132,10 @@ class BusBoard(SimulatedBoard):
         limits = self._robot.robot.joint_max_torque_nm
         torques = np.zeros(N_JOINTS) if state.joint_torques_nm is None else state.joint_torques_nm
         self._family.show(counts, self._map.signs * np.clip(torques / limits, -1, 1))
+
+
+def overlapping(answers: list[bytes]) -> bytes:
+    """What servos that answer at once put on the line: each begins a bit later, and a 0 wins over a 1."""
+    size = max(map(len, answers)) + len(answers) - 1
+    padded = [(b"\xff" * delay + answer).ljust(size, b"\xff") for delay, answer in enumerate(answers)]
+    return bytes(reduce(and_, column) for column in zip(*padded, strict=True))[1:]

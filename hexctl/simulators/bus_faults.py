@@ -14,13 +14,17 @@ BUS_FAULTS = {
     "hot": "LEG:JOINT:DEGREES_C",
     "overload": "LEG:JOINT",
     "lost-id": "LEG:JOINT",
+    "same-id": "LEG:JOINT",
+    "only": "LEG:JOINT",
     "bad-cable": "LEG:JOINT:SHARE",
     "brown-out": "",
+    "battery": "VOLTS",
     "unplug": "",
     "replug": "",
     "garble": "SHARE",
     "wild": "SHARE",
     "wild-once": "",
+    "noise": "SHARE",
     "echo": "",
 }
 
@@ -31,7 +35,8 @@ BROWN_OUT_SHARE = 0.6
 class BusFaults:
     """Faults that have begun; `mute` servos neither answer nor obey, (18,).
 
-    `temperatures` in degrees Celsius and shares of damaged answers (`cables`) are by joint.
+    `temperatures` in degrees Celsius and shares of damaged answers (`cables`) are by joint; `noise` is the
+    share of control periods in which bytes come that nobody sent.
     """
 
     #: A servo that is hotter complains.
@@ -44,8 +49,9 @@ class BusFaults:
         self.mute: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.temperatures: dict[int, float] = {}
         self.cables: dict[int, float] = {}
+        self._battery_v: float | None = None
         self.echoes = self.unplugged = self._browned_out = self._wild_once = False
-        self._garbles = self._wild = 0.0
+        self._garbles = self._wild = self.noise = 0.0
 
     @property
     def dead(self) -> BoolArray:
@@ -57,12 +63,19 @@ class BusFaults:
         kind, joint, value = fault.kind, fault.joint, fault.value or 0.0
         if joint is not None and kind == "mute":
             self.mute[joint] = True
+        elif joint is not None and kind == "only":
+            self.mute[:] = True
+            self.mute[joint] = False
         elif joint is not None and kind == "hot":
             self.temperatures[joint] = value
         elif joint is not None and kind == "bad-cable":
             self.cables[joint] = value
         elif kind == "garble":
             self._garbles = value
+        elif kind == "battery":
+            self._battery_v = value
+        elif kind == "noise":
+            self.noise = value
         elif kind == "wild":
             self._wild = value
         elif kind in ("unplug", "replug"):
@@ -73,6 +86,7 @@ class BusFaults:
 
     def voltage(self, usual_v: float) -> float:
         """Voltage at the servos."""
+        usual_v = usual_v if self._battery_v is None else self._battery_v
         return min(self.BROWN_OUT_V, BROWN_OUT_SHARE * usual_v) if self._browned_out else usual_v
 
     def damaged(

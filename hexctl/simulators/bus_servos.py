@@ -77,6 +77,10 @@ class SimulatedServos(ABC):
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
         """Do what an instruction says at a time; the answers to it."""
 
+    def answer_together(self, servo_id: int, instruction: int) -> bool:
+        """Whether several servos that an instruction asks answer at once, not in turn."""
+        return True
+
     def show(self, counts: FloatArray, efforts: FloatArray) -> None:
         """Set the joints' counts and their shares of the maximum torques, (18,)."""
         for joint, servo in enumerate(self.servos):

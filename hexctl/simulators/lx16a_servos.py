@@ -17,15 +17,15 @@ class SimulatedLx16aServo(SimulatedServo):
 
     def __init__(self, servo_id: int, count: float) -> None:
         self.servo_id, self.loaded, self.limits = servo_id, False, (0, 1000)
-        self.voltages_mv, self.most_c = (4500, 12000), 85
+        self.voltages_mv, self.most_c, self.motor = (4500, 12000), 85, False
         self.position = self._goal = self._from = count
         self._began_s, self._time_s = 0.0, 0.0
         self._voltage_v, self._temperature_c = self.usual_v, USUAL_C
 
     @property
     def holds(self) -> bool:
-        """Whether it holds its goal."""
-        return self.loaded
+        """Whether it holds its goal: loaded, in position mode."""
+        return self.loaded and not self.motor
 
     def goal(self, now_s: float) -> float:
         """Target count at a time."""
@@ -56,6 +56,8 @@ class SimulatedLx16aServo(SimulatedServo):
             self._began_s, self._time_s = now_s, min(time_ms, lx.MOST_MOVE_MS) / 1000
         elif command == lx.WRITE_LOAD:
             self.loaded = bool(parameters[0])
+        elif command == lx.WRITE_MODE:
+            self.motor = parameters[0] == 1
         elif command == lx.WRITE_LIMITS:
             self.limits = lx.number(parameters[:2]), lx.number(parameters[2:])
         else:
@@ -70,6 +72,7 @@ class SimulatedLx16aServo(SimulatedServo):
             lx.READ_MOST_TEMPERATURE: (self.most_c,),
             lx.READ_TEMPERATURE: (round(self._temperature_c),),
             lx.READ_VOLTAGE: (round(1000 * self._voltage_v),),
+            lx.READ_MODE: (int(self.motor), 0, 0, 0),
             lx.READ_POSITION: (round(self.position),),
             lx.READ_LOAD: (int(self.loaded),),
         }

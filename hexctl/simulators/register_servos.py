@@ -36,6 +36,9 @@ MOST_ID, _MODES = 252, (0, 1, 2, 3, 4, 5, 16)
 #: Marks a write that is dropped without a word.
 _SILENTLY = 1 << 8
 
+#: Firmware, by the number of its registers, and limits of the supply in V, of servos without a fault.
+FIRMWARES, VOLTAGES_V = {0: (), 1: (45,), 2: (3, 10)}, (4.0, 14.0)
+
 #: Lowest voltage of servos that do not complain of it, as a share of the usual one.
 LOW_SHARE = 0.7
 
@@ -57,6 +60,12 @@ class BusServo(SimulatedServo):
             (table.mode, table.position_mode),
             (table.shutdown, sum(1 << bit for bit in table.protections)),
             (table.max_torque, 1.0),
+            (table.flags, sum(1 << bit for bit in (*table.wanted, *(table.slow_unit or ())[:1]))),
+            (table.resolution, 1),
+            (table.shadow_id, 255),
+            *([] if table.status_level is None else [table.status_level]),
+            *zip(table.firmware, FIRMWARES[len(table.firmware)], strict=True),
+            *([] if table.voltages is None else zip(table.voltages, VOLTAGES_V, strict=True)),
             *(() if overload is None else zip(overload.registers, overload.factory, strict=True)),
             (table.position, counts),
             (table.voltage, USUAL_V),
@@ -253,6 +262,11 @@ class RegisterServos(SimulatedServos):
         chosen = self.servos if broadcast else self._called([servo_id])
         answers = [self._single(servo, instruction, parameters) for servo in chosen]
         return [] if broadcast and instruction != PING else answers
+
+    def answer_together(self, servo_id: int, instruction: int) -> bool:
+        """Whether several servos that an instruction asks answer at once, not in turn."""
+        in_turn = instruction == SYNC_READ or (instruction == PING and self._table.protocol == 2)
+        return servo_id != BROADCAST or not in_turn
 
     def _single(self, servo: BusServo, instruction: int, parameters: bytes) -> bytes:
         servo_id, data, error = servo.servo_id, b"", 0

@@ -28,7 +28,7 @@ def open_devices(
 
     Raises InputError for certificates of a page that cannot be used, RobotFaultError for an address in use.
     """
-    from hexctl.teleop.gamepad import Gamepad
+    from hexctl.teleop.gamepad import Gamepad, undrivable_pads
     from hexctl.teleop.keyboard import HELP, Keyboard, KeyTerminal
 
     drive, devices = session.drive, list["Device"]()
@@ -40,6 +40,9 @@ def open_devices(
     if options.gamepad != "none":
         if options.pad is not None and not options.pad.exists():
             say(f"hexctl: no gamepad at {options.pad} yet; it may be plugged in at any time")
+        if options.pad is None:
+            for path, lack in undrivable_pads().items():
+                say(f"hexctl: {path}: {lack}; it can stop the robot with `hexctl estop --ready`")
         pad = Gamepad(drive.arbiter.source("gamepad"), drive.share, session.ask, path=options.pad)
         stack.callback(pad.close)
         devices.append(pad)

@@ -1,10 +1,14 @@
-"""Gamepads by the kernel's event files, with codes of linux/input-event-codes.h."""
+"""Gamepads by the kernel's event files, with codes of linux/input-event-codes.h.
+
+The kernel's gamepad specification allows several layouts: a cross of buttons or axes, shoulder buttons as
+axes. Joysticks have numbered buttons without known places: they are named, and cannot drive.
+"""
 
 import fcntl
 import os
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +19,32 @@ from hexctl.teleop.keyboard import Share
 
 SYN_DROPPED = 3
 
-#: Axes: left stick, right stick, the cross.
-ABS_X, ABS_Y, ABS_RX, ABS_HAT_Y = 0, 1, 3, 17
+#: Axes: left stick, right stick, the cross, shoulder buttons that report how far they are pressed.
+ABS_X, ABS_Y, ABS_RX, ABS_HAT_Y, ABS_HAT1X, ABS_HAT1Y = 0, 1, 3, 17, 18, 19
+
+#: Right stick and pedals of pads in the layout of Android.
+ABS_Z, ABS_GAS, ABS_BRAKE = 2, 9, 10
+
+#: Numbered buttons of joysticks, first and last.
+BTN_JOYSTICK = range(288, 304)
 
 BTN_SOUTH, BTN_EAST, BTN_NORTH, BTN_WEST = 304, 305, 307, 308
 BTN_TL, BTN_TR, BTN_SELECT, BTN_START = 310, 311, 314, 315
 
-#: Either shoulder button has to be held to drive.
+#: Up and down of a cross that reports buttons: BTN_DPAD_*, or BTN_TRIGGER_HAPPY3 and 4.
+CROSS = {544: "up", 545: "down", 706: "up", 707: "down"}
+
+#: Either shoulder button has to be held to drive; an axis counts as pressed beyond half of its range.
 HOLD = (BTN_TL, BTN_TR)
+HOLD_AXES = (ABS_HAT1X, ABS_HAT1Y)
+PRESSED = 0.5
 
 #: Requests of the other buttons.
 BUTTONS = {BTN_EAST: "stop", BTN_START: "stand", BTN_SELECT: "sit", BTN_NORTH: "gait", BTN_WEST: "gait"}
+BUTTONS |= CROSS
+
+#: Descriptions of event files.
+SYS = Path("/sys/class/input")
 
 #: Dead zone of an axis, as a share of its range.
 DEAD = 0.1
@@ -34,27 +53,65 @@ DEAD = 0.1
 USUAL_RANGE = (-32768, 32767)
 
 
-def find_gamepads(devices: Path = Path("/dev/input"), known: Path = Path("/sys/class/input")) -> list[Path]:
+def find_gamepads(devices: Path = Path("/dev/input"), known: Path = SYS) -> list[Path]:
     """Event files of devices with a south button and a left stick, as described in `known`."""
-    found = []
+    return [devices / name for name, keys, axes in _described(known) if not _lacks(keys, axes)]
+
+
+def find_stop_pads(devices: Path = Path("/dev/input"), known: Path = SYS) -> list[Path]:
+    """Event files of gamepads, and of joysticks: any of their buttons can stop."""
+    return [devices / name for name, keys, _ in _described(known) if _is_pad(keys)]
+
+
+def undrivable_pads(devices: Path = Path("/dev/input"), known: Path = SYS) -> dict[Path, str]:
+    """Gamepads and joysticks that cannot drive: their names and what they lack, by event file."""
+    return {
+        devices / name: f"{_name(known / name)} {lack}"
+        for name, keys, axes in _described(known)
+        if _is_pad(keys) and (lack := _lacks(keys, axes))
+    }
+
+
+def _described(known: Path) -> Iterator[tuple[str, int, int]]:
+    """Name of each event file, and bitmaps of its keys and axes."""
     for place in sorted(known.glob("event*")):
         folder = place / "device" / "capabilities"
         try:
-            keys, axes = _bits((folder / "key").read_text()), _bits((folder / "abs").read_text())
+            yield place.name, _bits((folder / "key").read_text()), _bits((folder / "abs").read_text())
         except (OSError, ValueError):
             continue
-        if keys >> BTN_SOUTH & 1 and axes >> ABS_X & 1 and axes >> ABS_Y & 1:
-            found.append(devices / place.name)
-    return found
 
 
-def check_gamepad(path: Path) -> None:
+def _is_pad(keys: int) -> bool:
+    return bool(keys >> BTN_SOUTH & 1) or any(keys >> button & 1 for button in BTN_JOYSTICK)
+
+
+def _lacks(keys: int, axes: int) -> str:
+    """Why a device cannot drive; empty if it can."""
+    if not keys >> BTN_SOUTH & 1:
+        return "is a joystick: its buttons are only numbered, so that none can be held to drive"
+    if not (axes >> ABS_X & 1 and axes >> ABS_Y & 1):
+        return "has no left stick"
+    return ""
+
+
+def _name(place: Path) -> str:
+    try:
+        return (place / "device" / "name").read_text(errors="replace").strip()
+    except OSError:
+        return "a device"
+
+
+def check_gamepad(path: Path, known: Path = SYS) -> None:
     """Raise InputError for a file that is no gamepad or not readable; a missing one may still appear."""
     name = argument("gamepad")
     if path.is_file() or path.is_dir():
         raise InputError(f"{name}: got {path}, which is no event file; allowed: such as /dev/input/event5")
     if path.exists() and not os.access(path, os.R_OK):
         raise InputError(f"{name}: {path} may not be read; allowed: for members of its group, often `input`")
+    real = path.resolve()
+    if said := undrivable_pads(real.parent, known).get(real):
+        raise InputError(f"{name}: got {path}: {said}; allowed: a gamepad, whose buttons have known places")
 
 
 def _bits(text: str) -> int:
@@ -75,15 +132,39 @@ def axis_range(descriptor: int, axis: int) -> tuple[int, int]:
     return (low, high) if high > low else USUAL_RANGE
 
 
+def turn_axis(axes: int) -> int:
+    """Axis of the right stick, by the bitmap of a pad's axes.
+
+    Pads in the layout of Android have it on Z, and their triggers on GAS and BRAKE. On other pads Z is a
+    trigger, which rests at the end of its range.
+    """
+    android = axes >> ABS_Z & 1 and axes >> ABS_GAS & 1 and axes >> ABS_BRAKE & 1
+    return ABS_Z if android and not axes >> ABS_RX & 1 else ABS_RX
+
+
+def _axes_of(descriptor: int) -> int:
+    """Bitmap of the axes of an open event file (EVIOCGBIT); 0 if unknown."""
+    try:
+        return int.from_bytes(fcntl.ioctl(descriptor, 0x80084523, bytes(8)), "little")
+    except OSError:
+        return 0
+
+
 class GamepadEvents:
     """State of a gamepad from its events; `pressed` are requests since it was last emptied."""
 
     def __init__(self, descriptor: int | None = None) -> None:
-        axes = (ABS_X, ABS_Y, ABS_RX)
+        self._turn = ABS_RX if descriptor is None else turn_axis(_axes_of(descriptor))
+        sticks = (ABS_X, ABS_Y, self._turn)
         self._ranges = {
-            axis: USUAL_RANGE if descriptor is None else axis_range(descriptor, axis) for axis in axes
+            axis: USUAL_RANGE if descriptor is None else axis_range(descriptor, axis)
+            for axis in (*sticks, *HOLD_AXES)
         }
-        self._shares = dict.fromkeys(self._ranges, 0.0)
+        # A hat without a range reports -1, 0 and 1.
+        low, high = USUAL_RANGE if descriptor is None else axis_range(descriptor, ABS_HAT_Y)
+        self._hat_pressed = 1 if (low, high) == USUAL_RANGE else max(1.0, PRESSED * max(-low, high))
+        self._hat = 0
+        self._shares = dict.fromkeys(sticks, 0.0)
         self._holds: set[int] = set()
         self.pressed: list[str] = []
 
@@ -96,22 +177,33 @@ class GamepadEvents:
     def shares(self) -> tuple[float, float, float]:
         """Forward, left and turn, -1 to 1."""
         # Sticks count right and down as positive.
-        return -self._shares[ABS_Y], -self._shares[ABS_X], -self._shares[ABS_RX]
+        return -self._shares[ABS_Y], -self._shares[ABS_X], -self._shares[self._turn]
 
     def take(self, kind: int, code: int, value: int) -> None:
         """Take an event."""
         if kind == EV_SYN and code == SYN_DROPPED:
             # Events were lost: buttons count as released until they are pressed again.
             self._holds.clear()
+            self._hat = 0
             self._shares = dict.fromkeys(self._shares, 0.0)
         elif kind == EV_ABS and code in self._shares:
             self._shares[code] = self._share(code, value)
-        elif kind == EV_ABS and code == ABS_HAT_Y and value:
-            self.pressed.append("up" if value < 0 else "down")
+        elif kind == EV_ABS and code == ABS_HAT_Y:
+            self._press_hat(value)
+        elif kind == EV_ABS and code in HOLD_AXES:
+            high = self._ranges[code][1]
+            (self._holds.add if value > PRESSED * high else self._holds.discard)(code)
         elif kind == EV_KEY and code in HOLD and value != 2:  # 2 is a repetition
             (self._holds.add if value else self._holds.discard)(code)
         elif kind == EV_KEY and code in BUTTONS and value == 1:
             self.pressed.append(BUTTONS[code])
+
+    def _press_hat(self, value: int) -> None:
+        """A cross that reports how far it is pressed asks once for each press."""
+        hat = 0 if abs(value) < self._hat_pressed else (1 if value > 0 else -1)
+        if hat and hat != self._hat:
+            self.pressed.append("up" if hat < 0 else "down")
+        self._hat = hat
 
     def _share(self, axis: int, value: int) -> float:
         low, high = self._ranges[axis]

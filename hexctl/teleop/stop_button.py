@@ -1,19 +1,19 @@
-"""Any button of any gamepad as a stop: gamepads may be plugged in and out at any time."""
+"""Any button of any gamepad or joystick as a stop: gamepads may be plugged in and out at any time."""
 
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from hexctl.teleop.event_file import EV_KEY, EventFiles
-from hexctl.teleop.gamepad import find_gamepads
+from hexctl.teleop.gamepad import find_stop_pads
 
 
 class StopButton:
-    """Detects presses of any button of any gamepad."""
+    """Detects presses of any button of any gamepad or joystick."""
 
     def __init__(
         self,
-        find: Callable[[], list[Path]] = find_gamepads,
+        find: Callable[[], list[Path]] = find_stop_pads,
         *,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:

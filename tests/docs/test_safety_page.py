@@ -10,7 +10,8 @@ from faults.measurement import REST_S
 from faults.results import RESULTS, Results
 from faults.table import rests_s
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S, TOO_HOT_C
+from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S
+from hexctl.control.telemetry_watch import TOO_HOT_C
 from hexctl.server.idle import SIT_AFTER_S
 from hexctl.server.leases import LEASE_S
 from hexctl.simulators.servo_board import FREE_AFTER_S, RELEASE_AFTER_S, RESUME_AFTER_S

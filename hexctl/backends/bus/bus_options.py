@@ -46,7 +46,7 @@ class BusOptions:
     driver: BusDriver | None = None
     """Protocol of the servos: dynamixel, feetech or lx16a. (default: that of --robot, else required)"""
 
-    connect: str | None = None
+    connect: Annotated[str | None, Typed(also="port")] = None
     """Serial device of the bus, such as /dev/ttyUSB0. (default: that of --robot, else required)"""
 
     baud: Annotated[int | None, BAUD, RARE] = None

@@ -40,10 +40,6 @@ REMEMBERS_S, DRAINS_S = 10.0, 60.0
 #: A figure in a warning is replaced when it differs by more than this factor.
 CHANGED = 1.5
 
-#: Minimum voltages of models (data sheets), by prefix; the STS3215 is sold for 7.4 V and for 12 V.
-_LEAST_V = {"ax": 9.0, "xl320": 6.0, "xl330": 3.7, "xl430": 6.5, "xm430": 10.0, "sts": 4.0, "scs": 4.8}
-_LEAST_OTHER_V = 6.0
-
 
 @dataclass(slots=True)
 class _Answers:
@@ -96,7 +92,7 @@ class LineCondition:
 
     def __init__(self, servos: BusMap, shares: AnswerShares, *, time: TimeSource = WALL_TIME) -> None:
         self._map, self._shares, self._time = servos, shares, time
-        self._least_v = np.array([_least_v(model.name) for model in servos.models])
+        self._least_v = np.array([model.least_v for model in servos.models])
         self._usual_v: float | None = None
         self._at_s = self._sagged_at_s = -np.inf
         self._low_v = np.inf  # lowest of a brown-out
@@ -165,7 +161,3 @@ class LineCondition:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
-
-
-def _least_v(model: str) -> float:
-    return next((volts for begin, volts in _LEAST_V.items() if model.startswith(begin)), _LEAST_OTHER_V)

@@ -7,14 +7,14 @@ Numbers are little-endian. Writes are not answered; an answer repeats its comman
 from hexctl.backends.bus.packets import SumPackets
 
 #: Commands that write.
-MOVE, WRITE_ID, WRITE_LIMITS, WRITE_LOAD = 1, 13, 20, 31
+MOVE, WRITE_ID, WRITE_LIMITS, WRITE_MODE, WRITE_LOAD = 1, 13, 20, 29, 31
 
 #: Parameters of each command that writes.
-WRITE_BYTES = {MOVE: 4, WRITE_ID: 1, WRITE_LIMITS: 4, WRITE_LOAD: 1}
+WRITE_BYTES = {MOVE: 4, WRITE_ID: 1, WRITE_LIMITS: 4, WRITE_MODE: 4, WRITE_LOAD: 1}
 
 #: Commands that ask.
 READ_ID, READ_LIMITS, READ_VOLTAGE_LIMITS, READ_MOST_TEMPERATURE = 14, 21, 23, 25
-READ_TEMPERATURE, READ_VOLTAGE, READ_POSITION, READ_LOAD = 26, 27, 28, 32
+READ_TEMPERATURE, READ_VOLTAGE, READ_POSITION, READ_MODE, READ_LOAD = 26, 27, 28, 30, 32
 
 #: Parameters in the answer to each command that asks.
 ANSWER_BYTES = {
@@ -25,6 +25,7 @@ ANSWER_BYTES = {
     READ_TEMPERATURE: 1,
     READ_VOLTAGE: 2,
     READ_POSITION: 2,
+    READ_MODE: 4,
     READ_LOAD: 1,
 }
 
@@ -45,6 +46,11 @@ def move(servo_id: int, count: int, time_ms: int) -> bytes:
 def load(servo_id: int, *, on: bool) -> bytes:
     """Packet that switches the torque of a servo."""
     return LX16A.instruction(servo_id, WRITE_LOAD, bytes([on]))
+
+
+def mode(servo_id: int, *, motor: bool) -> bytes:
+    """Packet that makes a servo steer for positions, or turn like a motor, which stands still then."""
+    return LX16A.instruction(servo_id, WRITE_MODE, bytes([motor, 0, 0, 0]))
 
 
 def number(parameters: bytes) -> int:

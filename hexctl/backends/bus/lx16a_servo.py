@@ -16,6 +16,7 @@ class Lx16aServo(Servo):
     def look(self) -> FoundServo:
         """Identity and readings of the servo."""
         position, millivolts = self.position(), self.number(lx.READ_VOLTAGE)
+        limits_mv = self._pair(lx.READ_VOLTAGE_LIMITS)
         return FoundServo(
             servo_id=self.servo_id,
             baud=self._packets.line.baud,
@@ -25,6 +26,7 @@ class Lx16aServo(Servo):
             position=None if position is None else int(position),
             voltage_v=None if millivolts is None else round(millivolts / 1000, 1),
             temperature_c=self.number(lx.READ_TEMPERATURE),
+            variant="" if limits_mv is None else f"{limits_mv[0] / 1000:g} to {limits_mv[1] / 1000:g} V",
         )
 
     def number(self, command: int) -> float | None:
@@ -59,7 +61,21 @@ class Lx16aServo(Servo):
         least, most = self._pair(lx.READ_LIMITS) or (0, 0)
         if not self.type.least <= least < most <= self.type.most:
             least, most = self.type.least, self.type.most
-        return ServoSettings(refusal="", notes=tuple(self._notes()), least=least, most=most)
+        refusal = "it is in motor mode and follows no positions; switch its power off and on"
+        return ServoSettings(
+            refusal=refusal if self._is_motor() else "", notes=tuple(self._notes()), least=least, most=most
+        )
+
+    def set_up(self) -> list[str]:
+        """Set up a servo without torque: position mode."""
+        if not self._is_motor():
+            return []
+        self._packets.line.write(lx.mode(self.servo_id, motor=False))
+        return ["could not end its motor mode" if self._is_motor() else "ended its motor mode"]
+
+    def _is_motor(self) -> bool:
+        stored = self._twice(lambda: self._ask(lx.READ_MODE))
+        return stored is not None and stored[0] == 1
 
     def _notes(self) -> list[str]:
         notes = []

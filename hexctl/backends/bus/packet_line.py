@@ -30,11 +30,19 @@ class _Missed:
     deadline_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What came after a ping: complete answers of the servo, and bytes outside packets."""
+
+    answers: int
+    garbled: int
+
+
 class PacketLine:
     """Packets of one protocol on an open line. Its methods raise OSError when the port is lost.
 
     `timeout_s` is the time for an answer besides its time on the wire; with `adapts` it follows the last
-    delays.
+    delays. `late` counts what came when no answer was missing.
     """
 
     def __init__(
@@ -48,7 +56,7 @@ class PacketLine:
         self.line, self.packets = line, packets
         self._stream = PacketStream(self.packets)
         self.timeout_s = self._most_timeout_s = timeout_s
-        self._adapts = adapts
+        self._adapts, self.late = adapts, 0
         self._missed: dict[int, _Missed] = {}
 
     @property
@@ -69,7 +77,7 @@ class PacketLine:
         """
         request = self.packets.instruction(servo_id, instruction, parameters)
         size = self.packets.answer_size(instruction, parameters)
-        room = size if size is not None and self.packets.names_question else ANSWER_BYTES
+        room = size if size is not None and self.packets.names_question else max(ANSWER_BYTES, size or 0)
         wire_s = self.line.wire_s(len(request) + self.packets.status_size(room))
         self._wait_for_late(servo_id, request, size)
         for attempt in range(tries):
@@ -78,9 +86,26 @@ class PacketLine:
             fitting = [each for each in answers if size in (None, len(each.parameters)) or each.error]
             if attempt or not fitting:
                 self._missed[servo_id] = _Missed(request, size, late_deadline_s)
+            self.late += len(answers) - len(fitting)
             if fitting:
                 return fitting[0]
         return None
+
+    def hear(self, servo_id: int) -> Heard:
+        """Ping a servo and listen for the whole timeout: several may answer, one after the other."""
+        line, before = self.line, self.garbled
+        request = self.packets.instruction(servo_id, self.packets.probe)
+        line.discard()
+        self._stream.finish()
+        line.write(request)
+        deadline_s = line.time.now() + line.wire_s(len(request) + self.packets.status_size(ANSWER_BYTES))
+        deadline_s += self.timeout_s
+        came: list[StatusPacket] = []
+        while line.time.now() < deadline_s:
+            came += self._stream.feed(line.read(deadline_s))
+        came += self._stream.finish()
+        answers = [each.servo_id == servo_id and self.packets.answers(request, each) for each in came]
+        return Heard(sum(answers), self.garbled - before)
 
     def _wait_for_late(self, servo_id: int, request: bytes, size: int | None) -> None:
         """Discard an answer that could be mistaken for the one to another request."""
@@ -97,7 +122,7 @@ class PacketLine:
         """Answers of the `asked` ids to a packet; `wire_s` is the time of all of them on the wire."""
         line, stream = self.line, self._stream
         if line.discard():  # too late for the packet before
-            self._wait_longer()
+            self._note_late()
         stream.finish()
         # Moves of LX-16A servos fill the line for milliseconds; shorter packets are in the learned delay.
         free_s = line.free_s if self.packets.names_question else 0.0
@@ -111,9 +136,10 @@ class PacketLine:
             over = not data and self.line.time.now() >= deadline_s
             for answer in came + stream.finish() if over else came:
                 if answer.servo_id in asked and self.packets.answers(request, answer):
+                    self.late += answer.servo_id in answers
                     answers[answer.servo_id], answered_s = answer, self.line.time.now()
                 else:  # too late for the packet before
-                    self._wait_longer()
+                    self._note_late()
             if over:
                 break
         if not answers and len(asked) > 1:  # as if there were none: they may all be late
@@ -126,6 +152,10 @@ class PacketLine:
             self.timeout_s += TIMEOUT_SHARE * (delay_s - self.timeout_s)
             self.timeout_s = min(self.timeout_s, self._most_timeout_s)
         return list(answers.values())
+
+    def _note_late(self) -> None:
+        self.late += 1
+        self._wait_longer()
 
     def _wait_longer(self) -> None:
         self.timeout_s = min(2 * self.timeout_s, self._most_timeout_s)

@@ -1,6 +1,8 @@
 """One Dynamixel or Feetech servo on a line, by its registers."""
 
 import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import READ, REBOOT, WRITE
@@ -40,23 +42,40 @@ class RegisterServo(Servo):
         self.table = table_of(model.name)
         self._number, self._known = number, known
         self._before: dict[Register, float] = {}
+        self._stored: bytes | None = None  # memory before `ram`, while its settings are looked at
 
     def raw(self, register: Register | None, *, tries: int = TRIES) -> int | None:
         """Raw number in a register; None without an answer or a register."""
         if register is None:
             return None
-        asked = self._packets.packets.place(register.address, register.size)
+        data = self._bytes(register.address, register.size, tries=tries)
+        return None if data is None else int.from_bytes(data, self.table.byte_order)
+
+    def _bytes(self, address: int, size: int, *, tries: int = TRIES) -> bytes | None:
+        asked = self._packets.packets.place(address, size)
         for _ in range(tries):
             answer = self._packets.ask(self.servo_id, READ, asked)
-            if answer is not None and len(answer.parameters) == register.size:
-                return int.from_bytes(answer.parameters, self.table.byte_order)
+            if answer is not None and len(answer.parameters) == size:
+                return answer.parameters
             if tries > 1:
                 self._packets.outwait()
         return None
 
     def sure(self, register: Register | None) -> int | None:
         """Raw number that was read twice in a row; None if reads differ."""
+        if register is not None and self._stored is not None and register.address < self.table.ram:
+            data = self._stored[register.address : register.address + register.size]
+            return int.from_bytes(data, self.table.byte_order)
         return self._twice(lambda: self.raw(register))
+
+    @contextmanager
+    def _settings_read(self) -> Iterator[None]:
+        """Read all settings at once; a change ends that. Servos that refuse it are asked one by one."""
+        self._stored = self._twice(lambda: self._bytes(0, self.table.ram, tries=1))
+        try:
+            yield
+        finally:
+            self._stored = None
 
     def value(self, register: Register | None, *, tries: int = TRIES) -> float | None:
         """Number in a register in its unit; None without an answer or a register."""
@@ -85,6 +104,7 @@ class RegisterServo(Servo):
         """Write a number if it differs, and read it back: servos drop some. Empty, or the reason."""
         if self.sure(register) == register.raw(value):
             return ""
+        self._stored = None
         said = self.write(register, value)
         after = self.sure(register)
         if after == register.raw(value):
@@ -117,7 +137,30 @@ class RegisterServo(Servo):
             load=_rounded(load, 3),
             current_a=_rounded(current_a, 3),
             error=error,
+            firmware=self.firmware(),
+            variant=self.variant(),
         )
+
+    def firmware(self) -> str:
+        """Version of its firmware; empty if unknown."""
+        numbers = [self.sure(each) for each in self.table.firmware]
+        return "" if None in numbers or not any(numbers) else ".".join(map(str, numbers))
+
+    def variant(self) -> str:
+        """Type by its supply and the limits of that; empty if unknown."""
+        limits = self._voltage_limits()
+        if limits is None:
+            return ""
+        name = next((name for most_v, name in self.table.variants if limits[1] <= most_v), "")
+        words = f"{limits[0]:g} to {limits[1]:g} V"
+        return f"{name}, {words}" if name else words
+
+    def _voltage_limits(self) -> tuple[float, float] | None:
+        if self.table.voltages is None:
+            return None
+        least_v, most_v = (self.sure_value(each) for each in self.table.voltages)
+        known = least_v is not None and most_v is not None and 0 <= least_v < most_v
+        return (round(least_v or 0.0, 1), round(most_v or 0.0, 1)) if known else None
 
     def position(self) -> float | None:
         """Position in counts."""
@@ -145,7 +188,27 @@ class RegisterServo(Servo):
 
         Permanent settings are written only if they differ, and not saved if the servo has a lock.
         """
-        table, notes = self.table, []
+        notes = self._set_up_answers()
+        with self._settings_read():
+            return notes + self._set_up_modes()
+
+    def _set_up_answers(self) -> list[str]:
+        """Let it answer all instructions: at level 0 it answers pings only, and has no readings."""
+        if self.table.status_level is None:
+            return []
+        register, level = self.table.status_level
+        before = self.raw(register)
+        if before == level or (before is None and (not self.answers() or self.raw(register) is not None)):
+            return []
+        address = register.address.to_bytes(self._packets.packets.width, "little")
+        self._packets.tell(self.servo_id, WRITE, address + self.table.packed(register, level))
+        self._packets.outwait()
+        after = self.sure(register)
+        said = "" if after == level else SILENT if after is None else f"it keeps {after}"
+        return [_changed(f"its status return level to {level}", said)]
+
+    def _set_up_modes(self) -> list[str]:
+        table, notes = self.table, list[str]()
         if self.sure(table.unlock) == 0:
             self._lock(open_=False)
         if said := self.change(table.return_delay, 0):
@@ -154,13 +217,34 @@ class RegisterServo(Servo):
         if table.mode is not None and mode not in (None, table.position_mode):
             said = self.change(table.mode, table.position_mode)
             notes.append(_changed(f"its operating mode from {mode} to {table.position_mode}", said))
-        if table.flags is not None and flags is not None and (words := bit_words(table.cleared, flags)):
-            said = self.change(table.flags, flags & ~sum(1 << bit for bit in table.cleared))
-            notes.append(_changed(f"its flag for {words} off", said))
+        if table.flags is not None and flags is not None:
+            off, on = bit_words(table.cleared, flags), bit_words(table.wanted, ~flags)
+            wanted = (flags & ~_bits(table.cleared)) | _bits(table.wanted)
+            said = self.change(table.flags, wanted) if off or on else ""
+            notes += [_changed(f"its flag for {off} off", said)] if off else []
+            if table.timed is not None and flags >> table.timed & 1 and not said:
+                notes += self._end_times()
+            notes += [_changed(f"its flag for {on}", said)] if on else []
+        if table.resolution is not None and (scale := self.sure(table.resolution) or 1) > 1:
+            said = self.change(table.resolution, 1)
+            notes.append(_changed(f"its angular resolution from {scale} to 1", said))
         return notes
+
+    def _end_times(self) -> list[str]:
+        """Set durations of moves to none: as limits of speed and acceleration they mean something else."""
+        times = {each: self.sure(each) for each in self.table.profile}
+        return [
+            _changed(f"its profile register {each.address} from {time} ms to 0", self.change(each, 0))
+            for each, time in times.items()
+            if time
+        ]
 
     def settings(self) -> ServoSettings:
         """Stored settings, as far as they can be read."""
+        with self._settings_read():
+            return self._settings()
+
+    def _settings(self) -> ServoSettings:
         least, most = self.sure_value(self.table.least), self.sure_value(self.table.most)
         unlimited = least is None or most is None or not least < most
         return ServoSettings(
@@ -168,6 +252,8 @@ class RegisterServo(Servo):
             notes=tuple(self._notes()),
             least=float("-inf") if unlimited or least is None else least,
             most=float("inf") if unlimited or most is None else most,
+            firmware=self.firmware(),
+            shadow_id=self.sure(self.table.shadow_id),
         )
 
     def hardware_error(self) -> str:
@@ -191,8 +277,9 @@ class RegisterServo(Servo):
             if register is None or before is None:
                 continue
             self._before.setdefault(register, before)
+            scaled = value / self._speed_unit() if register == self.table.speed else value
             # A speed of 0 is no limit.
-            limit = min(before, value) if before or register != self.table.speed else value
+            limit = min(before, scaled) if before or register != self.table.speed else scaled
             refusals.append(self.change(register, limit))
         return ", ".join(filter(None, refusals))
 
@@ -241,11 +328,20 @@ class RegisterServo(Servo):
         if table.mode is None and least == most == 0:
             return "it is in wheel mode, with both angle limits at 0; set them with the vendor's tool"
         if table.flags is None or flags is None:
-            return ""
+            return self._refused_numbers()
         if words := bit_words(table.cleared, flags):
             return f"its flag for {words} is on; {_LATER}"
         if words := bit_words(table.refused, flags):
             return f"{words} (register {table.flags.address} is {flags}); clear that with the vendor's tool"
+        return self._refused_numbers()
+
+    def _refused_numbers(self) -> str:
+        """Why a number keeps it from following its own goals; empty if none does."""
+        table = self.table
+        if (scale := self.sure(table.resolution) or 1) > 1:
+            return (
+                f"its angular resolution is {scale}, not 1: its counts are {scale} times as large; {_LATER}"
+            )
         return ""
 
     def _notes(self) -> list[str]:
@@ -260,9 +356,32 @@ class RegisterServo(Servo):
         elif greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
         if speed := self.sure_value(table.speed):
-            notes.append(f"its speed is limited to {speed:.0f} degrees/s")
+            notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")
         if alert := self.hardware_error():
             notes.append(f"it has let go ({alert}); switch its power off and on")
+        return notes + self._variant_notes()
+
+    def _speed_unit(self) -> float:
+        """How many times larger its counts of a speed are."""
+        flags = self.sure(self.table.flags)
+        if self.table.slow_unit is None or flags is None:
+            return 1.0
+        bit, times = self.table.slow_unit
+        return 1.0 if flags >> bit & 1 else times
+
+    def _variant_notes(self) -> list[str]:
+        """Notes on a supply that it is not made for, and on old firmware."""
+        notes, firmware = [], self.firmware()
+        limits, volts = self._voltage_limits(), self.sure_value(self.table.voltage)
+        if limits is not None and volts and not limits[0] <= volts <= limits[1]:
+            notes.append(
+                f"it has {volts:.0f} V and is made for other voltages ({self.variant()}, firmware {firmware})"
+            )
+        if self.table.least_firmware is not None and firmware:
+            least, lacks = self.table.least_firmware
+            if tuple(map(int, firmware.split("."))) < least:
+                newest = ".".join(map(str, least))
+                notes.append(f"its firmware {firmware} is older than {newest}, and lacks {lacks}; update it")
         return notes
 
     def _overload_notes(self) -> list[str]:
@@ -288,6 +407,10 @@ def register_servo(packets: PacketLine, driver: str, servo_id: int, protocol: in
                 if (model.driver, model.protocol, model.number) == (driver, protocol, each):
                     return RegisterServo(packets, servo_id, model, number=each)
     return RegisterServo(packets, servo_id, likely.type, number=number, known=False)
+
+
+def _bits(words: Mapping[int, str]) -> int:
+    return sum(1 << bit for bit in words)
 
 
 def _rounded(number: float | None, digits: int) -> float | None:

@@ -88,6 +88,17 @@ class RegisterTable:
     flags: Register | None = None  # change what counts mean
     refused: Mapping[int, str] = field(default_factory=dict)  # flags by bit with which a servo is refused
     cleared: Mapping[int, str] = field(default_factory=dict)  # flags by bit that are cleared without torque
+    wanted: Mapping[int, str] = field(default_factory=dict)  # flags by bit that are set without torque
+    timed: int | None = None  # flag with which `profile` is in ms: durations of moves, not limits
+    profile: tuple[Register, ...] = ()
+    slow_unit: tuple[int, float] | None = None  # flag without which speeds count this many times as much
+    resolution: Register | None = None  # counts are multiplied by it
+    status_level: tuple[Register, int] | None = None  # which instructions are answered, and all of them
+    shadow_id: Register | None = None  # another id whose goals it follows; none above the highest id
+    firmware: tuple[Register, ...] = ()  # version, its main number first
+    least_firmware: tuple[tuple[int, ...], str] | None = None  # and what older versions lack
+    voltages: tuple[Register, Register] | None = None  # lowest and highest supply
+    variants: tuple[tuple[float, str], ...] = ()  # names of types by their highest supply in V
     shutdown: Register | None = None  # conditions under which the servo lets go
     protections: Mapping[int, str] = field(default_factory=dict)  # bits of `shutdown` that protect it
     overload: OverloadRegisters | None = None
@@ -186,6 +197,9 @@ AX = RegisterTable(
     ram=24,
     least=Register(6, 2),
     most=Register(8, 2),
+    status_level=(Register(16), 2),
+    firmware=(Register(2),),
+    voltages=(Register(12, scale=0.1), Register(13, scale=0.1)),
     shutdown=Register(18),
     protections={2: "heat", 5: "overload"},
     max_torque=Register(14, 2, scale=1 / 1023),
@@ -207,6 +221,8 @@ XL320 = replace(
     sync_read=True,
     mode=Register(11),
     position_mode=2,
+    status_level=(Register(17), 2),
+    voltages=(Register(13, scale=0.1), Register(14, scale=0.1)),
     protections={0: "overload", 1: "heat"},
     max_torque=Register(15, 2, scale=1 / 1023),
     torque_limit=Register(35, 2, scale=1 / 1023),
@@ -236,6 +252,14 @@ X = RegisterTable(
     position_mode=3,
     flags=Register(10),
     refused={0: "it counts in reverse", 3: "goals switch its torque on"},
+    cleared={2: "moves by time (time-based profile)"},
+    timed=2,
+    profile=(Register(108, 4), Register(112, 4)),  # acceleration and velocity
+    status_level=(Register(68), 2),
+    shadow_id=Register(12),
+    firmware=(Register(6),),
+    least_firmware=((38,), "a watchdog"),
+    voltages=(Register(34, 2, scale=0.1), Register(32, 2, scale=0.1)),
     shutdown=Register(63),
     protections={2: "heat", 5: "overload"},
     max_torque=Register(36, 2, scale=1 / 885),
@@ -249,10 +273,11 @@ X = RegisterTable(
 )
 
 #: XL330 and XM430, which measure their current in place of the load.
-XL330 = replace(X, effort=None, current=Register(126, 2, "twos", 0.001))
+XL330 = replace(X, effort=None, current=Register(126, 2, "twos", 0.001), least_firmware=None)
 XM430 = replace(X, effort=None, current=Register(126, 2, "twos", 0.00269))
 
-#: STS3215 and its kin (memory table of STS): at full speed, settings kept from being saved.
+#: STS3215 and its kin (memory table of STS, with its phase byte, 18): at full speed, settings kept from
+#: being saved. Firmware before 3.10 does not answer sync reads.
 STS = RegisterTable(
     protocol=1,
     torque=Register(40),
@@ -271,6 +296,14 @@ STS = RegisterTable(
     mode=Register(33),
     flags=Register(18),
     cleared={4: "positions beyond one turn"},
+    wanted={3: "a speed of 0 as full speed"},
+    slow_unit=(2, 50.0),
+    resolution=Register(30),
+    status_level=(Register(8), 1),
+    firmware=(Register(0), Register(1)),
+    least_firmware=((3, 10), "readings of all servos at once"),
+    voltages=(Register(15, scale=0.1), Register(14, scale=0.1)),
+    variants=((9.0, "7.4 V type"), (99.0, "12 V type")),
     shutdown=Register(19),
     protections={2: "heat", 5: "overload"},
     overload=OverloadRegisters(
@@ -298,6 +331,11 @@ SCS = replace(
     mode=None,
     flags=None,
     cleared={},
+    wanted={},
+    slow_unit=None,
+    resolution=None,
+    least_firmware=None,
+    variants=(),
     overload=None,
     torque_limit=None,
     soft_torque=None,

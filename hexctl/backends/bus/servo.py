@@ -22,6 +22,8 @@ class FoundServo:
         position: in counts.
         load: share of its maximum effort, signed.
         error: its complaint; empty for none.
+        firmware: its version; empty if unknown.
+        variant: its type by its supply, and the limits of that; empty if unknown.
     """
 
     servo_id: int
@@ -35,6 +37,8 @@ class FoundServo:
     load: float | None = None
     current_a: float | None = None
     error: str = ""
+    firmware: str = ""
+    variant: str = ""
 
     @property
     def effort(self) -> float | None:
@@ -54,6 +58,8 @@ class FoundServo:
             "voltage": self.voltage_v,
             "temperature": self.temperature_c,
             "error": self.error,
+            "firmware": self.firmware,
+            "variant": self.variant,
         }
 
 
@@ -62,13 +68,15 @@ class ServoSettings:
     """Stored settings that matter before a servo moves.
 
     `refusal` is why it must not be moved; empty if it may be. `least` and `most` limit goals, in counts;
-    infinite if unknown.
+    infinite if unknown, `firmware` is empty then. With a `shadow_id` it also follows the goals of that id.
     """
 
     refusal: str
     notes: tuple[str, ...]
     least: float
     most: float
+    firmware: str = ""
+    shadow_id: int | None = None
 
 
 class Servo(ABC):
@@ -80,6 +88,13 @@ class Servo(ABC):
     def answers(self, *, tries: int = TRIES) -> bool:
         """Whether it answers."""
         return self._packets.ask(self.servo_id, self._packets.packets.probe, tries=tries) is not None
+
+    def reads(self) -> bool | None:
+        """Whether its position can be read; None without any answer.
+
+        Servos with one id may answer a ping alike, and stand at other positions.
+        """
+        return self.position() is not None if self.answers() else None
 
     def model_number(self) -> int | None:
         """Reported model number, or None."""

@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from hexctl.backends.bus.damage import Damage, Listener
 from hexctl.backends.bus.line_condition import AnswerShares
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.servo import TRIES, Servo, ServoSettings
@@ -76,6 +77,7 @@ class ServoBus(ABC):
         mute_s: silence after which a servo is mute.
         stale_s: age of a believed position after which a servo was not measured with the others.
         reports_limp: whether its reports complain of lost torque.
+        damage: bytes that were no answers when the servos were looked for.
         lowest, highest: stored limits of goals, in counts, (n,); none before `settings`.
         speeds: maximum of the servos, (n,), in counts per second, for timed moves; infinite until set.
     """
@@ -84,6 +86,7 @@ class ServoBus(ABC):
     stale_s: ClassVar[float] = 0.17  # twice the age of a reading if servos are asked in turn
     reports_limp: ClassVar[bool] = False
     servos: Sequence[Servo]
+    damage: Damage
 
     def __init__(self, packets: PacketLine, models: Mapping[int, ServoType], counters: BusCounters) -> None:
         self._packets, self._counters, self._time = packets, counters, packets.line.time
@@ -96,9 +99,12 @@ class ServoBus(ABC):
         self._beyond: BoolArray = np.zeros(count, dtype=bool)  # servos that may not hold where they are
 
     def find(self) -> BoolArray:
-        """Which servos answer, (n,); learns whether the adapter echoes."""
+        """Which servos answer, (n,); learns whether the adapter echoes, and what is no answer (`damage`)."""
         self._packets.learn_echo()
-        return np.array([servo.answers() for servo in self.servos])
+        listener = Listener(self._packets)
+        found = [listener.look(servo.servo_id, servo.reads) for servo in self.servos]
+        self.damage = listener.damage()
+        return np.array(found)
 
     def servo(self, servo_id: int, model: ServoType) -> Servo:
         """Another servo of the same family on the line."""

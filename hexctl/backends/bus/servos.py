@@ -1,16 +1,17 @@
 """Leg servos on a bus, and the thread that owns the bus."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from hexctl.backends.bus.damage import Damage
 from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, Report, ServoBus
-from hexctl.backends.bus.tools import BUSES, bus_of, check_no_unexpected_ids, lost_id_notes
+from hexctl.backends.bus.tools import BUSES, baud_advice, bus_of, check_no_unexpected_ids, lost_id_notes
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import PortThread
 from hexctl.backends.ticked_servos import PortServos
@@ -188,6 +189,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         self._held = False
         self._speeds = np.degrees(self._robot.joint_max_speed_rad_s) * bus_map.per_deg
         self._notes: tuple[str, ...] = ()
+        self._garbled = 0  # bytes until something was heard last
         self._condition = LineCondition(bus_map, self.counters.shares, time=self._clock.time)
 
     @property
@@ -225,22 +227,31 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             bus = bus_of(self._map, line, self.counters)
             bus.speeds = self._speeds
             found = bus.find()
-            self._check_found(found)
+            advice = ""
+            if first and not found.any() and (not bus.damage or bus.damage.of_the_line):
+                line.close()
+                advice = baud_advice(self._place, self._map.driver, (self._baud,))
+            self._check_found(found, bus.damage, advice)
+            noise = [bus.damage.words(self._place)] if bus.damage.noisy and found.all() else []
+            if first and bus.damage and not noise:  # two servos with one id would move together
+                raise RobotFaultError(bus.damage.words(self._place))
             if first:
                 check_no_unexpected_ids(line, self._map, found)
             self._check_models(bus, found)
             notes = self._set_up(bus, found & ~self._on(bus, found)) + self._stored(bus, found)
-            self._notes = (*notes, *lost_id_notes(bus, self._map, found))
+            self._notes = (*noise, *notes, *lost_id_notes(bus, self._map, found))
         except BaseException:
             line.close()
             raise
         return bus
 
-    def _check_found(self, found: BoolArray) -> None:
+    def _check_found(self, found: BoolArray, damage: Damage, advice: str = "") -> None:
+        if damage and np.count_nonzero(~found) > MOST_MUTE:
+            raise RobotFaultError(damage.words(self._place) + advice)
         if not found.any():
             raise RobotFaultError(
                 f"no servo answers on {self._place} at {self._baud} baud; are they powered, and are driver, "
-                "baud and ids those of the robot file?"
+                f"baud and ids those of the robot file?{advice}"
             )
         if np.count_nonzero(~found) > MOST_MUTE:
             raise RobotFaultError(f"servos do not answer on {self._place}: {self._map.names(~found)}")
@@ -267,19 +278,29 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _set_up(self, bus: ServoBus, joints: BoolArray) -> list[str]:
         """Set up the servos of some joints, (18,), that have no torque; notes on changes."""
-        return [
-            f"{note}: {self._name(joint)}"
-            for joint in np.flatnonzero(joints).tolist()
-            for note in bus.servos[joint].set_up()
-        ]
+        return self._grouped({joint: bus.servos[joint].set_up() for joint in np.flatnonzero(joints).tolist()})
+
+    def _grouped(self, notes: Mapping[int, Sequence[str]]) -> list[str]:
+        """Notes on joints: each once, with the names of all joints that it is about."""
+        every = dict.fromkeys(note for each in notes.values() for note in each)
+        about = {
+            note: np.array([note in notes.get(joint, ()) for joint in range(N_JOINTS)]) for note in every
+        }
+        return [f"{note}: {self._map.names(joints)}" for note, joints in about.items()]
 
     def _stored(self, bus: ServoBus, joints: BoolArray) -> list[str]:
         """Notes on stored settings; raises RobotFaultError for a servo that would not follow goals."""
-        notes = []
-        for joint, stored in bus.settings(joints).items():
+        settings = bus.settings(joints)
+        for joint, stored in settings.items():
             if stored.refusal:
                 raise RobotFaultError(f"{self._name(joint)}: {stored.refusal}")
-            notes += [f"{note}: {self._name(joint)}" for note in stored.notes]
+            if stored.shadow_id in set(self._map.ids.tolist()) - {int(self._map.ids[joint])}:
+                raise RobotFaultError(
+                    f"{self._name(joint)}: it also follows the goals of id {stored.shadow_id}; set its "
+                    "secondary id (register 12) to 255 with the vendor's tool"
+                )
+        notes = self._grouped({joint: stored.notes for joint, stored in settings.items()})
+        notes += self._odd_firmware({joint: stored.firmware for joint, stored in settings.items()})
         ends = self._map.raw(np.array([self._robot.joint_lower_rad, self._robot.joint_upper_rad]))
         needed = np.rint(np.sort(np.clip(ends, self._map.least, self._map.most), axis=0))
         for joint in np.flatnonzero((needed[0] < bus.lowest) | (needed[1] > bus.highest)).tolist():
@@ -288,6 +309,14 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
                 f"joint's {needed[0, joint]:.0f} to {needed[1, joint]:.0f}: {self._name(joint)}"
             )
         return notes
+
+    def _odd_firmware(self, versions: Mapping[int, str]) -> list[str]:
+        """Note on servos whose firmware is not that of most."""
+        if len(set(versions.values())) < 2:
+            return []
+        usual = max(versions.values(), key=list(versions.values()).count)
+        odd = {joint: [f"{each or 'none'}"] for joint, each in versions.items() if each != usual}
+        return [f"servos differ in their firmware, {usual} of most: {'; '.join(self._grouped(odd))}"]
 
     def _name(self, joint: int) -> str:
         return self._map.names(np.arange(N_JOINTS) == joint)
@@ -314,6 +343,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             healthy=thread.gone is None,
             fault=self._fault(thread.gone, float(silences_s.min())),
             battery_v=_median(servos.voltages_v),
+            low_battery_v=self._map.low_battery_v,
             joint_torques_nm=torques,
             servos=servos,
             warnings=warnings,
@@ -323,7 +353,14 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
     def _fault(self, gone: str | None, silence_s: float) -> str | None:
         if gone is not None:
             return self._gone(gone)
-        if silence_s > SILENT_S:
+        if silence_s <= SILENT_S:
+            self._garbled = self.counters.garbled
+        elif self.counters.garbled > self._garbled:
+            return (
+                f"all that comes on {self._place} is damaged: a bad cable, noise, a missing ground, or "
+                "another program or controller on the bus"
+            )
+        else:
             return (
                 f"no servo answers on {self._place} any more; is the cable in, have they power, or is this "
                 "computer too busy?"

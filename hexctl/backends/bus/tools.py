@@ -8,6 +8,7 @@ from itertools import count
 import numpy as np
 
 from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus.damage import Damage, Listener
 from hexctl.backends.bus.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.lx16a_servo import Lx16aServo
 from hexctl.backends.bus.packet_line import PacketLine
@@ -44,6 +45,9 @@ TIMEOUT_S = 0.02
 
 #: How often a broadcast is repeated that only a servo alone on its bus answers completely.
 BROADCASTS = 3
+
+#: Ids that are asked to find a baud rate: the factory's, and those of a robot's joints.
+FIRST_IDS = range(1, 19)
 
 #: How far beyond the ids of the joints others are looked for: as far as all joints shifted once.
 MARGIN = 18
@@ -111,12 +115,18 @@ def answering_ids(packets: PacketLine, ids: Sequence[int], *, tries: int = 1) ->
 
 
 def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
-    """Servo with this id, in any protocol of the driver; None if none answers."""
+    """Servo with this id, in any protocol of the driver; None if none answers.
+
+    Raises RobotFaultError for damaged answers: several servos may have this id.
+    """
     check_driver(driver)
     for protocol in PROTOCOLS_OF[driver]:
-        packets = tool_line(line, driver, protocol)
-        if answering_ids(packets, [servo_id], tries=TRIES):
-            return servo_with(packets, driver, protocol, servo_id)
+        listener = Listener(tool_line(line, driver, protocol))
+        answers = listener.answers(servo_id, tries=TRIES)
+        if damage := listener.damage():
+            raise RobotFaultError(damage.words(line.path))
+        if answers:
+            return servo_with(listener.packets, driver, protocol, servo_id)
     return None
 
 
@@ -143,6 +153,7 @@ def scan_bus(
     *bauds: int,
     ids: Sequence[int] = IDS,
     progress: Progress = lambda _asked, _of: None,
+    on_damage: Callable[[Damage], None] = lambda _: None,
 ) -> list[FoundServo]:
     """Servos that answer on a port, by id. Nothing is switched and nothing moves.
 
@@ -150,6 +161,7 @@ def scan_bus(
         driver: `dynamixel`, `feetech` or `lx16a`.
         bauds: bits per second, tried in this order.
         progress: called before each question.
+        on_damage: called for each baud rate and protocol with bytes that are no answers.
 
     Raises InputError for another driver, RobotFaultError for a port that cannot be opened or is lost.
     """
@@ -161,31 +173,83 @@ def scan_bus(
         with opened_line(path, baud) as line:
             at_baud: dict[int, FoundServo] = {}
             for protocol in protocols:
-                packets = tool_line(line, driver, protocol)
+                listener = Listener(tool_line(line, driver, protocol))
                 for servo_id in ids:
                     progress(next(asked), of)
-                    _look_at(packets, driver, protocol, servo_id, at_baud)
+                    _look_at(listener, driver, protocol, servo_id, at_baud)
                 # Those that gave no answer among others that did are asked once more.
                 for servo_id in [each for each in ids if each <= max(at_baud, default=-1) + 1]:
-                    _look_at(packets, driver, protocol, servo_id, at_baud)
+                    _look_at(listener, driver, protocol, servo_id, at_baud)
+                if damage := listener.damage():
+                    on_damage(damage)
+                    if damage.noisy or damage.of_the_line:
+                        break  # another protocol would hear the same
             found += at_baud.values()
     return sorted(found, key=lambda servo: (servo.servo_id, servo.baud))
 
 
 def _look_at(
-    packets: PacketLine, driver: str, protocol: int, servo_id: int, found: dict[int, FoundServo]
+    listener: Listener, driver: str, protocol: int, servo_id: int, found: dict[int, FoundServo]
 ) -> None:
-    if servo_id not in found and answering_ids(packets, [servo_id]):
-        found[servo_id] = servo_with(packets, driver, protocol, servo_id).look()
+    def look() -> bool | None:
+        if not answering_ids(listener.packets, [servo_id]):
+            return None
+        found[servo_id] = servo_with(listener.packets, driver, protocol, servo_id).look()
+        return found[servo_id].position is not None  # pings of two servos may be alike, and positions are not
+
+    if servo_id not in found:
+        listener.look(servo_id, look)
+
+
+def variant_notes(found: Sequence[FoundServo]) -> list[str]:
+    """Firmware and type of servos that report them, one line for each kind."""
+    kinds: dict[str, list[int]] = {}
+    for each in found:
+        firmware = f"firmware {each.firmware}" if each.firmware else ""
+        if words := ", ".join(filter(None, (firmware, each.variant))):
+            kinds.setdefault(words, []).append(each.servo_id)
+    if len(kinds) == 1 and len(found) > 1:
+        return [f"{next(iter(kinds))}: all"]
+    return [f"{words}: id {', '.join(map(str, ids))}" for words, ids in kinds.items()]
+
+
+def other_bauds(path: str, driver: str, bauds: Collection[int]) -> list[int]:
+    """Other usual baud rates at which servos answer, by a few questions at each."""
+    return [
+        baud
+        for baud in USUAL_BAUDS[driver]
+        if baud not in bauds and any(_answers_at(path, driver, baud, each) for each in PROTOCOLS_OF[driver])
+    ]
+
+
+def _answers_at(path: str, driver: str, baud: int, protocol: int) -> bool:
+    try:
+        with opened_line(path, baud) as line:
+            return bool(answering_ids(tool_line(line, driver, protocol), FIRST_IDS))
+    except RobotFaultError:
+        return False  # a rate that the adapter does not have
+
+
+def baud_advice(path: str, driver: str, bauds: Collection[int]) -> str:
+    """Advice for a silent bus: the baud rates at which servos answer; empty for none."""
+    others = " or ".join(map(str, other_bauds(path, driver, bauds)))
+    return f"; servos answer at {others} baud: a wrong baud rate" if others else ""
+
+
+def damage_words(damage: Damage, path: str, driver: str) -> str:
+    """What is wrong; damage at many ids also with the baud rates at which servos answer."""
+    advice = baud_advice(path, driver, (damage.baud,)) if damage.of_the_line else ""
+    return damage.words(path) + advice
 
 
 def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
-    """Message for a scan without a servo."""
+    """Message for a scan without a servo and without damaged answers."""
     tried = " or ".join(str(baud) for baud in bauds)
     others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
     usual = f"; --baud all also asks at {', '.join(others)}" if others else ""
     return (
-        f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?{usual}"
+        f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?"
+        f"{baud_advice(path, driver, bauds)}{usual}"
     )
 
 
@@ -199,12 +263,17 @@ def set_servo_id(
     check_driver(driver)
     if new_id not in IDS:
         raise InputError(f"{argument('new_id')}: got {new_id}; allowed: {IDS[0]} to {IDS[-1]}")
-    ids = _ids_by_broadcast(path, baud) if driver == "lx16a" else IDS
-    found = scan_bus(path, driver, baud, ids=ids, progress=progress)
-    answering = ids if driver == "lx16a" else [each.servo_id for each in found]
-    if len(answering) != 1 or len(found) != 1:
+    told = _ids_by_broadcast(path, baud) if driver == "lx16a" else []
+    damages: list[Damage] = []
+    found = scan_bus(path, driver, baud, ids=told or IDS, progress=progress, on_damage=damages.append)
+    answering = told or [each.servo_id for each in found]
+    if len(answering) != 1 or len(found) != 1 or damages:
         answer = ", ".join(map(str, answering)) or "none"
-        raise InputError(f"servos that answer: got {answer}; allowed: exactly one on the bus")
+        reasons = [damage_words(each, path, driver) for each in damages]
+        if not (answering or damages):
+            reasons = [baud_advice(path, driver, (baud,)).removeprefix("; ")]
+        more = "".join(f"; {each}" for each in reasons if each)
+        raise InputError(f"servos that answer: got {answer}; allowed: exactly one on the bus{more}")
     servo = found[0]
     if driver == "feetech" and servo.model is None:
         known = [each.name for each in SERVO_TYPES.values() if each.driver == driver and each.number]
@@ -232,7 +301,11 @@ def _ids_by_broadcast(path: str, baud: int) -> list[int]:
             ids |= {each.parameters[0] for each in packets.transact(request, range(BROADCAST + 1), wire_s)}
             line.time.sleep(TIMEOUT_S)
         if not ids and packets.garbled:
-            raise InputError("servos that answer: got several at once; allowed: exactly one on the bus")
+            damage = Listener(packets).damage_of_line()
+            raise InputError(
+                "servos that answer: got several at once, or damaged answers; allowed: exactly one on the bus"
+                f"{f'; {damage.words(path)}' if damage else ''}"
+            )
     return sorted(ids)
 
 
@@ -258,14 +331,17 @@ def ids_around(servos: BusMap) -> list[int]:
 
 
 def check_no_unexpected_ids(line: SerialLine, servos: BusMap, found: BoolArray) -> None:
-    """Raise RobotFaultError if a joint's servo is missing and an id of no joint answers.
+    """Raise RobotFaultError if a joint's servo is missing and an id of no joint answers, or several do.
 
     With such a robot file a walk would move the wrong joints. Ids near those of the joints and the factory's
     are asked, without the only servo that may have lost its id.
     """
     if found.all():
         return
-    unexpected = answering_ids(tool_line(line, servos.driver, servos.protocol), ids_around(servos), tries=2)
+    listener = Listener(tool_line(line, servos.driver, servos.protocol))
+    unexpected = [each for each in ids_around(servos) if listener.answers(each, tries=2)]
+    if damage := listener.damage():
+        raise RobotFaultError(f"{servos.names(~found)} does not answer; {damage.words(line.path)}")
     lost = _adoptable(servos, found) is not None and unexpected == [FACTORY_ID]
     if not unexpected or lost:
         return

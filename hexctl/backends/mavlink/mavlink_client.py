@@ -168,7 +168,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         measured = told is not None and bool(told.value)
         position, quaternion = self._pose(outputs.at_s)
         battery = self._battery(now_s)
-        fault = self._fault(now_s, battery)
+        fault = self._fault(now_s)
         return RobotState(
             self._positions(outputs.value, measured=measured),
             stamp_s=max(0.0, self._clock.now_s - age_s),
@@ -179,6 +179,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
             healthy=fault is None,
             fault=fault,
             battery_v=battery.voltage_v,
+            low_battery_v=self._map.low_battery_v,
             battery_share=battery.share,
         )
 
@@ -207,10 +208,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
                 return battery
         return mavlink_messages.Battery(None, None)
 
-    def _fault(self, now_s: float, battery: mavlink_messages.Battery) -> str | None:
-        least, voltage = self._map.low_battery_v, battery.voltage_v
-        if least is not None and voltage is not None and voltage < least:
-            return f"low battery {voltage:.1f} V"
+    def _fault(self, now_s: float) -> str | None:
         text = _fresh(self._receiver.newest("error"), now_s, ERROR_TEXT_S)
         if text is not None:
             return f"the board says: {text.value}"

@@ -162,18 +162,20 @@ class Servo2040:
 
     def _is_fork(self) -> bool:
         """Whether a checksum ends the reply to a request for the voltage."""
-        request = get_frame(VOLTAGE, 1)
+        request, garbled = get_frame(VOLTAGE, 1), 0
         for _ in range(TRIES):
             self._line.discard()
             self._line.write(request)
             data = self._gather(VOLTAGE, 1, checked=False)
             if find_reply(data, VOLTAGE, 1, checked=False) is None:
+                garbled += len(data)
                 continue
             data += self._line.read(self._line.time.now() + CHECKSUM_S)
             return find_reply(data, VOLTAGE, 1, checked=True) is not None
+        damaged = f" ({garbled} bytes came, none of them an answer)" if garbled else ""
         raise RobotFaultError(
-            f"no servo2040 answers on {self._line.path}; is it the board's port, and does the board have the "
-            "Chica firmware?"
+            f"no servo2040 answers on {self._line.path}{damaged}; is it the board's port, and does the board "
+            "have the Chica firmware?"
         )
 
     def _ask(self, start: int, count: int, *, tries: int = 1) -> list[int] | None:

@@ -209,6 +209,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
             healthy=fault is None,
             fault=fault,
             battery_v=report.voltage_v,
+            low_battery_v=self._map.low_battery_v if thread.on else None,  # else the rail has no power
             current_a=report.current_a,
         )
 

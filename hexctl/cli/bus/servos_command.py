@@ -15,10 +15,11 @@ from hexctl.cli.progress import ScanProgress
 from hexctl.cli.settings import Commands
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import checked
-from hexctl.errors import InputError
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.options import Range
 
 if TYPE_CHECKING:
+    from hexctl.backends.bus.damage import Damage
     from hexctl.backends.bus.servo import FoundServo
     from hexctl.control.calibration.servo_identification import Identification
     from hexctl.robot.servos.bus_map import BusMap
@@ -44,20 +45,26 @@ def _an_id(help_text: str) -> Any:
 def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     """Ask all ids which servos answer: model, position, voltage, temperature. Nothing moves.
 
-    With --robot also which joint each is, and what differs from the file. Exit code 3 if none answers.
+    With --robot also which joint each is, and what differs from the file. Exit code 3 if none answers, or
+    answers are damaged.
     """
-    from hexctl.backends.bus.tools import nothing_answers, scan_bus
+    from hexctl.backends.bus.tools import damage_words, nothing_answers, scan_bus, variant_notes
 
     asked = ScanOptions(**options)
     bus = asked.address()
     bauds = asked.bauds_at(bus)
     with ScanProgress() as progress:
-        found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show)
+        damages: list[Damage] = []
+        found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show, on_damage=damages.append)
     _note_models(bus.driver, found)
-    if not found:
+    for note in variant_notes(found):
+        print_note(note)
+    for damage in damages:
+        print_note(damage_words(damage, bus.path, bus.driver))
+    if not (found or damages):
         print_note(nothing_answers(bus.path, bus.driver, bauds))
     _print_scan(found, asked.servo_map() if found else None, as_json=as_json)
-    raise typer.Exit(DONE if found else FAULT)
+    raise typer.Exit(DONE if found and not damages else FAULT)
 
 
 def _note_models(driver: str, found: "Sequence[FoundServo]") -> None:
@@ -150,10 +157,14 @@ def _identification(asked: IdentificationOptions, bus: BusAddress) -> "Identific
 
 
 def _answering(bus: BusAddress) -> list[int]:
-    from hexctl.backends.bus.tools import scan_bus
+    from hexctl.backends.bus.tools import damage_words, scan_bus
 
     with ScanProgress() as progress:
-        return [each.servo_id for each in scan_bus(bus.path, bus.driver, bus.baud, progress=progress.show)]
+        damages: list[Damage] = []
+        found = scan_bus(bus.path, bus.driver, bus.baud, progress=progress.show, on_damage=damages.append)
+    if damages:  # two servos with one id would move together
+        raise RobotFaultError("; ".join(damage_words(each, bus.path, bus.driver) for each in damages))
+    return [each.servo_id for each in found]
 
 
 @servos.command("test")

@@ -240,9 +240,9 @@ def _takes_text() -> bool:
 
 
 def _has_gamepad() -> bool:
-    from hexctl.teleop.gamepad import find_gamepads
+    from hexctl.teleop.gamepad import find_stop_pads
 
-    return bool(find_gamepads())
+    return bool(find_stop_pads())
 
 
 @contextmanager

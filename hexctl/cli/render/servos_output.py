@@ -14,7 +14,7 @@ def with_units(servo: Mapping[str, Any]) -> dict[str, Any]:
     row = {
         name: value if value is None or name not in UNITS else f"{value} {UNITS[name]}"
         for name, value in servo.items()
-        if name not in ("model_number", "protocol")
+        if name not in ("model_number", "protocol", "firmware", "variant")
     }
     if servo["model"] is None and servo["model_number"] is not None:
         row["model"] = f"number {servo['model_number']}"

@@ -20,8 +20,9 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import Recorders
 from hexctl.control.loop import TickObserver, run_step
 from hexctl.control.monitor.recovery import RecoveryPolicy, default_policy, make_policy
+from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import TrialFrame
-from hexctl.errors import InputError, check_type
+from hexctl.errors import EStopError, InputError, check_type
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.robot.failure_grammar import AskedFailures, read_failures
@@ -157,7 +158,8 @@ class Drive:
         """Wait for the next control period, follow the command, and return the state at its beginning.
 
         `poll` is called after the period has begun, for commands that count in it. Raises EStopError when the
-        guard has stopped the robot, RobotFaultError when it or its link fails.
+        guard has stopped the robot, which sits down first with hot servos or a low battery, RobotFaultError
+        when it or its link fails.
         """
         controller = self._connected
         tick = self._guard.clock.tick()
@@ -165,7 +167,11 @@ class Drive:
             self._zero_index = tick.index
         if poll is not None:
             poll()
-        state = run_step(self._guard, controller, tick, tick.index - self._zero_index, self._observers)
+        try:
+            state = run_step(self._guard, controller, tick, tick.index - self._zero_index, self._observers)
+        except EStopError:
+            sit_down(self._guard)
+            raise
         if not self._stood and controller.mode == "driving":
             self._stood = True
             if self._guard.simulation is not None:

@@ -14,6 +14,7 @@ from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy
 from hexctl.control.preparation import WalkStart
+from hexctl.control.telemetry_watch import Temperatures, pace
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import check_type
 from hexctl.gait.gait import Gait
@@ -28,7 +29,8 @@ MODES = ("standing up", "driving", "sitting down", "sitting")
 class DriveController(Controller):
     """Follows an arbiter's velocity within the limits of the gait; stands up first, and sits on request.
 
-    If the policy stops the robot after a failure, the arbiter is stopped until it is cleared.
+    With warm servos the velocity is reduced before the guard stops the robot. If the policy stops the robot
+    after a failure, the arbiter is stopped until it is cleared.
 
     Attributes:
         mode: one of `MODES`.
@@ -58,6 +60,7 @@ class DriveController(Controller):
         self._sit_asked = False
         self.decision = Decision()
         self._limits = VelocityLimits.of(robot, gait)
+        self._temperatures, self._pace, self._warm_said = Temperatures(), 1.0, False
         self._step = self._began = self._held_step = 0
         self.mode = MODES[0]
         self._sent_rad = start_rad
@@ -148,6 +151,7 @@ class DriveController(Controller):
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (18,)."""
         self._step = step
+        self._take_pace(state, step)
         self.decision = self._arbiter.decide()
         if self.mode == "driving":
             self._asked = self._corrected(step, state)
@@ -176,7 +180,18 @@ class DriveController(Controller):
         if self._sit_asked or self.decision.stopped is not None:
             return np.zeros(3)
         legs = [one.leg for one in self.believed_failures()]
-        return self._limits.limited(self.decision.velocity.array, legs)
+        return self._pace * self._limits.limited(self.decision.velocity.array, legs)
+
+    def _take_pace(self, state: RobotState, step: int) -> None:
+        """Walk slower with warm servos, and say so once."""
+        if state.servos is None:
+            return
+        temperatures_c = self._temperatures.take(state.servos.temperatures_c, step * self._period_s)
+        before, self._pace = self._pace, pace(temperatures_c)
+        if before == 1.0 > self._pace and not self._warm_said:
+            self._warm_said = True
+            warm = f"{np.nanmax(temperatures_c):.0f} C"
+            self._news = (*self._news, f"servos are warm, {warm}: the robot walks slower until they cool")
 
     def _arrive(self) -> None:
         if self.mode == "standing up":

@@ -23,12 +23,16 @@ from hexctl.types import (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BusMap(RawMap):
-    """Conversion between joint angles and counts of the servos on a bus, with ids (18,), each once."""
+    """Conversion between joint angles and counts of the servos on a bus, with ids (18,), each once.
+
+    Below `low_battery_v` the robot sits down; by default that is the least supply of all its servos.
+    """
 
     unit: ClassVar[str] = "counts"
     driver: str
     ids: IntArray
     models: tuple[ServoType, ...]
+    low_battery_v: float
 
     def __post_init__(self) -> None:
         check_finite(self.ids, (N_JOINTS,), "servos.ids")
@@ -84,6 +88,7 @@ def bus_map_of(section: ServosSection, driver: str) -> BusMap:
         driver=driver,
         ids=np.array(ids, dtype=np.int64),
         models=models,
+        low_battery_v=section.low_battery_v or max(model.least_v for model in models),
         per_deg=np.array([model.counts_per_deg for model in models]),
         centre=np.array([float(model.centre) for model in models]),
         **calibration,

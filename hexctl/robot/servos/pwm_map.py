@@ -27,7 +27,10 @@ USUAL_TOUCHES = (0, 1, 2, 5, 4, 3)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PwmMap(RawMap):
-    """Output of each joint, (18,), touch input of each leg, (6,), from 0, and the pulses of angles."""
+    """Output of each joint, (18,), touch input of each leg, (6,), from 0, and the pulses of angles.
+
+    Below `low_battery_v`, if the board measures it, the robot sits down; None without a threshold.
+    """
 
     unit: ClassVar[str] = "us"
     driver: str
@@ -35,6 +38,7 @@ class PwmMap(RawMap):
     touches: IntArray
     addresses: tuple[int, int] = (0x40, 0x41)
     oscillators_mhz: tuple[float, float] = (25.0, 25.0)
+    low_battery_v: float | None = None
 
     def __post_init__(self) -> None:
         check_finite(self.outputs, (N_JOINTS,), "servos.outputs")
@@ -89,5 +93,6 @@ def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
         touches=np.array(touches, dtype=np.int64),
         addresses=(int(section.addresses[0]), int(section.addresses[1])),
         oscillators_mhz=section.oscillator_mhz,
+        low_battery_v=section.low_battery_v,
         **pulses_of(section),
     )

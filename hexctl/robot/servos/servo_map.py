@@ -22,7 +22,7 @@ class ServoMap(RawMap):
     """Conversion between joint angles and pulses in us of channels 1..18, each once.
 
     Attributes:
-        low_battery_v: voltage below which the robot reports a fault, or None.
+        low_battery_v: voltage below which the robot sits down, or None.
     """
 
     unit: ClassVar[str] = "us"

@@ -18,6 +18,7 @@ class ServoType:
         counts: of a full turn.
         least: lowest count of its travel, as is `most` the highest.
         centre: count at the middle of its travel.
+        least_v: lowest supply by its data sheet, in V.
     """
 
     name: str
@@ -28,6 +29,7 @@ class ServoType:
     least: int
     most: int
     centre: int
+    least_v: float
 
     @property
     def registers(self) -> str:
@@ -40,7 +42,7 @@ class ServoType:
         return self.counts / 360.0
 
 
-def _turn(name: str, driver: str, number: int | None, protocol: int) -> ServoType:
+def _turn(name: str, driver: str, number: int | None, protocol: int, least_v: float) -> ServoType:
     """A servo with 4096 counts a turn, all of which it can reach."""
     return ServoType(
         name=name,
@@ -51,10 +53,11 @@ def _turn(name: str, driver: str, number: int | None, protocol: int) -> ServoTyp
         least=0,
         most=4095,
         centre=2048,
+        least_v=least_v,
     )
 
 
-def _arc(name: str, driver: str, number: int | None, protocol: int) -> ServoType:
+def _arc(name: str, driver: str, number: int | None, protocol: int, least_v: float) -> ServoType:
     """A servo with 1024 counts over 300 degrees."""
     return ServoType(
         name=name,
@@ -65,6 +68,7 @@ def _arc(name: str, driver: str, number: int | None, protocol: int) -> ServoType
         least=0,
         most=1023,
         centre=512,
+        least_v=least_v,
     )
 
 
@@ -79,6 +83,7 @@ def _lx(name: str) -> ServoType:
         least=0,
         most=1000,
         centre=500,
+        least_v=6.0,
     )
 
 
@@ -87,16 +92,16 @@ def _lx(name: str) -> ServoType:
 SERVO_TYPES: dict[str, ServoType] = {
     each.name: each
     for each in (
-        _arc("ax12a", "dynamixel", 12, 1),
-        _arc("ax18a", "dynamixel", 18, 1),
-        _arc("xl320", "dynamixel", 350, 2),
-        _turn("xl330-m077", "dynamixel", 1190, 2),
-        _turn("xl330-m288", "dynamixel", 1200, 2),
-        _turn("xl430-w250", "dynamixel", 1060, 2),
-        _turn("xm430-w350", "dynamixel", 1020, 2),
-        _turn("sts3215", "feetech", 777, 1),
-        _turn("sts3032", "feetech", None, 1),
-        _arc("scs0009", "feetech", 1284, 1),
+        _arc("ax12a", "dynamixel", 12, 1, 9.0),
+        _arc("ax18a", "dynamixel", 18, 1, 9.0),
+        _arc("xl320", "dynamixel", 350, 2, 6.0),
+        _turn("xl330-m077", "dynamixel", 1190, 2, 3.7),
+        _turn("xl330-m288", "dynamixel", 1200, 2, 3.7),
+        _turn("xl430-w250", "dynamixel", 1060, 2, 6.5),
+        _turn("xm430-w350", "dynamixel", 1020, 2, 10.0),
+        _turn("sts3215", "feetech", 777, 1, 4.0),
+        _turn("sts3032", "feetech", None, 1, 4.0),
+        _arc("scs0009", "feetech", 1284, 1, 4.8),
         _lx("lx16a"),
         _lx("lx224"),
         _lx("hts35h"),

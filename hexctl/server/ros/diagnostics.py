@@ -2,17 +2,14 @@
 
 import math
 
-from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.stop_reason import reason_in_words
+from hexctl.control.telemetry_watch import TOO_HOT_C, WARM_C
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.types import JOINT_NAMES, RobotState, ServoReadings
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 
 #: Name of the node of a robot without a namespace.
 NODE = "hexctl"
-
-#: A servo this hot is near the guard's limit.
-WARM_C = TOO_HOT_C - 8
 
 #: A servo that has been silent for this long is stale.
 STALE_S = 1.0

@@ -1,7 +1,7 @@
 """The lens of a camera: which ray each pixel sees.
 
 Its file is the camera calibration of ROS (`camera_info`), which `camera_calibration`, `usb_cam` and others
-write and read.
+write and read; those of OpenCV and Kalibr are read too.
 """
 
 import math
@@ -16,15 +16,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
-from hexctl.robot.configs import read_mapping, validate
+from hexctl.robot.configs import validate
 from hexctl.types import ArrayFields, FloatArray
+from hexctl.vision.detection.lens_files import complete, read_calibration
 
-#: Models of distortion by ROS's names: five or eight numbers of Brown and Conrady, and four of a fisheye
-#: (Kannala and Brandt 2006), in OpenCV's order.
+#: Models of distortion by ROS's names: five, or 8, 12 or 14 numbers of Brown and Conrady, and four of a
+#: fisheye (Kannala and Brandt 2006), in OpenCV's order.
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
-
-#: How many numbers each model has.
-COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 
 #: Rays farther than this from the axis are of no lens here.
 MOST_ANGLE_DEG = 85.0
@@ -39,7 +37,7 @@ class Lens(ArrayFields):
         height_px: of its pictures.
         matrix: (3, 3), focal lengths and principal point in px; the middle of the first pixel is (0, 0).
         model: of the distortion.
-        distortion: its coefficients, `COEFFICIENTS` of them.
+        distortion: its coefficients, as many as OpenCV takes for the model.
         calibrated: False for a lens that was only assumed.
     """
 
@@ -121,8 +119,6 @@ class Lens(ArrayFields):
 class _Matrix(BaseModel):
     model_config = ConfigDict(allow_inf_nan=False)
 
-    rows: Annotated[int, Field(ge=1, le=14)]
-    cols: Annotated[int, Field(ge=1, le=14)]
     data: list[float]
 
 
@@ -140,20 +136,15 @@ class _LensFile(BaseModel):
 
 
 def load_lens(path: str | Path) -> Lens:
-    """Lens of a camera calibration in ROS's format. Raises InputError for anything else."""
+    """Lens of a camera calibration of ROS, OpenCV or Kalibr. Raises InputError for anything else."""
     path = Path(path)
-    content = validate(_LensFile, read_mapping(path), path)
+    content = validate(_LensFile, read_calibration(path), path)
     matrix, coefficients = content.camera_matrix.data, content.distortion_coefficients.data
-    count = COEFFICIENTS[content.distortion_model]
     if len(matrix) != 9 or matrix[0] <= 0 or matrix[4] <= 0:
         raise InputError(
             f"{path}: camera_matrix.data: got {matrix}; allowed: 9 numbers, focal lengths above 0"
         )
-    if len(coefficients) != count:
-        raise InputError(
-            f"{path}: distortion_coefficients.data: got {len(coefficients)} numbers; "
-            f"allowed: {count} for {content.distortion_model}"
-        )
+    coefficients = complete(content.distortion_model, coefficients, path)
     return Lens(
         width_px=content.image_width,
         height_px=content.image_height,

@@ -1,0 +1,136 @@
+"""Diagnosis of bytes on a bus that are no answer: ids used twice, noise, or a wrong baud rate.
+
+A servo that is not there is silent. Bytes that belong to no packet, or a second answer, are something else.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from hexctl.backends.bus.packet_line import FIRST_TIMEOUT_S, PacketLine
+
+#: Pings with which damage is confirmed, and those of them that must be damaged.
+CONFIRMING, CONFIRMED = 4, 3
+
+#: How long a line is listened to without a question.
+LISTENS_S = 0.1
+
+#: With as many damaged ids without a servo it is the line, not an id that is used twice.
+MOST_IDS = 6
+
+#: Advice for an id that several servos have.
+APART = "connect one servo at a time and give each its own id (hexctl servos set-id)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Damage:
+    """Bytes that are no answers, at one baud rate.
+
+    Attributes:
+        noisy: whether bytes come without a question.
+        garbled: ids whose answers cannot be understood.
+        doubled: ids with several complete answers to one question.
+    """
+
+    baud: int
+    noisy: bool = False
+    garbled: tuple[int, ...] = ()
+    doubled: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return self.noisy or bool(self.garbled or self.doubled)
+
+    @property
+    def of_the_line(self) -> bool:
+        """Whether answers at many ids are damaged, not those of an id that is used twice."""
+        return len(self.garbled) > MOST_IDS
+
+    def words(self, path: str) -> str:
+        """What is wrong, and what to do."""
+        if self.noisy:
+            return (
+                f"damaged bytes come on {path} at {self.baud} baud without a question: noise, a missing "
+                "ground, a wrong baud rate, or another program or controller on the bus"
+            )
+        if self.of_the_line:
+            return (
+                f"answers on {path} at {self.baud} baud are damaged and cannot be understood at many ids: "
+                "a wrong baud rate, driver or protocol, a bad cable or noise"
+            )
+        said = []
+        if self.garbled:
+            said.append(
+                f"answers of {_ids(self.garbled)} are damaged and cannot be understood: several servos with "
+                f"the same id answer at once, or its cable is bad; {APART}"
+            )
+        if self.doubled:
+            said.append(
+                f"{_ids(self.doubled)} answers several times: several servos have the same id; {APART}"
+            )
+        return "; ".join(said)
+
+
+class Listener:
+    """Collects what is no answer while ids of a line are asked, and confirms it."""
+
+    def __init__(self, packets: PacketLine) -> None:
+        self.packets = packets
+        self._garbled: dict[int, None] = {}  # ids whose answers may be damaged
+        self._doubled: dict[int, None] = {}  # ids with several answers, perhaps
+        self._first = packets.garbled, packets.late
+
+    def look(self, servo_id: int, read: Callable[[], bool | None]) -> bool:
+        """Whether an id answers; suspects it if damaged bytes or second answers come while `read` asks it.
+
+        `read` returns whether the readings are complete, None without any answer.
+        """
+        garbled, late = self.packets.garbled, self.packets.late
+        answered = read()
+        if not answered and self.packets.garbled > garbled:
+            self._garbled[servo_id] = None
+        if answered is not None and self.packets.late > late:
+            self._doubled[servo_id] = None
+        return answered is not None
+
+    def answers(self, servo_id: int, *, tries: int = 1) -> bool:
+        """Whether an id answers; one with damaged answers is suspected."""
+        probe = self.packets.packets.probe
+        return self.look(servo_id, lambda: self.packets.ask(servo_id, probe, tries=tries) is not None or None)
+
+    def damage(self) -> Damage:
+        """What persists of the suspicions."""
+        if self._first != (self.packets.garbled, self.packets.late) and self._is_noisy():
+            return Damage(baud=self.packets.line.baud, noisy=True)
+        garbled = [each for each in list(self._garbled)[: 2 * MOST_IDS] if self._persists(each, garbled=True)]
+        doubled = [
+            each for each in self._doubled if each not in garbled and self._persists(each, garbled=False)
+        ]
+        return Damage(baud=self.packets.line.baud, garbled=tuple(garbled), doubled=tuple(doubled))
+
+    def damage_of_line(self) -> Damage:
+        """Whether bytes come while nothing is asked."""
+        return Damage(baud=self.packets.line.baud, noisy=self._is_noisy())
+
+    def _is_noisy(self) -> bool:
+        """Whether bytes come while nothing is asked."""
+        line = self.packets.line
+        line.time.sleep(FIRST_TIMEOUT_S)  # what is late belongs to a question
+        line.discard()
+        deadline_s = line.time.now() + LISTENS_S
+        while line.time.now() < deadline_s:
+            if line.read(deadline_s):
+                return True
+        return False
+
+    def _persists(self, servo_id: int, *, garbled: bool) -> bool:
+        """Whether most pings bring damage, or with `garbled` off several answers; the first good one ends."""
+        bad = 0
+        for attempt in range(CONFIRMING):
+            heard = self.packets.hear(servo_id)
+            bad += (heard.garbled > 0 and not heard.answers) if garbled else heard.answers > 1
+            if attempt - bad >= CONFIRMING - CONFIRMED:
+                return False
+        return bad >= CONFIRMED
+
+
+def _ids(ids: Sequence[int]) -> str:
+    return f"id{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids))}"

@@ -1,0 +1,28 @@
+"""Sits a robot down whose guard stopped it for hot servos or a low battery."""
+
+from contextlib import suppress
+
+from hexctl.control.controllers import SITTING_S, Stand, sitting_angles_rad
+from hexctl.control.guard import Guard
+from hexctl.errors import CommandRefusedError, EStopError
+from hexctl.types import JointTargets
+
+
+def sit_down(guard: Guard) -> None:
+    """Lower the body and let the joints go limp, if the guard stopped the robot for that.
+
+    A robot on a link, whose own guard stopped it, sits down by itself. A graver stop meanwhile holds the
+    pose. Raises RobotFaultError when the link fails.
+    """
+    if not guard.sits or guard.peek().stopped is not None:
+        return
+    steps = max(1, round(SITTING_S / guard.clock.period_s))
+    end_rad = sitting_angles_rad(guard.robot)
+    motion = Stand(guard.robot, guard.accepted_rad(), steps, end_rad=end_rad)
+    with suppress(EStopError, CommandRefusedError):
+        for step in range(1, steps + 1):
+            tick = guard.clock.tick()
+            targets_rad = motion.targets_rad(step, guard.read())
+            guard.write_while_timed_out(JointTargets(targets_rad, tick.time_s))
+        guard.disable_torque()
+    guard.pause_watchdog()

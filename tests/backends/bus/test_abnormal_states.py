@@ -1,0 +1,250 @@
+"""What hexctl says of servos in abnormal states, at connect and in their reports, for every family.
+
+No wall clock: the simulated bus and the tools share a line in memory.
+"""
+
+import termios
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.bus import servos as bus_servos
+from hexctl.backends.bus import tools
+from hexctl.backends.bus.line_condition import LineCondition
+from hexctl.backends.bus.readings import BelievedReadings
+from hexctl.backends.bus.registers import Register
+from hexctl.backends.bus.servos import BusServos
+from hexctl.errors import RobotFaultError
+from hexctl.simulators.lx16a_servos import SimulatedLx16aServo
+from hexctl.simulators.register_servos import BusServo
+from tests.backends.bus.boards import a_map
+from tests.backends.bus.memory_line import BoardLine
+from tests.robots import shipped
+
+#: The servo that is not as the others: leg 3 femur, id 8.
+ODD = 7
+
+Change = Callable[[Any], None]
+
+
+@dataclass(frozen=True)
+class State:
+    """A change of the odd servo or faults of the bus, and what must be said of it; empty for nothing."""
+
+    name: str
+    says: str
+    change: Change = lambda _: None
+    faults: tuple[str, ...] = ()
+    other_baud: bool = False
+
+
+def stored(address: int, value: int, size: int = 1) -> Change:
+    """A setting that is kept without power."""
+
+    def change(servo: BusServo) -> None:
+        servo.set(Register(address, size), value)
+        servo._keep()
+
+    return change
+
+
+def now(address: int, value: int, size: int = 1) -> Change:
+    """A setting until the next restart."""
+
+    def change(servo: BusServo) -> None:
+        servo.set(Register(address, size), value)
+
+    return change
+
+
+def both(*changes: Change) -> Change:
+    def change(servo: Any) -> None:
+        for each in changes:
+            each(servo)
+
+    return change
+
+
+def made(**values: object) -> Change:
+    def change(servo: SimulatedLx16aServo) -> None:
+        for name, value in values.items():
+            setattr(servo, name, value)
+
+    return change
+
+
+def tripped(servo: Any) -> None:
+    servo.trip()
+
+
+SAME = "several servos with the same id answer at once"
+SILENT = "no servo answers on memory"
+NOISE = "noise, a missing ground"
+LOW = "brown-out: "
+HOT = "hot, 72 degrees C"
+
+X = [
+    State("velocity mode", "set its operating mode from 1 to 3", stored(11, 1)),
+    State("velocity mode, torque on", "its operating mode is 1, not 3", both(stored(11, 1), now(64, 1))),
+    State("time-based profile", "set its flag for moves by time (time-based profile) off", stored(10, 4)),
+    State(
+        "time-based profile, 2000 ms, torque on",
+        "its flag for moves by time (time-based profile) is on",
+        both(stored(10, 4), now(112, 2000, 4), now(64, 1)),
+    ),
+    State(
+        "time-based profile, 2000 ms",
+        "set its profile register 112 from 2000 ms to 0",
+        both(stored(10, 4), now(112, 2000, 4), now(108, 300, 4)),
+    ),
+    State("counts in reverse", "it counts in reverse", stored(10, 1)),
+    State("secondary id", "it also follows the goals of id 5", stored(12, 5)),
+    State("answers pings only", "set its status return level to 2", now(68, 0)),
+    State("alert after an overload", "it has let go (overload)", tripped),
+    State("hot", HOT, faults=("hot:3:femur:72",)),
+    State("id used twice", SAME, faults=("same-id:3:femur",)),
+    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
+    State("wrong baud rate", SILENT, other_baud=True),
+    State("half power", LOW, faults=("battery:6",)),
+    State("another supply", "is made for other voltages (4 to 8 V, firmware 45)", stored(32, 80, 2)),
+    State("old firmware", "its firmware 37 is older than 38, and lacks a watchdog", stored(6, 37)),
+    State("half torque", "its torque is limited to 50 %", now(100, 443, 2)),
+    State("speed limit", "its speed is limited to 55 degrees/s", now(112, 40, 4)),
+    State("no protection from heat", "it does not protect itself from heat", stored(63, 0b100000)),
+    State("noise", NOISE, faults=("noise:1",)),
+]
+
+AX = [
+    State("wheel mode", "it is in wheel mode", both(stored(6, 0, 2), stored(8, 0, 2))),
+    State("answers pings only", "set its status return level to 2", stored(16, 0)),
+    State("torque limit 0 after an overload", "overload: ", tripped),
+    State("hot", HOT, faults=("hot:3:femur:72",)),
+    State("id used twice", SAME, faults=("same-id:3:femur",)),
+    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
+    State("wrong baud rate", SILENT, other_baud=True),
+    State("half power", LOW, faults=("battery:6",)),
+    State("another supply", "is made for other voltages (4 to 8 V, firmware 45)", stored(13, 80)),
+    State("half torque", "its torque is limited to 50 %", now(34, 511, 2)),
+    State("speed limit", "its speed is limited to 60 degrees/s", now(32, 90, 2)),
+    State("noise", NOISE, faults=("noise:1",)),
+]
+
+STS = [
+    State("velocity mode", "set its operating mode from 1 to 0", stored(33, 1)),
+    State("velocity mode, torque on", "its operating mode is 1, not 0", both(stored(33, 1), now(40, 1))),
+    State("more than one turn", "set its flag for positions beyond one turn off", stored(18, 28)),
+    State("speed 0 is a stop", "set its flag for a speed of 0 as full speed", stored(18, 4)),
+    State("speed in 0.732 rpm", "its speed is limited to 44 degrees/s", both(stored(18, 8), now(46, 10, 2))),
+    State("angular resolution 3", "set its angular resolution from 3 to 1", stored(30, 3)),
+    State("angular resolution, torque on", "its counts are 3 times", both(stored(30, 3), now(40, 1))),
+    State("settings unlocked", "", now(55, 0)),
+    State("answers reads only", "set its status return level to 1", stored(8, 0)),
+    State("overload", "overload: ", tripped),
+    State("hot", HOT, faults=("hot:3:femur:72",)),
+    State("id used twice", SAME, faults=("same-id:3:femur",)),
+    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
+    State("wrong baud rate", SILENT, other_baud=True),
+    State("half power", LOW, faults=("battery:3.8",)),
+    State(
+        "7.4 V type on 12 V",
+        "it has 12 V and is made for other voltages (7.4 V type, 4 to 8 V, firmware 3.10)",
+        stored(14, 80),
+    ),
+    State("old firmware", "its firmware 3.9 is older than 3.10, and lacks readings of all", stored(1, 9)),
+    State(
+        "another firmware than the others",
+        "servos differ in their firmware, 3.10 of most: 3.11: leg 3 femur",
+        stored(1, 11),
+    ),
+    State("half torque", "its torque is limited to 50 %", now(48, 500, 2)),
+    State("noise", NOISE, faults=("noise:1",)),
+]
+
+LX = [
+    State("motor mode", "ended its motor mode", made(motor=True)),
+    State("limits end early", "its stored limits 400 to 600 end within", made(limits=(400, 600))),
+    State("unloaded", "", tripped),
+    State("heat limit off", "it lets go at 100 degrees C, from the factory at 85", made(most_c=100)),
+    State(
+        "another supply", "it has 7.4 V, and lets go outside 9.0 to 12.0 V", made(voltages_mv=(9000, 12000))
+    ),
+    State("hot", HOT, faults=("hot:3:femur:72",)),
+    State("id used twice", SAME, faults=("same-id:3:femur",)),
+    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
+    State("wrong baud rate", SILENT, other_baud=True),
+    State("half power", LOW, faults=("battery:3.7",)),
+    State("does not answer", "mute: ", faults=("mute:3:femur",)),
+    State("noise", NOISE, faults=("noise:1",)),
+]
+
+FAMILIES = {
+    ("dynamixel", "xl430-w250"): X,
+    ("dynamixel", "ax12a"): AX,
+    ("feetech", "sts3215"): STS,
+    ("lx16a", "lx16a"): LX,
+}
+
+
+class OtherBaudLine(BoardLine):
+    """A line that the tools have opened at another speed than that of the servos."""
+
+    @property
+    def speed(self) -> int:
+        """Speed of this end, in termios units."""
+        return termios.B57600
+
+
+def said(driver: str, model: str, state: State, monkeypatch: pytest.MonkeyPatch) -> str:
+    """What is said when the robot is connected, and of its servos' reports after that."""
+    bus_map = a_map(driver, model)
+    bus_map = type(bus_map)(**{**vars(bus_map), "ids": bus_map.ids + (1 if "id lost" in state.name else 0)})
+    line = (OtherBaudLine if state.other_baud else BoardLine)(bus_map, *state.faults)
+    state.change(line.board._servos[ODD])
+    for module in (bus_servos, tools):
+        monkeypatch.setattr(module, "SerialLine", lambda *_, **__: line)
+    robot = BusServos(shipped("phantomx"), bus_map=bus_map, port="memory")
+    try:
+        bus = robot._open(first=True)
+    except RobotFaultError as error:
+        return f"refused: {error}"
+    readings = BelievedReadings(np.full(18, np.inf), bus_map.per_deg)
+    for _ in range(3):
+        readings.take(bus.poll_all())
+    for _ in range(150):  # voltages and temperatures of some families come in turn
+        readings.take(bus.poll())
+    robot._condition = LineCondition(bus_map, robot.counters.shares, time=line.time)
+    silent_s = np.where(np.isfinite(readings.positions), 0.0, 9.0)
+    limp = np.zeros(18, dtype=bool)
+    return "; ".join(robot._warnings(readings.servos(line.time.now()), silent_s, limp))
+
+
+@pytest.mark.parametrize(
+    ("family", "state"),
+    [(family, state) for family, states in FAMILIES.items() for state in states],
+    ids=lambda each: each.name if isinstance(each, State) else each[1],
+)
+def test_an_abnormal_state_is_named(
+    family: tuple[str, str], state: State, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = said(*family, state, monkeypatch)
+    usual = [each for each in words.split("; ") if each and "stored limits 0 to" not in each]
+    if state.says:
+        assert state.says in words
+    else:
+        assert not usual
+
+
+def test_durations_are_not_reported_as_speeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    state = next(each for each in X if each.name == "time-based profile, 2000 ms")
+    words = said("dynamixel", "xl430-w250", state, monkeypatch)
+    assert "degrees/s" not in words
+    assert "set its profile register 108 from 300 ms to 0" in words
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_at_least_twelve_states_of_each_family(family: tuple[str, str]) -> None:
+    assert len(FAMILIES[family]) >= 12
+    assert len({state.name for state in FAMILIES[family]}) == len(FAMILIES[family])

@@ -1,0 +1,120 @@
+"""Heat and a low battery are believed from telemetry with spikes, repeated values and gaps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from hexctl.control.telemetry_watch import LEAST_PACE, BatteryWatch, Temperatures, pace
+
+DT_S = 0.02
+
+
+def believed(readings: list[float], dt_s: float = DT_S) -> list[float]:
+    watch = Temperatures()
+    return [float(watch.take(np.array([each]), dt_s * n)[0]) for n, each in enumerate(readings)]
+
+
+def test_the_first_reading_counts_at_once() -> None:
+    assert believed([72.0]) == [72.0]
+    assert np.isnan(believed([np.nan])[0])
+
+
+@pytest.mark.parametrize(
+    ("spike", "ticks"),
+    [(142.0, 1), (142.0, 45), (0.0, 20), (255.0, 90)],  # up to 1.8 s, as a servo's own sensor glitches
+)
+def test_a_spike_is_not_believed(spike: float, ticks: int) -> None:
+    found = believed([31.0] * 50 + [spike] * ticks + [31.0] * 50)
+    assert set(found) == {31.0}
+
+
+def test_spikes_of_several_heights_are_none_either() -> None:
+    found = believed([31.0] * 9 + [142.0, 90.0, 31.0, 142.0, 142.0, 12.0, 31.5] * 30)
+    assert max(found) == 31.5
+
+
+@pytest.mark.parametrize("rate_c_s", [0.2, 1.0, 1.9])
+def test_a_servo_that_warms_is_followed(rate_c_s: float) -> None:
+    rises = [40.0 + rate_c_s * DT_S * n for n in range(2000)]
+    assert believed(rises) == rises
+    whole = [float(round(each)) for each in rises]  # servos report whole degrees
+    assert believed(whole) == whole
+
+
+def test_a_jump_that_lasts_is_believed_after_two_seconds() -> None:
+    found = believed([35.0] * 10 + [72.0] * 120)
+    assert found[100] == 35.0
+    assert found[-1] == 72.0
+
+
+def test_gaps_and_repeated_values_change_nothing() -> None:
+    rng = np.random.default_rng(7)
+    rises = np.repeat(np.linspace(40, 66, 600), 1 + (rng.random(600) < 0.12))
+    rises[rng.random(len(rises)) < 0.1] = np.nan
+    found = np.array(believed(rises.tolist()))
+    assert np.nanmax(found) == pytest.approx(66, abs=0.2)
+    assert (np.diff(found[np.isfinite(found)]) >= 0).all()
+
+
+def test_joints_are_apart() -> None:
+    watch = Temperatures()
+    watch.take(np.array([30.0, 50.0]), 0.0)
+    assert watch.take(np.array([140.0, 51.0]), 0.02).tolist() == [30.0, 51.0]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "share"),
+    [
+        ([31.0, np.nan], 1.0),
+        ([60.0, 40.0], 1.0),
+        ([64.0, 40.0], 0.7),
+        ([68.0], LEAST_PACE),
+        ([90.0], LEAST_PACE),
+    ],
+)
+def test_the_pace_falls_with_the_hottest_servo(degrees: list[float], share: float) -> None:
+    assert pace(np.array(degrees)) == pytest.approx(share)
+
+
+def test_without_readings_the_pace_stays() -> None:
+    assert pace(np.full(18, np.nan)) == 1.0
+
+
+def lows(volts: Sequence[float | None], least_v: float = 9.0) -> list[bool]:
+    watch = BatteryWatch()
+    return [watch.low(each, least_v, DT_S * n) for n, each in enumerate(volts)]
+
+
+def test_a_battery_that_is_low_for_two_seconds_is_low() -> None:
+    found = lows([11.0] * 200 + [8.7] * 120)
+    assert not any(found[:230])
+    assert found[-1]
+    assert lows([8.0] * 120)[-1], "low from the start"
+
+
+@pytest.mark.parametrize("dip", [0.0, 3.1, 8.9])
+@pytest.mark.parametrize("every", [3, 10])
+def test_dips_of_steps_and_spikes_are_not_low(dip: float, every: int) -> None:
+    assert not any(lows([dip if n % every == 0 else 9.4 for n in range(500)]))
+
+
+def test_missing_readings_and_thresholds_are_not_low() -> None:
+    assert not any(lows([None] * 200))
+    assert not any(lows([float("nan")] * 200))
+    watch = BatteryWatch()
+    assert not any(watch.low(1.0, None, DT_S * n) for n in range(200))
+
+
+def test_after_a_gap_earlier_readings_do_not_count() -> None:
+    watch = BatteryWatch()
+    for n in range(90):
+        watch.low(8.0, 9.0, DT_S * n)
+    assert not watch.low(8.0, 9.0, 30.0)
+
+
+def test_a_clock_that_begins_anew_forgets_what_was_before() -> None:
+    watch = BatteryWatch()
+    for n in range(200):
+        watch.low(8.0, 9.0, 100 + DT_S * n)
+    assert not any(watch.low(11.0, 9.0, DT_S * n) for n in range(200))
