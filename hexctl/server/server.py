@@ -190,9 +190,7 @@ class RobotServer:
             answer = self._requests.failure(payload_of(item), arrival.at_s)
             if "failures" in answer and self._simulated is not None:
                 self._simulated["failure"] = ", ".join(answer["failures"]) or "none"
-                self._event_log.add(
-                    f"legs set to fail: {', '.join(answer['failures']) or 'all are whole'}"
-                )
+                self._event_log.add(f"legs set to fail: {', '.join(answer['failures']) or 'all are whole'}")
             self._transport.reply(arrival.kind, item, {**answer, **self._who})
             if "failures" in answer:
                 self._publish_status()

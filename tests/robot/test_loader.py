@@ -193,7 +193,7 @@ BAD_VALUES: dict[str, tuple[Edit, list[str]]] = {
     "unknown key": (put("colour", "red"), ["unknown key colour", "mounts, name, servo"]),
     "unknown nested key": (
         put("links", "coxa", "lenght_m", 1),
-        ["links.coxa.lenght_m", "end_m, mass_kg, radius_m"],
+        ["links.coxa.lenght_m", "end_m, inertia_kg_m2, mass_kg, radius_m"],
     ),
     "unknown key of a mount": (put("mounts", 2, "yaw", 1), ["mounts[2].yaw", "yaw_deg"]),
     "misspelt key": (

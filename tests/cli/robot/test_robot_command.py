@@ -20,11 +20,10 @@ def test_a_robot_file_is_made_and_what_to_measure_is_told(tmp_path: Path, capsys
     arguments = ["robot", "import", str(PHANTOMX), "--foot", "0,0.13,0", "--name", "mine", "-o", str(mine)]
     assert exit_code(arguments) == 0
     out = capsys.readouterr().out.splitlines()
-    assert out == [
-        str(mine),
-        "to measure: body.size_m, foot_radius_m",
-        f"next: hexctl check --robot {mine}",
-    ]
+    assert out[0] == str(mine)
+    assert out[1].startswith("to measure: ")
+    assert any(line.startswith("  body.size_m: no solid covers") for line in out)
+    assert out[-1] == f"next: hexctl check --robot {mine}"
     assert load_robot(mine).name == "mine"
     before = mine.read_text()
     assert exit_code(arguments) == 2
@@ -36,7 +35,6 @@ def test_what_is_wrong_is_told_in_one_line(tmp_path: Path, capsys: Any) -> None:
     urdf, mine = tmp_path / "ant.urdf", str(tmp_path / "mine.yaml")
     urdf.write_text(urdf_of(shipped()))
     for arguments, told in (
-        ([str(PHANTOMX), "-o", mine], "urdf: nothing tells where the foot"),
         ([str(urdf), "-o", mine, "--foot", "1,2"], "--foot: got '1,2'; allowed: three numbers in m"),
         ([str(urdf), "-o", mine, "--foot", "a,b,nan"], "--foot: got 'a,b,nan'"),
         ([str(urdf), "-o", mine, "--forward", "up"], "--forward: got up; allowed: x, y, -x, -y"),
