@@ -3,18 +3,19 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
 from hexctl.control.assessment.feasibility import HEADINGS_RAD, gait_demand
 from hexctl.control.assessment.gait_load import gait_load
-from hexctl.control.assessment.load_verdict import load_verdict
+from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
-from hexctl.gait.gait import DEFAULT_GAIT, Gait, Motion, make_gait
+from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
 from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.formats.robot_import import ImportedRobot
-from hexctl.robot.model import Robot, Vector2
+from hexctl.robot.model import Vector2
 
 #: Shares of the usual stride that are tried, and the stances, the best first.
 SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
@@ -22,8 +23,8 @@ SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
 #: Points of a cycle and headings of the first look at a gait.
 POINTS, LOOK_RAD = 40, HEADINGS_RAD[::3]
 
-#: Gaits of which the load is calculated, and share of the possible pace that is taken.
-LOADS, PACE_SHARE = 12, 0.9
+#: Stances for each stride of which the load is calculated, and share of the possible pace that is taken.
+LOADS, PACE_SHARE = 2, 0.9
 
 #: A slower default gait is none.
 LEAST_PACE_HZ = 0.05
@@ -37,15 +38,17 @@ def walkable(imported: ImportedRobot) -> ImportedRobot:
 
     The stride is reduced, and other stances are tried, until `hexctl check` agrees.
     """
-    first, reason = None, OUT_OF_REACH
-    for count, made in enumerate(_in_reach(imported), start=1):
-        slower, problem = _judged(made)
-        if not problem:
+    first, reason, doubtful = None, OUT_OF_REACH, None
+    for made in _in_reach(imported):
+        slower, verdict = _judged(made)
+        if not verdict.obstacles and not verdict.doubtful:
             return slower
-        if first is None:
-            first, reason = slower, problem
-        if count >= LOADS:
-            break
+        if not verdict.obstacles:
+            doubtful = doubtful or slower
+        elif first is None:
+            first, reason = slower, "; ".join(verdict.obstacles)
+    if doubtful is not None:
+        return doubtful
     note = f"no default gait was found that it can walk: {reason}"
     return replace(first or imported, notes=(*imported.notes, note))
 
@@ -57,13 +60,10 @@ def _in_reach(imported: ImportedRobot) -> Iterator[ImportedRobot]:
     stances = [own, *(stance for stance in imported.stances[:STANCES] if math.dist(stance, own) > 1e-6)]
     gait, size_m = content["gait"], content["size_m"]
     for share in SHARES:
-        for stance in stances:
-            step = share if share < 0.5 else 1.0
-            made = imported.walking(
-                stance, gait["pace_hz"], share * gait["amplitude"] * size_m, step * gait["height"] * size_m
-            )
-            if _reaches(made):
-                yield made
+        stride_m = share * gait["amplitude"] * size_m
+        step_m = (share if share < 0.5 else 1.0) * gait["height"] * size_m
+        variants = (imported.walking(stance, gait["pace_hz"], stride_m, step_m) for stance in stances)
+        yield from islice(filter(_reaches, variants), LOADS)
 
 
 def _reaches(imported: ImportedRobot) -> bool:
@@ -77,24 +77,24 @@ def _reaches(imported: ImportedRobot) -> bool:
     return bool(legs_that_reach(robot, feet).all())
 
 
-def _judged(imported: ImportedRobot) -> tuple[ImportedRobot, str]:
-    """The robot at a pace that its joints keep, and why it cannot walk, or an empty text."""
+def _judged(imported: ImportedRobot) -> tuple[ImportedRobot, LoadVerdict]:
+    """The robot at a pace that its joints keep, and the verdict on it."""
     robot = imported.robot()
     motions = [Motion(heading_rad=heading) for heading in HEADINGS_RAD]
     demand = gait_demand(robot, make_gait(robot, DEFAULT_GAIT), motions)
     if not demand.possible:
-        return imported, OUT_OF_REACH
+        return imported, _impossible(OUT_OF_REACH)
     if not demand.speed_holds and demand.max_pace_hz is not None:
         pace_hz = math.floor(100 * PACE_SHARE * demand.max_pace_hz) / 100
         if pace_hz < LEAST_PACE_HZ:
-            return imported, f"its joints keep a pace of {demand.max_pace_hz:.2g} Hz at most"
+            return imported, _impossible(f"its joints keep a pace of {demand.max_pace_hz:.2g} Hz at most")
         imported = _at_pace(imported, pace_hz)
         robot = imported.robot()
-    return imported, _load_problem(robot, make_gait(robot, DEFAULT_GAIT), motions)
+    return imported, load_verdict(gait_load(robot, make_gait(robot, DEFAULT_GAIT), motions))
 
 
-def _load_problem(robot: Robot, gait: Gait, motions: list[Motion]) -> str:
-    return "; ".join(load_verdict(gait_load(robot, gait, motions)).obstacles)
+def _impossible(reason: str) -> LoadVerdict:
+    return LoadVerdict(obstacles=(reason,), warnings=(), doubtful=False)
 
 
 def _at_pace(imported: ImportedRobot, pace_hz: float) -> ImportedRobot:

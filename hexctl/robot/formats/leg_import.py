@@ -104,7 +104,8 @@ class LegImport:
 
     def _leg_frame(self, leg: TreeLeg, joint: TreeJoint) -> FloatArray:
         """Transform from the root to outward, left and up of a leg, from a joint, (4, 4)."""
-        cos, sin = math.cos(leg.yaw_rad), math.sin(leg.yaw_rad)
+        yaw_rad = leg.yaw_rad + float(leg.zeros_rad[0])
+        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         frame = np.eye(4)
         frame[:3, :3] = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) @ self._facing[:3, :3]
         frame[:3, 3] = -frame[:3, :3] @ self._tree.placed(joint.child)[:3, 3]
@@ -112,7 +113,7 @@ class LegImport:
 
     def _plane_turn(self, leg: TreeLeg, index: int) -> FloatArray:
         """Turn (3, 3) of a link in the plane of its leg from its own zero to that of the first leg."""
-        angle = -float(leg.zeros_rad[: index + 1].sum())
+        angle = -float(leg.zeros_rad[1 : index + 1].sum())
         cos, sin = math.cos(angle), math.sin(angle)
         return np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
 

@@ -23,6 +23,7 @@ from hexctl.robot.formats.tree_legs import (
     TreeLeg,
     find_legs,
     leg_chains,
+    with_middle_coxae,
     with_one_zero,
 )
 from hexctl.robot.formats.trunk_import import body_origin, body_section, trunk_box
@@ -115,7 +116,8 @@ def import_robot(
     made = []
     facings = _facings(tree, forward)
     for facing in facings:
-        legs = with_one_zero(find_legs(tree, facing, None if foot_m is None else np.array(foot_m)))
+        legs = find_legs(tree, facing, None if foot_m is None else np.array(foot_m))
+        legs = with_middle_coxae(with_one_zero(legs))
         made.append(_Import(tree, legs, facing))
     if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
         made.sort(key=lambda one: one.feet_up_m)

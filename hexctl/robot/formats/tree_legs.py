@@ -22,6 +22,9 @@ LEG_TOLERANCE_M = 0.006
 FOOT_TOLERANCE_M, FOOT_TOLERANCE_SHARE = 0.01, 0.08
 #: Lengths of a tibia as shares of coxa and femur together; shorter and longer ones are no tibiae.
 TIBIA_SHARES = (0.25, 8.0)
+#: Coxae keep the zeros of the file if the legs have the first share of their ranges in common, and the second
+#: one on each side.
+LEAST_SHARED, LEAST_AROUND = 0.6, 0.1
 #: Length of a tibia of which nothing is known, as a multiple of the femur: the median of the shipped robots.
 USUAL_TIBIA = 1.6
 
@@ -304,6 +307,37 @@ def with_one_zero(legs: list[TreeLeg]) -> list[TreeLeg]:
                 f"allowed: {1000 * LEG_TOLERANCE_M:g} mm"
             )
     return [_turned(leg, legs[0].vectors_m) for leg in legs]
+
+
+def with_middle_coxae(legs: list[TreeLeg]) -> list[TreeLeg]:
+    """Legs whose coxae have their zero in the middle of their ranges, if the legs share little around theirs.
+
+    Ranges of the left and the right legs may be mirrored, or not contain zero.
+    """
+    ranges_rad = [_coxa_range_rad(leg) for leg in legs]
+    known = [one for one in ranges_rad if one is not None]
+    if len(known) < len(legs):
+        return legs
+    low_rad, high_rad = max(low for low, _ in known), min(high for _, high in known)
+    shared_rad, own_rad = high_rad - low_rad, min(high - low for low, high in known)
+    around_rad = min(-low_rad, high_rad)
+    if shared_rad > LEAST_SHARED * own_rad and around_rad > LEAST_AROUND * own_rad:
+        return legs
+    return [_with_zero(leg, (low + high) / 2) for leg, (low, high) in zip(legs, known, strict=True)]
+
+
+def _coxa_range_rad(leg: TreeLeg) -> tuple[float, float] | None:
+    joint = leg.joints[0]
+    if joint.kind != "revolute" or joint.limits_rad is None:
+        return None
+    low, high = sorted(float(leg.signs[0]) * end for end in joint.limits_rad)
+    return (low, high) if 0 < high - low < math.pi else None
+
+
+def _with_zero(leg: TreeLeg, angle_rad: float) -> TreeLeg:
+    """A leg whose coxa has its zero at an angle."""
+    zeros_rad = leg.zeros_rad - np.array([angle_rad, 0.0, 0.0])
+    return replace(leg, yaw_rad=leg.yaw_rad + angle_rad, zeros_rad=zeros_rad)
 
 
 def _turned(leg: TreeLeg, wanted_m: FloatArray) -> TreeLeg:

@@ -74,7 +74,7 @@ def _plain_size(found: list[Any], size_m: FloatArray) -> FloatArray:
     straight = np.allclose(half, np.round(half), atol=1e-6)
     sides = solid.size_m if solid.kind == "box" else (*[2 * solid.size_m[0]] * 2, solid.size_m[1])
     plain = np.round(half) @ np.array(sides)
-    return np.asarray(plain) if straight and np.allclose(plain, size_m, atol=1e-9) else size_m
+    return np.array(plain, dtype=float) if straight and np.allclose(plain, size_m, atol=1e-9) else size_m
 
 
 def _is_upright(solid: Solid, frame: FloatArray) -> bool:

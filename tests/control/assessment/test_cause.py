@@ -93,8 +93,9 @@ def test_a_cause_begins_at_its_bound(cause: str, seen: Symptoms, unseen: Symptom
 
 
 def test_torque_limits_come_before_soft_servos_and_those_before_the_floor() -> None:
+    assert Symptoms(0.9, 2.0, 3.0, clipped=0.97, motion=0.3).cause == "clipping"
     assert Symptoms(saturated=0.9, tracking_error=2.0, slip=3.0).cause == "saturation"
     assert Symptoms(saturated=0.0, tracking_error=0.8, slip=3.0).cause == "sag"
     assert Symptoms(saturated=0.0, tracking_error=0.2, slip=3.0).cause == "slip"
     assert Symptoms(saturated=0.0, tracking_error=0.2, slip=0.1).cause is None
-    assert set(CAUSES) == {"saturation", "sag", "slip"}
+    assert set(CAUSES) == {"clipping", "saturation", "sag", "slip"}

@@ -254,6 +254,19 @@ def test_legs_may_have_zeros_of_their_own(tmp_path: Path) -> None:
     ] == pytest.approx(math.degrees(2.5), abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    "ends", ['lower="0.3" upper="1.3"', 'lower="-1.1" upper="-0.2"', 'lower="0" upper="0.8"']
+)
+def test_coxae_whose_range_lacks_the_zero_get_it_in_the_middle(ends: str, tmp_path: Path) -> None:
+    limit = f'<limit {ends} effort="2" velocity="5"/>'
+    made = imported(tmp_path, hexapod(limits=(limit, LIMIT, LIMIT)))
+    low, high = (float(end) for end in ends.replace('"', "=").split("=")[2:6:3])
+    coxa = made.content["joints"]["coxa"]
+    assert coxa["max_deg"] == pytest.approx(math.degrees(high - low) / 2)
+    assert coxa["min_deg"] == pytest.approx(-coxa["max_deg"])
+    assert made.content["mounts"][0]["yaw_deg"] == pytest.approx(40 + math.degrees(high + low) / 2)
+
+
 def test_friction_and_damping_come_along(tmp_path: Path) -> None:
     made = imported(tmp_path, hexapod(dynamics='<dynamics friction="0.3" damping="0.25"/>'))
     joint = made.content["joints"]["femur"]
