@@ -38,6 +38,9 @@ FORWARD = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "-x": (-1.0, 0.0, 0.0), "
 #: Default pace, and stride and step height as shares of the feet's distance from the coxae.
 USUAL_PACE_HZ, USUAL_STRIDE, USUAL_STEP = 0.5, 0.45, 0.15
 
+#: Legs that span so many times more from side to side than ahead hint at another front.
+ALONG_Y = 1.3
+
 #: A stance with a nearly level femur and a steep tibia, and the room that its joints are to have.
 WANTED_SLOPES_RAD, WANTED_ROOM_RAD = (math.radians(20), math.radians(-75)), math.radians(15)
 
@@ -179,6 +182,12 @@ class _Import:
         self.feet_up_m = float(np.mean([leg.foot_m[2] - leg.mount_m[2] for leg in legs]))
         self._box = trunk_box(tree, facing, mounts_m)
         self._origin_m = body_origin(self._box, mounts_m)
+        length_m, width_m = np.ptp(mounts_m[:, :2], axis=0).tolist()
+        if width_m > ALONG_Y * length_m:
+            self._findings.note(
+                f"the mounts span {width_m:.2g} m from side to side and {length_m:.2g} m ahead: if the robot "
+                "looks along its longer side, give its front with --forward"
+            )
         self._mount_up_m = float(mounts_m[:, 2].mean() - self._origin_m[2])
         self.stances = self._stances()
 

@@ -133,7 +133,7 @@ def body_section(
     com_m = com_m - origin_m
     if (np.abs(com_m) > np.array(size_m)).any():
         findings.note("the trunk's centre of mass lies outside it and was left out")
-    elif np.abs(com_m).max() > 1e-9:
+    elif np.abs(com_m).max() > 1e-7:
         body["com_m"] = [short(part) for part in com_m]
     return body | _inertia(body, tensor, bare, findings)
 

@@ -9,10 +9,10 @@ from hexctl.robot.formats.robot_import import ImportedRobot, import_robot
 #: Coxa axes in m and yaws in degrees.
 MOUNTS = (
     (0.11, 0.05, 40),
-    (0.0, 0.09, 90),
+    (0.0, 0.08, 90),
     (-0.11, 0.05, 140),
     (-0.11, -0.05, -140),
-    (0, -0.09, -90),
+    (0, -0.08, -90),
     (0.11, -0.05, -40),
 )
 COXA_M, FEMUR_M, TIBIA_M = 0.045, 0.075, 0.12
