@@ -59,9 +59,9 @@ def copy_robot(
 
 @robot.command("import")
 def import_robot(
-    source: Annotated[
+    urdf: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="Robot description, URDF or MJCF; expand a xacro first."),
+        typer.Argument(metavar="URDF", help="Robot description, URDF or MJCF; expand a xacro first."),
     ],
     output: Annotated[
         Path,
@@ -90,7 +90,7 @@ def import_robot(
     from hexctl.robot.formats.robot_import import import_robot as imported_robot
 
     _check_yaml(output, "--output")
-    imported = walkable(imported_robot(source, name=name, foot_m=_point(foot), forward=forward))
+    imported = walkable(imported_robot(urdf, name=name, foot_m=_point(foot), forward=forward))
     _write_new(output, imported.text, "--output")
     for note in imported.notes:
         print_note(f"hexctl: {printable(note)}")

@@ -95,7 +95,7 @@ def body_origin(box: TrunkBox, mounts_m: FloatArray) -> FloatArray:
 
     A box that is not between the mounts, as when the root is at a corner or on the floor, does not count.
     """
-    centre_m = mounts_m.mean(axis=0)
+    centre_m = np.asarray(mounts_m.mean(axis=0), dtype=float)
     if box.guess:
         return centre_m
     spread_m = float(np.ptp(mounts_m[:, :2], axis=0).max())
@@ -131,7 +131,12 @@ def body_section(
         link.name for link in links if (link.mass_kg or 0) > 0.05 * mass_kg and link.inertia_kg_m2 is None
     ]
     com_m = com_m - origin_m
-    if (np.abs(com_m) > np.array(size_m)).any():
+    in_origins = all(np.abs(link.com_m).max() < 1e-9 for link in links if link.mass_kg)
+    if in_origins and float(np.hypot(*com_m[:2])) > NEAR_CENTRE * max(size_m):
+        findings.unknown(
+            "body.com_m", "got none but the origins of links, which are not in the trunk's centre"
+        )
+    elif (np.abs(com_m) > np.array(size_m)).any():
         findings.note("the trunk's centre of mass lies outside it and was left out")
     elif np.abs(com_m).max() > 1e-7:
         body["com_m"] = [short(part) for part in com_m]

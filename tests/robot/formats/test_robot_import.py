@@ -51,6 +51,8 @@ def test_the_body_frame_goes_between_the_mounts(root_m: tuple[float, float, floa
     assert mounts_m(made).mean(axis=0) == pytest.approx([0, 0, 0], abs=1e-9)
     assert mounts_m(made)[0] == pytest.approx([0.11, 0.05, 0], abs=1e-9)
     assert "The body frame is at" in made.text
+    # A file without a centre of mass has it in the root, wherever that is.
+    assert "com_m" not in made.content["body"]
 
 
 @pytest.mark.parametrize("root_m", [(0.11, 0.09, 0.025), (-0.2, 0.1, 0.0), (0.0, 0.0, 0.2)])
