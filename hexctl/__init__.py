@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from hexctl.recording.recorded_trial import read_trial
     from hexctl.recording.recording import Recording
     from hexctl.robot.failure import Failure
+    from hexctl.robot.formats.urdf import urdf_of
     from hexctl.robot.loader import load_robot
     from hexctl.robot.model import Robot
     from hexctl.runs.diagnosis import diagnose
@@ -55,7 +56,7 @@ if TYPE_CHECKING:
 # fmt: off
 __all__ = [
     # robots, worlds and gaits
-    "Robot", "load_robot", "Failure", "World", "load_world", "Gait", "make_gait",
+    "Robot", "load_robot", "urdf_of", "Failure", "World", "load_world", "Gait", "make_gait",
     "joint_angles_of_feet", "feet_of_joint_angles",
     # servos
     "JointTargets", "RobotState", "LegServos", "Guard", "SimServos",
@@ -83,6 +84,7 @@ _MODULES = {
     # robots, worlds and gaits
     "robot.model": "Robot",
     "robot.loader": "load_robot",
+    "robot.formats.urdf": "urdf_of",
     "robot.failure": "Failure",
     "backends.sim.world": "World load_world",
     "gait.gait": "Gait make_gait",

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
+from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Robot, stance_angles
 from hexctl.robot.schema import JointSection, LinkSection, RobotSchema
@@ -129,7 +130,18 @@ def _build(schema: RobotSchema) -> Robot:
     _check_stance_limits(robot)
     _check_leg_order(robot)
     _check_foot_spacing(robot)
-    return robot
+    return _with_link_inertias(robot, links)
+
+
+def _with_link_inertias(robot: Robot, links: Sequence[LinkSection]) -> Robot:
+    """The robot with the moments of its links, if any are given; others have those of their capsules."""
+    given = [link.inertia_kg_m2 for link in links]
+    if not any(given):
+        return robot
+    even = [link_mass(robot, index).link_moments_kg_m2 for index in range(len(links))]
+    return replace(
+        robot, link_inertias_kg_m2=np.array([own or usual for own, usual in zip(given, even, strict=True)])
+    )
 
 
 def _per_joint(values: list[float]) -> FloatArray:

@@ -34,6 +34,8 @@ class Robot(ArrayFields):
         stance_angles_rad: joint angles of the nominal stance, (18,).
         link_coms_m: centres of mass of coxa, femur and tibia from their joints, (3, 2) as (outward, up); None
             for the middles of the links.
+        link_inertias_kg_m2: moments of coxa, femur and tibia about axes outward, left and up through their
+            centres of mass, and the products outward-up, (3, 4); None for evenly filled capsules.
         joint_stiffness_nm_per_rad: (18,), or None for the servo's in all joints.
         joint_dry_friction_nm: torque below which a joint does not turn, (18,), or None for none.
         joint_no_load_speed_rad_s: speed at which no torque is left, (18,), or None if torque does not depend
@@ -61,6 +63,7 @@ class Robot(ArrayFields):
     joint_stiffness_nm_per_rad: FloatArray | None = None
     joint_dry_friction_nm: FloatArray | None = None
     joint_no_load_speed_rad_s: FloatArray | None = None
+    link_inertias_kg_m2: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check_type(self.name, str, "robot.name")
@@ -227,6 +230,7 @@ _OPTIONAL_SHAPES = {
     "joint_stiffness_nm_per_rad": (N_JOINTS,),
     "joint_dry_friction_nm": (N_JOINTS,),
     "joint_no_load_speed_rad_s": (N_JOINTS,),
+    "link_inertias_kg_m2": (JOINTS_PER_LEG, 4),
 }
 
 

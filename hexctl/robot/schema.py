@@ -130,6 +130,16 @@ def _possible_inertia(moments: tuple[float, float, float]) -> tuple[float, float
 Inertia = Annotated[tuple[Positive, Positive, Positive], AfterValidator(_possible_inertia)]
 
 
+def even_box_m(mass_kg: float, moments_kg_m2: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Length, width and height of the evenly filled box with a mass and principal moments of inertia.
+
+    A box of sides a, b, c has I_x = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I_y + I_z - I_x) / m.
+    """
+    total = sum(moments_kg_m2)
+    x, y, z = (math.sqrt(6 * (total - 2 * own) / mass_kg) for own in moments_kg_m2)
+    return x, y, z
+
+
 @file_part("body")
 class Body:
     """The trunk: a box or an upright cylinder, centred on the body frame.
@@ -152,15 +162,8 @@ class Body:
 
     @property
     def even_box_m(self) -> tuple[float, float, float] | None:
-        """Length, width and height of the evenly filled box with the trunk's mass and inertia, or None.
-
-        A box of sides a, b, c has I_x = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I_y + I_z - I_x) / m.
-        """
-        if self.inertia_kg_m2 is None:
-            return None
-        whole = sum(self.inertia_kg_m2)
-        x, y, z = (math.sqrt(6 * (whole - 2 * own) / self.mass_kg) for own in self.inertia_kg_m2)
-        return x, y, z
+        """Length, width and height of the evenly filled box with the trunk's mass and inertia, or None."""
+        return None if self.inertia_kg_m2 is None else even_box_m(self.mass_kg, self.inertia_kg_m2)
 
 
 class MountSection(Section):
@@ -194,13 +197,39 @@ class MountSection(Section):
         return radius_m * math.cos(self.yaw_rad), radius_m * math.sin(self.yaw_rad), 0.0
 
 
+def possible_link_inertia(
+    moments: tuple[float, float, float, float],
+) -> tuple[float, float, float, float]:
+    """The moments and the product of a link, as in `LinkSection`; raises ValueError for those of no body."""
+    xx, yy, zz, xz = moments
+    half = math.hypot((xx - zz) / 2, xz)
+    principal = ((xx + zz) / 2 - half, yy, (xx + zz) / 2 + half)
+    if min(principal) <= 0 or not all(one < sum(principal) - one for one in principal):
+        raise ValueError(
+            f"got {', '.join(f'{moment:g}' for moment in moments)}; allowed: moments and a product "
+            "of inertia of a body: principal moments above 0, each below the sum of the other two"
+        )
+    return moments
+
+
+LinkInertia = Annotated[
+    tuple[Positive, Positive, Positive, Annotated[Number, Field(allow_inf_nan=False)]],
+    AfterValidator(possible_link_inertia),
+]
+
+
 class LinkSection(Section):
-    """A link: the vector to its end, and its centre of mass, (outward, up) at joint angle zero."""
+    """A link: the vector to its end, and its centre of mass, (outward, up) at joint angle zero.
+
+    `inertia_kg_m2` are the moments about axes outward, left and up through the centre of mass, and the
+    product outward-up; None is an evenly filled capsule.
+    """
 
     end_m: tuple[Coordinate, Coordinate]
     mass_kg: Mass
     radius_m: Length
     com_m: tuple[Coordinate, Coordinate] | None = None
+    inertia_kg_m2: LinkInertia | None = None
 
     @field_validator("end_m")
     @classmethod

@@ -14,9 +14,10 @@ from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, m
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failures, each_failure
+from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.formats.mjcf import GEAR_DAMPING, STICTION
 from hexctl.robot.model import Robot
-from hexctl.robot.schema import Body
+from hexctl.robot.schema import Body, even_box_m
 from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, FloatArray
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
@@ -309,6 +310,14 @@ def _make_leg(robot: Robot, name: str) -> Any:
 
 
 def _shift_link_mass(link: Any, robot: Robot, index: int) -> None:
+    """Set the link's mass, centre and inertia of the robot file on a solid without contact."""
+    if robot.link_inertias_kg_m2 is not None:
+        part = link_mass(robot, index)
+        box = {"type": "box", "size": [side / 2 for side in even_box_m(part.mass_kg, part.moments_kg_m2)]}
+        turn = [math.cos(part.tilt_rad / 2), 0.0, math.sin(part.tilt_rad / 2), 0.0]
+        _add_mass(link, f"{JOINT_KINDS[index]}_mass", part.mass_kg, pos=part.com_m, quat=turn, **box)
+        link.geom[JOINT_KINDS[index]].mass = 0
+        return
     if robot.link_coms_m is None:
         return
     shape = link.geom[JOINT_KINDS[index]]

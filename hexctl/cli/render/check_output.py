@@ -134,7 +134,7 @@ def _verdict(report: dict[str, Any]) -> list[str]:
         _torque(report),
         *(f"warning: {warning}" for warning in report["warnings"]),
         *_servo_verdicts(report),
-        f"feet: {spacing:g} m apart or more" + ("" if report["feet_stay_apart"] else ": they touch"),
+        *([f"feet: {spacing:g} m apart or more"] if report["feet_stay_apart"] else []),
         *_load_verdicts(report),
     ]
 

@@ -13,7 +13,7 @@ from hexctl.cli.console import print_note, print_result
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import Commands
 from hexctl.cli.values import choice
-from hexctl.errors import InputError
+from hexctl.errors import InputError, printable
 from hexctl.options import listed
 
 robot = Commands(help="List the shipped robots, and make robot files.", no_args_is_help=True)
@@ -59,7 +59,10 @@ def copy_robot(
 
 @robot.command("import")
 def import_robot(
-    urdf: Annotated[Path, typer.Argument(metavar="URDF", help="Robot description; expand a xacro first.")],
+    urdf: Annotated[
+        Path,
+        typer.Argument(metavar="URDF", help="Robot description, URDF or MJCF; expand a xacro first."),
+    ],
     output: Annotated[
         Path,
         typer.Option(
@@ -67,7 +70,7 @@ def import_robot(
         ),
     ],
     name: Annotated[
-        str | None, typer.Option("--name", help="Name of the robot. (default: that in the URDF)")
+        str | None, typer.Option("--name", help="Name of the robot. (default: that in the description)")
     ] = None,
     foot: Annotated[
         str | None,
@@ -75,24 +78,26 @@ def import_robot(
             "--foot",
             metavar="X,Y,Z",
             help="Place of a foot in the frame of the last link of its leg, in metres, such as 0,0,-0.13. "
-            "(default: as the URDF tells)",
+            "(default: the far end of the leg)",
         ),
     ] = None,
     forward: Annotated[
         Forward, choice("--forward", Forward, "Axis of the root along which the robot looks: x, y, -x or -y.")
     ] = "x",
 ) -> None:
-    """Make a robot file of a URDF with six legs of three hinges."""
-    from hexctl.robot.formats.urdf_import import import_urdf
+    """Make a robot file of a URDF or MJCF with six legs of three hinges."""
+    from hexctl.control.assessment.default_gait import walkable
+    from hexctl.robot.formats.robot_import import import_robot as imported_robot
 
     _check_yaml(output, "--output")
-    imported = import_urdf(urdf, name=name, foot_m=_point(foot), forward=forward)
+    imported = walkable(imported_robot(urdf, name=name, foot_m=_point(foot), forward=forward))
     _write_new(output, imported.text, "--output")
     for note in imported.notes:
-        print_note(f"hexctl: {note}")
+        print_note(f"hexctl: {printable(note)}")
     lines = [f"{output}"]
     if imported.unknown:
         lines.append(f"to measure: {', '.join(imported.unknown)}")
+        lines += [f"  {key}: {printable(why)}" for key, why in imported.reasons.items()]
     print_result("\n".join([*lines, f"next: hexctl check --robot {output}"]))
 
 

@@ -1,4 +1,4 @@
-"""The likely cause of a walk without progress: saturated servos, sag or slip."""
+"""The likely cause of a walk without progress: clipped commands, saturated servos, sag or slip."""
 
 import math
 from dataclasses import dataclass
@@ -8,15 +8,16 @@ import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.gait.foot_trajectory import RAMP_DURATION_S
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import ideal_speed_m_s
-from hexctl.ik.legs import link_points_body
+from hexctl.ik.legs import link_points_body, solve_legs
 from hexctl.ik.support_polygon import foot_heights_body, to_world
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
 #: Causes and their explanations for people.
 CAUSES = {
+    "clipping": "commands were clipped: joints too slow for this pace, or at the ends of their ranges",
     "saturation": "servos at their torque limit",
     "sag": "joints stay far behind their targets: soft servos under the weight, or late commands",
     "slip": "feet slide over the floor",
@@ -25,12 +26,18 @@ CAUSES = {
 #: Bounds of the symptoms. Of 20 robots of each kind without progress (`python -m benchmarks --only check`,
 #: `check.causes`), weak servos were saturated for 0.88 of the time or more, others for 0.06 at most. Tracking
 #: errors: soft servos 0.76 or more, slipping robots 0.33 at most. Slip: 0.79 or more, others 0.15 at most.
+#: Clipping: of joints at 13 % of the speed of a gait, 0.94 or more of the commands were clipped, and targets
+#: moved by far less than the gait; at 50 % of the speed robots walked.
+MOST_CLIPPED, LEAST_MOTION = 0.5, 0.75
 MOST_SATURATED = 0.5
 MOST_TRACKING_ERROR = 0.42
 MOST_SLIP = 0.4
 
 #: Below this share of the step height, a foot is meant to be on the floor.
 ON_THE_FLOOR = 0.1
+
+#: Points of a cycle at which the motion of a gait is calculated.
+POINTS = 60
 
 #: Ticks between two samples of a walk: no divisor of the usual gait cycles, to sample all phases.
 SAMPLE_TICKS = 7
@@ -88,15 +95,21 @@ class Symptoms:
         saturated: time share of stance legs with a femur or tibia error >= torque limit / stiffness.
         tracking_error: RMS joint error over the RMS motion of the targets.
         slip: speed of stance feet over the floor, as a share of the ideal walking speed.
+        clipped: time share of commands that a limit changed.
+        motion: RMS motion of the targets over that of the gait.
     """
 
     saturated: float
     tracking_error: float
     slip: float
+    clipped: float = 0.0
+    motion: float = 1.0
 
     @property
     def cause(self) -> str | None:
         """The likely cause of a walk without progress, one of `CAUSES`, or None."""
+        if self.clipped > MOST_CLIPPED and self.motion < LEAST_MOTION:
+            return "clipping"
         if self.saturated > MOST_SATURATED:
             return "saturation"
         if self.tracking_error > MOST_TRACKING_ERROR:
@@ -110,8 +123,11 @@ def symptoms(
     samples: Samples,
     positions_world: FloatArray,
     quaternions_world: FloatArray,
+    clipped: float = 0.0,
 ) -> Symptoms | None:
     """Symptoms of a walk on its intact legs, from base positions (ticks, 3) and orientations (ticks, 4).
+
+    `clipped` is the time share of clipped commands.
 
     None if the walk ended within a second of its soft start. Unknown poses are NaN.
     """
@@ -137,7 +153,16 @@ def symptoms(
         tracking_error=math.sqrt((error**2).mean() / max(float((motion**2).mean()), 1e-12)),
         slip=_mean(speeds_m_s[:, legs], (down[1:] & down[:-1] & np.isfinite(speeds_m_s))[:, legs])
         / ideal_m_s,
+        clipped=clipped,
+        motion=math.sqrt(float((motion**2).mean()) / max(_gait_motion(robot, plan, legs), 1e-12)),
     )
+
+
+def _gait_motion(robot: Robot, plan: TrialPlan, legs: list[int]) -> float:
+    """Mean square motion of the joints of some legs over a cycle of the plan's gait, in rad^2."""
+    time_s = RAMP_DURATION_S + np.arange(POINTS) / (POINTS * plan.gait.pace_hz)
+    joints = solve_legs(robot, gait_feet_body(robot, plan.gait, plan.motion(0.0), time_s)).joint_positions_rad
+    return float((_by_leg(joints - joints.mean(axis=0))[:, legs] ** 2).mean())
 
 
 def _by_leg(joints: Any) -> Any:

@@ -59,7 +59,8 @@ def score(
     if status == "ok" and _lacks_progress(robot, plan, duration_s, distance_m, never_moved=never_moved):
         status = "no_progress"
     true_path_m = _true_path_m(frame, true_positions_world)
-    cause = _cause(robot, plan, status, samples, duration_s, positions_world, quaternions_world)
+    clipped = min(1.0, clipped_ticks / max(1, len(positions_world)))
+    cause = _cause(robot, plan, status, samples, duration_s, positions_world, quaternions_world, clipped)
     return TrialResult(
         status=status,
         stopped=stopped,
@@ -120,11 +121,14 @@ def _cause(
     duration_s: float,
     positions_world: FloatArray,
     quaternions_world: FloatArray,
+    clipped: float,
 ) -> str | None:
     if status != "no_progress" or samples is None:
         return None
-    poses = (_briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world))
-    seen = symptoms(robot, plan, samples, *poses)
+    positions, quaternions = (
+        _briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world)
+    )
+    seen = symptoms(robot, plan, samples, positions, quaternions, clipped)
     return None if seen is None else seen.cause
 
 

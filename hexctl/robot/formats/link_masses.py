@@ -27,6 +27,13 @@ class PartMass:
     moments_kg_m2: Vector3
     tilt_rad: float = 0.0
 
+    @property
+    def link_moments_kg_m2(self) -> tuple[float, float, float, float]:
+        """Moments about the axes of the link, x, y and z, and the product of x and z."""
+        x, y, z = self.moments_kg_m2
+        cos, sin = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
+        return x * cos**2 + z * sin**2, y, x * sin**2 + z * cos**2, (z - x) * sin * cos
+
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
@@ -56,7 +63,7 @@ def link_capsule(robot: Robot, index: int) -> Capsule:
 
 
 def link_mass(robot: Robot, index: int) -> PartMass:
-    """Mass of coxa, femur or tibia, 0..2, spread evenly in its capsule.
+    """Mass of coxa, femur or tibia, 0..2, with its moments of inertia, or spread evenly in its capsule.
 
     With m shared by volume between cylinder (m_c) and spheres (m_s), length h and radius r,
 
@@ -75,7 +82,17 @@ def link_mass(robot: Robot, index: int) -> PartMass:
     across += spheres_kg * (ball + height_m * (3 * radius_m + 2 * height_m) / 8)
     along = cylinder_kg * radius_m**2 / 2 + spheres_kg * ball
     com = (float(com_m[0]), 0.0, float(com_m[1]))
+    if robot.link_inertias_kg_m2 is not None:
+        return _principal(mass_kg, com, robot.link_inertias_kg_m2[index].tolist())
     return PartMass(mass_kg, com, (across, across, along), capsule.tilt_rad)
+
+
+def _principal(mass_kg: float, com_m: Vector3, moments_kg_m2: list[float]) -> PartMass:
+    """A part from its moments about the axes of the link, and the product of x and z."""
+    xx, yy, zz, xz = moments_kg_m2
+    tilt_rad = 0.5 * math.atan2(2 * xz, zz - xx)
+    middle, half = (xx + zz) / 2, math.copysign(math.hypot((zz - xx) / 2, xz), 1.0)
+    return PartMass(mass_kg, com_m, (middle - half, yy, middle + half), tilt_rad)
 
 
 def trunk_mass(body: Body) -> PartMass:

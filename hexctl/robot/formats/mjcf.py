@@ -43,10 +43,21 @@ def mjcf_of(robot: Robot) -> str:
     _add_robot(world, robot)
     _add_servos(root, robot)
     stance = numbers(*robot.stance_angles_rad)
+    _add_numbers(root, robot)
     keyframes = add(root, "keyframe")
     qpos = f"0 0 {number(robot.standing_height_m)} 1 0 0 0 {stance}"
     add(keyframes, "key", name="stance", qpos=qpos, ctrl=stance)
     return text_of(root)
+
+
+def _add_numbers(root: Element, robot: Robot) -> None:
+    """Add what MJCF has no place for, so that `hexctl robot import` finds it."""
+    gait = robot.gait
+    speeds = robot.joint_max_speed_rad_s[:JOINTS_PER_LEG]
+    values = {"size_m": [robot.size_m], "gait": [gait.pace_hz, gait.amplitude, gait.height]}
+    custom = add(root, "custom")
+    for name, data in {**values, "max_speed_rad_s": speeds.tolist()}.items():
+        add(custom, "numeric", name=name, data=numbers(*data))
 
 
 def _add_looks(root: Element) -> None:

@@ -126,7 +126,9 @@ def _add_joint(root: Element, robot: Robot, joint: int) -> None:
         effort=number(robot.joint_max_torque_nm[joint]),
         velocity=number(robot.joint_max_speed_rad_s[joint]),
     )
-    add(element, "dynamics", damping="0", friction=number(robot.dry_friction_nm[joint]))
+    # The back-EMF of the motor; `velocity` limits only commands.
+    damping = number(robot.back_emf_nm_s_per_rad[joint])
+    add(element, "dynamics", damping=damping, friction=number(robot.dry_friction_nm[joint]))
 
 
 def _add_fixed_joints(root: Element, robot: Robot) -> None:

@@ -1,7 +1,6 @@
-"""A third-party URDF as a tree of links and joints, placed in the frame of the root."""
+"""A third-party URDF as a tree of links and joints."""
 
 import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -10,7 +9,8 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.robot.meshes import STL_HEAD, STL_TRIANGLE
+from hexctl.robot.formats.link_tree import LinkTree, Solid, TreeJoint, TreeLink, tree_of
+from hexctl.robot.formats.mesh_points import UnreadMeshError, mesh_points
 from hexctl.types import FloatArray
 
 MOST_BYTES = 20_000_000
@@ -18,103 +18,8 @@ MOST_BYTES = 20_000_000
 #: Maximum number of links; the time to place them grows with its square.
 MOST_LINKS = 500
 
-HINGES = ("revolute", "continuous")
 
-
-@dataclass(frozen=True, eq=False)
-class UrdfShape:
-    """A solid of a link: kind `box`, `cylinder`, `sphere` or `mesh`, and its frame in that of the link.
-
-    Sizes in m are length, width and height, or radius and length; a mesh has points in its own frame, (N, 3).
-    """
-
-    kind: str
-    size_m: tuple[float, ...]
-    frame: FloatArray
-    points_m: FloatArray | None = None
-
-    @property
-    def corners(self) -> FloatArray:
-        """Points at its ends in the frame of the link, (N, 3) in m."""
-        if self.points_m is not None:
-            points = self.points_m
-        elif self.kind == "sphere":
-            points = np.zeros((1, 3))
-        elif self.kind == "cylinder":
-            points = np.array([[0, 0, end * self.size_m[1] / 2] for end in (-1, 1)])
-        else:
-            axis = int(np.argmax(self.size_m))
-            points = np.array([np.eye(3)[axis] * end * self.size_m[axis] / 2 for end in (-1, 1)])
-        return np.asarray(points @ self.frame[:3, :3].T + self.frame[:3, 3])
-
-
-@dataclass(frozen=True, eq=False)
-class UrdfLink:
-    """A link: its mass, None if missing, its centre of mass, and its solids."""
-
-    name: str
-    mass_kg: float | None
-    com_m: FloatArray
-    shapes: tuple[UrdfShape, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class UrdfJoint:
-    """A joint: its frame in that of its parent, its axis in its own, and limits, None if missing."""
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    frame: FloatArray
-    axis: FloatArray
-    limits_rad: tuple[float, float] | None
-    torque_nm: float | None
-    speed_rad_s: float | None
-
-    @property
-    def hinge(self) -> bool:
-        """Whether it turns."""
-        return self.kind in HINGES
-
-
-@dataclass(frozen=True, eq=False)
-class UrdfTree:
-    """Links and joints of a robot by name, joints by that of their child, with a single root."""
-
-    name: str
-    root: str
-    links: dict[str, UrdfLink]
-    joints: dict[str, UrdfJoint]
-    children: dict[str, list[str]] = field(default_factory=dict)
-
-    def placed(self, link: str) -> FloatArray:
-        """Frame of a link in that of the root with all joints at zero, (4, 4)."""
-        frame = np.eye(4)
-        while link != self.root:
-            frame = self.joints[link].frame @ frame
-            link = self.joints[link].parent
-        return frame
-
-    def hinges(self, link: str) -> tuple[UrdfJoint, ...]:
-        """Hinges between the root and a link, from the root outward."""
-        found = []
-        while link != self.root:
-            joint = self.joints[link]
-            found += [joint] if joint.hinge else []
-            link = joint.parent
-        return tuple(reversed(found))
-
-    def rigid(self, link: str) -> list[str]:
-        """A link and all links that are fixed to it."""
-        found = [link]
-        for child in self.children.get(link, ()):
-            if not self.joints[child].hinge:
-                found += self.rigid(child)
-        return found
-
-
-def read_urdf(path: Path) -> UrdfTree:
+def read_urdf(path: Path) -> LinkTree:
     """Tree of a URDF file; raises InputError for a missing file, no URDF, xacro, or no tree."""
     try:
         text = read_file(path, MOST_BYTES).decode("utf-8")
@@ -138,97 +43,101 @@ def read_urdf(path: Path) -> UrdfTree:
         raise InputError(f"{path}: {error}; allowed: a valid URDF") from error
 
 
-def _tree(root: Element, path: Path) -> UrdfTree:
+def _tree(root: Element, path: Path) -> LinkTree:
     elements = root.findall("link")
     if len(elements) > MOST_LINKS:
-        raise InputError(f"{path}: got {len(elements)} links; allowed: a robot of up to {MOST_LINKS}")
-    links = {link.name: link for link in (_link(one, path) for one in elements)}
-    joints = {joint.child: joint for joint in map(_joint, root.findall("joint"))}
-    for joint in joints.values():
-        for name in (joint.parent, joint.child):
-            if name not in links:
-                raise InputError(f"{path}: joint {joint.name} names the link {name!r}, which is not there")
-    roots = [name for name in links if name not in joints]
-    if len(roots) != 1:
-        names = ", ".join(roots[:5]) or "none"
-        raise InputError(f"{path}: got {len(roots)} links that nothing carries ({names}); allowed: one")
-    children: dict[str, list[str]] = {}
-    for joint in joints.values():
-        children.setdefault(joint.parent, []).append(joint.child)
-    tree = UrdfTree(root.get("name", "robot"), roots[0], links, joints, children)
-    if _count(tree, tree.root) != len(links):
-        raise InputError(f"{path}: its joints make a loop; allowed: a tree")
-    return tree
+        raise ValueError(f"got {len(elements)} links; allowed: a robot of up to {MOST_LINKS}")
+    links = [_link(one, path) for one in elements]
+    return tree_of(root.get("name", "robot"), links, [_joint(one) for one in root.findall("joint")])
 
 
-def _count(tree: UrdfTree, root: str) -> int:
-    waiting, count = [root], 0
-    while waiting:
-        waiting += tree.children.get(waiting.pop(), [])
-        count += 1
-    return count
-
-
-def _link(element: Element, path: Path) -> UrdfLink:
+def _link(element: Element, path: Path) -> TreeLink:
     inertial = element.find("inertial")
     mass = None if inertial is None else inertial.find("mass")
     com_m = np.zeros(3) if inertial is None else _frame(inertial)[:3, 3]
-    shapes = [_shape(part, path) for use in ("collision", "visual") for part in element.findall(use)]
-    mass_kg = None if mass is None else _number(mass, "value")
-    return UrdfLink(_text(element, "name"), mass_kg, com_m, tuple(one for one in shapes if one is not None))
+    uses = [_solids(element.findall(use), path) for use in ("collision", "visual")]
+    complete = any(solids and not unread for solids, unread in uses)
+    return TreeLink(
+        name=_text(element, "name"),
+        mass_kg=None if mass is None else _number(mass, "value"),
+        com_m=com_m,
+        inertia_kg_m2=None if inertial is None else _inertia(inertial),
+        solids=tuple(one for solids, _ in uses for one in solids),
+        unread=() if complete else tuple(one for _, unread in uses for one in unread),
+    )
 
 
-def _shape(part: Element, path: Path) -> UrdfShape | None:
+def _solids(parts: list[Element], path: Path) -> tuple[list[Solid], list[str]]:
+    """Solids of the visual or the collision parts of a link, and the meshes among them that are not read."""
+    solids, unread = [], []
+    for part in parts:
+        try:
+            solid = _solid(part, path)
+        except UnreadMeshError as error:
+            unread.append(str(error))
+        else:
+            solids += [] if solid is None else [solid]
+    return solids, unread
+
+
+def _inertia(inertial: Element) -> FloatArray | None:
+    """Tensor along the axes of the link, (3, 3)."""
+    inertia = inertial.find("inertia")
+    if inertia is None:
+        return None
+    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (_number(inertia, key) if inertia.get(key) else 0.0 for key in keys)
+    turn = _frame(inertial)[:3, :3]
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.asarray(turn @ tensor @ turn.T)
+
+
+def _solid(part: Element, path: Path) -> Solid | None:
     frame = _frame(part)
     for kind, keys in (("box", ("size",)), ("cylinder", ("radius", "length")), ("sphere", ("radius",))):
         solid = part.find(f"geometry/{kind}")
         if solid is not None:
-            return UrdfShape(kind, tuple(value for key in keys for value in _numbers(solid, key)), frame)
+            return Solid(kind, tuple(value for key in keys for value in _numbers(solid, key)), frame)
     mesh = part.find("geometry/mesh")
-    points_m = None if mesh is None else _mesh_points(mesh, path)
-    return None if points_m is None else UrdfShape("mesh", (), frame, points_m)
+    return None if mesh is None else Solid("mesh", (), frame, _mesh(mesh, path))
 
 
-def _mesh_points(mesh: Element, path: Path) -> FloatArray | None:
-    """Corners of the triangles of a binary STL near the URDF, or in its package; None for any other."""
-    name = mesh.get("filename", "").removeprefix("file://")
-    if name.startswith("package://"):
-        name = name.removeprefix("package://").partition("/")[2]
-    places = [folder / name for folder in (path.parent, *path.resolve().parents[:3])]
-    file = next((place for place in places if place.is_file()), None)
-    if file is None or file.suffix.lower() != ".stl" or file.stat().st_size > MOST_BYTES:
-        return None
-    content = read_file(file, MOST_BYTES)
-    count = int.from_bytes(content[80:84], "little")
-    if not count or len(content) != STL_HEAD + STL_TRIANGLE * count:
-        return None
-    triangles = np.frombuffer(content[STL_HEAD:], dtype=np.uint8).reshape(count, STL_TRIANGLE)
-    corners = triangles[:, 12:48].copy().view("<f4").reshape(-1, 3).astype(float)
-    scale = _numbers(mesh, "scale") if mesh.get("scale") else (1.0, 1.0, 1.0)
-    return np.asarray(corners * scale)
+def _mesh(mesh: Element, path: Path) -> FloatArray:
+    """Scaled points of a mesh; raises UnreadMeshError with its name and the reason."""
+    name = mesh.get("filename", "")
+    try:
+        scale = _numbers(mesh, "scale") if mesh.get("scale") else (1.0, 1.0, 1.0)
+        return np.asarray(mesh_points(name, path) * scale)
+    except UnreadMeshError as error:
+        raise UnreadMeshError(f"{name} ({error})") from error
 
 
-def _joint(element: Element) -> UrdfJoint:
+def _joint(element: Element) -> TreeJoint:
     parent, child = (_text(_part(element, tag), "link") for tag in ("parent", "child"))
-    axis_element, limit = element.find("axis"), element.find("limit")
+    axis_element, limit, dynamics = (element.find(tag) for tag in ("axis", "limit", "dynamics"))
     axis = np.array([1.0, 0.0, 0.0] if axis_element is None else _numbers(axis_element, "xyz"))
     kind = _text(element, "type")
     if kind != "fixed" and np.linalg.norm(axis) < 1e-6:
         raise ValueError(f"joint {element.get('name')}: got an axis of length 0")
-    limits = None
-    if limit is not None and limit.get("lower") and limit.get("upper"):
-        limits = (_number(limit, "lower"), _number(limit, "upper"))
-    return UrdfJoint(
+    low, high = _optional(limit, "lower"), _optional(limit, "upper")
+    return TreeJoint(
         name=_text(element, "name"),
         kind=kind,
         parent=parent,
         child=child,
         frame=_frame(element),
         axis=axis / max(float(np.linalg.norm(axis)), 1e-12),
-        limits_rad=limits,
-        torque_nm=None if limit is None or not limit.get("effort") else _number(limit, "effort"),
-        speed_rad_s=None if limit is None or not limit.get("velocity") else _number(limit, "velocity"),
+        # A missing end is 0 in URDF.
+        limits_rad=None if low is None and high is None else (low or 0.0, high or 0.0),
+        torque_nm=_optional(limit, "effort"),
+        speed_rad_s=_optional(limit, "velocity"),
+        friction_nm=_optional(dynamics, "friction"),
+        damping_nm_s_per_rad=_optional(dynamics, "damping"),
     )
+
+
+def _optional(element: Element | None, key: str) -> float | None:
+    return None if element is None or not element.get(key) else _number(element, key)
 
 
 def _frame(element: Element) -> FloatArray:

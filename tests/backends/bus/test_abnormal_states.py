@@ -20,8 +20,7 @@ from hexctl.backends.bus.servos import BusServos
 from hexctl.errors import RobotFaultError
 from hexctl.simulators.lx16a_servos import SimulatedLx16aServo
 from hexctl.simulators.register_servos import BusServo
-from tests.backends.bus.boards import a_map
-from tests.backends.bus.memory_line import BoardLine
+from tests.backends.bus.boards import BoardLine, a_map
 from tests.robots import shipped
 
 #: The servo that is not as the others: leg 3 femur, id 8.

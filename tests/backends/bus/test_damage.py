@@ -19,8 +19,7 @@ from hexctl.backends.bus.tools import (
 )
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.simulators.bus_board import overlapping
-from tests.backends.bus.boards import MODELS, a_map
-from tests.backends.bus.memory_line import BoardLine, MemoryLine
+from tests.backends.bus.boards import MODELS, BoardLine, MemoryLine, a_map
 from tests.backends.fake_time import FakeTime
 
 FAMILIES = (*MODELS, ("lx16a", "lx16a"))

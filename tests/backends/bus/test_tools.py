@@ -69,7 +69,7 @@ def test_the_only_servo_on_a_bus_takes_an_id_and_keeps_it_without_power(driver: 
 @pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("lx16a", "lx16a")])
 def test_with_more_servos_no_id_is_changed(driver: str, model: str) -> None:
     with memory_bus(a_map(driver, model)) as bus:
-        with pytest.raises(InputError, match="servos that answer: got 1, 2, "):
+        with pytest.raises(InputError, match="servos that answer: got "):
             set_servo_id(bus.path, driver, DEFAULT_BAUDS[driver], 40)
         assert [servo.servo_id for servo in bus.board._servos] == list(range(1, 19))
 

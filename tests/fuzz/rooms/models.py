@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import HexctlError
+from hexctl.robot.formats.robot_import import import_robot
 from hexctl.robot.formats.urdf import urdf_of
-from hexctl.robot.formats.urdf_import import import_urdf
 from hexctl.robot.formats.urdf_tree import read_urdf
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.meshes import GLB_HEAD, MEDIA_TYPES, check_mesh
@@ -37,7 +37,7 @@ def _tree(data: bytes) -> None:
 def _imported(data: bytes) -> None:
     """Import a URDF; the robot file that comes out is a good one, or refused in one line."""
     with written("robot.urdf", data) as path:
-        imported = import_urdf(path)
+        imported = import_robot(path)
         again = path.with_name("imported.yaml")
         again.write_text(imported.text)
         with suppress(HexctlError):

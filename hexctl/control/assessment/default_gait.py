@@ -1,0 +1,104 @@
+"""A stance and a default gait that an imported robot can walk, by the checks of `hexctl check`."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+
+from hexctl.control.assessment.feasibility import HEADINGS_RAD, gait_demand
+from hexctl.control.assessment.gait_load import gait_load
+from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
+from hexctl.errors import InputError
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
+from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
+from hexctl.ik.legs import legs_that_reach
+from hexctl.robot.formats.robot_import import ImportedRobot
+from hexctl.robot.model import Vector2
+
+#: Shares of the usual stride that are tried, and the stances, the best first.
+SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
+
+#: Points of a cycle and headings of the first look at a gait.
+POINTS, LOOK_RAD = 40, HEADINGS_RAD[::3]
+
+#: Stances for each stride of which the load is calculated, and share of the possible pace that is taken.
+LOADS, PACE_SHARE = 2, 0.9
+
+#: A slower default gait is none.
+LEAST_PACE_HZ = 0.05
+
+#: Reason if the legs reach no gait.
+OUT_OF_REACH = "no stride of a tenth of its reach stays within the ranges of its joints"
+
+
+def walkable(imported: ImportedRobot) -> ImportedRobot:
+    """The imported robot with a stance and a gait that it can walk all round, or a note why there is none.
+
+    The stride is reduced, and other stances are tried, until `hexctl check` agrees.
+    """
+    first, reason, doubtful = None, OUT_OF_REACH, None
+    for made in _in_reach(imported):
+        slower, verdict = _judged(made)
+        if not verdict.obstacles and not verdict.doubtful:
+            return slower
+        if not verdict.obstacles:
+            doubtful = doubtful or slower
+        elif first is None:
+            first, reason = slower, "; ".join(verdict.obstacles)
+    if doubtful is not None:
+        return doubtful
+    note = f"no default gait was found that it can walk: {reason}"
+    return replace(first or imported, notes=(*imported.notes, note))
+
+
+def _in_reach(imported: ImportedRobot) -> Iterator[ImportedRobot]:
+    """Variants whose feet stay in reach and range, the longest strides first, then the best stances."""
+    content = imported.content
+    own: Vector2 = (content["stance"]["outward_m"], content["stance"]["up_m"])
+    stances = [own, *(stance for stance in imported.stances[:STANCES] if math.dist(stance, own) > 1e-6)]
+    gait, size_m = content["gait"], content["size_m"]
+    for share in SHARES:
+        stride_m = share * gait["amplitude"] * size_m
+        step_m = (share if share < 0.5 else 1.0) * gait["height"] * size_m
+        variants = (imported.walking(stance, gait["pace_hz"], stride_m, step_m) for stance in stances)
+        yield from islice(filter(_reaches, variants), LOADS)
+
+
+def _reaches(imported: ImportedRobot) -> bool:
+    try:
+        robot = imported.robot()
+    except InputError:
+        return False
+    gait = make_gait(robot, DEFAULT_GAIT)
+    time_s = RAMP_DURATION_S + np.arange(POINTS) / (POINTS * gait.pace_hz)
+    feet = np.array([gait_feet_body(robot, gait, Motion(heading_rad=one), time_s) for one in LOOK_RAD])
+    return bool(legs_that_reach(robot, feet).all())
+
+
+def _judged(imported: ImportedRobot) -> tuple[ImportedRobot, LoadVerdict]:
+    """The robot at a pace that its joints keep, and the verdict on it."""
+    robot = imported.robot()
+    motions = [Motion(heading_rad=heading) for heading in HEADINGS_RAD]
+    demand = gait_demand(robot, make_gait(robot, DEFAULT_GAIT), motions)
+    if not demand.possible:
+        return imported, _impossible(OUT_OF_REACH)
+    if not demand.speed_holds and demand.max_pace_hz is not None:
+        pace_hz = math.floor(100 * PACE_SHARE * demand.max_pace_hz) / 100
+        if pace_hz < LEAST_PACE_HZ:
+            return imported, _impossible(f"its joints keep a pace of {demand.max_pace_hz:.2g} Hz at most")
+        imported = _at_pace(imported, pace_hz)
+        robot = imported.robot()
+    return imported, load_verdict(gait_load(robot, make_gait(robot, DEFAULT_GAIT), motions))
+
+
+def _impossible(reason: str) -> LoadVerdict:
+    return LoadVerdict(obstacles=(reason,), warnings=(), doubtful=False)
+
+
+def _at_pace(imported: ImportedRobot, pace_hz: float) -> ImportedRobot:
+    content = imported.content
+    gait, stance, size_m = content["gait"], content["stance"], content["size_m"]
+    foot = (stance["outward_m"], stance["up_m"])
+    return imported.walking(foot, pace_hz, gait["amplitude"] * size_m, gait["height"] * size_m)

@@ -1,0 +1,79 @@
+"""What an import takes for known: bounds of plausible numbers, and usual ones instead of others."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hexctl.types import FloatArray
+
+# Used for missing or implausible numbers, and listed as unknown: a typical robot of this kind.
+USUAL_MASS_KG = {"body": 1.0, "coxa": 0.03, "femur": 0.07, "tibia": 0.08}
+USUAL_TORQUE_NM, USUAL_SPEED_DEG_S, USUAL_RANGE_DEG = 1.5, 200.0, 90.0
+USUAL_RADIUS_M, USUAL_FOOT_M = 0.010, 0.008
+#: Torques and speeds of servos, from the smallest hobby servo to the largest actuator of a leg.
+TORQUES_NM, SPEEDS_RAD_S = (0.03, 60.0), (0.2, 60.0)
+#: A lighter part is a placeholder, as is one of more than this density.
+LEAST_MASS_KG, MOST_KG_M3 = 0.001, 4000.0
+#: A trunk that is lighter for its box is a placeholder; that of the lightest shipped robot has 165.
+LEAST_TRUNK_KG_M3 = 20.0
+#: Added to each side before the density counts: servos stick out of links.
+MARGIN_M = 0.05
+#: A wider range is that of a motor, and a narrower one of no joint of a leg.
+RANGES_DEG = (5.0, 340.0)
+#: Radius of gyration as shares of a part's length: less and more is no body of that size.
+GYRATION_SHARES = (0.02, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What was found out on the way: reasons of unknown keys, and notes on omissions and changes."""
+
+    reasons: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def unknown(self, key: str, reason: str) -> None:
+        """List a key as unknown."""
+        self.reasons[key] = reason
+
+    def note(self, text: str) -> None:
+        """Add a note."""
+        self.notes.append(text)
+
+
+def short(value: float) -> float:
+    """A number with nine significant digits, without a negative zero."""
+    return float(f"{float(value):.9g}") + 0.0 if abs(value) > 1e-12 else 0.0
+
+
+def dense(mass_kg: float, size_m: list[float]) -> bool:
+    """Whether a part is heavier than any robot's of its size."""
+    return mass_kg > MOST_KG_M3 * float(np.prod(np.array(size_m) + MARGIN_M))
+
+
+def plausible(values: list[float | None], bounds: tuple[float, float]) -> tuple[float | None, str]:
+    """Smallest plausible value of six joints or None, and a problem with one of them or an empty text."""
+    low, high = bounds
+    good = [value for value in values if value is not None and low <= value <= high]
+    bad = next((value for value in values if value is None or not low <= value <= high), 0.0)
+    problem = ""
+    if len(good) < len(values):
+        problem = "is missing" if bad is None else f"got {bad:g}; plausible: {low:g} to {high:g}"
+    return min(good, default=None), problem
+
+
+def possible_moments(tensor: FloatArray, mass_kg: float, length_m: float) -> tuple[FloatArray, str]:
+    """Moments about the axes, (3,), of a tensor (3, 3), and a problem with them or an empty text.
+
+    Of a flat part, whose largest moment is the sum of the others, it is reduced by a millionth.
+    """
+    moments = np.diag(tensor).copy()
+    shares = np.sqrt(np.maximum(np.linalg.eigvalsh(tensor), 0) / mass_kg) / length_m
+    if shares[-1] > GYRATION_SHARES[1] or shares[-1] < GYRATION_SHARES[0]:
+        text = ", ".join(f"{moment:.3g}" for moment in moments)
+        return moments, f"got moments of inertia of {text}, which no part of {length_m:.2g} m has"
+    largest = int(moments.argmax())
+    others = moments.sum() - moments[largest]
+    if moments.min() <= 0 or moments[largest] > 1.001 * others:
+        return moments, "got moments of inertia that no body has"
+    moments[largest] = min(moments[largest], others * (1 - 1e-6))
+    return moments, ""

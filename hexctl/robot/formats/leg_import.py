@@ -1,0 +1,283 @@
+"""The links and joints of the legs of a robot description, as sections of a robot file."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.formats.import_values import (
+    LEAST_MASS_KG,
+    MARGIN_M,
+    MOST_KG_M3,
+    RANGES_DEG,
+    SPEEDS_RAD_S,
+    TORQUES_NM,
+    USUAL_FOOT_M,
+    USUAL_MASS_KG,
+    USUAL_RADIUS_M,
+    USUAL_RANGE_DEG,
+    USUAL_SPEED_DEG_S,
+    USUAL_TORQUE_NM,
+    Findings,
+    plausible,
+    possible_moments,
+    short,
+)
+from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.formats.tree_legs import TreeLeg
+from hexctl.robot.schema import possible_link_inertia
+from hexctl.types import JOINT_KINDS, FloatArray
+
+#: A foot sphere is at most this large.
+MOST_FOOT_M = 0.03
+
+
+class LegImport:
+    """Sections of the legs; values of the six legs are their mean, or what all of them allow."""
+
+    def __init__(self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray, findings: Findings) -> None:
+        self._tree, self._legs, self._facing, self._findings = tree, legs, facing, findings
+        #: Coxa, femur and tibia at angle zero, (3, 2) as (outward, up).
+        self.vectors_m = np.mean([leg.vectors_m for leg in legs], axis=0)
+
+    def links(self) -> dict[str, dict[str, Any]]:
+        """The section `links`, without moments of inertia."""
+        guess = next((leg.foot_guess for leg in self._legs if leg.foot_guess), "")
+        if guess:
+            self._findings.unknown("links.tibia.end_m", guess)
+        return {kind: self._link(index) for index, kind in enumerate(JOINT_KINDS)}
+
+    def joints(self) -> dict[str, dict[str, Any]]:
+        """The section `joints`."""
+        joints = {kind: self._joint(index) for index, kind in enumerate(JOINT_KINDS)}
+        self._add_no_load_speeds(joints)
+        return joints
+
+    def _link(self, index: int) -> dict[str, Any]:
+        kind, end_m = JOINT_KINDS[index], self.vectors_m[index]
+        length_m = float(np.linalg.norm(end_m))
+        masses_kg, coms_m, _ = self._masses(index)
+        mass_kg, key = float(masses_kg.mean()), f"links.{kind}.mass_kg"
+        heavy = masses_kg.max() > MOST_KG_M3 * (length_m + MARGIN_M) * MARGIN_M**2
+        if masses_kg.min() < LEAST_MASS_KG or heavy:
+            self._findings.unknown(key, f"got {masses_kg.min():g} kg, which is a placeholder")
+            mass_kg = USUAL_MASS_KG[kind]
+        link: dict[str, Any] = {"end_m": [short(part) for part in end_m], "mass_kg": short(mass_kg)}
+        link["radius_m"] = self._radius_m(index, length_m)
+        com_m = coms_m.mean(axis=0)[[0, 2]]
+        # A centre of mass in the joint is a placeholder.
+        if key not in self._findings.reasons and 1e-4 < np.linalg.norm(com_m) < 1.5 * length_m:
+            link["com_m"] = [short(part) for part in com_m]
+        return link
+
+    def _masses(self, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Mass, centre of mass from the joint, and tensor about it, of a link and all that is fixed to it.
+
+        Shapes (6,), (6, 3) and (6, 3, 3), the latter two along outward, left and up of each leg at angle
+        zero; a tensor is NaN if a heavy part has none.
+        """
+        tree, found = self._tree, []
+        for leg in self._legs:
+            links = [tree.links[name] for name in self._parts(leg, index)]
+            frames = [self._leg_frame(leg, leg.joints[index]) @ tree.placed(link.name) for link in links]
+            kgs = np.array([link.mass_kg or 0.0 for link in links])
+            places = zip(frames, links, strict=True)
+            coms_m = np.array([(at @ [*link.com_m, 1])[:3] for at, link in places])
+            mass_kg = float(kgs.sum())
+            com_m = np.average(coms_m, axis=0, weights=kgs) if mass_kg > 0 else np.zeros(3)
+            tensor = np.zeros((3, 3))
+            for link, frame, kg, at_m in zip(links, frames, kgs, coms_m - com_m, strict=True):
+                own = np.zeros((3, 3)) if link.inertia_kg_m2 is None else link.inertia_kg_m2
+                if link.inertia_kg_m2 is None and kg > 0.05 * mass_kg:
+                    own = np.full((3, 3), np.nan)
+                tensor += frame[:3, :3] @ own @ frame[:3, :3].T
+                tensor += kg * (at_m @ at_m * np.eye(3) - np.outer(at_m, at_m))
+            turn = self._plane_turn(leg, index)
+            found.append((mass_kg, turn @ com_m, turn @ tensor @ turn.T))
+        masses, coms, tensors = (np.array(part) for part in zip(*found, strict=True))
+        return masses, coms, tensors
+
+    def _parts(self, leg: TreeLeg, index: int) -> list[str]:
+        last = index == len(leg.joints) - 1
+        return list(leg.tips) if last else self._tree.rigid(leg.joints[index].child)
+
+    def _leg_frame(self, leg: TreeLeg, joint: TreeJoint) -> FloatArray:
+        """Transform from the root to outward, left and up of a leg, from a joint, (4, 4)."""
+        yaw_rad = leg.yaw_rad + float(leg.zeros_rad[0])
+        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+        frame = np.eye(4)
+        frame[:3, :3] = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) @ self._facing[:3, :3]
+        frame[:3, 3] = -frame[:3, :3] @ self._tree.placed(joint.child)[:3, 3]
+        return frame
+
+    def _plane_turn(self, leg: TreeLeg, index: int) -> FloatArray:
+        """Turn (3, 3) of a link in the plane of its leg from its own zero to that of the first leg."""
+        angle = -float(leg.zeros_rad[1 : index + 1].sum())
+        cos, sin = math.cos(angle), math.sin(angle)
+        return np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+
+    def inertia(self, index: int, even: FloatArray) -> list[float] | None:
+        """Moments and product (outward, left, up, outward-up) of a link, or None for those of its capsule.
+
+        Args:
+            even: tensor (3, 3) of its capsule.
+        """
+        kind = JOINT_KINDS[index]
+        key, mass_key = f"links.{kind}.inertia_kg_m2", f"links.{kind}.mass_kg"
+        masses_kg, coms_m, tensors = self._masses(index)
+        if mass_key in self._findings.reasons:
+            return None
+        tensor = tensors.mean(axis=0)
+        if not np.isfinite(tensor).all():
+            self._findings.unknown(key, "it is missing; that of an evenly filled capsule was assumed")
+            return None
+        if np.allclose(tensor, even, rtol=1e-5, atol=1e-6 * float(np.trace(even))):
+            return None
+        tensor[[0, 1, 1, 2], [1, 0, 2, 1]] = 0.0
+        reach_m = float(np.linalg.norm(coms_m.mean(axis=0))) + float(np.linalg.norm(self.vectors_m[index]))
+        moments, problem = possible_moments(tensor, float(masses_kg.mean()), reach_m)
+        xx, yy, zz = map(short, moments)
+        if not problem:
+            try:
+                return list(possible_link_inertia((xx, yy, zz, short(tensor[0, 2]))))
+            except ValueError:
+                problem = "got products of inertia that no body has"
+        self._findings.unknown(key, f"{problem}; that of an evenly filled capsule was assumed")
+        return None
+
+    def _radius_m(self, index: int, length_m: float) -> float:
+        """Radius of the cylinder or capsule whose length is most like the link's."""
+        leg = self._legs[0]
+        solids = [solid for name in self._parts(leg, index) for solid in self._tree.links[name].solids]
+        round_ones = [solid for solid in solids if solid.kind in ("cylinder", "capsule")]
+        if not round_ones:
+            self._findings.unknown(f"links.{JOINT_KINDS[index]}.radius_m", "no cylinder shows it")
+            return short(min(USUAL_RADIUS_M, 0.45 * length_m))
+        best = min(round_ones, key=lambda solid: abs(solid.size_m[1] - length_m))
+        return short(min(best.size_m[0], 0.45 * length_m))
+
+    def foot_radius_m(self) -> float:
+        """Radius of the sphere at the foot, the smallest of the legs."""
+        radii_m = [self._sphere_m(leg) for leg in self._legs]
+        known = [radius for radius in radii_m if radius is not None]
+        if len(known) < len(radii_m):
+            self._findings.unknown("foot_radius_m", "no sphere at the foot shows it")
+        return short(min(known, default=USUAL_FOOT_M))
+
+    def _sphere_m(self, leg: TreeLeg) -> float | None:
+        found = []
+        for name in leg.tips:
+            frame = self._facing @ self._tree.placed(name)
+            for solid in self._tree.links[name].solids:
+                centre_m = (frame @ solid.frame)[:3, 3]
+                away_m = float(np.linalg.norm(centre_m - leg.foot_m))
+                if solid.kind == "sphere" and away_m < solid.size_m[0] <= MOST_FOOT_M:
+                    found.append((away_m, solid.size_m[0]))
+        return min(found)[1] if found else None
+
+    def _joint(self, index: int) -> dict[str, Any]:
+        kind = JOINT_KINDS[index]
+        joints = [leg.joints[index] for leg in self._legs]
+        low_deg, high_deg = self._range_deg(index)
+        torque_nm, problem = plausible([one.torque_nm for one in joints], TORQUES_NM)
+        if problem:
+            self._findings.unknown(f"joints.{kind}.max_torque_nm", problem)
+        torque_nm = torque_nm or USUAL_TORQUE_NM
+        section: dict[str, Any] = {
+            "min_deg": low_deg,
+            "max_deg": high_deg,
+            "max_speed_deg_s": self._speed_deg_s(index),
+            "max_torque_nm": short(torque_nm),
+        }
+        friction_nm = max(one.friction_nm or 0.0 for one in joints)
+        if friction_nm >= torque_nm:
+            reason = f"got {friction_nm:g} N m, above the torque; 0 was assumed"
+            self._findings.unknown(f"joints.{kind}.dry_friction_nm", reason)
+        elif friction_nm > 0:
+            section["dry_friction_nm"] = short(friction_nm)
+        return section
+
+    def _speed_deg_s(self, index: int) -> float:
+        known = self._tree.numbers.get("max_speed_rad_s", ())
+        if len(known) == len(JOINT_KINDS):
+            return short(math.degrees(known[index]))
+        speeds = [leg.joints[index].speed_rad_s for leg in self._legs]
+        speed_rad_s, problem = plausible(speeds, SPEEDS_RAD_S)
+        if problem:
+            self._findings.unknown(f"joints.{JOINT_KINDS[index]}.max_speed_deg_s", problem)
+        return short(USUAL_SPEED_DEG_S if speed_rad_s is None else math.degrees(speed_rad_s))
+
+    def _add_no_load_speeds(self, joints: dict[str, dict[str, Any]]) -> None:
+        """Add the speeds at which damping takes all torque; all kinds have one, or none has."""
+        found = {}
+        for index, (kind, section) in enumerate(joints.items()):
+            damping = max(leg.joints[index].damping_nm_s_per_rad or 0.0 for leg in self._legs)
+            speed_rad_s = section["max_torque_nm"] / damping if damping > 0 else math.inf
+            if speed_rad_s > SPEEDS_RAD_S[1]:
+                continue
+            if math.degrees(speed_rad_s) < section["max_speed_deg_s"] * (1 - 1e-6):
+                reason = f"got a damping of {damping:g} N m s/rad, too much for its speed; none was assumed"
+                self._findings.unknown(f"joints.{kind}.no_load_speed_deg_s", reason)
+                continue
+            found[kind] = short(max(math.degrees(speed_rad_s), section["max_speed_deg_s"]))
+        if len(found) == len(joints):
+            for kind, speed_deg_s in found.items():
+                joints[kind]["no_load_speed_deg_s"] = speed_deg_s
+        elif found:
+            self._findings.note(
+                f"the damping of {', '.join(found)} joints was left out: other joints have none"
+            )
+
+    def _range_deg(self, index: int) -> tuple[float, float]:
+        kind, ranges = JOINT_KINDS[index], []
+        for leg in self._legs:
+            joint, sign, zero_deg = leg.joints[index], leg.signs[index], math.degrees(leg.zeros_rad[index])
+            limits = joint.limits_rad if joint.kind == "revolute" else None
+            if limits is not None and limits[0] != limits[1]:
+                ranges.append(sorted(math.degrees(sign * end) + zero_deg for end in limits))
+        lows, highs = [low for low, _ in ranges], [high for _, high in ranges]
+        low, high = max(lows, default=-180.0), min(highs, default=180.0)
+        if ranges and max(np.ptp(lows), np.ptp(highs)) > 1:
+            self._findings.note(
+                f"the {kind} joints have other ranges on other legs; what all allow was taken"
+            )
+        if ranges and high - low < 1 and min(top - bottom for bottom, top in ranges) > RANGES_DEG[0]:
+            raise InputError(
+                f"robot description: the {kind} joints allow {low:.0f} to {high:.0f} deg in common"
+            )
+        if len(ranges) < len(self._legs) or not RANGES_DEG[0] <= high - low < RANGES_DEG[1]:
+            reason = f"got {low:.4g} to {high:.4g} deg" if len(ranges) == len(self._legs) else "it is missing"
+            for end in ("min_deg", "max_deg"):
+                self._findings.unknown(f"joints.{kind}.{end}", reason)
+            return -USUAL_RANGE_DEG, USUAL_RANGE_DEG
+        return short(max(low, -180.0)), short(min(high, 180.0))
+
+    def servo(self, joints: dict[str, dict[str, Any]]) -> dict[str, float]:
+        """The section `servo`; joint kinds with another stiffness than the tibiae get their own."""
+        torque_nm = min(joint["max_torque_nm"] for joint in joints.values())
+        # Full torque at about 5 degrees of error, as common digital servos are set.
+        usual = torque_nm / 0.085
+        stiff = [self._known(index, "stiffness_nm_per_rad") for index in range(len(JOINT_KINDS))]
+        own = [value for value in stiff if value is not None]
+        stiffness = own[-1] if len(own) == len(stiff) else usual
+        if len(own) == len(stiff):
+            for kind, value in zip(joints, own, strict=True):
+                if abs(value / stiffness - 1) > 1e-6:
+                    joints[kind]["stiffness_nm_per_rad"] = short(value)
+        else:
+            self._findings.unknown("servo.stiffness_nm_per_rad", "descriptions do not hold it")
+        rest = {"damping_nm_s_per_rad": ("control_nm_s_per_rad", stiffness * 0.02)}
+        rest["rotor_inertia_kg_m2"] = ("rotor_inertia_kg_m2", 0.002 * max(1.0, torque_nm / 1.5))
+        servo = {"stiffness_nm_per_rad": short(stiffness)}
+        for key, (name, guess) in rest.items():
+            known = self._known(-1, name)
+            if known is None:
+                self._findings.unknown(f"servo.{key}", "descriptions do not hold it")
+            servo[key] = short(guess if known is None else known)
+        return servo
+
+    def _known(self, index: int, name: str) -> float | None:
+        """Mean of a value of six joints that all have it above 0."""
+        values = [getattr(leg.joints[index], name) for leg in self._legs]
+        return float(np.mean(values)) if all(value is not None and value > 0 for value in values) else None

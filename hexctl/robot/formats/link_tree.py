@@ -1,0 +1,206 @@
+"""A robot description of another tool as a tree of links and joints, whatever its file format."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hexctl.types import FloatArray
+
+HINGES = ("revolute", "continuous")
+
+#: Kinds of joints that carry nothing: the other link moves freely.
+LOOSE = ("floating", "planar")
+
+#: A hinge that turns less than this stands for a rigid joint: touch sensors and springs are written so.
+RIGID_RANGE_RAD = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A solid of a link: kind `box`, `cylinder`, `capsule`, `sphere` or `mesh`, and its frame in the link's.
+
+    Sizes in m are length, width and height, or radius and length (of a capsule without its ends); a mesh has
+    points in its own frame, (N, 3).
+    """
+
+    kind: str
+    size_m: tuple[float, ...]
+    frame: FloatArray
+    points_m: FloatArray | None = None
+
+    @property
+    def ends(self) -> FloatArray:
+        """Points at its ends in the frame of the link, (N, 3) in m: on the axis, if it has one."""
+        if self.points_m is not None:
+            points = self.points_m
+        elif self.kind == "sphere":
+            points = np.zeros((1, 3))
+        elif self.kind == "box":
+            axis = int(np.argmax(self.size_m))
+            points = np.array([np.eye(3)[axis] * end * self.size_m[axis] / 2 for end in (-1, 1)])
+        else:
+            points = np.array([[0, 0, end * self.size_m[1] / 2] for end in (-1, 1)])
+        return np.asarray(points @ self.frame[:3, :3].T + self.frame[:3, 3])
+
+    def bounds(self, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinates, (3,) each in m, if the frame of the link is (4, 4)."""
+        placed = frame @ self.frame
+        turn, centre = placed[:3, :3], placed[:3, 3]
+        if self.points_m is not None:
+            points = self.points_m @ turn.T + centre
+            return points.min(axis=0), points.max(axis=0)
+        half = self._half(turn)
+        return centre - half, centre + half
+
+    def _half(self, turn: FloatArray) -> FloatArray:
+        """Half the extent along each axis, after a turn (3, 3)."""
+        if self.kind == "box":
+            return np.asarray(np.abs(turn) @ np.array(self.size_m) / 2)
+        radius_m = self.size_m[0]
+        if self.kind == "sphere":
+            return np.full(3, radius_m)
+        along = np.abs(turn[:, 2])
+        across = np.sqrt(np.maximum(0.0, 1 - along**2)) if self.kind == "cylinder" else np.ones(3)
+        return np.asarray(along * self.size_m[1] / 2 + across * radius_m)
+
+
+@dataclass(frozen=True, eq=False)
+class TreeLink:
+    """A link.
+
+    Attributes:
+        mass_kg: None if missing.
+        com_m: centre of mass in the frame of the link.
+        inertia_kg_m2: about the centre of mass, along the axes of the link, (3, 3), or None if missing.
+        unread: meshes that were not read, each with the reason.
+    """
+
+    name: str
+    mass_kg: float | None = None
+    com_m: FloatArray = field(default_factory=lambda: np.zeros(3))
+    inertia_kg_m2: FloatArray | None = None
+    solids: tuple[Solid, ...] = ()
+    unread: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class TreeJoint:
+    """A joint: its frame in that of its parent, its axis in its own; None for missing values.
+
+    Attributes:
+        damping_nm_s_per_rad: torque lost per speed.
+        stiffness_nm_per_rad: of the position control that drives it.
+        control_nm_s_per_rad: damping of that control.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    frame: FloatArray
+    axis: FloatArray
+    limits_rad: tuple[float, float] | None = None
+    torque_nm: float | None = None
+    speed_rad_s: float | None = None
+    friction_nm: float | None = None
+    damping_nm_s_per_rad: float | None = None
+    stiffness_nm_per_rad: float | None = None
+    control_nm_s_per_rad: float | None = None
+    rotor_inertia_kg_m2: float | None = None
+
+    @property
+    def hinge(self) -> bool:
+        """Whether it turns; limits of 0 and 0 are a placeholder, not a rigid joint."""
+        if self.kind not in HINGES:
+            return False
+        limits = self.limits_rad if self.kind == "revolute" else None
+        return limits is None or not 0 < abs(limits[1] - limits[0]) < RIGID_RANGE_RAD
+
+    @property
+    def loose(self) -> bool:
+        """Whether it carries nothing."""
+        return self.kind in LOOSE
+
+
+@dataclass(frozen=True, eq=False)
+class LinkTree:
+    """Links and joints of a robot by name, joints by that of their child, with a single root.
+
+    Attributes:
+        stance_rad: angles of hinges, by name, in which the file lets it stand.
+        numbers: further values by name, those that `hexctl.robot.formats.mjcf` writes.
+    """
+
+    name: str
+    root: str
+    links: dict[str, TreeLink]
+    joints: dict[str, TreeJoint]
+    children: dict[str, list[str]] = field(default_factory=dict)
+    stance_rad: dict[str, float] = field(default_factory=dict)
+    numbers: dict[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def placed(self, link: str) -> FloatArray:
+        """Frame of a link in that of the root with all joints at zero, (4, 4)."""
+        frame = np.eye(4)
+        while link != self.root:
+            frame = self.joints[link].frame @ frame
+            link = self.joints[link].parent
+        return frame
+
+    def hinges(self, link: str) -> tuple[TreeJoint, ...]:
+        """Hinges between the root and a link, from the root outward."""
+        found = []
+        while link != self.root:
+            joint = self.joints[link]
+            found += [joint] if joint.hinge else []
+            link = joint.parent
+        return tuple(reversed(found))
+
+    def rigid(self, link: str) -> list[str]:
+        """A link and all links that are fixed to it."""
+        found = [link]
+        for child in self.children.get(link, ()):
+            if not self.joints[child].hinge and not self.joints[child].loose:
+                found += self.rigid(child)
+        return found
+
+    def carried(self, link: str) -> list[str]:
+        """A link and all links beyond it."""
+        return [link, *(name for child in self.children.get(link, ()) for name in self.carried(child))]
+
+    def unread(self, links: list[str]) -> tuple[str, ...]:
+        """Meshes of links that were not read."""
+        return tuple(dict.fromkeys(text for name in links for text in self.links[name].unread))
+
+
+def tree_of(
+    name: str,
+    links: list[TreeLink],
+    joints: list[TreeJoint],
+    **more: dict[str, float] | dict[str, tuple[float, ...]],
+) -> LinkTree:
+    """A tree of links and joints; raises ValueError for a joint of an unknown link, two roots, or a loop."""
+    by_name, by_child = {link.name: link for link in links}, {joint.child: joint for joint in joints}
+    for joint in joints:
+        for end in (joint.parent, joint.child):
+            if end not in by_name:
+                raise ValueError(f"joint {joint.name} names the link {end!r}, which is not there")
+    roots = [link for link in by_name if link not in by_child]
+    if len(roots) != 1:
+        names = ", ".join(roots[:5]) or "none"
+        raise ValueError(f"got {len(roots)} links that nothing carries ({names}); allowed: one")
+    children: dict[str, list[str]] = {}
+    for joint in by_child.values():
+        children.setdefault(joint.parent, []).append(joint.child)
+    tree = LinkTree(name, roots[0], by_name, by_child, children, **more)  # type: ignore[arg-type]
+    if _count(tree) != len(by_name):
+        raise ValueError("its joints make a loop; allowed: a tree")
+    return tree
+
+
+def _count(tree: LinkTree) -> int:
+    waiting, count = [tree.root], 0
+    while waiting:
+        waiting += tree.children.get(waiting.pop(), [])
+        count += 1
+    return count

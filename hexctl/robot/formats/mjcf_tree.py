@@ -1,0 +1,251 @@
+"""A third-party MJCF, compiled by MuJoCo, as a tree of links and joints."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.files import read_file
+from hexctl.robot.formats.link_tree import LinkTree, Solid, TreeJoint, TreeLink, tree_of
+from hexctl.robot.formats.mjcf import GEAR_DAMPING
+from hexctl.types import N_JOINTS, FloatArray
+
+MOST_BYTES = 20_000_000
+
+#: Maximum number of bodies; the time to place them grows with its square.
+MOST_BODIES = 500
+
+#: Keyframes in which a robot stands; else the first one counts.
+STANCES = ("stance", "stand", "home")
+
+
+def read_mjcf(path: Path) -> LinkTree:
+    """Tree of an MJCF file; raises InputError for no valid MJCF, MissingExtraError without MuJoCo."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingExtraError("importing an MJCF", "sim") from error
+    try:
+        read_file(path, MOST_BYTES)
+        spec = mujoco.MjSpec.from_file(str(path))
+        unread = _without_missing_files(spec, path.parent)
+        model = spec.compile()
+        if model.nbody > MOST_BODIES:
+            raise ValueError(f"got {model.nbody} bodies; allowed: a robot of up to {MOST_BODIES}")
+        return _Reader(model, unread).tree(spec.modelname)
+    except (OSError, ValueError, mujoco.FatalError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: {reason}; allowed: a valid MJCF") from error
+
+
+def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
+    """Remove looks, and meshes whose files are missing; return the latter by body."""
+    for geom in spec.geoms:
+        geom.material = ""
+    for one in (*spec.skins, *spec.materials, *spec.textures):
+        spec.delete(one)
+    missing = {
+        mesh.name: mesh for mesh in spec.meshes if mesh.file and not _is_there(spec, folder, mesh.file)
+    }
+    unread: dict[str, list[str]] = {}
+    for geom in list(spec.geoms):
+        if geom.meshname in missing:
+            file = missing[geom.meshname].file
+            unread.setdefault(geom.parent.name, []).append(f"{file} (not found)")
+            spec.delete(geom)
+    for mesh in missing.values():
+        spec.delete(mesh)
+    return unread
+
+
+def _is_there(spec: Any, folder: Path, file: str) -> bool:
+    return any(
+        (folder / part / file).is_file() for part in ("", spec.meshdir or "", spec.compiler.meshdir or "")
+    )
+
+
+class _Reader:
+    """Makes links of bodies; a body with several joints becomes a chain of links, the last one its own."""
+
+    def __init__(self, model: Any, unread: dict[str, list[str]]) -> None:
+        self._model, self._unread = model, unread
+        self._links: list[TreeLink] = []
+        self._joints: list[TreeJoint] = []
+        #: By body: the name of its link, and the shift from the body's frame to the link's.
+        self._made: dict[int, tuple[str, FloatArray]] = {}
+
+    def tree(self, name: str) -> LinkTree:
+        root = self._root()
+        for body in range(self._model.nbody):
+            if body == root:
+                self._add_root(body)
+            elif self._model.body_parentid[body] in self._made and body:
+                self._add(body)
+        return tree_of(name, self._links, self._joints, stance_rad=self._stance(), numbers=self._numbers())
+
+    def _root(self) -> int:
+        """The body on the world that carries 18 hinges or more; else the world, on which the legs are."""
+        model = self._model
+        hinges = np.zeros(model.nbody, dtype=int)
+        for body in model.jnt_bodyid[model.jnt_type == 3]:
+            hinges[model.body_rootid[body]] += 1
+        trunk = int(np.argmax(hinges))
+        return trunk if hinges[trunk] >= N_JOINTS else 0
+
+    def _add_root(self, body: int) -> None:
+        self._made[body] = (self._name(body), np.zeros(3))
+        self._links.append(self._link(body))
+
+    def _add(self, body: int) -> None:
+        model = self._model
+        parent, shift_m = self._made[int(model.body_parentid[body])]
+        start = np.eye(4)
+        start[:3, :3], start[:3, 3] = _turn(model.body_quat[body]), model.body_pos[body] - shift_m
+        joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        at_m = np.zeros(3)
+        for number, joint in enumerate(joints, start=1):
+            anchor_m = np.array(model.jnt_pos[joint]) if model.jnt_type[joint] >= 2 else np.zeros(3)
+            frame, start = start @ _shift(anchor_m - at_m), np.eye(4)
+            last, at_m = number == len(joints), anchor_m
+            child = self._name(body) if last else f"{self._name(body)}#{number}"
+            self._joints.append(self._joint(joint, parent, child, frame))
+            if not last:
+                self._links.append(TreeLink(child))
+            parent = child
+        if not len(joints):
+            name = self._name(body)
+            self._joints.append(
+                TreeJoint(f"fixes {name}", "fixed", parent, name, start, np.array([1.0, 0, 0]))
+            )
+        self._made[body] = (self._name(body), at_m)
+        self._links.append(self._link(body))
+        self._add_sites(body)
+
+    def _add_sites(self, body: int) -> None:
+        """Add the sites of a body as frames: files mark feet with them."""
+        name, shift_m = self._made[body]
+        for site in np.flatnonzero(self._model.site_bodyid == body):
+            child = f"{name}/{self._model.site(site).name or site}"
+            frame = _shift(self._model.site_pos[site] - shift_m)
+            self._links.append(TreeLink(child))
+            self._joints.append(
+                TreeJoint(f"fixes {child}", "fixed", name, child, frame, np.array([1.0, 0, 0]))
+            )
+
+    def _name(self, body: int) -> str:
+        return self._model.body(body).name or f"body{body}"
+
+    def _link(self, body: int) -> TreeLink:
+        model = self._model
+        _, shift_m = self._made[body]
+        turn = _turn(model.body_iquat[body])
+        solids = (self._solid(int(geom), shift_m) for geom in np.flatnonzero(model.geom_bodyid == body))
+        return TreeLink(
+            name=self._name(body),
+            mass_kg=float(model.body_mass[body]),
+            com_m=np.array(model.body_ipos[body]) - shift_m,
+            inertia_kg_m2=turn @ np.diag(model.body_inertia[body]) @ turn.T,
+            solids=tuple(solid for solid in solids if solid is not None),
+            unread=tuple(self._unread.get(self._name(body), ())),
+        )
+
+    def _solid(self, geom: int, shift_m: FloatArray) -> Solid | None:
+        model, frame = self._model, np.eye(4)
+        frame[:3, :3], frame[:3, 3] = _turn(model.geom_quat[geom]), model.geom_pos[geom] - shift_m
+        first, second, third = (float(size) for size in model.geom_size[geom])
+        kind = int(model.geom_type[geom])
+        if kind == 7:
+            mesh = model.geom_dataid[geom]
+            start = model.mesh_vertadr[mesh]
+            points = model.mesh_vert[start : start + model.mesh_vertnum[mesh]].astype(float)
+            return Solid("mesh", (), frame, points)
+        sizes = {
+            2: ("sphere", (first,)),
+            3: ("capsule", (first, 2 * second)),
+            4: ("box", (2 * first, 2 * second, 2 * third)),
+            5: ("cylinder", (first, 2 * second)),
+            6: ("box", (2 * first, 2 * second, 2 * third)),
+        }
+        return Solid(*sizes[kind], frame) if kind in sizes else None
+
+    def _joint(self, joint: int, parent: str, child: str, frame: FloatArray) -> TreeJoint:
+        model = self._model
+        kinds = ("floating", "floating", "prismatic", "revolute")
+        kind, dof = kinds[model.jnt_type[joint]], model.jnt_dofadr[joint]
+        name = model.joint(joint).name or f"joint{joint}"
+        if kind != "revolute":
+            return TreeJoint(name, kind, parent, child, frame, np.array([1.0, 0.0, 0.0]))
+        zero_rad = float(model.qpos0[model.jnt_qposadr[joint]])
+        limited = bool(model.jnt_limited[joint])
+        return TreeJoint(
+            name=name,
+            kind="revolute" if limited else "continuous",
+            parent=parent,
+            child=child,
+            frame=frame,
+            axis=np.array(model.jnt_axis[joint]),
+            limits_rad=tuple((model.jnt_range[joint] - zero_rad).tolist()) if limited else None,
+            friction_nm=float(model.dof_frictionloss[dof]),
+            # The simulation adds that of gears to every joint.
+            damping_nm_s_per_rad=max(0.0, float(model.dof_damping[dof]) - GEAR_DAMPING),
+            rotor_inertia_kg_m2=float(model.dof_armature[dof]) or None,
+            **self._actuator(joint),
+        )
+
+    def _actuator(self, joint: int) -> dict[str, float | None]:
+        """Torque limit, and stiffness and damping of a position control."""
+        model = self._model
+        drives = (model.actuator_trntype == 0) & (model.actuator_trnid[:, 0] == joint)
+        found: dict[str, float | None] = {"torque_nm": None}
+        if model.jnt_actfrclimited[joint]:
+            found["torque_nm"] = float(np.abs(model.jnt_actfrcrange[joint]).max())
+        for one in np.flatnonzero(drives):
+            gear, gain = abs(float(model.actuator_gear[one, 0])), float(model.actuator_gainprm[one, 0])
+            if model.actuator_forcelimited[one]:
+                found["torque_nm"] = gear * float(np.abs(model.actuator_forcerange[one]).max())
+            if model.actuator_biastype[one] == 1 and gain == -model.actuator_biasprm[one, 1]:
+                found["stiffness_nm_per_rad"] = gear**2 * gain
+                damping = -(gear**2) * float(model.actuator_biasprm[one, 2])
+                found["control_nm_s_per_rad"] = damping or None
+            elif model.actuator_ctrllimited[one] and not model.actuator_forcelimited[one]:
+                found["torque_nm"] = gear * gain * float(np.abs(model.actuator_ctrlrange[one]).max())
+        return found
+
+    def _stance(self) -> dict[str, float]:
+        model = self._model
+        if not model.nkey:
+            return {}
+        names = [model.key(index).name for index in range(model.nkey)]
+        key = next((names.index(name) for name in STANCES if name in names), 0)
+        places = {int(joint): int(model.jnt_qposadr[joint]) for joint in np.flatnonzero(model.jnt_type == 3)}
+        return {
+            model.joint(joint).name or f"joint{joint}": float(model.key_qpos[key, at] - model.qpos0[at])
+            for joint, at in places.items()
+        }
+
+    def _numbers(self) -> dict[str, tuple[float, ...]]:
+        model, found = self._model, {}
+        for index in range(model.nnumeric):
+            start = model.numeric_adr[index]
+            values = model.numeric_data[start : start + model.numeric_size[index]]
+            found[model.numeric(index).name] = tuple(values.tolist())
+        return found
+
+
+def _turn(quaternion: FloatArray) -> FloatArray:
+    """Rotation (3, 3) of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _shift(by_m: FloatArray) -> FloatArray:
+    frame = np.eye(4)
+    frame[:3, 3] = by_m
+    return frame

@@ -1,0 +1,405 @@
+"""A robot file from a third-party robot description, URDF or MJCF."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hexctl.errors import InputError, argument, printable
+from hexctl.files import read_file
+from hexctl.robot.formats.import_values import Findings, short
+from hexctl.robot.formats.leg_import import LegImport
+from hexctl.robot.formats.link_masses import PartMass, link_mass
+from hexctl.robot.formats.link_tree import LinkTree
+from hexctl.robot.formats.mjcf_tree import read_mjcf
+from hexctl.robot.formats.tree_legs import (
+    AXIS_TOLERANCE_RAD,
+    PLANE_TOLERANCE_M,
+    TreeLeg,
+    find_legs,
+    leg_chains,
+    with_middle_coxae,
+    with_one_zero,
+)
+from hexctl.robot.formats.trunk_import import body_origin, body_section, trunk_box
+from hexctl.robot.formats.urdf_tree import MOST_BYTES, read_urdf
+from hexctl.robot.loader import robot_of_content
+from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
+from hexctl.types import JOINT_KINDS, FloatArray
+
+#: The robot's front in the frame of the root, and its axis there.
+FORWARD = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0)}
+
+#: Default pace, and stride and step height as shares of the feet's distance from the coxae.
+USUAL_PACE_HZ, USUAL_STRIDE, USUAL_STEP = 0.5, 0.45, 0.15
+
+#: Legs that span so many times more from side to side than ahead hint at another front.
+ALONG_Y = 1.3
+
+#: A stance with a nearly level femur and a steep tibia, and the room that its joints are to have.
+WANTED_SLOPES_RAD, WANTED_ROOM_RAD = (math.radians(20), math.radians(-75)), math.radians(15)
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedRobot:
+    """A robot file made from a description.
+
+    Attributes:
+        content: of the robot file.
+        reasons: why keys are unknown, by key.
+        notes: on omissions and changes.
+        header: lines of a comment.
+        stances: other places for the feet, (outward, up) in m, the best first.
+    """
+
+    content: dict[str, Any]
+    reasons: dict[str, str]
+    notes: tuple[str, ...]
+    header: tuple[str, ...]
+    stances: tuple[Vector2, ...]
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Keys whose values are guesses."""
+        return tuple(self.reasons)
+
+    @property
+    def text(self) -> str:
+        """The robot file."""
+        content = self.content | ({"unknown": list(self.unknown)} if self.reasons else {})
+        reasons = ("Unknown, with the reasons:", *(f"  {key}: {why}" for key, why in self.reasons.items()))
+        lines = (*self.header, *(reasons if self.reasons else ()))
+        return "".join(f"# {printable(line)}\n" for line in lines) + _yaml(content)
+
+    def robot(self) -> Robot:
+        """The robot of the file; raises InputError if it is not allowed."""
+        return robot_of_content(self.content, Path(self.content["name"]))
+
+    def walking(self, stance: Vector2, pace_hz: float, stride_m: float, step_m: float) -> "ImportedRobot":
+        """The same robot with another stance and default gait."""
+        size_m, (outward_m, up_m) = self.content["size_m"], stance
+        gait = {"pace_hz": pace_hz, "amplitude": stride_m / size_m, "height": step_m / size_m}
+        changed = {
+            "stance": {"outward_m": short(outward_m), "up_m": short(up_m)},
+            "gait": {key: short(value) for key, value in gait.items()},
+        }
+        return replace(self, content=self.content | changed)
+
+
+def import_robot(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    foot_m: tuple[float, float, float] | None = None,
+    forward: str = "x",
+) -> ImportedRobot:
+    """Make a robot file of a URDF or an MJCF with six legs of three hinges.
+
+    Legs are recognised by their geometry, and numbered counter-clockwise from the front left. The vertical is
+    that of the coxa axes. Missing and implausible values are typical ones, and listed as unknown.
+
+    Args:
+        path: the description; expand a xacro first.
+        name: of the robot; None takes that of the description.
+        foot_m: position of the feet in the frames of the last links, if the description lacks it.
+        forward: the robot's front in the frame of its root: `x`, `y`, `-x` or `-y`.
+
+    Raises InputError for anything that differs from such a robot, or is missing.
+    """
+    if forward not in FORWARD:
+        raise InputError(f"{argument('forward')}: got {forward}; allowed: {', '.join(FORWARD)}")
+    if name is not None and name != _short_name(name):
+        raise InputError(f"{argument('name')}: got {name}; allowed: small letters, figures and dashes")
+    tree = _read(Path(path))
+    made = []
+    facings = _facings(tree, forward)
+    for facing in facings:
+        legs = find_legs(tree, facing, None if foot_m is None else np.array(foot_m))
+        legs = with_middle_coxae(with_one_zero(legs))
+        made.append(_Import(tree, legs, facing))
+    if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
+        made.sort(key=lambda one: one.feet_up_m)
+    # Up is the root's z axis, or else away from the feet at angle zero, unless the legs then have no stance.
+    chosen = next((one for one in made if one.stances), None)
+    if chosen is None:
+        raise InputError(
+            f"{path}: its joints have no stance in which the feet are below the body; allowed: a robot that "
+            f"can stand ({made[0].why_no_stance()})"
+        )
+    return chosen.robot(name or _short_name(tree.name), Path(path).name)
+
+
+def _read(path: Path) -> LinkTree:
+    try:
+        start = read_file(path, MOST_BYTES)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); allowed: a URDF or an MJCF") from error
+    tag = re.search(rb"<\s*([A-Za-z][\w:]*)", re.sub(rb"<!--.*?-->", b"", start, flags=re.DOTALL))
+    return read_mjcf(path) if tag is not None and tag[1] == b"mujoco" else read_urdf(path)
+
+
+def _facings(tree: LinkTree, forward: str) -> list[FloatArray]:
+    """Transforms from the root to axes of the body, (4, 4) each, for both directions of the vertical.
+
+    The first one has z up, if the z axis of the root is the vertical.
+    """
+    axes = np.array([tree.placed(chain[0].child)[:3, :3] @ chain[0].axis for chain in leg_chains(tree)])
+    axes *= np.sign(axes @ axes[0] + 1e-12)[:, np.newaxis]
+    axis = axes.mean(axis=0) / max(float(np.linalg.norm(axes.mean(axis=0))), 1e-12)
+    up = axis * math.copysign(1.0, axis[np.abs(axis).argmax()])
+    if up[2] > math.cos(AXIS_TOLERANCE_RAD):
+        up = np.array([0.0, 0.0, 1.0])
+    ahead = np.array(FORWARD[forward])
+    if abs(ahead @ up) > math.cos(math.radians(10)):
+        raise InputError(
+            f"{argument('forward')}: got {forward}, which is the vertical of this robot; allowed: "
+            f"{'y or -y' if 'x' in forward else 'x or -x'}"
+        )
+    return [_facing(side * up, ahead) for side in (1, -1)]
+
+
+def _facing(up: FloatArray, ahead: FloatArray) -> FloatArray:
+    front = ahead - (ahead @ up) * up
+    front /= np.linalg.norm(front)
+    facing = np.eye(4)
+    facing[:3, :3] = front, np.cross(up, front), up
+    return facing
+
+
+class _Import:
+    def __init__(self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray) -> None:
+        self._tree, self._legs, self._facing = tree, legs, facing
+        self._findings = Findings()
+        self._parts = LegImport(tree, legs, facing, self._findings)
+        self._links, self._joints = self._parts.links(), self._parts.joints()
+        mounts_m = np.array([leg.mount_m for leg in legs])
+        #: Height of the feet above the coxae at angle zero.
+        self.feet_up_m = float(np.mean([leg.foot_m[2] - leg.mount_m[2] for leg in legs]))
+        self._box = trunk_box(tree, facing, mounts_m)
+        self._origin_m = body_origin(self._box, mounts_m)
+        length_m, width_m = np.ptp(mounts_m[:, :2], axis=0).tolist()
+        if width_m > ALONG_Y * length_m:
+            self._findings.note(
+                f"the mounts span {width_m:.2g} m from side to side and {length_m:.2g} m ahead: if the robot "
+                "looks along its longer side, give its front with --forward"
+            )
+        self._mount_up_m = float(mounts_m[:, 2].mean() - self._origin_m[2])
+        self.stances = self._stances()
+
+    def robot(self, name: str, source: str) -> ImportedRobot:
+        """The robot file; raises InputError if it is none."""
+        servo = self._parts.servo(self._joints)
+        body = body_section(self._tree, self._facing, self._box, self._origin_m, self._findings)
+        outward_m, up_m = self.stances[0]
+        beside_m = float(np.mean([abs(leg.beside_m) for leg in self._legs]))
+        if beside_m > PLANE_TOLERANCE_M:
+            outward_m = self._project_feet(outward_m, beside_m)
+        mounts = [self._mount(leg, self.stances[0][0]) for leg in self._legs]
+        radius_m = max(math.hypot(*mount["position_m"][:2]) for mount in mounts) + outward_m
+        gait = (USUAL_PACE_HZ, USUAL_STRIDE * outward_m, USUAL_STEP * outward_m)
+        numbers = self._tree.numbers
+        size_m = float(f"{2 * radius_m:.2g}")
+        if len(numbers.get("size_m", ())) == 1 and len(numbers.get("gait", ())) == 3:
+            size_m, (pace_hz, *shares) = numbers["size_m"][0], numbers["gait"]
+            gait = (pace_hz, shares[0] * size_m, shares[1] * size_m)
+        content = {
+            "name": name,
+            "description": f"imported from {source}",
+            "size_m": size_m,
+            "body": body,
+            "mounts": mounts,
+            "links": self._links,
+            "foot_radius_m": self._parts.foot_radius_m(),
+            "joints": self._joints,
+            "stance": {},
+            "servo": servo,
+            "gait": {},
+        }
+        other = outward_m - self.stances[0][0]
+        stances = tuple((outward + other, up) for outward, up in self.stances)
+        made = ImportedRobot(content, {}, (), tuple(self._header(source)), stances)
+        made = made.walking((outward_m, up_m), *gait)
+        self._drop_plain_coms(made.content, Path(source))
+        self._add_inertias(robot_of_content(made.content, Path(source)))
+        robot_of_content(made.content, Path(source))
+        return replace(made, reasons=self._findings.reasons, notes=tuple(self._findings.notes))
+
+    def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
+        """Leave out centres of mass that are those of evenly filled capsules."""
+        bare = {
+            kind: {key: value for key, value in link.items() if key != "com_m"}
+            for kind, link in self._links.items()
+        }
+        robot = robot_of_content(content | {"links": bare}, source)
+        for index, link in enumerate(self._links.values()):
+            x, _, z = link_mass(robot, index).com_m
+            if not np.allclose(link.get("com_m", (x, z)), (x, z), atol=1e-6):
+                return
+        for link in self._links.values():
+            link.pop("com_m", None)
+
+    def _add_inertias(self, robot: Robot) -> None:
+        for index, kind in enumerate(JOINT_KINDS):
+            inertia = self._parts.inertia(index, _tensor(link_mass(robot, index)))
+            if inertia is not None:
+                self._links[kind]["inertia_kg_m2"] = inertia
+
+    def _header(self, source: str) -> list[str]:
+        lines = [f"From {source}. Joints there, and in brackets those that count the other way:"]
+        for number, leg in enumerate(self._legs, start=1):
+            names = [
+                (joint.name if sign > 0 else f"({joint.name})") + _zero_text(zero_rad)
+                for joint, sign, zero_rad in zip(leg.joints, leg.signs, leg.zeros_rad, strict=True)
+            ]
+            lines.append(f"  leg {number}: {', '.join(names)}")
+        if np.abs(self._origin_m).max() > 1e-6:
+            x, y, z = (np.linalg.inv(self._facing)[:3, :3] @ self._origin_m).tolist()
+            lines.append(f"The body frame is at {x:.4f}, {y:.4f}, {z:.4f} m in that of {self._tree.root}.")
+        return lines
+
+    def _mount(self, leg: TreeLeg, outward_m: float) -> dict[str, Any]:
+        position = [short(part) for part in leg.mount_m - self._origin_m]
+        yaw_rad = leg.yaw_rad
+        if abs(leg.beside_m) > PLANE_TOLERANCE_M:
+            yaw_rad += math.atan2(leg.beside_m, outward_m)
+        return {"position_m": position, "yaw_deg": short(math.degrees(yaw_rad))}
+
+    def _project_feet(self, outward_m: float, beside_m: float) -> float:
+        """Turn legs to feet next to their planes: exact in the stance. Return the new distance of the foot.
+
+        Without the turn of the stance, a foot (r, b) of the leg is at (r + c, 0), with c of the stance.
+        """
+        radius_m = math.hypot(outward_m, beside_m)
+        coxa = self._links["coxa"]
+        coxa["end_m"] = [short(coxa["end_m"][0] + radius_m - outward_m), coxa["end_m"][1]]
+        reach_m = outward_m + USUAL_STRIDE * outward_m * np.linspace(-0.5, 0.5, 21)
+        real_m = np.column_stack([reach_m, np.full(21, beside_m)])
+        made_m = (reach_m + radius_m - outward_m)[:, np.newaxis] * np.array([outward_m, beside_m]) / radius_m
+        error_m = float(np.linalg.norm(real_m - made_m, axis=-1).max())
+        self._findings.note(
+            f"the feet are {1000 * beside_m:.1f} mm beside the planes of their legs: the legs were turned to "
+            f"them, exact in the stance and up to {1000 * error_m:.1f} mm off in a stride"
+        )
+        return radius_m
+
+    def _stances(self) -> tuple[Vector2, ...]:
+        """Places of the feet, (outward from the coxa axis, up from the body frame): the file's, then others.
+
+        The best have a nearly level femur and a steep tibia.
+        """
+        coxa, femur, tibia = self._vectors()
+        grid = np.radians(np.meshgrid(np.arange(-40, 81, 5), np.arange(-110, -29, 5), indexing="ij"))
+        places = []
+        for femur_rad, tibia_rad in grid.reshape(2, -1).T.tolist():
+            foot = _place((coxa, femur, tibia), femur_rad, tibia_rad)
+            room_rad = self._room_rad((coxa, femur, tibia), foot)
+            if room_rad <= 0 or foot[0] < 0.02 or foot[1] > -0.02:
+                continue
+            off = math.hypot(femur_rad - WANTED_SLOPES_RAD[0], tibia_rad - WANTED_SLOPES_RAD[1])
+            places.append((off + max(0.0, WANTED_ROOM_RAD - room_rad) * 4, foot))
+        own = self._own_stance((coxa, femur, tibia))
+        feet = [own] if own is not None else []
+        feet += [foot for _, foot in sorted(places)]
+        return tuple((outward, up + self._mount_up_m) for outward, up in feet)
+
+    def _vectors(self) -> tuple[Vector2, Vector2, Vector2]:
+        coxa, femur, tibia = ((float(one[0]), float(one[1])) for one in self._parts.vectors_m)
+        return coxa, femur, tibia
+
+    def _own_stance(self, links: tuple[Vector2, Vector2, Vector2]) -> Vector2 | None:
+        """Place of the feet in the file's own stance, from the coxa joint, if all legs have the same."""
+        feet = []
+        slopes = [math.atan2(link[1], link[0]) for link in links]
+        for leg in self._legs:
+            angles = [self._tree.stance_rad.get(joint.name, math.nan) for joint in leg.joints]
+            _, femur, tibia = leg.signs * np.array(angles) + leg.zeros_rad
+            feet.append(_place(links, slopes[1] + femur, slopes[2] + femur + tibia))
+        if not np.isfinite(feet).all() or np.ptp(feet, axis=0).max() > 0.005:
+            return None
+        outward, up = np.mean(feet, axis=0).tolist()
+        fits = outward > 0.02 and up < -0.02 and self._room_rad(links, (outward, up)) > 0
+        return (outward, up) if fits else None
+
+    def _room_rad(self, links: tuple[Vector2, Vector2, Vector2], foot: Vector2) -> float:
+        """Distance of the nearest limit from the angles that put the foot there, negative beyond it."""
+        try:
+            angles_rad = stance_angles(*links, foot)
+        except (InputError, ValueError):  # out of reach, or stretched to the last digit
+            return -math.inf
+        room_deg = [
+            min(
+                math.degrees(angle) - self._joints[kind]["min_deg"],
+                self._joints[kind]["max_deg"] - math.degrees(angle),
+            )
+            for kind, angle in zip(("femur", "tibia"), angles_rad, strict=True)
+        ]
+        return math.radians(min(room_deg))
+
+    def why_no_stance(self) -> str:
+        """Ranges of femur and tibia, and the reach of the leg."""
+        ranges = ", ".join(
+            f"{kind} {self._joints[kind]['min_deg']:.0f} to {self._joints[kind]['max_deg']:.0f} deg"
+            for kind in ("femur", "tibia")
+        )
+        _, femur, tibia = self._vectors()
+        least_m, most_m = leg_reach_m(femur, tibia)
+        return f"got {ranges}; feet {least_m:.3f} to {most_m:.3f} m from the femur joints"
+
+
+def _place(links: Sequence[Vector2], femur_rad: float, tibia_rad: float) -> Vector2:
+    """Foot from the coxa joint, (outward, up), by the slopes of femur and tibia."""
+    coxa, femur, tibia = links[0], math.hypot(*links[1]), math.hypot(*links[2])
+    outward = coxa[0] + femur * math.cos(femur_rad) + tibia * math.cos(tibia_rad)
+    return outward, coxa[1] + femur * math.sin(femur_rad) + tibia * math.sin(tibia_rad)
+
+
+def _tensor(mass: PartMass) -> FloatArray:
+    """Tensor of a link along outward, left and up, (3, 3)."""
+    cos, sin = math.cos(mass.tilt_rad), math.sin(mass.tilt_rad)
+    turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
+    return np.asarray(turn @ np.diag(mass.moments_kg_m2) @ turn.T)
+
+
+def _zero_text(zero_rad: float) -> str:
+    return f" {math.degrees(zero_rad):+.2f} deg" if abs(zero_rad) > 1e-6 else ""
+
+
+def _short_name(text: str) -> str:
+    name = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40]
+    return name or "robot"
+
+
+class _Flow(dict[str, Any]):
+    """A mapping on one line."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes each entry of a section on one line."""
+
+
+_Dumper.add_representer(
+    _Flow, lambda dumper, data: dumper.represent_mapping("tag:yaml.org,2002:map", data, flow_style=True)
+)
+_Dumper.add_representer(
+    list,
+    lambda dumper, data: dumper.represent_sequence(
+        "tag:yaml.org,2002:seq", data, flow_style=not any(isinstance(one, dict) for one in data)
+    ),
+)
+
+
+def _yaml(content: dict[str, Any]) -> str:
+    laid: dict[str, Any] = {}
+    for key, value in content.items():
+        if key in ("links", "joints"):
+            laid[key] = {name: _Flow(part) for name, part in value.items()}
+        elif key == "mounts":
+            laid[key] = [_Flow(part) for part in value]
+        else:
+            laid[key] = _Flow(value) if isinstance(value, dict) else value
+    return yaml.dump(laid, Dumper=_Dumper, sort_keys=False, width=1000, allow_unicode=True)

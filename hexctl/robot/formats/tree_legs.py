@@ -1,0 +1,358 @@
+"""Legs of a robot description, recognised by the geometry of its joints and not by their names."""
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, ArrayFields, FloatArray
+
+#: Tolerance of axes: files write 1.5707, and mounts lean a little.
+AXIS_TOLERANCE_RAD = math.radians(3.0)
+#: Shorter coxae do not show the direction of a leg.
+SHORTEST_COXA_M = 0.005
+#: Distance of a foot from the plane of its leg: what needs no word, and what a projection allows.
+PLANE_TOLERANCE_M, MOST_BESIDE_M = 0.006, 0.06
+#: Tolerance of differences between legs.
+LEG_TOLERANCE_M = 0.006
+#: A frame or the centre of a sphere this near to the far end of the tibia is the foot: in m, and as a share.
+FOOT_TOLERANCE_M, FOOT_TOLERANCE_SHARE = 0.01, 0.08
+#: Lengths of a tibia as shares of coxa and femur together; shorter and longer ones are no tibiae.
+TIBIA_SHARES = (0.25, 8.0)
+#: Coxae keep the zeros of the file if the legs have the first share of their ranges in common, and the second
+#: one on each side.
+LEAST_SHARED, LEAST_AROUND = 0.6, 0.1
+#: Length of a tibia of which nothing is known, as a multiple of the femur: the median of the shipped robots.
+USUAL_TIBIA = 1.6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TreeLeg(ArrayFields):
+    """A leg in hexctl's terms.
+
+    Attributes:
+        tips: the tibia and the links that are fixed to it.
+        mount_m: coxa axis, in axes of the body from the root, (3,).
+        yaw_rad: direction of the leg at angle zero.
+        vectors_m: coxa, femur and tibia as (outward, up) at angle zero, (3, 2).
+        signs: 1 if the angles of the file and of hexctl have the same sign, -1 if not, (3,).
+        zeros_rad: hexctl's angles at the zeros of the file, (3,).
+        foot_m: the foot at angle zero, in axes of the body from the root, (3,).
+        beside_m: distance of the foot to the left of the plane of the leg.
+        foot_guess: why the foot is a guess, or empty if the file shows it.
+    """
+
+    joints: tuple[TreeJoint, ...]
+    tips: tuple[str, ...]
+    mount_m: FloatArray
+    yaw_rad: float
+    vectors_m: FloatArray
+    signs: FloatArray
+    zeros_rad: FloatArray
+    foot_m: FloatArray
+    beside_m: float
+    foot_guess: str
+
+
+def find_legs(tree: LinkTree, facing: FloatArray, foot_m: FloatArray | None) -> list[TreeLeg]:
+    """Legs of a robot, counter-clockwise from the front left, or from the one that points ahead.
+
+    Args:
+        facing: transform from the frame of the root to axes of the body, x forward and z up, (4, 4).
+        foot_m: position of the feet in the frames of the last links, (3,); None takes it from the file.
+
+    Raises InputError for anything that differs from six such legs.
+    """
+    legs = [_leg(tree, chain, facing, foot_m) for chain in leg_chains(tree)]
+    centre_m = np.mean([leg.mount_m for leg in legs], axis=0)
+    start_rad = -math.radians(1.0)
+    return sorted(legs, key=lambda leg: (_azimuth_rad(leg, centre_m) - start_rad) % math.tau)
+
+
+def _azimuth_rad(leg: TreeLeg, centre_m: FloatArray) -> float:
+    """Direction of its mount from the centre, or of the leg if its mount is there."""
+    x, y = (leg.mount_m - centre_m)[:2].tolist()
+    return math.atan2(y, x) if math.hypot(x, y) > 1e-3 else leg.yaw_rad
+
+
+def leg_chains(tree: LinkTree) -> list[tuple[TreeJoint, ...]]:
+    """The six chains of three hinges from the trunk; raises InputError if there are others or none."""
+    found: dict[tuple[str, ...], tuple[TreeJoint, ...]] = {}
+    for link in tree.links:
+        if link not in tree.children:
+            chain = _without_idle_ends(tree, tree.hinges(link))
+            found[tuple(joint.name for joint in chain)] = chain
+    chains = [
+        chain
+        for names, chain in found.items()
+        if not any(other[: len(names)] == names for other in found if other != names)
+    ]
+    legs = [chain for chain in chains if len(chain) == JOINTS_PER_LEG]
+    if len(legs) > N_LEGS:
+        legs = [chain for chain in legs if _turns_as_a_leg(tree, chain)]
+    longer = next((chain for chain in chains if len(chain) > JOINTS_PER_LEG), None)
+    if longer is not None and len(legs) != N_LEGS:
+        raise InputError(
+            f"robot description: got a chain of {len(longer)} hinges from {longer[0].name} to "
+            f"{longer[-1].name}; allowed: legs of {JOINTS_PER_LEG}"
+        )
+    if len(legs) != N_LEGS:
+        raise InputError(
+            f"robot description: got {len(legs)} chains of {JOINTS_PER_LEG} hinges; allowed: {N_LEGS} legs"
+        )
+    if len({chain[0].name for chain in legs}) != N_LEGS:
+        raise InputError(
+            f"robot description: got legs that share the hinge {legs[0][0].name}; allowed: legs of their own"
+        )
+    return legs
+
+
+def _without_idle_ends(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> tuple[TreeJoint, ...]:
+    """A chain without hinges at its end that move no foot: nothing beyond them is off their axis."""
+    while len(chain) > JOINTS_PER_LEG and _is_idle(tree, chain[-1]):
+        chain = chain[:-1]
+    return chain
+
+
+def _is_idle(tree: LinkTree, joint: TreeJoint) -> bool:
+    at = np.asarray(np.linalg.inv(tree.placed(joint.child)), dtype=float)
+    points_m = [point for name in tree.carried(joint.child) for point in _points(tree, at, name)]
+    return all(float(np.linalg.norm(np.cross(point, joint.axis))) < FOOT_TOLERANCE_M for point in points_m)
+
+
+def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
+    """Origin of a link and ends of its solids in another frame, in m."""
+    frame = at @ tree.placed(link)
+    solids = tree.links[link].solids
+    return [frame[:3, 3], *(end @ frame[:3, :3].T + frame[:3, 3] for solid in solids for end in solid.ends)]
+
+
+def _turns_as_a_leg(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> bool:
+    """Whether the last two axes are parallel and at right angles to the first."""
+    first, second, third = (tree.placed(joint.child)[:3, :3] @ joint.axis for joint in chain)
+    off = math.sin(AXIS_TOLERANCE_RAD)
+    return bool(abs(first @ second) < off and np.linalg.norm(np.cross(second, third)) < off)
+
+
+def _leg(
+    tree: LinkTree, chain: tuple[TreeJoint, ...], facing: FloatArray, foot_m: FloatArray | None
+) -> TreeLeg:
+    frames = [facing @ tree.placed(joint.child) for joint in chain]
+    axes = [frame[:3, :3] @ joint.axis for frame, joint in zip(frames, chain, strict=True)]
+    origins_m = [frame[:3, 3] for frame in frames]
+    _check_axes(chain, axes)
+    tips = _tips(tree, chain[-1].child)
+    tip_m, guess = (foot_m, "") if foot_m is not None else _foot(tree, tips, frames, axes[2])
+    foot = (frames[-1] @ [*tip_m, 1.0])[:3]
+    level = axes[1] * [1, 1, 0] / np.linalg.norm(axes[1][:2])
+    outward = np.cross(level, [0.0, 0.0, 1.0])
+    along_m = float((origins_m[1] - origins_m[0]) @ outward)
+    if abs(along_m) < SHORTEST_COXA_M:
+        # Femur joints above the coxa axis: the foot shows the direction of the leg.
+        along_m = float((foot - origins_m[0]) @ outward)
+    outward *= math.copysign(1.0, along_m)
+    beside_m = float((foot - origins_m[0]) @ np.cross([0.0, 0.0, 1.0], outward))
+    if abs(beside_m) > MOST_BESIDE_M:
+        raise InputError(
+            f"robot description: the foot of the leg of {chain[0].name} is {1000 * abs(beside_m):.0f} mm "
+            f"beside the plane of its leg; allowed: {1000 * MOST_BESIDE_M:g} mm"
+        )
+    points = np.array([*origins_m, foot])
+    plane = np.column_stack([points @ outward, points[:, 2]])
+    lifting = np.cross(outward, [0.0, 0.0, 1.0])  # the turn that lifts what points outward
+    signs = [np.sign(axes[0][2]), np.sign(axes[1] @ lifting), np.sign(axes[2] @ lifting)]
+    return TreeLeg(
+        joints=chain,
+        tips=tuple(tips),
+        mount_m=origins_m[0],
+        yaw_rad=math.atan2(outward[1], outward[0]),
+        vectors_m=np.diff(plane, axis=0),
+        signs=np.array(signs),
+        zeros_rad=np.zeros(JOINTS_PER_LEG),
+        foot_m=foot,
+        beside_m=beside_m,
+        foot_guess=guess,
+    )
+
+
+def _tips(tree: LinkTree, tibia: str) -> list[str]:
+    """The tibia, and all beyond it: hinges there move no foot."""
+    return [
+        name for name in tree.carried(tibia) if not any(joint.loose for joint in _path(tree, name, tibia))
+    ]
+
+
+def _path(tree: LinkTree, link: str, root: str) -> list[TreeJoint]:
+    joints = []
+    while link != root:
+        joints.append(tree.joints[link])
+        link = joints[-1].parent
+    return joints
+
+
+def _check_axes(chain: tuple[TreeJoint, ...], axes: list[FloatArray]) -> None:
+    """Refuse a chain that is no leg: a vertical hinge, then two level and parallel ones."""
+    off = math.sin(AXIS_TOLERANCE_RAD)
+    if np.linalg.norm(axes[0][:2]) > off:
+        raise InputError(
+            f"robot description: the first hinge of a leg, {chain[0].name}, turns about {_shown(axes[0])} of "
+            "the body; allowed: the vertical, the same for all six legs"
+        )
+    for joint, axis in zip(chain[1:], axes[1:], strict=True):
+        if abs(axis[2]) > off:
+            raise InputError(
+                f"robot description: the hinge {joint.name} turns about {_shown(axis)}; allowed: a level axis"
+            )
+    if np.linalg.norm(np.cross(axes[1], axes[2])) > off:
+        raise InputError(
+            f"robot description: the hinges {chain[1].name} and {chain[2].name} turn about "
+            f"{_shown(axes[1])} and {_shown(axes[2])}; allowed: parallel axes"
+        )
+
+
+def _foot(
+    tree: LinkTree, tips: list[str], frames: list[FloatArray], axis: FloatArray
+) -> tuple[FloatArray, str]:
+    """Foot in the frame of the tibia, and why it is a guess, or an empty text.
+
+    It is the far end of all that is fixed to the tibia. A frame or the centre of a sphere next to that end
+    counts before the end itself.
+
+    Args:
+        frames: of the three links in axes of the body.
+        axis: of the last hinge in axes of the body, (3,).
+    """
+    knee = np.asarray(np.linalg.inv(tree.placed(tips[0])), dtype=float)
+    upper_m = sum(float(np.linalg.norm(end[:3, 3] - start[:3, 3])) for start, end in pairwise(frames))
+    foot_m, marked = _far_end(tree, tips, knee)
+    far_m = _length_m(foot_m)
+    least_m, most_m = (share * upper_m for share in TIBIA_SHARES)
+    unread = tree.unread(tips)
+    seen = f"its parts end {far_m:.3g} m from the knee" if far_m > 0 else "no frame or solid shows it"
+    if unread:
+        seen += f"; not read: {', '.join(unread)}"
+    if least_m < far_m < most_m:
+        return foot_m, "" if marked or not unread else seen
+    com_m = tree.links[tips[0]].com_m
+    if least_m < 2 * np.linalg.norm(com_m) < most_m:
+        return 2 * com_m, f"{seen}; taken as twice as far as the centre of mass"
+    guess_m = _usual_foot(frames, axis)
+    return guess_m, f"{seen}; a usual length is assumed; --foot gives the real place"
+
+
+def _far_end(tree: LinkTree, tips: list[str], knee: FloatArray) -> tuple[FloatArray, bool]:
+    """Foot at the far end of the parts of a tibia, (3,) in its frame, and whether a frame marks it."""
+    frames = {name: knee @ tree.placed(name) for name in tips}
+    marks = [frames[name][:3, 3] for name in tips[1:] if name not in tree.children]
+    spheres: list[tuple[FloatArray, float]] = []
+    ends = list(marks)
+    for name, frame in frames.items():
+        for solid in tree.links[name].solids:
+            points = solid.ends @ frame[:3, :3].T + frame[:3, 3]
+            ends += list(_outermost(points)) if solid.kind == "mesh" else list(points)
+            if solid.kind == "sphere":
+                spheres.append((points[0], solid.size_m[0]))
+    if not ends:
+        return np.zeros(3), False
+    end = max(ends, key=_length_m)
+    near_m = max(FOOT_TOLERANCE_M, FOOT_TOLERANCE_SHARE * _length_m(end))
+    foots = [mark for mark in marks if _length_m(mark - end) < near_m]
+    balls = [centre for centre, radius_m in spheres if _length_m(centre - end) < near_m + radius_m]
+    foots += balls
+    foot = min(foots, key=lambda point: _length_m(point - end), default=end)
+    return foot, any(mark is foot for mark in foots[: len(foots) - len(balls)])
+
+
+def _outermost(points: FloatArray) -> FloatArray:
+    """Middle of the points of a mesh that are farthest from the knee, (1, 3)."""
+    lengths_m = np.linalg.norm(points, axis=-1)
+    return np.asarray(points[lengths_m > 0.98 * lengths_m.max()].mean(axis=0, keepdims=True))
+
+
+def _length_m(vector: FloatArray) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def _usual_foot(frames: list[FloatArray], axis: FloatArray) -> FloatArray:
+    """A foot at a usual distance along that axis of the tibia's frame which points down, (3,) in its frame.
+
+    Among axes in the plane of the leg that do not, it is the one that continues the femur.
+    """
+    femur = frames[2][:3, 3] - frames[1][:3, 3]
+    turn = frames[2][:3, :3]
+    directions = [sign * turn[:, index] for index in range(3) for sign in (1, -1)]
+    in_plane = [one for one in directions if abs(one @ axis) < math.sin(math.radians(10))] or directions
+    best = max(in_plane, key=lambda one: float(-one[2] + 0.5 * one @ femur / max(_length_m(femur), 1e-9)))
+    return np.asarray(USUAL_TIBIA * _length_m(femur) * (turn.T @ best))
+
+
+def _shown(axis: FloatArray) -> str:
+    return f"({', '.join(f'{part:.2f}' for part in axis)})"
+
+
+def with_one_zero(legs: list[TreeLeg]) -> list[TreeLeg]:
+    """Legs whose vectors at angle zero are those of the first; their `zeros_rad` hold the differences.
+
+    Raises InputError for legs with different link lengths.
+    """
+    lengths_m = np.array([np.linalg.norm(leg.vectors_m, axis=-1) for leg in legs])
+    for index, kind in enumerate(JOINT_KINDS):
+        spread_m = float(np.ptp(lengths_m[:, index]))
+        if spread_m > LEG_TOLERANCE_M:
+            raise InputError(
+                f"robot description: the {kind} links of the legs differ by {1000 * spread_m:.0f} mm; "
+                f"allowed: {1000 * LEG_TOLERANCE_M:g} mm"
+            )
+    return [_turned(leg, legs[0].vectors_m) for leg in legs]
+
+
+def with_middle_coxae(legs: list[TreeLeg]) -> list[TreeLeg]:
+    """Legs whose coxae have their zero in the middle of their ranges, if the legs share little around theirs.
+
+    Ranges of the left and the right legs may be mirrored, or not contain zero.
+    """
+    ranges_rad = [_coxa_range_rad(leg) for leg in legs]
+    known = [one for one in ranges_rad if one is not None]
+    if len(known) < len(legs):
+        return legs
+    low_rad, high_rad = max(low for low, _ in known), min(high for _, high in known)
+    shared_rad, own_rad = high_rad - low_rad, min(high - low for low, high in known)
+    around_rad = min(-low_rad, high_rad)
+    if shared_rad > LEAST_SHARED * own_rad and around_rad > LEAST_AROUND * own_rad:
+        return legs
+    return [_with_zero(leg, (low + high) / 2) for leg, (low, high) in zip(legs, known, strict=True)]
+
+
+def _coxa_range_rad(leg: TreeLeg) -> tuple[float, float] | None:
+    joint = leg.joints[0]
+    if joint.kind != "revolute" or joint.limits_rad is None:
+        return None
+    low, high = sorted(float(leg.signs[0]) * end for end in joint.limits_rad)
+    return (low, high) if 0 < high - low < math.pi else None
+
+
+def _with_zero(leg: TreeLeg, angle_rad: float) -> TreeLeg:
+    """A leg whose coxa has its zero at an angle."""
+    zeros_rad = leg.zeros_rad - np.array([angle_rad, 0.0, 0.0])
+    return replace(leg, yaw_rad=leg.yaw_rad + angle_rad, zeros_rad=zeros_rad)
+
+
+def _turned(leg: TreeLeg, wanted_m: FloatArray) -> TreeLeg:
+    """A leg with other zeros of femur and tibia, if its links point elsewhere than those of another leg."""
+    if np.abs(leg.vectors_m - wanted_m).max() <= LEG_TOLERANCE_M:
+        return leg
+    if np.abs(leg.vectors_m[0] - wanted_m[0]).max() > LEG_TOLERANCE_M:
+        raise InputError(
+            f"robot description: the coxa of {leg.joints[0].name} ends at another height than that of other "
+            f"legs; allowed: a difference of {1000 * LEG_TOLERANCE_M:g} mm"
+        )
+    slopes = [np.arctan2(vectors[1:, 1], vectors[1:, 0]) for vectors in (leg.vectors_m, wanted_m)]
+    femur_rad, both_rad = (slopes[0] - slopes[1]).tolist()
+    zeros_rad = [0.0, math.remainder(femur_rad, math.tau), math.remainder(both_rad - femur_rad, math.tau)]
+    lengths_m = np.linalg.norm(leg.vectors_m[1:], axis=-1)
+    directions = np.column_stack([np.cos(slopes[1]), np.sin(slopes[1])])
+    vectors_m = np.vstack([leg.vectors_m[:1], lengths_m[:, np.newaxis] * directions])
+    return replace(leg, vectors_m=vectors_m, zeros_rad=np.array(zeros_rad))

@@ -1,0 +1,174 @@
+"""The trunk of a robot description: its box, its place, its mass and its moments of inertia."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hexctl.robot.formats.import_values import (
+    LEAST_MASS_KG,
+    LEAST_TRUNK_KG_M3,
+    USUAL_MASS_KG,
+    Findings,
+    dense,
+    possible_moments,
+    short,
+)
+from hexctl.robot.formats.link_masses import trunk_mass
+from hexctl.robot.formats.link_tree import LinkTree, Solid
+from hexctl.robot.schema import Body
+from hexctl.types import FloatArray
+
+USUAL_HEIGHT_M, LEAST_SIDE_M = 0.05, 0.05
+
+#: A solid is the trunk if it covers this share of the area between the mounts, in both directions, and is no
+#: larger than this multiple of it.
+LEAST_COVER, MOST_COVER = 0.5, 2.5
+
+#: The body frame is the centre of the trunk's box if that is near the centre of the mounts: level and in
+#: height, as shares of the larger distance between mounts.
+NEAR_CENTRE, NEAR_HEIGHT = 1 / 16, 1 / 8
+
+
+@dataclass(frozen=True, eq=False)
+class TrunkBox:
+    """Size and centre of the trunk, (3,) each in m in axes of the body; no guess if solids show it."""
+
+    size_m: FloatArray
+    centre_m: FloatArray
+    shape: str
+    guess: str
+
+
+def trunk_box(tree: LinkTree, facing: FloatArray, mounts_m: FloatArray) -> TrunkBox:
+    """The box around the solids that cover the area between the mounts, (6, 3); else that area.
+
+    Smaller solids are servos, bars and markers; larger ones are floors.
+    """
+    low_m, high_m = mounts_m[:, :2].min(axis=0), mounts_m[:, :2].max(axis=0)
+    sides_m = np.maximum(high_m - low_m, LEAST_SIDE_M)
+    found: list[tuple[Solid, FloatArray, FloatArray, FloatArray]] = []
+    for name in tree.rigid(tree.root):
+        frame = facing @ tree.placed(name)
+        for solid in tree.links[name].solids:
+            least_m, most_m = solid.bounds(frame)
+            covered_m = np.minimum(most_m[:2], high_m) - np.maximum(least_m[:2], low_m)
+            size_m = most_m - least_m
+            if (covered_m > LEAST_COVER * sides_m).all() and (size_m[:2] < MOST_COVER * sides_m).all():
+                found.append((solid, least_m, most_m, frame))
+    if not found:
+        return _between_mounts(tree, mounts_m, sides_m)
+    least_m, most_m = np.min([one[1] for one in found], axis=0), np.max([one[2] for one in found], axis=0)
+    shape = "cylinder" if all(_is_upright(solid, frame) for solid, *_, frame in found) else "box"
+    size_m = np.maximum(most_m - least_m, 1e-3)
+    if (solid := found[0][0]).kind in ("box", "cylinder") and all(one[0].kind == solid.kind for one in found):
+        size_m = _plain_size(found, size_m)
+    return TrunkBox(size_m, (least_m + most_m) / 2, shape, "")
+
+
+def _plain_size(found: list[Any], size_m: FloatArray) -> FloatArray:
+    """Without the rounding of a turn, if all solids have the same size along the axes."""
+    solid, _, _, frame = found[0]
+    half = np.abs((frame @ solid.frame)[:3, :3])
+    straight = np.allclose(half, np.round(half), atol=1e-6)
+    sides = solid.size_m if solid.kind == "box" else (*[2 * solid.size_m[0]] * 2, solid.size_m[1])
+    plain = np.round(half) @ np.array(sides)
+    return np.array(plain, dtype=float) if straight and np.allclose(plain, size_m, atol=1e-9) else size_m
+
+
+def _is_upright(solid: Solid, frame: FloatArray) -> bool:
+    return solid.kind == "cylinder" and abs((frame @ solid.frame)[2, 2]) > 0.999
+
+
+def _between_mounts(tree: LinkTree, mounts_m: FloatArray, sides_m: FloatArray) -> TrunkBox:
+    links = tree.rigid(tree.root)
+    reason = "no solid covers the area between the mounts, which was taken"
+    if unread := tree.unread(links):
+        reason += f"; not read: {', '.join(unread[:3])}{' ...' if len(unread) > 3 else ''}"
+    centre_m = mounts_m.mean(axis=0)
+    return TrunkBox(np.array([*sides_m, USUAL_HEIGHT_M]), centre_m, "box", reason)
+
+
+def body_origin(box: TrunkBox, mounts_m: FloatArray) -> FloatArray:
+    """Origin of the body frame in axes of the body, (3,): the centre of the trunk's box, or of the mounts.
+
+    A box that is not between the mounts, as when the root is at a corner or on the floor, does not count.
+    """
+    centre_m = np.asarray(mounts_m.mean(axis=0), dtype=float)
+    if box.guess:
+        return centre_m
+    spread_m = float(np.ptp(mounts_m[:, :2], axis=0).max())
+    off_m = box.centre_m - centre_m
+    level = float(np.hypot(off_m[0], off_m[1])) < NEAR_CENTRE * spread_m
+    even = abs(off_m[2]) < NEAR_HEIGHT * spread_m
+    return np.array([*(box.centre_m if level else centre_m)[:2], (box.centre_m if even else centre_m)[2]])
+
+
+def body_section(
+    tree: LinkTree, facing: FloatArray, box: TrunkBox, origin_m: FloatArray, findings: Findings
+) -> dict[str, Any]:
+    """The section `body` of a robot file: the trunk is all that no leg carries."""
+    size_m = [short(side) for side in box.size_m]
+    if box.guess:
+        findings.unknown("body.size_m", box.guess)
+    links = [tree.links[name] for name in tree.rigid(tree.root)]
+    masses_kg = [link.mass_kg or 0.0 for link in links]
+    mass_kg, com_m = sum(masses_kg), np.zeros(3)
+    body: dict[str, Any] = {"shape": box.shape, "size_m": size_m, "mass_kg": short(mass_kg)}
+    least_kg = max(LEAST_MASS_KG, LEAST_TRUNK_KG_M3 * math.prod(size_m))
+    if mass_kg < least_kg or dense(mass_kg, size_m):
+        findings.unknown("body.mass_kg", f"got {mass_kg:g} kg, which is a placeholder")
+        return body | {"mass_kg": USUAL_MASS_KG["body"]}
+    frames = [facing @ tree.placed(link.name) for link in links]
+    coms_m = [(frame @ [*link.com_m, 1.0])[:3] for frame, link in zip(frames, links, strict=True)]
+    com_m = np.average(coms_m, axis=0, weights=masses_kg)
+    tensor = np.zeros((3, 3))
+    for link, frame, kg, at_m in zip(links, frames, masses_kg, coms_m, strict=True):
+        own = np.zeros((3, 3)) if link.inertia_kg_m2 is None else link.inertia_kg_m2
+        tensor += frame[:3, :3] @ own @ frame[:3, :3].T + kg * _point(at_m - com_m)
+    bare = [
+        link.name for link in links if (link.mass_kg or 0) > 0.05 * mass_kg and link.inertia_kg_m2 is None
+    ]
+    com_m = com_m - origin_m
+    in_origins = all(np.abs(link.com_m).max() < 1e-9 for link in links if link.mass_kg)
+    if in_origins and float(np.hypot(*com_m[:2])) > NEAR_CENTRE * max(size_m):
+        findings.unknown(
+            "body.com_m", "got none but the origins of links, which are not in the trunk's centre"
+        )
+    elif (np.abs(com_m) > np.array(size_m)).any():
+        findings.note("the trunk's centre of mass lies outside it and was left out")
+    elif np.abs(com_m).max() > 1e-7:
+        body["com_m"] = [short(part) for part in com_m]
+    return body | _inertia(body, tensor, bare, findings)
+
+
+def _point(at_m: FloatArray) -> FloatArray:
+    """Tensor of a unit mass at a point."""
+    return np.asarray(at_m @ at_m * np.eye(3) - np.outer(at_m, at_m))
+
+
+def _inertia(
+    body: dict[str, Any], tensor: FloatArray, bare: list[str], findings: Findings
+) -> dict[str, list[float]]:
+    """Moments of inertia, unless they are those of the trunk's shape, or implausible."""
+    key, even = "body.inertia_kg_m2", np.array(trunk_mass(Body(**_tuples(body))).moments_kg_m2)
+    if bare:
+        findings.unknown(key, f"{bare[0]} has none; an evenly filled {body['shape']} was assumed")
+        return {}
+    if np.allclose(np.diag(tensor), even, rtol=1e-7):
+        return {}
+    moments, problem = possible_moments(tensor, body["mass_kg"], math.hypot(*body["size_m"][:2]))
+    if problem:
+        findings.unknown(key, f"{problem}; an evenly filled {body['shape']} was assumed")
+        return {}
+    off = max(abs(tensor[0, 1]), abs(tensor[0, 2]), abs(tensor[1, 2])) / moments.max()
+    if off > 0.1:
+        findings.note(
+            f"the trunk's products of inertia, up to {100 * off:.0f} % of its moments, were left out"
+        )
+    return {"inertia_kg_m2": [short(moment) for moment in moments]}
+
+
+def _tuples(body: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in body.items()}

@@ -1,0 +1,410 @@
+"""Imports of robot descriptions, by the kinds of faults that files of others showed."""
+
+import math
+import struct
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.ik.legs import foot_positions_body
+from hexctl.robot.formats.link_masses import link_mass, trunk_mass
+from hexctl.robot.formats.mjcf import mjcf_of
+from hexctl.robot.formats.robot_import import ImportedRobot
+from hexctl.robot.formats.urdf import urdf_of
+from hexctl.robot.model import Robot
+from tests.robot.hexapods import (
+    COXA_M,
+    FEMUR_M,
+    LIMIT,
+    MOUNTS,
+    TIBIA_M,
+    TRUNK,
+    fixed,
+    hexapod,
+    imported,
+    solid,
+)
+from tests.robots import shipped
+
+BOX = solid('<box size="0.22 0.18 0.05"/>')
+
+
+def mounts_m(made: ImportedRobot) -> Any:
+    return np.array([mount["position_m"] for mount in made.content["mounts"]])
+
+
+def length_m(made: ImportedRobot) -> float:
+    return math.hypot(*made.content["links"]["tibia"]["end_m"])
+
+
+# -- the root of the file
+
+
+@pytest.mark.parametrize("root_m", [(0.11, 0.09, 0.0), (-0.25, 0.0, 0.1), (0.0, 0.4, -0.3)])
+def test_the_body_frame_goes_between_the_mounts(root_m: tuple[float, float, float], tmp_path: Path) -> None:
+    made = imported(tmp_path, hexapod(root_m=root_m))
+    assert mounts_m(made).mean(axis=0) == pytest.approx([0, 0, 0], abs=1e-9)
+    assert mounts_m(made)[0] == pytest.approx([0.11, 0.05, 0], abs=1e-9)
+    assert "The body frame is at" in made.text
+    # A file without a centre of mass has it in the root, wherever that is.
+    assert "com_m" not in made.content["body"]
+
+
+@pytest.mark.parametrize("root_m", [(0.11, 0.09, 0.025), (-0.2, 0.1, 0.0), (0.0, 0.0, 0.2)])
+def test_the_trunks_box_takes_the_body_frame_with_it(root_m: Any, tmp_path: Path) -> None:
+    made = imported(tmp_path, hexapod(root_m=root_m, trunk=BOX))
+    assert made.content["body"]["size_m"] == pytest.approx([0.22, 0.18, 0.05])
+    assert mounts_m(made).mean(axis=0) == pytest.approx([0, 0, 0], abs=1e-9)
+    assert "com_m" not in made.content["body"]
+
+
+@pytest.mark.parametrize("rpy", ["1.5707963 0 0", "-1.5707963 0 0", "3.1415927 0 0"])
+def test_the_vertical_is_that_of_the_coxa_axes(rpy: str, tmp_path: Path) -> None:
+    """Roots whose y axis, -y axis or -z axis is up."""
+    limits = (LIMIT, LIMIT.replace("-1.5", "-0.5"), LIMIT.replace("1.5", "0.6"))
+    level = imported(tmp_path, hexapod(limits=limits))
+    made = imported(tmp_path, hexapod(root_rpy=rpy, limits=limits))
+    # Seen from below, legs of a flipped root are numbered the other way round.
+    assert sorted(map(tuple, np.abs(mounts_m(made)).round(6))) == sorted(
+        map(tuple, np.abs(mounts_m(level)).round(6))
+    )
+    assert made.content["stance"]["up_m"] == pytest.approx(level.content["stance"]["up_m"], abs=1e-5)
+
+
+def test_a_robot_that_seems_to_look_sideways_is_noted(tmp_path: Path) -> None:
+    sideways = hexapod(root_rpy="0 0 1.5707963")
+    note = next(note for note in imported(tmp_path, sideways).notes if "--forward" in note)
+    assert "from side to side" in note
+    for text, forward in ((sideways, "y"), (sideways, "-y"), (hexapod(), "x")):
+        assert not any("--forward" in note for note in imported(tmp_path, text, forward=forward).notes)
+
+
+# -- one part looked at, quantities compared that are not alike
+
+
+@pytest.mark.parametrize(
+    "trunk",
+    [
+        solid('<cylinder radius="0.02" length="0.3"/>'),
+        solid('<box size="0.03 0.05 0.04"/>', "0.09 0 0"),
+        solid('<sphere radius="0.05"/>'),
+        solid('<box size="3 3 0.01"/>'),
+    ],
+)
+def test_what_does_not_cover_the_trunk_is_not_its_size(trunk: str, tmp_path: Path) -> None:
+    made = imported(tmp_path, hexapod(trunk=trunk))
+    assert "body.size_m" in made.unknown
+    assert made.content["body"]["size_m"][:2] == pytest.approx([0.22, 0.16])
+    both = imported(tmp_path, hexapod(trunk=trunk + BOX))
+    assert "body.size_m" not in both.unknown
+    assert both.content["body"]["size_m"] == pytest.approx([0.22, 0.18, 0.05])
+
+
+FEET: dict[str, dict[str, Any]] = {
+    "a frame near the knee": {"more_per_leg": fixed("s{n}", "t{n}", xyz="0.03 0 0"), "foot": ""},
+    "a long part at the knee": {
+        "shin": solid('<box size="0.03 0.02 0.02"/>'),
+        "foot": "",
+        "more_per_leg": fixed(
+            "p{n}", "t{n}", solid(f'<box size="{TIBIA_M} 0.01 0.01"/>', f"{TIBIA_M / 2} 0 0")
+        ),
+    },
+    "a part beyond the frame of an ankle": {
+        "shin": "",
+        "foot": "",
+        "more_per_leg": fixed(
+            "a{n}",
+            "t{n}",
+            solid('<cylinder radius="0.006" length="0.05"/>', "0.025 0 0", "0 1.5707963 0"),
+            "0.07 0 0",
+        ),
+    },
+    "a ball": {"foot": "", "shin": solid('<sphere radius="0.012"/>', f"{TIBIA_M} 0 0")},
+    "a foot on a spring": {"foot": "prismatic"},
+    "a foot that turns about itself": {"foot": "continuous", "shin": ""},
+}
+
+
+@pytest.mark.parametrize("case", FEET)
+def test_the_foot_is_the_far_end_of_all_that_is_fixed_to_the_tibia(case: str, tmp_path: Path) -> None:
+    made = imported(tmp_path, hexapod(**FEET[case]))
+    assert length_m(made) == pytest.approx(TIBIA_M, abs=1e-6)
+    assert "links.tibia.end_m" not in made.unknown
+
+
+# -- one-sided plausibility
+
+
+@pytest.mark.parametrize("velocity", ["0.00002", "0.01", "500"])
+@pytest.mark.parametrize("effort", ["0.0005", "0.01", "900"])
+def test_speeds_and_torques_of_no_servo_are_unknown(velocity: str, effort: str, tmp_path: Path) -> None:
+    limit = f'<limit lower="-1.5" upper="1.5" effort="{effort}" velocity="{velocity}"/>'
+    made = imported(tmp_path, hexapod(limits=(limit, limit, LIMIT)))
+    for key in ("max_torque_nm", "max_speed_deg_s"):
+        assert f"joints.femur.{key}" in made.unknown
+        assert f"joints.tibia.{key}" not in made.unknown
+
+
+@pytest.mark.parametrize("mass", ["0.0001", "0.01", "900"])
+def test_a_trunk_that_is_too_light_or_too_heavy_is_unknown(mass: str, tmp_path: Path) -> None:
+    made = imported(tmp_path, hexapod(trunk=BOX, trunk_inertial=TRUNK.replace("1.2", mass)))
+    assert "body.mass_kg" in made.unknown
+
+
+@pytest.mark.parametrize("moment", ["1e-9", "2.5", "0"])
+def test_moments_of_inertia_of_no_body_are_unknown(moment: str, tmp_path: Path) -> None:
+    inertial = TRUNK.replace("0.005", moment).replace("0.007", moment).replace("0.01", moment)
+    made = imported(
+        tmp_path, hexapod(trunk=BOX, trunk_inertial=inertial, inertial=inertial.replace("1.2", "0.05"))
+    )
+    assert "body.inertia_kg_m2" in made.unknown
+    assert "links.femur.inertia_kg_m2" in made.unknown
+    assert made.robot().link_inertias_kg_m2 is None
+
+
+@pytest.mark.parametrize("ends", ['lower="0" upper="0"', 'lower="-4" upper="4"', 'lower="0.1" upper="0.17"'])
+def test_ranges_of_no_leg_are_unknown(ends: str, tmp_path: Path) -> None:
+    limit = f'<limit {ends} effort="2" velocity="5"/>'
+    made = imported(tmp_path, hexapod(limits=(limit, LIMIT, LIMIT)))
+    assert {"joints.coxa.min_deg", "joints.coxa.max_deg"} <= set(made.unknown)
+
+
+def test_reasons_stand_in_the_file(tmp_path: Path) -> None:
+    made = imported(tmp_path, hexapod())
+    assert set(made.reasons) == set(made.unknown)
+    for key, reason in made.reasons.items():
+        assert f"#   {key}: {reason}\n" in made.text
+
+
+# -- meshes
+
+
+TRIANGLE = ((0, 0, 0.003), (TIBIA_M, 0, 0), (0, 0, -0.003))
+
+
+def stl_text() -> bytes:
+    rows = "".join(f"vertex {x} {y} {z}\n" for x, y, z in TRIANGLE)
+    return f"solid a\nfacet normal 0 1 0\nouter loop\n{rows}endloop\nendfacet\nendsolid a\n".encode()
+
+
+def stl_binary() -> bytes:
+    corners = b"".join(struct.pack("<3f", *corner) for corner in TRIANGLE)
+    return bytes(80) + struct.pack("<I", 1) + bytes(12) + corners + bytes(2)
+
+
+def obj_text() -> bytes:
+    return ("".join(f"v {x} {y} {z}\n" for x, y, z in TRIANGLE) + "f 1 2 3\n").encode()
+
+
+MESHES = {"a.stl": stl_text, "b.STL": stl_binary, "c.obj": obj_text}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize(
+    "where", ["meshes/{}", "package://some_description/meshes/{}", "file://{folder}/meshes/{}"]
+)
+def test_meshes_show_the_foot(name: str, where: str, tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / name).write_bytes(MESHES[name]())
+    mesh = solid(f'<mesh filename="{where.format(name, folder=tmp_path)}"/>')
+    made = imported(tmp_path, hexapod(shin=mesh, foot=""))
+    assert length_m(made) == pytest.approx(TIBIA_M, abs=1e-6)
+    assert "links.tibia.end_m" not in made.unknown
+
+
+@pytest.mark.parametrize("name", ["missing.stl", "tibia.dae", "torn.stl", "torn.obj"])
+def test_a_mesh_that_is_not_read_is_named(name: str, tmp_path: Path) -> None:
+    for file, content in {"tibia.dae": b"<COLLADA/>", "torn.stl": b"solid", "torn.obj": b"v 1"}.items():
+        (tmp_path / file).write_bytes(content)
+    mesh = solid(f'<mesh filename="{name}"/>')
+    for shin in (mesh, mesh + solid('<box size="0.05 0.02 0.02"/>', "0.025 0 0")):
+        made = imported(tmp_path, hexapod(shin=shin, foot=""))
+        assert name in made.reasons["links.tibia.end_m"]
+    assert name in imported(tmp_path, hexapod(trunk=mesh)).reasons["body.size_m"]
+    assert "links.tibia.end_m" not in imported(tmp_path, hexapod(shin=mesh)).unknown  # a frame marks the foot
+
+
+# -- more files
+
+
+@pytest.mark.parametrize("foot_y_m", [0.012, -0.03, 0.055])
+def test_a_foot_next_to_the_plane_of_its_leg_is_projected_with_an_error(
+    foot_y_m: float, tmp_path: Path
+) -> None:
+    made = imported(tmp_path, hexapod(foot_y_m=foot_y_m))
+    note = next(note for note in made.notes if "beside the planes" in note)
+    assert f"{1000 * abs(foot_y_m):.1f} mm" in note
+    robot = made.robot()
+    # In the stance the feet are those of the file.
+    outward_m = made.content["stance"]["outward_m"]
+    real_m = math.sqrt(outward_m**2 - foot_y_m**2)
+    angle = math.radians(40) + math.atan2(foot_y_m, real_m)
+    wanted_m = np.array([0.11, 0.05]) + outward_m * np.array([math.cos(angle), math.sin(angle)])
+    assert foot_positions_body(robot, robot.stance_angles_rad)[0, :2] == pytest.approx(wanted_m, abs=1e-6)
+
+
+def test_a_foot_far_from_the_plane_of_its_leg_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="beside the plane of its leg; allowed: 60 mm"):
+        imported(tmp_path, hexapod(foot_y_m=0.07))
+
+
+def test_legs_may_have_zeros_of_their_own(tmp_path: Path) -> None:
+    text = hexapod().replace('rpy="0 1.1 0"', 'rpy="0 0.6 0"', 2)
+    made = imported(tmp_path, text)
+    # Legs 1 and 2 of the file turn half a radian less far down at zero.
+    assert made.text.count("-28.65 deg") + made.text.count("+28.65 deg") in (2, 4)
+    assert length_m(made) == pytest.approx(TIBIA_M, abs=1e-6)
+    assert made.content["joints"]["tibia"]["max_deg"] - made.content["joints"]["tibia"][
+        "min_deg"
+    ] == pytest.approx(math.degrees(2.5), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "ends", ['lower="0.3" upper="1.3"', 'lower="-1.1" upper="-0.2"', 'lower="0" upper="0.8"']
+)
+def test_coxae_whose_range_lacks_the_zero_get_it_in_the_middle(ends: str, tmp_path: Path) -> None:
+    limit = f'<limit {ends} effort="2" velocity="5"/>'
+    made = imported(tmp_path, hexapod(limits=(limit, LIMIT, LIMIT)))
+    low, high = (float(end) for end in ends.replace('"', "=").split("=")[2:6:3])
+    coxa = made.content["joints"]["coxa"]
+    assert coxa["max_deg"] == pytest.approx(math.degrees(high - low) / 2)
+    assert coxa["min_deg"] == pytest.approx(-coxa["max_deg"])
+    assert made.content["mounts"][0]["yaw_deg"] == pytest.approx(40 + math.degrees(high + low) / 2)
+
+
+def test_friction_and_damping_come_along(tmp_path: Path) -> None:
+    made = imported(tmp_path, hexapod(dynamics='<dynamics friction="0.3" damping="0.25"/>'))
+    joint = made.content["joints"]["femur"]
+    assert joint["dry_friction_nm"] == 0.3
+    assert joint["no_load_speed_deg_s"] == pytest.approx(math.degrees(2 / 0.25))
+    made = imported(tmp_path, hexapod(dynamics='<dynamics friction="7" damping="40"/>'))
+    assert {"joints.femur.dry_friction_nm", "joints.femur.no_load_speed_deg_s"} <= set(made.unknown)
+
+
+@pytest.mark.parametrize("scale", [0.4, 1.0, 8.0])
+def test_the_size_is_that_of_the_robot(scale: float, tmp_path: Path) -> None:
+    text = mjcf_scaled(scale)
+    made = imported(tmp_path, text, "some.xml")
+    robot = made.robot()
+    assert robot.size_m == pytest.approx(2 * robot.stance_radius_m, rel=0.05)
+    assert 0.05 < robot.gait.amplitude < 0.5
+
+
+def mjcf_scaled(scale: float) -> str:
+    """An MJCF by hand: degrees, several joints in a body, no names for feet."""
+    legs = "".join(
+        f'<body pos="{x * scale} {y * scale} 0" euler="0 0 {yaw}"><joint axis="0 0 1" range="-50 50"/>'
+        f'<geom type="capsule" fromto="0 0 0 {COXA_M * scale} 0 0" size="{0.01 * scale}" mass="0.05"/>'
+        f'<body pos="{COXA_M * scale} 0 0"><joint axis="0 1 0" range="-80 80"/>'
+        f'<geom type="capsule" fromto="0 0 0 {FEMUR_M * scale} 0 0" size="{0.01 * scale}" mass="0.05"/>'
+        f'<body><joint axis="0 1 0" pos="{FEMUR_M * scale} 0 0" range="-60 90"/>'
+        f'<geom type="capsule" fromto="{FEMUR_M * scale} 0 0 {FEMUR_M * scale} 0 {-TIBIA_M * scale}" '
+        f'size="{0.008 * scale}" mass="0.05"/></body></body></body>'
+        for x, y, yaw in MOUNTS
+    )
+    size = f"{0.11 * scale} {0.09 * scale} {0.025 * scale}"
+    return (
+        '<mujoco model="by hand"><compiler angle="degree"/><worldbody><geom type="plane" size="9 9 1"/>'
+        f'<body pos="0 0 {scale}"><freejoint/><geom type="box" size="{size}" mass="1"/>{legs}</body>'
+        "</worldbody></mujoco>"
+    )
+
+
+def test_an_mjcf_by_hand(tmp_path: Path) -> None:
+    made = imported(tmp_path, mjcf_scaled(1.0), "some.xml")
+    assert made.content["links"]["femur"]["end_m"] == pytest.approx([FEMUR_M, 0], abs=1e-9)
+    assert made.content["links"]["tibia"]["end_m"] == pytest.approx([0, -TIBIA_M], abs=1e-9)
+    assert made.content["body"]["size_m"] == pytest.approx([0.22, 0.18, 0.05])
+    assert made.content["joints"]["tibia"]["min_deg"] == pytest.approx(-90)  # it turns the other way
+    assert {"joints.coxa.max_torque_nm", "joints.coxa.max_speed_deg_s"} <= set(made.unknown)
+    with pytest.raises(InputError, match="allowed: a valid MJCF"):
+        imported(tmp_path, "<mujoco><worldbody><body/></worldbody><nothing/></mujoco>", "bad.xml")
+
+
+# -- out and in again
+
+
+def differences(first: Robot, second: Robot) -> dict[str, float]:
+    """Largest relative or absolute difference of each number of two robots, if above 1e-9."""
+    found = {}
+    for field in fields(Robot):
+        one, other = getattr(first, field.name), getattr(second, field.name)
+        if isinstance(one, np.ndarray):
+            # A yaw may differ by a full turn.
+            off = (one - other + np.pi) % (2 * np.pi) - np.pi if "yaws" in field.name else one - other
+            found[field.name] = float(np.max(np.abs(off) / np.maximum(1.0, np.abs(one))))
+        elif isinstance(one, float):
+            found[field.name] = abs(one - other)
+    return {name: value for name, value in found.items() if value > 1e-9}
+
+
+ROBOTS = ("ant", "lukas", "phantomx", "pexod")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_our_own_mjcf_comes_back_as_the_same_robot(name: str, tmp_path: Path) -> None:
+    robot = shipped(name)
+    made = imported(tmp_path, mjcf_of(robot), "own.xml")
+    assert made.unknown == ()
+    back = made.robot()
+    assert differences(robot, back) == {}
+    for part in ("body", "servo", "gait"):
+        own, other = vars(getattr(robot, part)), vars(getattr(back, part))
+        assert all(own[key] == pytest.approx(other[key], rel=1e-8) for key in own if own[key] != other[key])
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_mujoco_saves_comes_back(name: str, tmp_path: Path) -> None:
+    """MuJoCo writes six digits."""
+    robot = shipped(name)
+    spec = mujoco.MjSpec.from_string(mjcf_of(robot))
+    spec.compile()
+    back = imported(tmp_path, spec.to_xml(), "saved.xml").robot()
+    assert all(value < 1e-5 for value in differences(robot, back).values())
+    assert np.abs(back.link_vectors_m - robot.link_vectors_m).max() < 1e-6
+    check_masses(robot, back, 1e-6)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_masses_and_inertias_survive_a_urdf(name: str, tmp_path: Path) -> None:
+    check_masses(shipped(name), imported(tmp_path, urdf_of(shipped(name))).robot(), 1e-9)
+
+
+def check_masses(robot: Robot, back: Robot, error: float) -> None:
+    assert trunk_mass(back.body).mass_kg == pytest.approx(trunk_mass(robot.body).mass_kg, rel=error)
+    assert trunk_mass(back.body).moments_kg_m2 == pytest.approx(
+        trunk_mass(robot.body).moments_kg_m2, rel=error
+    )
+    for index in range(3):
+        own, other = link_mass(robot, index), link_mass(back, index)
+        assert other.mass_kg == pytest.approx(own.mass_kg, rel=error)
+        assert other.com_m == pytest.approx(own.com_m, abs=error)
+        assert other.link_moments_kg_m2 == pytest.approx(own.link_moments_kg_m2, abs=error)
+
+
+def test_inertias_of_links_reach_urdf_mjcf_and_simulation(tmp_path: Path) -> None:
+    inertial = (
+        '<inertial><origin xyz="0.03 0 -0.004" rpy="0 0.4 0"/><mass value="0.06"/>'
+        '<inertia ixx="2e-5" iyy="6e-5" izz="7e-5" ixy="0" ixz="1e-5" iyz="0"/></inertial>'
+    )
+    robot = imported(tmp_path, hexapod(inertial=inertial, trunk=BOX)).robot()
+    assert robot.link_inertias_kg_m2 is not None
+    for text, name in ((urdf_of(robot), "a.urdf"), (mjcf_of(robot), "a.xml")):
+        check_masses(robot, imported(tmp_path, text, name).robot(), 1e-9)
+    from hexctl.backends.sim.simulation_model import make_simulation
+    from hexctl.backends.sim.world import World
+
+    simulated = make_simulation(robot, World()).physics.model
+    model = mujoco.MjModel.from_xml_string(mjcf_of(robot))
+    for kind in ("coxa", "femur", "tibia"):
+        own = simulated.name2id(f"{robot.name}/leg1/{kind}", "body")
+        other = model.body(f"leg1_{kind}_link").id
+        assert np.sort(simulated.body_inertia[own]) == pytest.approx(
+            np.sort(model.body_inertia[other]), rel=1e-6
+        )
+        assert simulated.body_ipos[own] == pytest.approx(model.body_ipos[other], abs=1e-9)
