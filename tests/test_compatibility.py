@@ -65,6 +65,7 @@ def assert_near(now: Any, before: Any) -> None:
         assert now == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRIALS["results"])
 def test_a_trial_alone(name: str) -> None:
     result, log = trials.alone(trials.trials()[name])

@@ -156,6 +156,7 @@ def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path)
     assert best_gait(replace(asked, hold="line"), tmp_path).spec.trim_rad is None
 
 
+@pytest.mark.slow
 def test_by_a_session_that_learned_a_turn_it_walks_in_open_loop_with_the_turn(tmp_path: Path) -> None:
     session = short_session(
         tmp_path, budget=2, hold="none", heading_rad=math.pi / 2, optimizer="trim", target_m=1e-9

@@ -346,7 +346,7 @@ def scipys(strategy: str, function: Function) -> FloatArray:
     return np.log10([run.fun for run in runs])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("core", "strategy", "function"),
     [(BestEvolution, "best1bin", rosenbrock), (RandomEvolution, "rand1bin", sphere)],

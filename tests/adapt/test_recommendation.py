@@ -234,6 +234,7 @@ def test_a_damaged_confirmation_is_named(store: SessionStore) -> None:
     assert "time_step_s" in str(told[0])
 
 
+@pytest.mark.slow
 def test_a_simulated_search_confirms_in_its_own_world_at_a_finer_step(tmp_path: Path) -> None:
     """Walks of 2 s: what is compared is the end of the same gait at both steps, not a recording."""
     options: dict[str, Any] = {"prior": "none", "optimizer": "random", "baseline": False}

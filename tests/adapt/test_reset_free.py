@@ -197,7 +197,7 @@ def robot() -> Iterator[Guard]:
         yield servos
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
     robot: Guard, monkeypatch: pytest.MonkeyPatch
 ) -> None:

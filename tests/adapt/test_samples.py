@@ -97,6 +97,7 @@ def test_a_mirrored_world_gives_the_mirrored_stance() -> None:
     assert np.abs(true - seen).max() > 1e-3, "the mirror is no formality"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symmetry", [one for one in symmetries("ant") if not one.mirrored], ids=ids)
 def test_a_turned_payload_and_bent_joints_give_the_turned_stance(symmetry: BodySymmetry) -> None:
     """Not on a slope: the robot stands there as it is, and turns only then."""

@@ -208,6 +208,7 @@ def json_and_err(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0)
     return json.loads(printed.out), printed.err
 
 
+@pytest.mark.long
 def test_a_twin_goes_back_and_forth_in_its_arena(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -219,6 +220,7 @@ def test_a_twin_goes_back_and_forth_in_its_arena(
     assert 0.3 < StayingSim.farthest_m < 0.75
 
 
+@pytest.mark.long
 def test_a_twin_is_led_to_the_circle_that_a_camera_sees(capsys: pytest.CaptureFixture[str]) -> None:
     """It begins outside, and ends within."""
     middle = np.array([1.0, 0.8])

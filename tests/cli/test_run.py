@@ -172,6 +172,7 @@ def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(
     assert "--gait" in _one_line(capsys.readouterr().err)
 
 
+@pytest.mark.slow
 def test_the_best_gait_of_a_session_is_that_of_its_baseline_where_no_trial_is_better(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -113,6 +113,7 @@ def test_trials_of_many_worlds_and_failures_are_stepped_together_and_each_is_as_
     assert {one.hold for one in assert_as_alone(trials, made)} == {hold}
 
 
+@pytest.mark.slow
 def test_different_lengths_motions_and_paces_in_one_batch_in_the_order_of_the_trials(ant: Robot) -> None:
     trials = [
         trial(ant, "demo", duration_s=1.0),

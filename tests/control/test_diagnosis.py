@@ -136,6 +136,7 @@ def _found(name: str, leg: int | None, kind: str, **more: object) -> Diagnosis:
     return diagnosis_of(_observed(name, leg, kind, **more), load_robot(name))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "leg", "kind"),
     [

@@ -95,6 +95,7 @@ def test_a_failed_leg_is_turned_to_the_rear_but_for_a_chosen_gait_on_its_line(
     assert suited_rotation(asked, hold, chosen_gait=chosen_gait) == suited
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "gait", "least_share", "most_off_m"),
     [
@@ -185,6 +186,7 @@ def test_every_failure_comes_to_a_result(leg: int, kind: str) -> None:
     assert np.isfinite(outcome.log["measured_rad"]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("leg", "heading_deg"), [(3, 0), (4, 60), (5, 100)])
 def test_after_the_self_rotation_it_walks_along_the_heading_that_it_was_given(
     leg: int, heading_deg: float

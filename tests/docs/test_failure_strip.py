@@ -28,6 +28,7 @@ def test_the_walk_that_recovers_keeps_its_speed_and_the_other_does_not(
     assert recovering > 0.95
 
 
+@pytest.mark.slow
 def test_the_failed_leg_is_where_the_simulation_had_it(walks: tuple[FailedWalk, FailedWalk]) -> None:
     """Feet that carry are on the floor, with the foot's radius of the robot as its height."""
     heights_m = walks[0].points_world(-0.5)[:, -1, 2]

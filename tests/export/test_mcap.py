@@ -129,6 +129,7 @@ def test_the_twist_is_that_of_the_walk(walk: RecordedTrial, found: Messages) -> 
     )
 
 
+@pytest.mark.slow
 def test_servos_battery_and_a_robot_that_knows_no_place(walk: RecordedTrial, tmp_path: Path) -> None:
     volts, warm = np.full((2, N_JOINTS), np.nan), np.full((2, N_JOINTS), 31.0)
     volts[:, :3] = [[11.0, 11.2, 11.4], [10.0, 10.2, 10.9]]

@@ -126,7 +126,7 @@ def tinted(trial: RecordedTrial) -> tuple[list[int], list[int]]:
     return red, amber
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("_renderer")
 def test_legs_have_the_colours_of_their_conditions_while_they_last(walk: RecordedTrial) -> None:
     conditions = np.zeros_like(walk.leg_conditions)

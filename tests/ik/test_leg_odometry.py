@@ -80,7 +80,7 @@ def errors_of(walk: Driven, motions: FloatArray) -> tuple[float, float]:
     return float(np.hypot(*(found - true)[:2])) / distance_m, abs(np.degrees(found - true)[2]) / distance_m
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("robot", "gait", "world", "most"),
     [

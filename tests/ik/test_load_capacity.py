@@ -51,6 +51,7 @@ def lowered_m(robot: Robot, world: World) -> float:
         return robot.standing_height_m - float(state.base_position_world[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "world"), [("ant", ICE), ("pexod", FLAT), ("phantomx", FLAT)])
 def test_a_robot_stands_above_a_capacity_of_one_and_sinks_below(name: str, world: World) -> None:
     robot = without_friction(name)

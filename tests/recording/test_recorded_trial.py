@@ -51,6 +51,7 @@ def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
     assert not read.servos
 
 
+@pytest.mark.slow
 def test_it_holds_the_robot_the_outcome_and_what_happened(read: RecordedTrial, trial: Trial) -> None:
     assert read.robot == trial.robot
     assert read.properties["status"] == trial.result.status

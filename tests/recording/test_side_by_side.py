@@ -35,6 +35,7 @@ def written(recordings: list[Path], tmp_path_factory: pytest.TempPathFactory) ->
     return write_together(recordings, tmp_path_factory.mktemp("together") / "new")
 
 
+@pytest.mark.slow
 def test_all_walks_are_in_one_scene_each_in_a_lane(written: list[Path], recordings: list[Path]) -> None:
     scene = ReadBack(written[0])
     left_m, names = [], []

@@ -178,6 +178,7 @@ def timed(failing: ReadBack, path: str, component: str) -> Any:
     return list(zip(times.tolist(), failing.values(f"/{path}", component), strict=True))
 
 
+@pytest.mark.slow
 def test_events_have_the_times_of_the_summary(walked: RunResult, failing: ReadBack) -> None:
     noticed, healed = walked.trial.noticed
     said = {value[0]: time for time, value in timed(failing, paths.EVENTS, "TextLog:text")}

@@ -75,6 +75,7 @@ def test_the_feet_are_where_our_kinematics_have_them(name: str) -> None:
         assert np.abs(data.site_xpos[feet] - foot_positions_body(robot, pose_rad)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_masses_servos_and_friction_are_those_of_the_simulation(name: str) -> None:
     robot = shipped(name)
     model = mujoco.MjModel.from_xml_string(mjcf_of(robot))

@@ -228,6 +228,7 @@ def test_whatever_decides_a_walk_is_in_the_fingerprint() -> None:
     assert replace(PLACE, family="other", kind="plain").fingerprint == PLACE.fingerprint
 
 
+@pytest.mark.slow
 def test_a_walk_is_the_trial_of_its_case() -> None:
     cases = [HoldCase(leg=2, failure="limp", hold="line"), HoldCase(leg=0, failure="intact", hold="line")]
     place = replace(PLACE, duration_s=1.0)

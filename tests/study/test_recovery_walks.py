@@ -90,12 +90,14 @@ def test_an_episode_is_its_trial_and_saved_as_it_is(tmp_path: Path) -> None:
     assert again.steps == 0
 
 
+@pytest.mark.slow
 def test_two_legs_may_fail_together_and_the_oracle_knows_both() -> None:
     (told, left) = (PLACE.walk([case(method, 2, 5)])[0] for method in ("told", "nothing"))
     assert (told.ended, told.alarms) == (True, ())
     assert told.last_m_s > left.last_m_s
 
 
+@pytest.mark.slow
 def test_impossible_walks_are_not_used_and_own_methods_not_kept(tmp_path: Path) -> None:
     cache = WalkCache(tmp_path)
     fell = episode(case("told", 2), status="fell", signed_m=math.nan, last_m_s=math.nan)
@@ -218,7 +220,7 @@ def _ended(off_m: float, status: str) -> TrialResult:
     return replace(result, status=status, deviation=replace(result.deviation, final=off_m))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_after_the_failure_nothing_holds_the_line() -> None:
     intact, failed = OPEN.walk([open_case(), open_case(2)])
     held_intact, held = OPEN.walk([open_case(method="nothing"), open_case(2, method="nothing")])

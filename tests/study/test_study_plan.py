@@ -150,7 +150,7 @@ def small_plan() -> StudyPlan:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, cache, progress = tmp_path / "out", WalkCache(tmp_path / "cache"), Remembering()
     result = small_plan().run(folder=folder, cache=cache, jobs=1, progress=progress)

@@ -157,7 +157,7 @@ WALKS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_report_has_default_gaits_beside_the_searches(tmp_path: Path) -> None:
     from pandas import DataFrame
 

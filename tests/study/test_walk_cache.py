@@ -161,6 +161,7 @@ IMPOSSIBLE: dict[str, Callable[[dict[str, Any]], object]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil", IMPOSSIBLE.values(), ids=list(IMPOSSIBLE))
 def test_impossible_walks_are_reported_and_made_again(
     spoil: Callable[[dict[str, Any]], object], tmp_path: Path

@@ -232,6 +232,7 @@ class Typed(Keyboard):
             self.speeds_m_s[self._last] = max(now_m_s, self.speeds_m_s[self._last])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("down", ["x", "0"])
 def test_a_robot_that_is_told_to_stand_does_not_walk_off_at_the_speed_of_before(down: str) -> None:
     with Drive("ant") as drive:

@@ -65,6 +65,7 @@ def test_energy_is_the_work_of_mujocos_forces(name: str) -> None:
     assert result.cost_of_transport == pytest.approx(cost)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["limp", "missing"])
 def test_a_leg_without_torque_costs_nothing(kind: str) -> None:
     failure, log = Failure(leg=5, kind=kind), TickLog()

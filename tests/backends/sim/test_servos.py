@@ -39,6 +39,7 @@ class TestSimServosThatAreBadlyCalibrated(LegServosConformance):
         return SimServos(shipped("phantomx"), world=World(joint_offset_deg=2.0), seed=3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_a_robot_stands_still_on_six_feet_that_carry_its_weight(name: str) -> None:
     robot = shipped(name)
@@ -169,6 +170,7 @@ def test_another_trial_in_the_same_world_has_the_same_robot_and_noise_of_its_own
     assert not np.array_equal(measured[0], measured[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("array", "value"), [("qvel", 1e12), ("qvel", np.nan), ("qpos", np.inf)])
 def test_a_simulation_that_diverges_says_so(array: str, value: float) -> None:
     with SimServos(shipped()) as servos:

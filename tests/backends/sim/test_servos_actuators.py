@@ -305,6 +305,7 @@ def _path(world: World) -> FloatArray:
     return run_sim_trial(SimTrial(robot=shipped(), plan=plan, failure=None, world=world)).path_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "key",
     [

@@ -89,6 +89,7 @@ def test_a_stuck_joint_stays_where_a_servo_would_have_to_give_way(torque_nm: flo
         assert np.degrees(servos.read().joint_positions_rad[joint]) == pytest.approx(10, abs=2)
 
 
+@pytest.mark.slow
 def test_a_missing_leg_touches_nothing_and_weighs_nothing(tmp_path: Path) -> None:
     """Of a robot that is called like its missing leg, too."""
     robot = load_robot(edited_file(tmp_path, put("name", "leg2")))

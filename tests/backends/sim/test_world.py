@@ -191,6 +191,7 @@ def test_the_floor_gives_way_as_slowly_as_the_world_says() -> None:
         assert model.geom_solref[model.name2id(name, "geom")].tolist() == [0.035, 1.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["contact_time_s", "servo_stiffness", "servo_strength"])
 def test_a_softer_world_lets_the_robot_down(key: str) -> None:
     worlds = {
@@ -223,6 +224,7 @@ def test_the_cone_of_friction_is_the_worlds() -> None:
     assert plain.opt.timestep == 0.002
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strength", [0.3, 2.0])
 def test_servo_strength_scales_the_greatest_torque(strength: float) -> None:
     with SimServos(shipped(), world=World(servo_strength=strength)) as servos:
@@ -293,6 +295,7 @@ def _walked(facing_rad: float, heading_rad: float) -> TrialResult:
         return run_trial(Guard(servos), plan, soft_stop=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("facing_rad", "heading_rad"), [(-2.5, 0.6)])
 def test_a_walk_does_not_depend_on_where_the_robot_faces(facing_rad: float, heading_rad: float) -> None:
     straight, turned = (_walked(facing, heading_rad) for facing in (0.0, facing_rad))
@@ -407,7 +410,7 @@ def test_a_world_with_sensor_faults_is_read_as_it_was_written() -> None:
     assert World.model_validate(faulty.model_dump(mode="json")) == faulty != World()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_world_knows_whether_its_simulation_depends_on_the_seed() -> None:
     """The prior listed such quantities by hand; one that was forgotten had the same draw in each world."""
     assert CHANGED.keys() == World.model_fields.keys(), "each quantity needs an example"

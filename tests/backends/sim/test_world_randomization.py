@@ -309,6 +309,7 @@ def test_a_prior_is_tried_on_wider_ranges_and_other_kinds_than_it_was_built_from
         assert World.model_validate(kind.world) != World()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOT_NAMES)
 def test_every_shipped_robot_can_be_as_light_and_as_heavy_as_any_family_has_it(robot: str) -> None:
     ends = [family(name).ranges["added_mass_share"] for name in FAMILIES]

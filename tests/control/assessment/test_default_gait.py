@@ -31,6 +31,7 @@ NARROW = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", NARROW)
 def test_the_default_gait_is_one_that_the_check_agrees_with(case: str, tmp_path: Path) -> None:
     made = walkable(imported(tmp_path, hexapod(limits=NARROW[case])))
@@ -40,6 +41,7 @@ def test_the_default_gait_is_one_that_the_check_agrees_with(case: str, tmp_path:
     assert not any("no default gait" in note for note in made.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effort", "trunk", "words"),
     [

@@ -92,6 +92,7 @@ def test_shipped_robots_carry_themselves_in_every_named_gait(name: str, gait: st
     assert load_of(shipped(name), gait).least_clearance_m > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "change", "word", "possible"),
     [

@@ -306,6 +306,7 @@ def trial_of(robot: Robot, world: World, failure: Failure | None = None) -> SimT
     return SimTrial(robot=robot, plan=plan, failure=failure, world=world)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "name", "change", "world", "failure"),
     [

@@ -40,6 +40,7 @@ def slow_file(folder: Path, name: str, speed_deg_s: float) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ant", "pexod", "jethexa"])
 def test_the_verdict_of_a_check_holds_the_speed_of_the_joints(name: str, tmp_path: Path) -> None:
     needed = check_robot(name).demand.peak_speed_rad_s.max() * 180 / 3.141592653589793

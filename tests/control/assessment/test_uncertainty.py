@@ -37,7 +37,7 @@ def end_m(trial: SimTrial) -> float:
     return deviation.signed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_is_how_far_each_walk_ends_elsewhere() -> None:
     found = uncertainty_of_walks([walk(), replace(walk(), facing_rad=0.5)])
     finer_m = end_m(walk(time_step_s=0.001)) - end_m(walk())
@@ -58,7 +58,7 @@ def test_a_confirmation_is_as_uncertain_as_half_its_step_changes() -> None:
     assert uncertainty_of_walks([short]).confirmed_m == pytest.approx(abs(moved_m))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_walks_without_an_end_are_left_out() -> None:
     fallen = replace(walk(), world=World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3)))
     assert uncertainty_of_walks([walk(), fallen]).walks == 1

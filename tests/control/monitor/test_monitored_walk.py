@@ -91,6 +91,7 @@ def test_a_leg_dies_and_the_robot_walks_on_along_its_line(
     assert path_m[-1] - path_m[300] > 0.7 * (path_m[200] - path_m[0]), "as fast as before"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", ["rough", "real:3"])
 def test_whole_legs_are_left_alone(world: str, lost_legs: tuple[list[TrialResult], MonitoredWalk]) -> None:
     assert lost_legs[1].noticed[4] == []
@@ -215,6 +216,7 @@ def _walk_with(
         return run_trial(guard, plan, make), walks[0]
 
 
+@pytest.mark.slow
 def test_encoders_that_are_off_since_the_start_are_no_failure() -> None:
     off_rad = np.radians(10.0) * np.array([1, -1, 1] * 6)
     result, walk = _walk_with(_with_joints(lambda joints: joints + off_rad), 0.0)
@@ -227,6 +229,7 @@ def test_torques_that_all_vanish_are_not_told_any_more() -> None:
     assert (result.status, walk.noticed) == ("ok", ([],))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [3, 4])
 def test_a_sensor_that_freezes_costs_a_leg_and_no_fall(joint: int) -> None:
     frozen = list[float]()

@@ -93,6 +93,7 @@ def with_faults() -> dict[str, TrialResult]:
     return dict(zip(trials, run_sim_trials(list(trials.values())), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_sensor_that_fails_bends_no_line(name: str, with_faults: dict[str, TrialResult]) -> None:
     result = with_faults[name]

@@ -90,6 +90,7 @@ def _turned(failure: Failure, robot: str = "ant", **plan: Any) -> tuple[TrialRes
         return run_trial(servos, made, recorders=(log,), soft_stop=False), log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("failure", "robot", "plan", "points_to_deg"),
     [
@@ -123,6 +124,7 @@ def test_a_jammed_foot_trails_when_the_walk_begins() -> None:
     assert abs(math.degrees(math.remainder(off_rad, math.tau))) < 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [1.0, -3.0, 20.0])
 def test_a_small_turn_is_as_exact_and_the_robot_stands_still_after_it(turn_deg: float) -> None:
     result, log = _turned(Failure(leg=2), turn_rad=math.radians(turn_deg))

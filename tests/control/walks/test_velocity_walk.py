@@ -221,6 +221,7 @@ def test_a_swing_share_keeps_the_commanded_speed(swing_share: float) -> None:
     assert up.mean() == pytest.approx(swing_share, abs=0.04)
 
 
+@pytest.mark.slow
 def test_a_walk_that_is_slower_than_asked_for_says_so_alone_and_in_a_batch() -> None:
     robot = shipped()
 
