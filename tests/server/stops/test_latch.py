@@ -1,5 +1,6 @@
 """The latch: every stop has an id, a stop that is repeated is one, and a clear ends what was valid before."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -199,6 +200,24 @@ def test_a_claim_survives_a_restart(guard: Guard, tmp_path: Path) -> None:
     stop = now(again)
     assert again.clear(stop.stop_id, stop.since_s + 60.0) is not None
     assert again.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None
+
+
+def test_the_age_of_a_stop_is_shown_over_a_restart_and_its_hold_begins_anew(
+    guard: Guard, tmp_path: Path
+) -> None:
+    latch = StopLatch(guard, StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
+    latch.stop(by="mia")
+    latch.close()
+    (path,) = tmp_path.glob("*.json")
+    kept = json.loads(path.read_text())
+    kept["at"] = "2020-01-01T00:00:00Z"
+    path.write_text(json.dumps(kept))
+    again = StopLatch(connected()[0], StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
+    stop = now(again)
+    shown = stop.to_json(stop.since_s, kept=True)
+    assert shown["since_s"] > 1e8
+    assert shown["others_in_s"] == HOLD_S
+    assert again.stop(by="ben").to_json(stop.since_s, kept=True)["since_s"] < 10.0
 
 
 @pytest.mark.parametrize(
