@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.world import World
-from hexctl.study.frames import where
+from hexctl.study.data_frames import where
 from hexctl.study.landscape import (
     NUMBERS,
     Landscape,

@@ -13,7 +13,7 @@ from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.backends.sim.world import World
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
-from hexctl.study.frames import where
+from hexctl.study.data_frames import where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.leg_groups import experiments_of, image_of, is_mirror_of, landscape_by_symmetry
 from hexctl.study.paper.searches import FRESH, PAPER, curve_of, search_landscape

@@ -16,7 +16,7 @@ from hexctl.control.assessment.uncertainty_store import (
     known_uncertainty,
 )
 from hexctl.palette import INVALID_COLOR, deviation_color
-from hexctl.study.frames import where
+from hexctl.study.data_frames import where
 from hexctl.study.paper.evidence import cm
 from hexctl.study.paper.searches import FRESH, PAPER, Findings, curve_of
 from hexctl.study.paper.study_figures import convergence_figure, trajectories_figure

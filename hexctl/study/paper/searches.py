@@ -13,7 +13,7 @@ from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.population import POPULATION
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
-from hexctl.study.frames import where
+from hexctl.study.data_frames import where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.evidence import Claim, StudyUncertainty
 from hexctl.study.paper.leg_groups import landscape_by_symmetry

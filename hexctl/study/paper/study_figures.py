@@ -16,6 +16,7 @@ from hexctl.palette import (
     hex_color,
     scale_stops,
 )
+from hexctl.study.data_frames import where
 from hexctl.study.experiment import Drawing
 from hexctl.study.figure_style import (
     color_of,
@@ -25,7 +26,6 @@ from hexctl.study.figure_style import (
     label_axes,
     new_figure,
 )
-from hexctl.study.frames import where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.evidence import EARLY, EARLY_M, LATE, LATE_M, cm
 from hexctl.study.paper.searches import ALL, FRESH, PAPER, Findings

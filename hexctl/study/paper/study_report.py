@@ -9,8 +9,8 @@ import numpy as np
 
 from hexctl.control.assessment.uncertainty_store import known_uncertainty
 from hexctl.robot.configs import config_root
+from hexctl.study.data_frames import json_value, records, where
 from hexctl.study.experiment import plain
-from hexctl.study.frames import json_value, records, where
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.paper.claims import LATE_ABOVE_BEST_M, bars_of, expected_best_rank
 from hexctl.study.paper.evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm, limit_text

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hexctl.adapt.optimizers.shipped import BAYES
+from hexctl.study.data_frames import json_value, where
 from hexctl.study.experiment import Drawing, Experiment, Work, plain
 from hexctl.study.figure_style import draw_curves, finish_curves, grid_of, new_figure
-from hexctl.study.frames import json_value, where
 from hexctl.study.paper.evidence import (
     EARLY_M,
     LATE_M,
