@@ -321,6 +321,7 @@ class Guard(ServosWrapper):
     def _forget(self) -> None:
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
         self._seen_at_s = {}
+        self._temperatures, self._battery = Temperatures(), BatteryWatch()
         self.positions.forget()
         self.leaning_ticks = 0
 

@@ -15,6 +15,9 @@ LEAST_PACE = 0.4
 #: Plausible change of a temperature at once, and per second; a larger one counts once it has lasted.
 JUMP_C, RATE_C_S, LASTS_S = 6.0, 2.0, 2.0
 
+#: A temperature that a servo has not reported for this long is unknown.
+FORGOTTEN_S = 30.0
+
 #: A battery is low if most readings of this long are, and at least so many.
 BATTERY_S, LEAST_READINGS = 2.0, 5
 
@@ -49,6 +52,7 @@ class Temperatures:
             self._believed, self._doubted = np.full(new.shape, np.nan), np.full(new.shape, np.nan)
             self._since_s, self._seen_s = np.full(new.shape, now_s), np.full(new.shape, now_s)
         known = np.isfinite(new)
+        self._believed[now_s - self._seen_s > FORGOTTEN_S] = np.nan
         reach_c = JUMP_C + RATE_C_S * np.maximum(now_s - self._seen_s, 0.0)
         plausible = known & ~(np.abs(new - self._believed) > reach_c)  # true for the first, too
         doubted = known & ~plausible

@@ -124,7 +124,7 @@ def run_trial(
     try:
         with realtime_priority() if guard.clock.waits else nullcontext():
             trial.run(soft_stop=soft_stop)
-            sit_down(guard)
+            sit_down(guard, stop_requested)
         # What follows takes time, and silence must not count as a failure.
         guard.pause_watchdog()
     finally:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,6 +119,62 @@ def test_a_stop_while_it_sits_down_holds_the_pose() -> None:
     guard = Guard(servos)
     guard.stop("fell")
     sit_down(guard)  # nothing: not connected, and not a reason to sit
+
+
+def test_a_limp_robot_stays_limp_whatever_is_called_next() -> None:
+    servos = Reporting(volts=lambda at_s: 11.0 if at_s < 2 else 8.6)
+    with Guard(servos) as guard:
+        plan = TrialPlan(gait=make_gait(servos.robot, "tripod"), duration_s=6.0)
+        run_trial(guard, plan)
+        assert servos.limp
+        sent = len(servos.sent)
+        sit_down(guard)
+        run_trial(guard, plan)
+        assert len(servos.sent) == sent
+    with Drive(servos=Reporting(degrees=lambda at_s: 66.0 + at_s)) as drive:
+
+        def hot() -> None:
+            for _ in range(400):
+                drive.step()
+
+        with pytest.raises(EStopError):
+            hot()
+        robot: Any = drive._guard.unwrapped
+        sent = len(robot.sent)
+        with pytest.raises(EStopError):
+            drive.step()
+        assert len(robot.sent) == sent
+
+
+@pytest.mark.parametrize("by", ["request", "poll"])
+def test_whoever_stops_it_while_it_sits_down_holds_the_pose(by: str) -> None:
+    servos = Reporting()
+    with Guard(servos) as guard:
+        guard.clock.tick()
+        guard.write(JointTargets(servos.robot.stance_angles_rad, guard.clock.now_s))
+        guard.stop("low battery: 8.0 V")
+        ticks, asked = list[int](), list[bool]()
+
+        def poll() -> None:
+            ticks.append(1)
+            if by == "poll" and len(ticks) == 20:
+                asked.append(True)
+
+        sit_down(guard, lambda: bool(asked) or (by == "request" and len(ticks) >= 20), poll)
+        assert (guard.stopped, len(ticks), servos.limp) == ("estop", 20, False)
+
+
+def test_a_hot_servo_that_falls_silent_does_not_hold_the_robot_for_ever() -> None:
+    servos = Reporting(degrees=lambda at_s: 69.0 if at_s < 0.5 else float("nan"))
+    with Guard(servos) as guard:
+        guard.clock.tick()
+        guard.read()
+        assert guard.hot
+        for _ in range(100):
+            guard.clock.tick()
+        guard.clear()
+        guard.read()
+        assert guard.stopped is None
 
 
 def test_a_drive_slows_with_warm_servos_says_so_once_and_sits_when_it_is_too_hot() -> None:

@@ -210,7 +210,7 @@ class BackdrivenCalibration:
             raise EndedError
         self._guard.clock.tick()
         state = self._guard.read()
-        if self._guard.stopped is not None and not self._guard.sits:  # a limp servo cools
+        if self._guard.stopped is not None and not self._guard.hot:  # a limp servo cools
             raise RobotFaultError(
                 f"stopped: {self._guard.stopped}; every joint done is saved; run it again for the rest"
             )

@@ -170,7 +170,7 @@ class Drive:
         try:
             state = run_step(self._guard, controller, tick, tick.index - self._zero_index, self._observers)
         except EStopError:
-            sit_down(self._guard)
+            sit_down(self._guard, lambda: self.arbiter.stopped is not None, poll)
             raise
         if not self._stood and controller.mode == "driving":
             self._stood = True
