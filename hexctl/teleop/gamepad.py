@@ -191,8 +191,10 @@ class GamepadEvents:
         elif kind == EV_ABS and code == ABS_HAT_Y:
             self._press_hat(value)
         elif kind == EV_ABS and code in HOLD_AXES:
-            high = self._ranges[code][1]
-            (self._holds.add if value > PRESSED * high else self._holds.discard)(code)
+            low, high = self._ranges[code]
+            # An axis with a negative side is a direction of a second cross, and no shoulder button.
+            pressed = low >= 0 and value > PRESSED * high
+            (self._holds.add if pressed else self._holds.discard)(code)
         elif kind == EV_KEY and code in HOLD and value != 2:  # 2 is a repetition
             (self._holds.add if value else self._holds.discard)(code)
         elif kind == EV_KEY and code in BUTTONS and value == 1:

@@ -48,8 +48,8 @@ class Damage:
         """What is wrong, and what to do."""
         if self.noisy:
             return (
-                f"damaged bytes come on {path} at {self.baud} baud without a question: noise, a missing "
-                "ground, a wrong baud rate, or another program or controller on the bus"
+                f"unsolicited bytes on {path} at {self.baud} baud: noise, a missing ground, a wrong baud "
+                "rate, or another controller on the bus"
             )
         if self.of_the_line:
             return (
@@ -122,7 +122,7 @@ class Listener:
         return False
 
     def _persists(self, servo_id: int, *, garbled: bool) -> bool:
-        """Whether most pings bring damage, or with `garbled` off several answers; the first good one ends."""
+        """Whether most pings return damaged bytes, or with `garbled` off several answers."""
         bad = 0
         for attempt in range(CONFIRMING):
             heard = self.packets.hear(servo_id)

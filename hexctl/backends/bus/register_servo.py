@@ -331,6 +331,8 @@ class RegisterServo(Servo):
             return self._refused_numbers()
         if words := bit_words(table.cleared, flags):
             return f"its flag for {words} is on; {_LATER}"
+        if words := bit_words(table.wanted, ~flags):
+            return f"its flag for {words} is off; {_LATER}"
         if words := bit_words(table.refused, flags):
             return f"{words} (register {table.flags.address} is {flags}); clear that with the vendor's tool"
         return self._refused_numbers()

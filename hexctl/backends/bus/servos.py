@@ -312,11 +312,12 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _odd_firmware(self, versions: Mapping[int, str]) -> list[str]:
         """Note on servos whose firmware is not that of most."""
-        if len(set(versions.values())) < 2:
-            return []
-        usual = max(versions.values(), key=list(versions.values()).count)
-        odd = {joint: [f"{each or 'none'}"] for joint, each in versions.items() if each != usual}
-        return [f"servos differ in their firmware, {usual} of most: {'; '.join(self._grouped(odd))}"]
+        known = {joint: each for joint, each in versions.items() if each}
+        if len(set(known.values())) < 2 or len({self._map.models[joint] for joint in known}) > 1:
+            return []  # models have versions of their own
+        usual = max(known.values(), key=list(known.values()).count)
+        odd = {joint: [each] for joint, each in known.items() if each != usual}
+        return [f"firmware differs, {usual} on most servos: {'; '.join(self._grouped(odd))}"]
 
     def _name(self, joint: int) -> str:
         return self._map.names(np.arange(N_JOINTS) == joint)

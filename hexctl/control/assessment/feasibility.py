@@ -220,7 +220,7 @@ class RobotCheck:
 def _slow(share: float) -> str:
     text = f"slow: joints reach {100 * share:.0f} % of the speed of this gait, and their commands are clipped"
     walked, of = SLOW_WALKS
-    return f"{text}; of {of} robots that were simulated at 13 %, {walked} made half of their way"
+    return f"{text}; of {of} robots simulated at 13 %, {walked} walked half of the distance"
 
 
 def check_robot(

@@ -60,9 +60,11 @@ class LegImport:
         masses_kg, coms_m, _ = self._masses(index)
         mass_kg, key = float(masses_kg.mean()), f"links.{kind}.mass_kg"
         heavy = masses_kg.max() > MOST_KG_M3 * (length_m + MARGIN_M) * MARGIN_M**2
-        if masses_kg.min() < LEAST_MASS_KG or heavy:
+        if masses_kg.min() < LEAST_MASS_KG:
             self._findings.unknown(key, f"got {masses_kg.min():g} kg, which is a placeholder")
             mass_kg = USUAL_MASS_KG[kind]
+        elif heavy:
+            self._findings.unknown(key, f"got {masses_kg.max():g} kg, denser than links are; it is kept")
         link: dict[str, Any] = {"end_m": [short(part) for part in end_m], "mass_kg": short(mass_kg)}
         link["radius_m"] = self._radius_m(index, length_m)
         com_m = coms_m.mean(axis=0)[[0, 2]]
@@ -242,7 +244,8 @@ class LegImport:
             self._findings.note(
                 f"the {kind} joints have other ranges on other legs; what all allow was taken"
             )
-        if ranges and high - low < 1 and min(top - bottom for bottom, top in ranges) > RANGES_DEG[0]:
+        least_deg = RANGES_DEG[0]
+        if ranges and high - low < least_deg < min(top - bottom for bottom, top in ranges):
             raise InputError(
                 f"robot description: the {kind} joints allow {low:.0f} to {high:.0f} deg in common"
             )

@@ -1,5 +1,6 @@
 """A third-party MJCF, compiled by MuJoCo, as a tree of links and joints."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -203,13 +204,19 @@ class _Reader:
         for one in np.flatnonzero(drives):
             gear, gain = abs(float(model.actuator_gear[one, 0])), float(model.actuator_gainprm[one, 0])
             if model.actuator_forcelimited[one]:
-                found["torque_nm"] = gear * float(np.abs(model.actuator_forcerange[one]).max())
+                limit_nm = gear * float(np.abs(model.actuator_forcerange[one]).max())
+                found["torque_nm"] = min(limit_nm, found["torque_nm"] or math.inf)
             if model.actuator_biastype[one] == 1 and gain == -model.actuator_biasprm[one, 1]:
                 found["stiffness_nm_per_rad"] = gear**2 * gain
                 damping = -(gear**2) * float(model.actuator_biasprm[one, 2])
                 found["control_nm_s_per_rad"] = damping or None
-            elif model.actuator_ctrllimited[one] and not model.actuator_forcelimited[one]:
-                found["torque_nm"] = gear * gain * float(np.abs(model.actuator_ctrlrange[one]).max())
+            elif (
+                model.actuator_biastype[one] == 0  # a motor, whose control is its torque
+                and model.actuator_ctrllimited[one]
+                and not model.actuator_forcelimited[one]
+            ):
+                limit_nm = gear * gain * float(np.abs(model.actuator_ctrlrange[one]).max())
+                found["torque_nm"] = min(limit_nm, found["torque_nm"] or math.inf)
         return found
 
     def _stance(self) -> dict[str, float]:

@@ -144,6 +144,11 @@ def load_lens(path: str | Path) -> Lens:
         raise InputError(
             f"{path}: camera_matrix.data: got {matrix}; allowed: 9 numbers, focal lengths above 0"
         )
+    if matrix[3] != 0 or matrix[6:] != [0, 0, 1]:
+        raise InputError(
+            f"{path}: camera_matrix.data: got {matrix}; allowed: row by row, the last one 0, 0, 1 "
+            "(MATLAB's is transposed)"
+        )
     coefficients = complete(content.distortion_model, coefficients, path)
     return Lens(
         width_px=content.image_width,

@@ -155,7 +155,7 @@ STS = [
     State("old firmware", "its firmware 3.9 is older than 3.10, and lacks readings of all", stored(1, 9)),
     State(
         "another firmware than the others",
-        "servos differ in their firmware, 3.10 of most: 3.11: leg 3 femur",
+        "firmware differs, 3.10 on most servos: 3.11: leg 3 femur",
         stored(1, 11),
     ),
     State("half torque", "its torque is limited to 50 %", now(48, 500, 2)),

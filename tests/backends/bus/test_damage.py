@@ -113,7 +113,7 @@ def test_noise_is_named(plug: Plug, driver: str, model: str) -> None:
     plug(BoardLine(a_map(driver, model), "noise:1"))
     _, damages = scanned(driver)
     assert all(each.noisy for each in damages)
-    assert "without a question: noise" in damages[0].words("memory")
+    assert "unsolicited bytes" in damages[0].words("memory")
 
 
 class RandomLine(MemoryLine):
