@@ -15,6 +15,7 @@ from hexctl.gait.gait import (
     NAMED_SLOTS,
     Gait,
     Motion,
+    gait_text,
     half_amplitude_turn_rate_rad_s,
     make_gait,
     names_best,
@@ -211,3 +212,9 @@ def test_phases_follow_the_slots_unless_they_are_given() -> None:
 def test_phases_are_six_parts_of_a_cycle(phases: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="phases: got"):
         replace(make_gait(shipped(), "demo"), phases=phases)
+
+
+def test_the_text_of_a_gait_is_its_name_in_lower_case() -> None:
+    assert gait_text(" Tripod ") == "tripod"
+    assert gait_text(",".join(map(str, NAMED_SLOTS["tripod"]))) == "tripod"
+    assert gait_text("mine.py:Gait") == "mine.py:Gait"
