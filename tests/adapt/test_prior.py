@@ -181,7 +181,7 @@ def test_numbers_that_do_not_fit_are_refused(name: str, path: Path) -> None:
     assert ("altered" if name == STANDING else "damaged") in refusal(path)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_byte_can_be_changed_unnoticed(tmp_path: Path) -> None:
     """Each byte, changed in four ways: the file is refused in one line, or holds what it held before."""
     path = tmp_path / "some.npz"

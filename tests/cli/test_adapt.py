@@ -208,7 +208,7 @@ def test_every_trial_is_walked_kept_and_recorded(searched: tuple[Path, Any]) -> 
         assert walk["status"] == "ok"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_baseline_changes_no_trial_and_the_same_seed_gives_the_same_session(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -23,7 +23,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_says_what_happens_and_what_to_do_next(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(rescue, "WALK_S", 7.0)
     monkeypatch.setattr("hexctl.cli.walk.demo_command.shutil.which", lambda _: "/bin/hexctl")
@@ -158,7 +158,7 @@ def test_a_walk_finds_its_failed_leg_first(
     assert leg is not None or "leg 3 weak:0.9" in printed.err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_search_finds_its_failed_leg_first_and_ends_where_there_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -147,7 +147,7 @@ def test_whether_ranges_and_gait_fit_the_servos(
         assert (report[key] if isinstance(count, bool) else len(report[key])) == count
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_simulations_own_uncertainty_is_measured_and_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

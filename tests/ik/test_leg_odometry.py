@@ -99,7 +99,7 @@ def test_walks_are_told_by_the_joints(robot: str, gait: str, world: str, most: f
     assert np.sqrt(np.mean(np.square(moved.height_m - walk.height_m))) < 0.0025
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_known_contacts_make_it_better() -> None:
     walk = driven("pexod", AHEAD, world="real:3")
     moved = leg_motions(shipped("pexod"), walk.times_s, walk.joints_rad, walk.contacts)

@@ -71,7 +71,7 @@ def test_claims_that_do_not_hold(bad: Findings, key: str) -> None:
     assert (claim.holds, claim.verdict) == (False, "does not hold"), claim
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("worst_m", [0.25, 1.2])
 def test_no_claim_about_searches_is_green_on_random_numbers(worst_m: float) -> None:
     findings = made_up_findings(spread_out(worst_m, SIGNS), legs=(1, 2), runs=5)

@@ -128,7 +128,7 @@ def test_each_failure_is_walked_in_the_first_setting_and_in_every_other_one() ->
         cells_of(robots, WORLDS, [], [0.002])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_matrix_is_walked_once_and_written(tmp_path: Path) -> None:
     small = {"legs": (2,), "duration_s": 0.2, "runs": 1, "budget": 3, "worlds": 1, "without_gaits": 3}
     cells = cells_of([shipped()], {"flat": World()}, ["locked", "limp"], [0.004], **small)

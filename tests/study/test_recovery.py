@@ -167,7 +167,7 @@ def test_every_robot_meets_every_failure_in_every_world_by_every_method() -> Non
         assert {case.failure for case in cases} == {"limp"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_second_leg_fails_ten_seconds_after_the_first_in_either_order() -> None:
     made = RecoveryPlan(robots=(shipped(),), families=plan().families, protocols=("second",), runs=6)
     assert [one.duration_s for one, _ in made.walked()] == [36.0] * 6

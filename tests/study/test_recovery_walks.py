@@ -133,7 +133,7 @@ def episodes() -> list[Episode]:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_standing_test_says_what_failed_and_when_it_is_known(episodes: Sequence[Episode]) -> None:
     intact, *failed = episodes
     assert intact.alarms == ()

@@ -84,7 +84,7 @@ def folder(findings: Findings, tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_page_holds_all_figures_itself(folder: Path) -> None:
     text = (folder / "report.html").read_text(encoding="utf-8")
     images = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)

@@ -76,7 +76,7 @@ def test_walks_that_cannot_be_compared_are_refused() -> None:
             uncertainty_of_walks(walks)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_robot_is_measured_over_gaits_and_legs() -> None:
     found = simulation_uncertainty("ant", duration_s=1.0)
     assert isinstance(found, SimulationUncertainty)
