@@ -192,8 +192,8 @@ class GamepadEvents:
             self._press_hat(value)
         elif kind == EV_ABS and code in HOLD_AXES:
             low, high = self._ranges[code]
-            # An axis with a negative side is a direction of a second cross, and no shoulder button.
-            pressed = low >= 0 and value > PRESSED * high
+            # A range with a negative side is that of a second cross's direction, and no shoulder button's.
+            pressed = (low >= 0 or (low, high) == USUAL_RANGE) and value > PRESSED * high
             (self._holds.add if pressed else self._holds.discard)(code)
         elif kind == EV_KEY and code in HOLD and value != 2:  # 2 is a repetition
             (self._holds.add if value else self._holds.discard)(code)

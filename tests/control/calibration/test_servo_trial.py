@@ -75,7 +75,7 @@ def test_a_servo_moves_a_little_and_back_and_no_other_does(driver: str, model: s
         assert np.delete(farthest, JOINT).max() < 0.5
         assert abs(angles[-1, JOINT]) < 0.5
         steps = np.abs(np.diff(angles[:, JOINT]))
-        assert steps.max() < 2.0, "slowly"
+        assert steps.max() < 4.0, "no jump to the end, even if a reading of this thread is late"
 
 
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
