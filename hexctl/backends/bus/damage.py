@@ -60,7 +60,7 @@ class Damage:
         if self.garbled:
             said.append(
                 f"answers of {_ids(self.garbled)} are damaged and cannot be understood: several servos with "
-                f"the same id answer at once, or its cable is bad; {APART}"
+                f"the same id answer together, or its cable is bad; {APART}"
             )
         if self.doubled:
             said.append(

@@ -49,7 +49,7 @@ def load(servo_id: int, *, on: bool) -> bytes:
 
 
 def mode(servo_id: int, *, motor: bool) -> bytes:
-    """Packet that makes a servo steer for positions, or turn like a motor, which stands still then."""
+    """Packet that selects position mode, or motor mode at speed 0."""
     return LX16A.instruction(servo_id, WRITE_MODE, bytes([motor, 0, 0, 0]))
 
 

@@ -1,4 +1,4 @@
-"""What an import takes for known: bounds of plausible numbers, and usual ones instead of others."""
+"""Bounds of plausible numbers of an import, and usual values for the others."""
 
 from dataclasses import dataclass, field
 
