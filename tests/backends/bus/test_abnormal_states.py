@@ -79,7 +79,7 @@ def tripped(servo: Any) -> None:
     servo.trip()
 
 
-SAME = "several servos with the same id answer at once"
+SAME = "several servos with the same id answer together"
 SILENT = "no servo answers on memory"
 NOISE = "noise, a missing ground"
 LOW = "brown-out: "
