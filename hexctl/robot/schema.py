@@ -253,7 +253,7 @@ class LinksSection(Section):
 
 
 class JointSection(Section):
-    """Range, speed and torque of one joint; None for the stiffness is the servo's."""
+    """Range, speed, torque and play of one joint; None for the stiffness is the servo's."""
 
     min_deg: AngleDeg
     max_deg: AngleDeg
@@ -262,6 +262,7 @@ class JointSection(Section):
     dry_friction_nm: Annotated[Number, Field(ge=0, allow_inf_nan=False)] = 0.0
     no_load_speed_deg_s: Positive | None = None
     stiffness_nm_per_rad: Positive | None = None
+    play_deg: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 0.0
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -318,11 +319,19 @@ class StanceSection(Section):
 
 @file_part("servo")
 class ServoModel:
-    """Position control of the simulated servos: torque = stiffness * error - damping * speed."""
+    """Position control of the simulated servos: torque = stiffness * error - damping * speed.
+
+    Attributes:
+        stiffness_nm_per_rad: at the proportional gain that the servo has in this robot.
+        damping_nm_s_per_rad: of the control; friction and back-EMF are those of the joints.
+        rotor_inertia_kg_m2: of the motor, as the joint feels it.
+        dead_time_s: from a target to the first torque.
+    """
 
     stiffness_nm_per_rad: Positive
     damping_nm_s_per_rad: Positive
     rotor_inertia_kg_m2: Positive
+    dead_time_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
 
 
 @file_part("gait")

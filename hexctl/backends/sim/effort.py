@@ -55,12 +55,13 @@ class JointTorques(ArrayFields):
         )
 
     def forces_in(self, history: FloatArray) -> FloatArray:
-        """View of the forces in MuJoCo's memory of its sensors, leading shape + (18, steps).
+        """View of the forces in MuJoCo's memory, leading shape + (18, steps).
 
-        The memory, leading shape + (18 * (2 + 2 * steps),), has two numbers for each actuator, then a time
-        and a force for each of the last steps.
+        The memory ends with 18 * (2 + 2 * steps) numbers of the sensors: for each actuator two numbers, then
+        a time and a force for each of the last steps. Before them are the delayed commands.
         """
-        rows = history.reshape(*history.shape[:-1], N_JOINTS, 2 + 2 * self.steps)
+        sensed = history[..., -N_JOINTS * (2 + 2 * self.steps) :]
+        rows = sensed.reshape(*history.shape[:-1], N_JOINTS, 2 + 2 * self.steps)
         return rows[..., 2 + self.steps :]
 
     def applied(

@@ -41,12 +41,14 @@ class Simulation(ArrayFields):
     Attributes:
         physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
         joint_offsets_rad: calibration error per joint: true angle - angle reported by the servo, (18,).
+        play_rad: play between servo and joint, from stop to stop, (18,).
     """
 
     physics: Any
     world: World
     floor: Floor
     joint_offsets_rad: FloatArray
+    play_rad: FloatArray
     failed: FailedLegs
 
 
@@ -64,6 +66,7 @@ def make_simulation(
     missing = [one.leg for one in each_failure(failure) if one.kind == "missing"]
     _lay_grain(root, body, world, missing)
     _measure_forces(root, body, world)
+    _delay_commands(body, robot, world)
     physics = mjcf.Physics.from_mjcf_model(root)
     # The plain mj_step order, which mujoco.batch also takes: results are then equal to the last bit.
     physics.legacy_step = False
@@ -77,7 +80,42 @@ def make_simulation(
         failed.change(one.leg, one, physics.data.ptr)
     _set_start_state(physics, robot, world, floor, facing_rad)
     offsets = _joint_offsets(world, seed)
-    return Simulation(physics, world, floor, offsets, failed)
+    return Simulation(physics, world, floor, offsets, _play(robot, world), failed)
+
+
+def delay_steps(robot: Robot, world: World) -> int:
+    """Steps of the physics from a command to its effect: the servo's dead time and the delay of the world."""
+    return round((robot.servo.dead_time_s + world.servo_delay_s) / world.time_step_s)
+
+
+def waiting_commands(model: Any, history: FloatArray) -> FloatArray:
+    """View of the latest commands, leading shape + (18, n), n above `delay_steps`; 0 without a delay.
+
+    Args:
+        model: MuJoCo's model.
+        history: its memory, leading shape + (nhistory,). An actuator's part has two numbers, then the times
+            and then the values of its commands.
+    """
+    kept = int(model.actuator_history[0, 0])
+    rows = history[..., : N_JOINTS * (2 + 2 * kept if kept else 0)]
+    return rows.reshape(*history.shape[:-1], N_JOINTS, -1)[..., 2 + kept :]
+
+
+def _delay_commands(body: Any, robot: Robot, world: World) -> None:
+    """Delay all actuators, by half a step less, so that rounded times do not matter.
+
+    The memory has room for whole control periods: simulations with similar delays can be stepped together.
+    """
+    steps = delay_steps(robot, world)
+    kept = 1 + world.steps_per_tick * math.ceil(steps / world.steps_per_tick)
+    for actuator in body.find_all("actuator") if steps else ():
+        actuator.delay, actuator.nsample = (steps - 0.5) * world.time_step_s, kept
+
+
+def _play(robot: Robot, world: World) -> FloatArray:
+    """Play of each joint, (18,): the world's, or the robot file's where the world has none."""
+    drawn = np.radians(per_joint(world.servo_backlash_deg))
+    return np.where(drawn > 0, drawn, robot.play_rad)
 
 
 def _load_trunk(body: Any, robot: Robot, world: World) -> None:
@@ -209,6 +247,8 @@ def _change_joints(physics: Any, world: World) -> None:
     stiffness = world.servo_stiffness * per_joint(world.joint_stiffness)
     model.actuator_gainprm[:, 0] *= stiffness
     model.actuator_biasprm[:, 1] *= stiffness
+    model.actuator_biasprm[:, 2] *= world.servo_damping
+    model.dof_armature[FIRST_SPEED:] *= world.rotor_inertia
     if world.joint_friction_nm is not None:
         model.dof_frictionloss[FIRST_SPEED:] = per_joint(world.joint_friction_nm)
 
@@ -223,6 +263,7 @@ def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, fac
     data.qpos[3:FIRST_JOINT] = _turned(floor.quaternion_world, facing_rad)
     data.qpos[FIRST_JOINT:] = robot.stance_angles_rad
     data.ctrl[:] = robot.stance_angles_rad
+    waiting_commands(physics.model, data.history)[:] = robot.stance_angles_rad[:, np.newaxis]
     physics.forward()
 
 

@@ -37,17 +37,22 @@ _PARTS = {
     "joint_offset_deg": N_JOINTS,
     "joint_stiffness": N_JOINTS,
     "joint_friction_nm": N_JOINTS,
+    "servo_backlash_deg": N_JOINTS,
     "tibia_error": N_LEGS,
 }
 
 #: Values of the joints whose kind no range names.
-_UNTOUCHED = {"joint_offset_deg": 0.0, "joint_stiffness": 1.0, "joint_friction_nm": 0.0}
+_UNTOUCHED = {
+    "servo_backlash_deg": 0.0,
+    "joint_offset_deg": 0.0,
+    "joint_stiffness": 1.0,
+    "joint_friction_nm": 0.0,
+}
 
 #: Quantities with discrete values, which cannot be randomized; a kind may set them.
 _IN_STEPS = (
     "time_step_s",
     "solver_tolerance",
-    "servo_delay_s",
     "friction_cone",
     "sensor_noise",
     "sensor_faults",
@@ -77,10 +82,14 @@ class World(Section):
         time_step_s: step of the physics, an integer part of the 20 ms tick.
         solver_tolerance: of the contact solver. With MuJoCo's 1e-8 walks depend on their compass direction by
             up to 2 cm in 30 s; with 1e-12, by 0.1 mm in most.
-        servo_delay_s: delay from a target to the servo's motion, in whole ticks.
-        servo_backlash_deg: play between a servo and its joint, from stop to stop.
+        servo_delay_s: delay from a target to the servo's motion besides the dead time of the robot file, in
+            whole steps of the physics.
+        servo_backlash_deg: play between a servo and its joint, from stop to stop: one number, three for coxa,
+            femur and tibia, or one per joint; 0 for the robot file's.
         servo_strength: the servos' torque limit as a fraction of the robot file's.
         servo_stiffness: the servos' stiffness as a multiple of the robot file's.
+        servo_damping: the damping of the servos' control as a multiple of the robot file's.
+        rotor_inertia: as a multiple of the robot file's.
         joint_stiffness: multiples of `servo_stiffness`: one, three for coxa, femur and tibia, or one per
             joint.
         joint_friction_nm: dry friction, in the same form; None for the robot file's.
@@ -109,9 +118,11 @@ class World(Section):
     time_step_s: Annotated[Number, Field(ge=0.0005, le=0.005, allow_inf_nan=False)] = 0.002
     solver_tolerance: Annotated[Number, Field(ge=1e-15, le=1e-3, allow_inf_nan=False)] = 1e-12
     servo_delay_s: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
-    servo_backlash_deg: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 0.0
+    servo_backlash_deg: float | tuple[float, ...] = 0.0
     servo_strength: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
     servo_stiffness: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
+    servo_damping: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 1.0
+    rotor_inertia: Annotated[Number, Field(gt=0, le=20, allow_inf_nan=False)] = 1.0
     joint_stiffness: float | tuple[float, ...] = 1.0
     joint_friction_nm: float | tuple[float, ...] | None = None
     tibia_error: float | tuple[float, ...] = 0.0
@@ -139,16 +150,18 @@ class World(Section):
         return round(PERIOD_S / self.time_step_s)
 
     @property
-    def delay_ticks(self) -> int:
-        """Servo delay in control periods."""
-        return round(self.servo_delay_s / PERIOD_S)
-
-    @property
     def latency_steps(self) -> int:
         """Age of a state in steps of the physics."""
         return round(self.state_latency_s / self.time_step_s)
 
-    @field_validator("joint_stiffness", "joint_friction_nm", "tibia_error", "joint_offset_deg", mode="before")
+    @field_validator(
+        "servo_backlash_deg",
+        "joint_stiffness",
+        "joint_friction_nm",
+        "tibia_error",
+        "joint_offset_deg",
+        mode="before",
+    )
     @classmethod
     def _one_or_several(cls, given: Any, info: ValidationInfo) -> Any:
         if given is None and info.field_name == "joint_friction_nm":
@@ -188,16 +201,10 @@ class World(Section):
             raise ValueError(f"got {step_s:g}; allowed: {PERIOD_S:g} s divided by a whole number")
         return step_s
 
-    @field_validator("servo_delay_s")
-    @classmethod
-    def _whole_ticks(cls, delay_s: float) -> float:
-        if abs(round(delay_s / PERIOD_S) * PERIOD_S - delay_s) > 1e-9:
-            raise ValueError(f"got {delay_s:g}; allowed: multiples of {PERIOD_S:g} s")
-        return delay_s
-
 
 #: Of quantities that are one number or several: bounds of one, bounds of each, and how many there may be.
 _SEVERAL = {
+    "servo_backlash_deg": ((0.0, 20.0), (0.0, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
     "joint_stiffness": ((0.01, 20.0), (0.01, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
     "joint_friction_nm": ((0.0, 5.0), (0.0, 5.0), (JOINTS_PER_LEG, N_JOINTS)),
     "tibia_error": ((-0.2, 0.2), (-0.2, 0.2), (N_LEGS,)),
