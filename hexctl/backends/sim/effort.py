@@ -7,7 +7,6 @@ import numpy as np
 
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED
 from hexctl.backends.sim.simulation_model import Simulation
-from hexctl.robot.formats.mjcf import GEAR_DAMPING
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 #: A back-EMF below this is the rounding of one that is not there.
@@ -43,8 +42,8 @@ class JointTorques(ArrayFields):
         """Torques of a simulation; its failed legs may change them."""
         failed = simulation.failed
         driven, stuck = failed.driven, failed.stiff
-        damping = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:])
-        back_emf = np.where(damping - GEAR_DAMPING > LEAST_BACK_EMF, damping - GEAR_DAMPING, 0.0)
+        lost = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:]) - failed.gear_damping_nm_s_per_rad
+        back_emf = np.where(lost > LEAST_BACK_EMF, lost, 0.0)
         steps = simulation.world.steps_per_tick
         return cls(
             steps,

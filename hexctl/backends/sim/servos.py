@@ -19,7 +19,6 @@ from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_s
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, FailureEvent, check_further, drawn_failure, each_failure
-from hexctl.robot.formats.mjcf import GEAR_DAMPING
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 
@@ -229,7 +228,11 @@ class SimServos(OwnServos):
         """Keep the values in force with power, beside those without: no control and no back-EMF."""
         model = self.compiled.physics.model
         damping = model.dof_damping[FIRST_SPEED:]
-        limp = [(model.actuator_gainprm, 0.0), (model.actuator_biasprm, 0.0), (damping, GEAR_DAMPING)]
+        limp = [
+            (model.actuator_gainprm, 0.0),
+            (model.actuator_biasprm, 0.0),
+            (damping, self._robot.servo.gear_damping_nm_s_per_rad),
+        ]
         self._powered = [(in_force, in_force.copy(), without) for in_force, without in limp]
 
     def _power(self, *, on: bool) -> None:

@@ -15,7 +15,7 @@ from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.link_masses import link_mass
-from hexctl.robot.formats.mjcf import GEAR_DAMPING, STICTION
+from hexctl.robot.formats.mjcf import STICTION
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import Body, even_box_m
 from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, FloatArray
@@ -62,7 +62,11 @@ def make_simulation(
     _load_trunk(body, robot, world)
     _load_payload(body, world)
     root = _make_world(world, floor)
-    root.attach(body).add("freejoint")
+    frame = root.attach(body)
+    frame.add("freejoint")
+    if world.on_stand:
+        root.equality.add("weld", name="stand", body1=frame)
+        frame.pos = _standing_place(robot, world, floor)
     missing = [one.leg for one in each_failure(failure) if one.kind == "missing"]
     _lay_grain(root, body, world, missing)
     _measure_forces(root, body, world)
@@ -248,23 +252,34 @@ def _change_joints(physics: Any, world: World) -> None:
     model.actuator_gainprm[:, 0] *= stiffness
     model.actuator_biasprm[:, 1] *= stiffness
     model.actuator_biasprm[:, 2] *= world.servo_damping
-    model.dof_armature[FIRST_SPEED:] *= world.rotor_inertia
+    if world.rotor_inertia_kg_m2 is not None:
+        model.dof_armature[FIRST_SPEED:] = world.rotor_inertia_kg_m2
     if world.joint_friction_nm is not None:
         model.dof_frictionloss[FIRST_SPEED:] = per_joint(world.joint_friction_nm)
 
 
 def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, facing_rad: float) -> None:
-    """Put the robot on the floor in its stance; a little above if legs are too long."""
-    radius = robot.stance_radius_m + 2 * robot.foot_radius_m
-    longest = max(0.0, float(per_leg(world.tibia_error).max())) * float(robot.link_lengths_m[-1])
-    height = robot.standing_height_m + longest + max(0.0, floor.highest_near_origin_m(radius))
+    """Put the robot in its stance on the floor or on the stand."""
     data = physics.data
-    data.qpos[:3] = height * floor.normal_world
+    data.qpos[:3] = _standing_place(robot, world, floor)
     data.qpos[3:FIRST_JOINT] = _turned(floor.quaternion_world, facing_rad)
     data.qpos[FIRST_JOINT:] = robot.stance_angles_rad
     data.ctrl[:] = robot.stance_angles_rad
     waiting_commands(physics.model, data.history)[:] = robot.stance_angles_rad[:, np.newaxis]
     physics.forward()
+
+
+def _standing_place(robot: Robot, world: World, floor: Floor) -> FloatArray:
+    """Position of the body frame at the start; a little above the floor if legs are too long.
+
+    On a stand no leg reaches the floor.
+    """
+    if world.on_stand:
+        return np.array([0.0, 0.0, 1.2 * float(robot.link_lengths_m.sum())])
+    radius = robot.stance_radius_m + 2 * robot.foot_radius_m
+    longest = max(0.0, float(per_leg(world.tibia_error).max())) * float(robot.link_lengths_m[-1])
+    height = robot.standing_height_m + longest + max(0.0, floor.highest_near_origin_m(radius))
+    return height * floor.normal_world
 
 
 def _joint_offsets(world: World, seed: int) -> FloatArray:
@@ -394,7 +409,7 @@ def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
         range=[low, high],
         armature=robot.servo.rotor_inertia_kg_m2,
         # The servo is a motor at a share of its voltage, limited to 1, of which its back-EMF takes a part.
-        damping=GEAR_DAMPING + float(robot.back_emf_nm_s_per_rad[index]),
+        damping=robot.servo.gear_damping_nm_s_per_rad + float(robot.back_emf_nm_s_per_rad[index]),
         frictionloss=friction_nm,
         solimpfriction=list(STICTION),
     )

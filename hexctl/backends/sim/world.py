@@ -72,6 +72,7 @@ class World(Section):
         slope_direction_deg: uphill direction, counter-clockwise from the x axis.
         roughness_m: standard deviation of the floor's height; 0 is an even floor.
         roughness_length_m: typical width of a bump.
+        on_stand: whether the trunk is held above the floor, so that the legs move freely.
         payload_kg: mass carried on the body.
         payload_position_m: its position in the body frame.
         added_mass_share: mass added to the trunk, as a share of the complete robot's; negative takes away.
@@ -89,7 +90,7 @@ class World(Section):
         servo_strength: the servos' torque limit as a fraction of the robot file's.
         servo_stiffness: the servos' stiffness as a multiple of the robot file's.
         servo_damping: the damping of the servos' control as a multiple of the robot file's.
-        rotor_inertia: as a multiple of the robot file's.
+        rotor_inertia_kg_m2: None for the robot file's.
         joint_stiffness: multiples of `servo_stiffness`: one, three for coxa, femur and tibia, or one per
             joint.
         joint_friction_nm: dry friction, in the same form; None for the robot file's.
@@ -109,6 +110,7 @@ class World(Section):
     slope_direction_deg: Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)] = 0.0
     roughness_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False), DRAWN] = 0.0
     roughness_length_m: Annotated[Number, Field(ge=0.02, le=2, allow_inf_nan=False)] = 0.1
+    on_stand: bool = False
     payload_kg: Annotated[Number, Field(ge=0, le=1000, allow_inf_nan=False)] = 0.0
     payload_position_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
     added_mass_share: Annotated[Number, Field(ge=-0.5, le=5, allow_inf_nan=False)] = 0.0
@@ -122,7 +124,7 @@ class World(Section):
     servo_strength: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
     servo_stiffness: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
     servo_damping: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 1.0
-    rotor_inertia: Annotated[Number, Field(gt=0, le=20, allow_inf_nan=False)] = 1.0
+    rotor_inertia_kg_m2: Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)] | None = None
     joint_stiffness: float | tuple[float, ...] = 1.0
     joint_friction_nm: float | tuple[float, ...] | None = None
     tibia_error: float | tuple[float, ...] = 0.0

@@ -22,7 +22,6 @@ from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.formats.mjcf import GEAR_DAMPING
 from hexctl.testing.servo_conformance import move
 from hexctl.types import FloatArray, JointTargets
 from tests.robots import shipped
@@ -37,7 +36,7 @@ LOOSE = World(
     servo_delay_s=0.056,
     servo_backlash_deg=1.5,
     servo_damping=1.4,
-    rotor_inertia=3.0,
+    rotor_inertia_kg_m2=0.008,
     joint_offset_deg=1.0,
     friction_cone="pyramidal",
     time_step_s=0.004,
@@ -215,7 +214,7 @@ def test_a_servo_without_power_has_no_back_emf() -> None:
         model = servos.compiled.physics.model
         powered = model.dof_damping[6:].copy(), model.actuator_biasprm.copy()
         servos.disable_torque()
-        np.testing.assert_allclose(model.dof_damping[6:], GEAR_DAMPING)
+        np.testing.assert_allclose(model.dof_damping[6:], robot.servo.gear_damping_nm_s_per_rad)
         servos.clock.tick()
         torques_nm = servos.read().joint_torques_nm
         assert torques_nm is not None
