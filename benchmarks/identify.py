@@ -15,9 +15,18 @@ from hexctl.identify.identification import identify, move_on_stand
 from hexctl.identify.servo_parameters import ServoValues
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.runs.run import run
 
 #: Largest error of each parameter: a share of the truth, or a time.
-ALLOWED = {"rotor_inertia_kg_m2": 0.15, "stiffness_nm_per_rad": 0.10, "dry_friction_nm": 0.15, "dead_time_s": 0.003}
+ALLOWED = {
+    "rotor_inertia_kg_m2": 0.15,
+    "stiffness_nm_per_rad": 0.10,
+    "dry_friction_nm": 0.15,
+    "dead_time_s": 0.003,
+}
+
+#: Duration of the walk: the weight that it carries sets the scale of stiffness and inertia.
+WALK_S = 10.0
 
 ROBOTS = ("ant", "lukas", "pexod", "jethexa")
 
@@ -57,14 +66,16 @@ def error(name: str, found: float, true: float) -> float:
 
 def main(draws: int) -> None:
     """Identify drawn servos, and print each error and how many are allowed."""
-    held = {name: 0 for name in ALLOWED}
+    held = dict.fromkeys(ALLOWED, 0)
     for seed in range(draws):
         robot = load_robot(ROBOTS[seed % len(ROBOTS)])
         world = drawn_world(robot, seed)
         with tempfile.TemporaryDirectory() as folder:
-            recording = Path(folder) / "stand.rrd"
-            move_on_stand(robot=robot, world=world, record=recording, seed=seed)
-            found = identify([recording])
+            stand, walk = Path(folder) / "stand.rrd", Path(folder) / "walk.rrd"
+            move_on_stand(robot=robot, world=world, record=stand, seed=seed)
+            floor = world.model_copy(update={"on_stand": False})
+            run(robot=robot, world=floor, record=walk, seed=seed, duration_s=WALK_S, hold="none")
+            found = identify([stand, walk])
         true = truth(robot, world)
         errors = {name: error(name, found.estimates[name].value, true[name]) for name in ALLOWED}
         for name, largest in ALLOWED.items():

@@ -132,7 +132,7 @@ class IdentificationRun(Run):
             world = world if isinstance(world, World) else load_world(world)
             if not world.on_stand:
                 raise InputError(
-                    f"{argument('world')}: got one without a stand; allowed: stand, or a file that has on_stand"
+                    f"{argument('world')}: got one without a stand; allowed: stand, or one with on_stand"
                 )
             spec = replace(spec, world=world)
         plain = {"hold": "none", "self_rotation": "none", "duration_s": 120.0, "gait": "demo"}

@@ -69,8 +69,9 @@ class StandMotions(Controller):
             # Slower joints would not follow a fast wave: it is as large as their speed allows.
             largest = self._fastest_rad_s / (2 * np.pi * frequency_hz) / np.maximum(self._amplitude_rad, 1e-9)
             fade = min(1.0, passed_s, WAVE_S - passed_s)
-            return moved * np.minimum(1.0, largest) * fade * np.sin(2 * np.pi * frequency_hz * passed_s)
-        return moved * STEPS[min(int(passed_s / STEP_S), len(STEPS) - 1)]
+            wave = fade * np.sin(2 * np.pi * frequency_hz * passed_s)
+            return np.asarray(moved * np.minimum(1.0, largest) * wave)
+        return np.asarray(moved * STEPS[min(int(passed_s / STEP_S), len(STEPS) - 1)])
 
 
 def _shapes() -> list[tuple[float, float, FloatArray]]:

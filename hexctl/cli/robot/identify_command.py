@@ -61,7 +61,7 @@ def identify(
     if is_said(context, "robot") and paths[0].suffix == ".rrd":
         from hexctl.robot.loader import load_robot
 
-        own_robot = load_robot(options.robot)
+        own_robot = load_robot(str(options.robot))
     found = _identified(paths, own_robot, options)
     written = _write(found, options, paths)
     if as_json:
@@ -120,8 +120,8 @@ def _write(found: "Identification", options: IdentifyOptions, paths: list[Path])
     from hexctl.robot.loader import load_robot
 
     output = Path(options.output)
-    write_identified(options.robot, found, output)
-    before = None if paths[0].suffix == ".json" else ServoValues.of(load_robot(options.robot))
+    write_identified(str(options.robot), found, output)
+    before = None if paths[0].suffix == ".json" else ServoValues.of(load_robot(str(options.robot)))
     try:
         draw_identification(found, before, picture_of(output))
     except MissingExtraError as error:
