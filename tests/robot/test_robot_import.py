@@ -408,3 +408,118 @@ def test_inertias_of_links_reach_urdf_mjcf_and_simulation(tmp_path: Path) -> Non
             np.sort(model.body_inertia[other]), rel=1e-6
         )
         assert simulated.body_ipos[own] == pytest.approx(model.body_ipos[other], abs=1e-9)
+
+
+# -- legs of more hinges, feet on joints
+
+
+def hinge(name: str, parent: str, place: str, axis: str, limits: str = LIMIT) -> str:
+    """A link on a hinge."""
+    return (
+        f'<link name="{name}"/><joint name="j{name}" type="revolute"><parent link="{parent}"/><child '
+        f'link="{name}"/><origin {place}/><axis xyz="{axis}"/>{limits}</joint>'
+    )
+
+
+def tarsus(axis: str, foot: str, limits: str = LIMIT, name: str = "s", on: str = "t") -> str:
+    """A fourth hinge at the middle of a tibia, and a foot beyond it."""
+    at = f'xyz="{TIBIA_M / 2} 0 0"' if on == "t" else ""
+    end = fixed(name + "foot{n}", name + "{n}", xyz=foot) if foot else ""
+    return hinge(name + "{n}", on + "{n}", at, axis, limits) + end
+
+
+HALF_M, TURNED_RAD = TIBIA_M / 2, 0.8
+LONG_LEGS = {
+    "a tarsus": (tarsus("0 1 0", f"{HALF_M} 0 0"), "js1", TIBIA_M),
+    "an ankle about its shin": (tarsus("1 0 0", f"{HALF_M} 0.02 0"), "js1", TIBIA_M),
+    "no zero in the range": (
+        tarsus("0 -1 0", f"{HALF_M} 0 0", LIMIT.replace("-1.5", "0.1")),
+        "js1",
+        math.hypot(HALF_M + HALF_M * math.cos(TURNED_RAD), HALF_M * math.sin(TURNED_RAD)),
+    ),
+    "five hinges": (
+        tarsus("0 1 0", "") + tarsus("0 0 1", f"{HALF_M} 0.02 0", name="u", on="s"),
+        "js1, js2",
+        TIBIA_M,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LONG_LEGS)
+def test_further_hinges_of_legs_are_held_and_named(case: str, tmp_path: Path) -> None:
+    more, held, tibia_m = LONG_LEGS[case]
+    made = imported(tmp_path, hexapod(foot="", shin="", more_per_leg=more))
+    assert length_m(made) == pytest.approx(tibia_m, abs=1e-6)
+    note = next(note for note in made.notes if "hold" in note)
+    assert held in note
+    assert f"6 at {math.degrees(TURNED_RAD) if 'zero' in case else 0:.4g} deg" in note
+    assert note[note.index("hold") + 5 :].split(";")[0] in made.text
+
+
+def test_a_hinge_between_trunk_and_coxa_is_held(tmp_path: Path) -> None:
+    text = hexapod(more_per_leg=hinge("r{n}", "base", "", "1 0 0"))
+    for n in range(1, 7):
+        text = text.replace(
+            f'<parent link="base"/><child link="c{n}"/>', f'<parent link="r{n}"/><child link="c{n}"/>'
+        )
+    assert imported(tmp_path, text).content["mounts"] == imported(tmp_path, hexapod()).content["mounts"]
+    assert any("jr1, jr2" in note for note in imported(tmp_path, text).notes)
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        ("0 0 1", "1 0 0", "0 -1 0", "1 0 0"),
+        ("0 0 1", "0 0 1", "0 0 1", "0 -1 0"),
+        ("1 0 0", "0 0 1", "1 0 0", "0 0 1"),
+    ],
+)
+def test_legs_of_four_hinges_without_three_of_a_leg_are_refused(
+    axes: tuple[str, ...], tmp_path: Path
+) -> None:
+    text = hexapod(foot="", shin="", more_per_leg=tarsus(axes[3], f"{HALF_M} 0.02 0"))
+    for part, old, axis in zip("cft", ("0 0 1", "0 -1 0", "0 -1 0"), axes, strict=False):
+        for n in range(1, 7):
+            at = text.index(f'<joint name="j{part}{n}"')
+            text = text[:at] + text[at:].replace(f'<axis xyz="{old}"/>', f'<axis xyz="{axis}"/>', 1)
+    with pytest.raises(InputError, match=r"4 hinges \(jc1 about .*make the other hinges `fixed`"):
+        imported(tmp_path, text)
+
+
+@pytest.mark.parametrize("joint", ["jc1", "jf2", "jt6"])
+def test_a_hinge_that_follows_another_is_refused(joint: str, tmp_path: Path) -> None:
+    text = hexapod()
+    at = text.index(f'<joint name="{joint}"')
+    text = text[:at] + text[at:].replace("<axis ", '<mimic joint="jt3"/><axis ', 1)
+    with pytest.raises(InputError, match=f"{joint} of a leg follows jt3"):
+        imported(tmp_path, text)
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+@pytest.mark.parametrize("part", ["", solid('<sphere radius="0.011"/>')])
+def test_a_foot_on_a_loose_joint_is_the_foot(kind: str, part: str, tmp_path: Path) -> None:
+    foot = fixed("foot{n}", "t{n}", part, xyz=f"{TIBIA_M} 0 0", kind=kind)
+    made = imported(tmp_path, hexapod(shin="", foot="", more_per_leg=foot))
+    assert length_m(made) == pytest.approx(TIBIA_M, abs=1e-6)
+    assert ("foot_radius_m" in made.unknown) == (not part)
+
+
+def test_a_foot_on_a_ball_joint_of_an_mjcf_is_the_foot(tmp_path: Path) -> None:
+    ball = (
+        f'<body pos="{FEMUR_M} 0 {-TIBIA_M}"><joint type="ball"/>'
+        '<geom type="sphere" size="0.012" mass="0.01"/></body>'
+    )
+    shin = f'fromto="{FEMUR_M} 0 0 {FEMUR_M} 0 {-TIBIA_M}" size="0.008" mass="0.05"/>'
+    text = mjcf_scaled(1.0)
+    assert text.count(shin) == 6
+    made = imported(
+        tmp_path, text.replace(shin, shin.replace(f'{-TIBIA_M}"', f'{-HALF_M}"') + ball), "ball.xml"
+    )
+    assert made.content["links"]["tibia"]["end_m"] == pytest.approx([0, -TIBIA_M], abs=1e-9)
+    assert made.content["foot_radius_m"] == 0.012
+
+
+def test_a_world_is_no_part_of_the_robot(tmp_path: Path) -> None:
+    text = hexapod(trunk=BOX).replace('name="r" type="fixed"', 'name="r" type="floating"')
+    made = imported(tmp_path, text)
+    assert made.content["body"] == imported(tmp_path, hexapod(trunk=BOX)).content["body"]

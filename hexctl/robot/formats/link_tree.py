@@ -91,6 +91,7 @@ class TreeJoint:
         damping_nm_s_per_rad: torque lost per speed.
         stiffness_nm_per_rad: of the position control that drives it.
         control_nm_s_per_rad: damping of that control.
+        follows: joint whose angle it copies.
     """
 
     name: str
@@ -107,6 +108,7 @@ class TreeJoint:
     stiffness_nm_per_rad: float | None = None
     control_nm_s_per_rad: float | None = None
     rotor_inertia_kg_m2: float | None = None
+    follows: str | None = None
 
     @property
     def hinge(self) -> bool:

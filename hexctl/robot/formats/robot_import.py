@@ -13,16 +13,21 @@ import yaml
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
 from hexctl.robot.formats.import_values import Findings, short
+from hexctl.robot.formats.leg_chains import (
+    AXIS_TOLERANCE_RAD,
+    HeldHinge,
+    held_text,
+    leg_chains,
+    with_three_hinges,
+)
 from hexctl.robot.formats.leg_import import LegImport
 from hexctl.robot.formats.link_masses import PartMass, link_mass
 from hexctl.robot.formats.link_tree import LinkTree
 from hexctl.robot.formats.mjcf_tree import read_mjcf
 from hexctl.robot.formats.tree_legs import (
-    AXIS_TOLERANCE_RAD,
     PLANE_TOLERANCE_M,
     TreeLeg,
     find_legs,
-    leg_chains,
     with_middle_coxae,
     with_one_zero,
 )
@@ -115,13 +120,13 @@ def import_robot(
         raise InputError(f"{argument('forward')}: got {forward}; allowed: {', '.join(FORWARD)}")
     if name is not None and name != _short_name(name):
         raise InputError(f"{argument('name')}: got {name}; allowed: small letters, figures and dashes")
-    tree = _read(Path(path))
+    tree, held = with_three_hinges(_read(Path(path)))
     made = []
     facings = _facings(tree, forward)
     for facing in facings:
         legs = find_legs(tree, facing, None if foot_m is None else np.array(foot_m))
         legs = with_middle_coxae(with_one_zero(legs))
-        made.append(_Import(tree, legs, facing))
+        made.append(_Import(tree, legs, facing, held))
     if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
         made.sort(key=lambda one: one.feet_up_m)
     # Up is the root's z axis, or else away from the feet at angle zero, unless the legs then have no stance.
@@ -172,9 +177,17 @@ def _facing(up: FloatArray, ahead: FloatArray) -> FloatArray:
 
 
 class _Import:
-    def __init__(self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray) -> None:
-        self._tree, self._legs, self._facing = tree, legs, facing
+    def __init__(
+        self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray, held: tuple[HeldHinge, ...]
+    ) -> None:
+        self._tree, self._legs, self._facing, self._held = tree, legs, facing, held
         self._findings = Findings()
+        if held:
+            self._findings.note(
+                f"the legs have {len(JOINT_KINDS) + len(held) // len(legs)} hinges, of which hexctl moves "
+                f"{len(JOINT_KINDS)}: hold {held_text(held)}; to hold others, make those `fixed` in the "
+                "description"
+            )
         self._parts = LegImport(tree, legs, facing, self._findings)
         self._links, self._joints = self._parts.links(), self._parts.joints()
         mounts_m = np.array([leg.mount_m for leg in legs])
@@ -257,6 +270,8 @@ class _Import:
                 for joint, sign, zero_rad in zip(leg.joints, leg.signs, leg.zeros_rad, strict=True)
             ]
             lines.append(f"  leg {number}: {', '.join(names)}")
+        if self._held:
+            lines.append(f"Not moved, to be held: {held_text(self._held)}.")
         if np.abs(self._origin_m).max() > 1e-6:
             x, y, z = (np.linalg.inv(self._facing)[:3, :3] @ self._origin_m).tolist()
             lines.append(f"The body frame is at {x:.4f}, {y:.4f}, {z:.4f} m in that of {self._tree.root}.")

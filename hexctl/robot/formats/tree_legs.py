@@ -7,19 +7,18 @@ from itertools import pairwise
 import numpy as np
 
 from hexctl.errors import InputError
+from hexctl.robot.formats.leg_chains import AXIS_TOLERANCE_RAD, FOOT_TOLERANCE_M, axis_text, leg_chains
 from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, ArrayFields, FloatArray
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 
-#: Tolerance of axes: files write 1.5707, and mounts lean a little.
-AXIS_TOLERANCE_RAD = math.radians(3.0)
 #: Shorter coxae do not show the direction of a leg.
 SHORTEST_COXA_M = 0.005
 #: Distance of a foot from the plane of its leg: what needs no word, and what a projection allows.
 PLANE_TOLERANCE_M, MOST_BESIDE_M = 0.006, 0.06
 #: Tolerance of differences between legs.
 LEG_TOLERANCE_M = 0.006
-#: A frame or the centre of a sphere this near to the far end of the tibia is the foot: in m, and as a share.
-FOOT_TOLERANCE_M, FOOT_TOLERANCE_SHARE = 0.01, 0.08
+#: A frame or the centre of a sphere this near to the far end of the tibia is the foot, as a share of it.
+FOOT_TOLERANCE_SHARE = 0.08
 #: Lengths of a tibia as shares of coxa and femur together; shorter and longer ones are no tibiae.
 TIBIA_SHARES = (0.25, 8.0)
 #: Coxae keep the zeros of the file if the legs have the first share of their ranges in common, and the second
@@ -78,65 +77,6 @@ def _azimuth_rad(leg: TreeLeg, centre_m: FloatArray) -> float:
     return math.atan2(y, x) if math.hypot(x, y) > 1e-3 else leg.yaw_rad
 
 
-def leg_chains(tree: LinkTree) -> list[tuple[TreeJoint, ...]]:
-    """The six chains of three hinges from the trunk; raises InputError if there are others or none."""
-    found: dict[tuple[str, ...], tuple[TreeJoint, ...]] = {}
-    for link in tree.links:
-        if link not in tree.children:
-            chain = _without_idle_ends(tree, tree.hinges(link))
-            found[tuple(joint.name for joint in chain)] = chain
-    chains = [
-        chain
-        for names, chain in found.items()
-        if not any(other[: len(names)] == names for other in found if other != names)
-    ]
-    legs = [chain for chain in chains if len(chain) == JOINTS_PER_LEG]
-    if len(legs) > N_LEGS:
-        legs = [chain for chain in legs if _turns_as_a_leg(tree, chain)]
-    longer = next((chain for chain in chains if len(chain) > JOINTS_PER_LEG), None)
-    if longer is not None and len(legs) != N_LEGS:
-        raise InputError(
-            f"robot description: got a chain of {len(longer)} hinges from {longer[0].name} to "
-            f"{longer[-1].name}; allowed: legs of {JOINTS_PER_LEG}"
-        )
-    if len(legs) != N_LEGS:
-        raise InputError(
-            f"robot description: got {len(legs)} chains of {JOINTS_PER_LEG} hinges; allowed: {N_LEGS} legs"
-        )
-    if len({chain[0].name for chain in legs}) != N_LEGS:
-        raise InputError(
-            f"robot description: got legs that share the hinge {legs[0][0].name}; allowed: legs of their own"
-        )
-    return legs
-
-
-def _without_idle_ends(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> tuple[TreeJoint, ...]:
-    """A chain without hinges at its end that move no foot: nothing beyond them is off their axis."""
-    while len(chain) > JOINTS_PER_LEG and _is_idle(tree, chain[-1]):
-        chain = chain[:-1]
-    return chain
-
-
-def _is_idle(tree: LinkTree, joint: TreeJoint) -> bool:
-    at = np.asarray(np.linalg.inv(tree.placed(joint.child)), dtype=float)
-    points_m = [point for name in tree.carried(joint.child) for point in _points(tree, at, name)]
-    return all(float(np.linalg.norm(np.cross(point, joint.axis))) < FOOT_TOLERANCE_M for point in points_m)
-
-
-def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
-    """Origin of a link and ends of its solids in another frame, in m."""
-    frame = at @ tree.placed(link)
-    solids = tree.links[link].solids
-    return [frame[:3, 3], *(end @ frame[:3, :3].T + frame[:3, 3] for solid in solids for end in solid.ends)]
-
-
-def _turns_as_a_leg(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> bool:
-    """Whether the last two axes are parallel and at right angles to the first."""
-    first, second, third = (tree.placed(joint.child)[:3, :3] @ joint.axis for joint in chain)
-    off = math.sin(AXIS_TOLERANCE_RAD)
-    return bool(abs(first @ second) < off and np.linalg.norm(np.cross(second, third)) < off)
-
-
 def _leg(
     tree: LinkTree, chain: tuple[TreeJoint, ...], facing: FloatArray, foot_m: FloatArray | None
 ) -> TreeLeg:
@@ -144,7 +84,8 @@ def _leg(
     axes = [frame[:3, :3] @ joint.axis for frame, joint in zip(frames, chain, strict=True)]
     origins_m = [frame[:3, 3] for frame in frames]
     _check_axes(chain, axes)
-    tips = _tips(tree, chain[-1].child)
+    # Joints beyond the tibia move no foot, or let it turn on the floor.
+    tips = tree.carried(chain[-1].child)
     tip_m, guess = (foot_m, "") if foot_m is not None else _foot(tree, tips, frames, axes[2])
     foot = (frames[-1] @ [*tip_m, 1.0])[:3]
     level = axes[1] * [1, 1, 0] / np.linalg.norm(axes[1][:2])
@@ -178,38 +119,24 @@ def _leg(
     )
 
 
-def _tips(tree: LinkTree, tibia: str) -> list[str]:
-    """The tibia, and all beyond it: hinges there move no foot."""
-    return [
-        name for name in tree.carried(tibia) if not any(joint.loose for joint in _path(tree, name, tibia))
-    ]
-
-
-def _path(tree: LinkTree, link: str, root: str) -> list[TreeJoint]:
-    joints = []
-    while link != root:
-        joints.append(tree.joints[link])
-        link = joints[-1].parent
-    return joints
-
-
 def _check_axes(chain: tuple[TreeJoint, ...], axes: list[FloatArray]) -> None:
     """Refuse a chain that is no leg: a vertical hinge, then two level and parallel ones."""
     off = math.sin(AXIS_TOLERANCE_RAD)
     if np.linalg.norm(axes[0][:2]) > off:
         raise InputError(
-            f"robot description: the first hinge of a leg, {chain[0].name}, turns about {_shown(axes[0])} of "
-            "the body; allowed: the vertical, the same for all six legs"
+            f"robot description: the first hinge of a leg, {chain[0].name}, turns about {axis_text(axes[0])} "
+            "of the body; allowed: the vertical, the same for all six legs"
         )
     for joint, axis in zip(chain[1:], axes[1:], strict=True):
         if abs(axis[2]) > off:
             raise InputError(
-                f"robot description: the hinge {joint.name} turns about {_shown(axis)}; allowed: a level axis"
+                f"robot description: the hinge {joint.name} turns about {axis_text(axis)}; allowed: a level "
+                "axis"
             )
     if np.linalg.norm(np.cross(axes[1], axes[2])) > off:
         raise InputError(
             f"robot description: the hinges {chain[1].name} and {chain[2].name} turn about "
-            f"{_shown(axes[1])} and {_shown(axes[2])}; allowed: parallel axes"
+            f"{axis_text(axes[1])} and {axis_text(axes[2])}; allowed: parallel axes"
         )
 
 
@@ -287,10 +214,6 @@ def _usual_foot(frames: list[FloatArray], axis: FloatArray) -> FloatArray:
     in_plane = [one for one in directions if abs(one @ axis) < math.sin(math.radians(10))] or directions
     best = max(in_plane, key=lambda one: float(-one[2] + 0.5 * one @ femur / max(_length_m(femur), 1e-9)))
     return np.asarray(USUAL_TIBIA * _length_m(femur) * (turn.T @ best))
-
-
-def _shown(axis: FloatArray) -> str:
-    return f"({', '.join(f'{part:.2f}' for part in axis)})"
 
 
 def with_one_zero(legs: list[TreeLeg]) -> list[TreeLeg]:
