@@ -40,12 +40,12 @@ class Findings:
         self.notes.append(text)
 
 
-def short(value: float) -> float:
+def rounded(value: float) -> float:
     """A number with nine significant digits, without a negative zero."""
     return float(f"{float(value):.9g}") + 0.0 if abs(value) > 1e-12 else 0.0
 
 
-def dense(mass_kg: float, size_m: list[float]) -> bool:
+def too_dense(mass_kg: float, size_m: list[float]) -> bool:
     """Whether a part is heavier than any robot's of its size."""
     return mass_kg > MOST_KG_M3 * float(np.prod(np.array(size_m) + MARGIN_M))
 

@@ -91,7 +91,7 @@ def _can_be_a_leg(tree: LinkTree, chain: Chain) -> bool:
 
 def _lever_m(tree: LinkTree, joint: TreeJoint, last: TreeJoint) -> float:
     """Distance from the axis of a hinge of what lies farthest along its leg."""
-    at = np.asarray(np.linalg.inv(tree.placed(joint.child)), dtype=float)
+    at = np.asarray(np.linalg.inv(tree.frame_in_root(joint.child)), dtype=float)
     tips_m = [point for name in tree.carried(last.child) for point in _points(tree, at, name)]
     return max(float(np.linalg.norm(np.cross(point, joint.axis))) for point in tips_m)
 
@@ -110,7 +110,7 @@ def _fixed(held: HeldHinge) -> TreeJoint:
 
 
 def _axis_text(tree: LinkTree, joint: TreeJoint) -> str:
-    return axis_text(tree.placed(joint.child)[:3, :3] @ joint.axis)
+    return axis_text(tree.frame_in_root(joint.child)[:3, :3] @ joint.axis)
 
 
 def axis_text(axis: FloatArray) -> str:
@@ -178,20 +178,20 @@ def _without_idle_ends(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> tuple[Tr
 
 
 def _is_idle(tree: LinkTree, joint: TreeJoint) -> bool:
-    at = np.asarray(np.linalg.inv(tree.placed(joint.child)), dtype=float)
+    at = np.asarray(np.linalg.inv(tree.frame_in_root(joint.child)), dtype=float)
     points_m = [point for name in tree.carried(joint.child) for point in _points(tree, at, name)]
     return all(float(np.linalg.norm(np.cross(point, joint.axis))) < FOOT_TOLERANCE_M for point in points_m)
 
 
 def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
     """Origin of a link and ends of its solids in another frame, in m."""
-    frame = at @ tree.placed(link)
+    frame = at @ tree.frame_in_root(link)
     solids = tree.links[link].solids
     return [frame[:3, 3], *(end @ frame[:3, :3].T + frame[:3, 3] for solid in solids for end in solid.ends)]
 
 
 def _turns_as_a_leg(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> bool:
     """Whether the last two axes are parallel and at right angles to the first."""
-    first, second, third = (tree.placed(joint.child)[:3, :3] @ joint.axis for joint in chain)
+    first, second, third = (tree.frame_in_root(joint.child)[:3, :3] @ joint.axis for joint in chain)
     off = math.sin(AXIS_TOLERANCE_RAD)
     return bool(abs(first @ second) < off and np.linalg.norm(np.cross(second, third)) < off)

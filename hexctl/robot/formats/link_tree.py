@@ -141,7 +141,7 @@ class LinkTree:
     stance_rad: dict[str, float] = field(default_factory=dict)
     numbers: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
-    def placed(self, link: str) -> FloatArray:
+    def frame_in_root(self, link: str) -> FloatArray:
         """Frame of a link in that of the root with all joints at zero, (4, 4)."""
         frame = np.eye(4)
         while link != self.root:

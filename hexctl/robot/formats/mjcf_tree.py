@@ -194,7 +194,7 @@ class _Reader:
             **self._actuator(joint),
         )
 
-    def _actuator(self, joint: int) -> dict[str, float | None]:
+    def _actuator(self, joint: int) -> dict[str, Any]:
         """Torque limit, and stiffness and damping of a position control."""
         model = self._model
         drives = (model.actuator_trntype == 0) & (model.actuator_trnid[:, 0] == joint)

@@ -12,7 +12,8 @@ import yaml
 
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
-from hexctl.robot.formats.import_values import Findings, short
+from hexctl.robot.formats.foot_projection import FootProjection
+from hexctl.robot.formats.import_values import Findings, rounded
 from hexctl.robot.formats.leg_chains import (
     AXIS_TOLERANCE_RAD,
     HeldHinge,
@@ -57,16 +58,27 @@ class ImportedRobot:
     Attributes:
         content: of the robot file.
         reasons: why keys are unknown, by key.
-        notes: on omissions and changes.
+        remarks: on omissions and changes.
         header: lines of a comment.
-        stances: other places for the feet, (outward, up) in m, the best first.
+        stances: places for the feet in the planes of the legs, (outward, up) in m: that of the content, then
+            others, the best first.
+        projection: of feet next to these planes.
     """
 
     content: dict[str, Any]
     reasons: dict[str, str]
-    notes: tuple[str, ...]
+    remarks: tuple[str, ...]
     header: tuple[str, ...]
     stances: tuple[Vector2, ...]
+    projection: FootProjection | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on omissions and changes, and on the error of projected feet in the stance of the content."""
+        if self.projection is None:
+            return self.remarks
+        stride_m = self.content["gait"]["amplitude"] * self.content["size_m"]
+        return (*self.remarks, self.projection.note(self.stances[0][0], stride_m))
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -85,15 +97,22 @@ class ImportedRobot:
         """The robot of the file; raises InputError if it is not allowed."""
         return robot_of_content(self.content, Path(self.content["name"]))
 
-    def walking(self, stance: Vector2, pace_hz: float, stride_m: float, step_m: float) -> "ImportedRobot":
-        """The same robot with another stance and default gait."""
+    def with_gait(self, stance: Vector2, pace_hz: float, stride_m: float, step_m: float) -> "ImportedRobot":
+        """The same robot with another stance, in the planes of its legs, and another default gait."""
         size_m, (outward_m, up_m) = self.content["size_m"], stance
         gait = {"pace_hz": pace_hz, "amplitude": stride_m / size_m, "height": step_m / size_m}
-        changed = {
-            "stance": {"outward_m": short(outward_m), "up_m": short(up_m)},
-            "gait": {key: short(value) for key, value in gait.items()},
-        }
-        return replace(self, content=self.content | changed)
+        changed: dict[str, Any] = {"gait": {key: rounded(value) for key, value in gait.items()}}
+        if self.projection is not None:
+            changed |= self.projection.sections(self.content, outward_m)
+            outward_m = self.projection.outward_m(outward_m)
+        changed["stance"] = {"outward_m": rounded(outward_m), "up_m": rounded(up_m)}
+        stances = (stance, *(other for other in self.stances if other != stance))
+        return replace(self, content=self.content | changed, stances=stances)
+
+    def with_pace(self, pace_hz: float) -> "ImportedRobot":
+        """The same robot with another pace of its default gait."""
+        gait = self.content["gait"] | {"pace_hz": rounded(pace_hz)}
+        return replace(self, content=self.content | {"gait": gait})
 
 
 def import_robot(
@@ -153,7 +172,8 @@ def _facings(tree: LinkTree, forward: str) -> list[FloatArray]:
 
     The first one has z up, if the z axis of the root is the vertical.
     """
-    axes = np.array([tree.placed(chain[0].child)[:3, :3] @ chain[0].axis for chain in leg_chains(tree)])
+    coxae = [chain[0] for chain in leg_chains(tree)]
+    axes = np.array([tree.frame_in_root(joint.child)[:3, :3] @ joint.axis for joint in coxae])
     axes *= np.sign(axes @ axes[0] + 1e-12)[:, np.newaxis]
     axis = axes.mean(axis=0) / max(float(np.linalg.norm(axes.mean(axis=0))), 1e-12)
     up = axis * math.copysign(1.0, axis[np.abs(axis).argmax()])
@@ -208,11 +228,11 @@ class _Import:
         """The robot file; raises InputError if it is none."""
         servo = self._parts.servo(self._joints)
         body = body_section(self._tree, self._facing, self._box, self._origin_m, self._findings)
-        outward_m, up_m = self.stances[0]
-        beside_m = float(np.mean([abs(leg.beside_m) for leg in self._legs]))
-        if beside_m > PLANE_TOLERANCE_M:
-            outward_m = self._project_feet(outward_m, beside_m)
-        mounts = [self._mount(leg, self.stances[0][0]) for leg in self._legs]
+        projection = self._projection()
+        outward_m = self.stances[0][0]
+        if projection is not None:
+            outward_m = projection.outward_m(outward_m)
+        mounts = [self._mount(leg) for leg in self._legs]
         radius_m = max(math.hypot(*mount["position_m"][:2]) for mount in mounts) + outward_m
         gait = (USUAL_PACE_HZ, USUAL_STRIDE * outward_m, USUAL_STEP * outward_m)
         numbers = self._tree.numbers
@@ -233,14 +253,13 @@ class _Import:
             "servo": servo,
             "gait": {},
         }
-        other = outward_m - self.stances[0][0]
-        stances = tuple((outward + other, up) for outward, up in self.stances)
-        made = ImportedRobot(content, {}, (), tuple(self._header(source)), stances)
-        made = made.walking((outward_m, up_m), *gait)
+        raw = ImportedRobot(content, {}, (), tuple(self._header(source)), self.stances, projection)
+        made = raw.with_gait(self.stances[0], *gait)
         self._drop_plain_coms(made.content, Path(source))
-        self._add_inertias(robot_of_content(made.content, Path(source)))
+        self._add_inertias(made.robot())
+        made = raw.with_gait(self.stances[0], *gait)
         robot_of_content(made.content, Path(source))
-        return replace(made, reasons=self._findings.reasons, notes=tuple(self._findings.notes))
+        return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
 
     def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
         """Leave out centres of mass that are those of evenly filled capsules."""
@@ -277,30 +296,18 @@ class _Import:
             lines.append(f"The body frame is at {x:.4f}, {y:.4f}, {z:.4f} m in that of {self._tree.root}.")
         return lines
 
-    def _mount(self, leg: TreeLeg, outward_m: float) -> dict[str, Any]:
-        position = [short(part) for part in leg.mount_m - self._origin_m]
-        yaw_rad = leg.yaw_rad
-        if abs(leg.beside_m) > PLANE_TOLERANCE_M:
-            yaw_rad += math.atan2(leg.beside_m, outward_m)
-        return {"position_m": position, "yaw_deg": short(math.degrees(yaw_rad))}
+    def _mount(self, leg: TreeLeg) -> dict[str, Any]:
+        position = [rounded(part) for part in leg.mount_m - self._origin_m]
+        return {"position_m": position, "yaw_deg": rounded(math.degrees(leg.yaw_rad))}
 
-    def _project_feet(self, outward_m: float, beside_m: float) -> float:
-        """Turn legs to feet next to their planes: exact in the stance. Return the new distance of the foot.
-
-        Without the turn of the stance, a foot (r, b) of the leg is at (r + c, 0), with c of the stance.
-        """
-        radius_m = math.hypot(outward_m, beside_m)
-        coxa = self._links["coxa"]
-        coxa["end_m"] = [short(coxa["end_m"][0] + radius_m - outward_m), coxa["end_m"][1]]
-        reach_m = outward_m + USUAL_STRIDE * outward_m * np.linspace(-0.5, 0.5, 21)
-        real_m = np.column_stack([reach_m, np.full(21, beside_m)])
-        made_m = (reach_m + radius_m - outward_m)[:, np.newaxis] * np.array([outward_m, beside_m]) / radius_m
-        error_m = float(np.linalg.norm(real_m - made_m, axis=-1).max())
-        self._findings.note(
-            f"the feet are {1000 * beside_m:.1f} mm beside the planes of their legs: the legs were turned to "
-            f"them, exact in the stance and up to {1000 * error_m:.1f} mm off in a stride"
-        )
-        return radius_m
+    def _projection(self) -> FootProjection | None:
+        offsets_m = [leg.foot_offset_m for leg in self._legs]
+        size_m = float(np.mean(np.abs(offsets_m)))
+        if size_m <= PLANE_TOLERANCE_M:
+            return None
+        outward_m, up_m = self._parts.vectors_m[0].tolist()
+        yaws_rad = tuple(leg.yaw_rad for leg in self._legs)
+        return FootProjection(tuple(offsets_m), size_m, (outward_m, up_m), yaws_rad)
 
     def _stances(self) -> tuple[Vector2, ...]:
         """Places of the feet, (outward from the coxa axis, up from the body frame): the file's, then others.

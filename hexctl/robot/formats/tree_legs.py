@@ -14,7 +14,7 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 #: Shorter coxae do not show the direction of a leg.
 SHORTEST_COXA_M = 0.005
 #: Distance of a foot from the plane of its leg: what needs no word, and what a projection allows.
-PLANE_TOLERANCE_M, MOST_BESIDE_M = 0.006, 0.06
+PLANE_TOLERANCE_M, MOST_FOOT_OFFSET_M = 0.006, 0.06
 #: Tolerance of differences between legs.
 LEG_TOLERANCE_M = 0.006
 #: A frame or the centre of a sphere this near to the far end of the tibia is the foot, as a share of it.
@@ -40,7 +40,7 @@ class TreeLeg(ArrayFields):
         signs: 1 if the angles of the file and of hexctl have the same sign, -1 if not, (3,).
         zeros_rad: hexctl's angles at the zeros of the file, (3,).
         foot_m: the foot at angle zero, in axes of the body from the root, (3,).
-        beside_m: distance of the foot to the left of the plane of the leg.
+        foot_offset_m: distance of the foot to the left of the plane of the leg.
         foot_guess: why the foot is a guess, or empty if the file shows it.
     """
 
@@ -52,7 +52,7 @@ class TreeLeg(ArrayFields):
     signs: FloatArray
     zeros_rad: FloatArray
     foot_m: FloatArray
-    beside_m: float
+    foot_offset_m: float
     foot_guess: str
 
 
@@ -80,7 +80,7 @@ def _azimuth_rad(leg: TreeLeg, centre_m: FloatArray) -> float:
 def _leg(
     tree: LinkTree, chain: tuple[TreeJoint, ...], facing: FloatArray, foot_m: FloatArray | None
 ) -> TreeLeg:
-    frames = [facing @ tree.placed(joint.child) for joint in chain]
+    frames = [facing @ tree.frame_in_root(joint.child) for joint in chain]
     axes = [frame[:3, :3] @ joint.axis for frame, joint in zip(frames, chain, strict=True)]
     origins_m = [frame[:3, 3] for frame in frames]
     _check_axes(chain, axes)
@@ -95,11 +95,11 @@ def _leg(
         # Femur joints above the coxa axis: the foot shows the direction of the leg.
         along_m = float((foot - origins_m[0]) @ outward)
     outward *= math.copysign(1.0, along_m)
-    beside_m = float((foot - origins_m[0]) @ np.cross([0.0, 0.0, 1.0], outward))
-    if abs(beside_m) > MOST_BESIDE_M:
+    foot_offset_m = float((foot - origins_m[0]) @ np.cross([0.0, 0.0, 1.0], outward))
+    if abs(foot_offset_m) > MOST_FOOT_OFFSET_M:
         raise InputError(
-            f"robot description: the foot of the leg of {chain[0].name} is {1000 * abs(beside_m):.0f} mm "
-            f"beside the plane of its leg; allowed: {1000 * MOST_BESIDE_M:g} mm"
+            f"robot description: the foot of the leg of {chain[0].name} is {1000 * abs(foot_offset_m):.0f} "
+            f"mm beside the plane of its leg; allowed: {1000 * MOST_FOOT_OFFSET_M:g} mm"
         )
     points = np.array([*origins_m, foot])
     plane = np.column_stack([points @ outward, points[:, 2]])
@@ -114,7 +114,7 @@ def _leg(
         signs=np.array(signs),
         zeros_rad=np.zeros(JOINTS_PER_LEG),
         foot_m=foot,
-        beside_m=beside_m,
+        foot_offset_m=foot_offset_m,
         foot_guess=guess,
     )
 
@@ -152,7 +152,7 @@ def _foot(
         frames: of the three links in axes of the body.
         axis: of the last hinge in axes of the body, (3,).
     """
-    knee = np.asarray(np.linalg.inv(tree.placed(tips[0])), dtype=float)
+    knee = np.asarray(np.linalg.inv(tree.frame_in_root(tips[0])), dtype=float)
     upper_m = sum(float(np.linalg.norm(end[:3, 3] - start[:3, 3])) for start, end in pairwise(frames))
     foot_m, marked = _far_end(tree, tips, knee)
     far_m = _length_m(foot_m)
@@ -172,7 +172,7 @@ def _foot(
 
 def _far_end(tree: LinkTree, tips: list[str], knee: FloatArray) -> tuple[FloatArray, bool]:
     """Foot at the far end of the parts of a tibia, (3,) in its frame, and whether a frame marks it."""
-    frames = {name: knee @ tree.placed(name) for name in tips}
+    frames = {name: knee @ tree.frame_in_root(name) for name in tips}
     marks = [frames[name][:3, 3] for name in tips[1:] if name not in tree.children]
     spheres: list[tuple[FloatArray, float]] = []
     ends = list(marks)
