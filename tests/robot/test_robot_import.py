@@ -12,6 +12,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
+from hexctl.robot.formats.collada import collada_points
 from hexctl.robot.formats.link_masses import link_mass, trunk_mass
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.robot_import import ImportedRobot
@@ -201,7 +202,41 @@ def obj_text() -> bytes:
     return ("".join(f"v {x} {y} {z}\n" for x, y, z in TRIANGLE) + "f 1 2 3\n").encode()
 
 
-MESHES = {"a.stl": stl_text, "b.STL": stl_binary, "c.obj": obj_text}
+def dae(scene: str, scale: float = 1.0, metre: float = 1.0, more: str = "") -> bytes:
+    numbers = " ".join(str(value * scale) for corner in TRIANGLE for value in corner)
+    return f'''<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="u" meter="{metre}"/><up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="n"><float_array id="na" count="3">900 900 900</float_array></source>
+<source id="p"><float_array id="pa" count="9">{numbers}</float_array><technique_common><accessor source="#pa"
+count="3" stride="3"/></technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/>
+</vertices><triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL"
+source="#n" offset="1"/><p>0 0 1 0 2 0</p></triangles></mesh></geometry></library_geometries>
+<library_nodes><node id="l"><instance_geometry url="#g"/></node>{more}</library_nodes><library_visual_scenes>
+<visual_scene id="s">{scene}</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/>
+</scene></COLLADA>'''.encode()
+
+
+USE = '<instance_geometry url="#g"/>'
+#: The triangle in other units, turned and moved; nodes bring it back.
+DAE = {
+    "plain": dae(f"<node>{USE}</node>"),
+    "in millimetres": dae(f"<node>{USE}</node>", 1000, 0.001),
+    "scaled by its node": dae(f"<node><scale>2 2 2</scale>{USE}</node>", 0.5),
+    "turned by a matrix": dae(
+        "<node><matrix>0 -1 0 0 1 0 0 0 0 0 1 0 0 0 0 1</matrix><node><rotate>0 0 1 -90</rotate>"
+        f"{USE}</node></node>"
+    ),
+    "moved, in inches": dae(
+        "<node><translate>1 2 3</translate><node><translate>-1 -2 -3</translate>"
+        '<instance_node url="#l"/></node></node>',
+        1 / 0.0254,
+        0.0254,
+    ),
+}
+
+MESHES = {"a.stl": stl_text, "b.STL": stl_binary, "c.obj": obj_text, "d.dae": lambda: DAE["plain"]}
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -215,6 +250,17 @@ def test_meshes_show_the_foot(name: str, where: str, tmp_path: Path) -> None:
     made = imported(tmp_path, hexapod(shin=mesh, foot=""))
     assert length_m(made) == pytest.approx(TIBIA_M, abs=1e-6)
     assert "links.tibia.end_m" not in made.unknown
+
+
+@pytest.mark.parametrize("case", DAE)
+def test_nodes_and_units_of_collada_count_and_its_up_axis_does_not(case: str) -> None:
+    assert collada_points(DAE[case]) == pytest.approx(np.array(TRIANGLE), abs=1e-12)
+
+
+def test_collada_nodes_that_use_one_another_end() -> None:
+    circle = '<node id="a"><instance_node url="#b"/></node><node id="b"><instance_node url="#a"/></node>'
+    with pytest.raises(ValueError, match="10000 nodes"):
+        collada_points(dae('<node><instance_node url="#a"/></node>', more=circle))
 
 
 @pytest.mark.parametrize("name", ["missing.stl", "tibia.dae", "torn.stl", "torn.obj"])
