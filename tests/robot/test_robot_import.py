@@ -1,6 +1,8 @@
 """Imports of robot descriptions, by the kinds of faults that files of others showed."""
 
+import itertools
 import math
+import re
 import struct
 from dataclasses import fields
 from pathlib import Path
@@ -569,3 +571,19 @@ def test_a_world_is_no_part_of_the_robot(tmp_path: Path) -> None:
     text = hexapod(trunk=BOX).replace('name="r" type="fixed"', 'name="r" type="floating"')
     made = imported(tmp_path, text)
     assert made.content["body"] == imported(tmp_path, hexapod(trunk=BOX)).content["body"]
+
+
+@pytest.mark.parametrize(("kp", "kv"), [(20, 9), (50, 25), (5, 1.2)])
+def test_a_control_that_lags_as_no_servo_does_is_unknown(kp: float, kv: float, tmp_path: Path) -> None:
+    drives = "".join(
+        f'<position joint="j{index}" kp="{kp}" kv="{kv}" forcerange="-3 3"/>' for index in range(18)
+    )
+    names = itertools.count()
+    text = re.sub("<joint axis", lambda _: f'<joint name="j{next(names)}" axis', mjcf_scaled(1.0))
+    text = text.replace("</mujoco>", f"<actuator>{drives}</actuator></mujoco>")
+    made = imported(tmp_path, text, "some.xml")
+    assert made.content["servo"]["stiffness_nm_per_rad"] == kp
+    assert "lags by" in made.reasons["servo.damping_nm_s_per_rad"]
+    assert made.content["servo"]["damping_nm_s_per_rad"] == pytest.approx(0.02 * kp)
+    quick = imported(tmp_path, text.replace(f'kv="{kv}"', f'kv="{0.1 * kp}"'), "quick.xml")
+    assert quick.content["servo"]["damping_nm_s_per_rad"] == pytest.approx(0.1 * kp)

@@ -29,6 +29,9 @@ from hexctl.robot.formats.tree_legs import TreeLeg
 from hexctl.robot.schema import possible_link_inertia
 from hexctl.types import JOINT_KINDS, FloatArray
 
+#: A servo follows its target within this: it turns by 60 degrees in 0.1 to 0.25 s.
+MOST_LAG_S = 0.2
+
 #: A foot sphere is at most this large.
 MOST_FOOT_M = 0.03
 
@@ -278,6 +281,12 @@ class LegImport:
             known = self._known(-1, name)
             if known is None:
                 self._findings.unknown(f"servo.{key}", "descriptions do not hold it")
+            elif key == "damping_nm_s_per_rad" and known > MOST_LAG_S * stiffness:
+                reason = (
+                    f"got {known:g}, with which a joint lags by {known / stiffness:.2g} s, as no servo does"
+                )
+                self._findings.unknown(f"servo.{key}", reason)
+                known = None
             servo[key] = rounded(guess if known is None else known)
         return servo
 

@@ -63,6 +63,7 @@ class ImportedRobot:
         stances: places for the feet in the planes of the legs, (outward, up) in m: that of the content, then
             others, the best first.
         projection: of feet next to these planes.
+        own_gait: whether the default gait is that of the description.
     """
 
     content: dict[str, Any]
@@ -71,6 +72,7 @@ class ImportedRobot:
     header: tuple[str, ...]
     stances: tuple[Vector2, ...]
     projection: FootProjection | None = None
+    own_gait: bool = False
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -109,9 +111,9 @@ class ImportedRobot:
         stances = (stance, *(other for other in self.stances if other != stance))
         return replace(self, content=self.content | changed, stances=stances)
 
-    def with_pace(self, pace_hz: float) -> "ImportedRobot":
-        """The same robot with another pace of its default gait."""
-        gait = self.content["gait"] | {"pace_hz": rounded(pace_hz)}
+    def with_gait_values(self, **values: float) -> "ImportedRobot":
+        """The same robot with other values in the section `gait`."""
+        gait = self.content["gait"] | {key: rounded(value) for key, value in values.items()}
         return replace(self, content=self.content | {"gait": gait})
 
 
@@ -237,7 +239,8 @@ class _Import:
         gait = (USUAL_PACE_HZ, USUAL_STRIDE * outward_m, USUAL_STEP * outward_m)
         numbers = self._tree.numbers
         size_m = float(f"{2 * radius_m:.2g}")
-        if len(numbers.get("size_m", ())) == 1 and len(numbers.get("gait", ())) == 3:
+        own_gait = len(numbers.get("size_m", ())) == 1 and len(numbers.get("gait", ())) == 3
+        if own_gait:
             size_m, (pace_hz, *shares) = numbers["size_m"][0], numbers["gait"]
             gait = (pace_hz, shares[0] * size_m, shares[1] * size_m)
         content = {
@@ -253,7 +256,7 @@ class _Import:
             "servo": servo,
             "gait": {},
         }
-        raw = ImportedRobot(content, {}, (), tuple(self._header(source)), self.stances, projection)
+        raw = ImportedRobot(content, {}, (), tuple(self._header(source)), self.stances, projection, own_gait)
         made = raw.with_gait(self.stances[0], *gait)
         self._drop_plain_coms(made.content, Path(source))
         self._add_inertias(made.robot())

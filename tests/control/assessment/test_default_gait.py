@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.control.assessment.default_gait import walkable
+from hexctl.control.assessment.default_gait import WANTED_LIFT, walkable
 from hexctl.control.assessment.feasibility import RobotCheck, check_robot
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.mjcf import mjcf_of
@@ -81,6 +81,19 @@ def test_doubts_that_no_stride_avoids_are_noted(tmp_path: Path) -> None:
     made = walkable(imported(tmp_path, hexapod(limits=limits)))
     assert checked(made, tmp_path).verdict.doubtful
     assert "doubts the default gait: weak" in str(made.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trunk_kg", ["1.2", "2.5", "3.5"])
+def test_soft_robots_step_higher(trunk_kg: str, tmp_path: Path) -> None:
+    limits = (limit(-1.2, 1.2, effort=1.5),) * 3
+    first = imported(tmp_path, hexapod(limits=limits, trunk_inertial=TRUNK.replace("1.2", trunk_kg)))
+    made, kept = walkable(first), walkable(replace(first, own_gait=True))
+    usual = checked(kept, tmp_path).load.lift_left
+    soft = usual < WANTED_LIFT
+    assert soft == (trunk_kg != "1.2")
+    assert (made.content["gait"]["height"] > kept.content["gait"]["height"]) == soft
+    assert (checked(made, tmp_path).load.lift_left > usual) == soft
 
 
 @pytest.mark.slow
