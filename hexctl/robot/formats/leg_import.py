@@ -24,7 +24,7 @@ from hexctl.robot.formats.import_values import (
     possible_moments,
     rounded,
 )
-from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.formats.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.tree_legs import TreeLeg
 from hexctl.robot.schema import possible_link_inertia
 from hexctl.types import JOINT_KINDS, FloatArray
@@ -85,22 +85,11 @@ class LegImport:
         tree, found = self._tree, []
         for leg in self._legs:
             links = [tree.links[name] for name in self._parts(leg, index)]
-            own = self._leg_frame(leg, leg.joints[index])
-            frames = [own @ tree.frame_in_root(link.name) for link in links]
-            kgs = np.array([link.mass_kg or 0.0 for link in links])
-            places = zip(frames, links, strict=True)
-            coms_m = np.array([(at @ [*link.com_m, 1])[:3] for at, link in places])
-            mass_kg = float(kgs.sum())
-            com_m = np.average(coms_m, axis=0, weights=kgs) if mass_kg > 0 else np.zeros(3)
-            tensor = np.zeros((3, 3))
-            for link, frame, kg, at_m in zip(links, frames, kgs, coms_m - com_m, strict=True):
-                own = np.zeros((3, 3)) if link.inertia_kg_m2 is None else link.inertia_kg_m2
-                if link.inertia_kg_m2 is None and kg > 0.05 * mass_kg:
-                    own = np.full((3, 3), np.nan)
-                tensor += frame[:3, :3] @ own @ frame[:3, :3].T
-                tensor += kg * (at_m @ at_m * np.eye(3) - np.outer(at_m, at_m))
+            axes = self._leg_frame(leg, leg.joints[index])
+            joined = joined_mass(links, [axes @ tree.frame_in_root(link.name) for link in links])
             turn = self._plane_turn(leg, index)
-            found.append((mass_kg, turn @ com_m, turn @ tensor @ turn.T))
+            tensor = np.full((3, 3), np.nan) if joined.bare else joined.inertia_kg_m2
+            found.append((joined.mass_kg, turn @ joined.com_m, turn @ tensor @ turn.T))
         masses, coms, tensors = (np.array(part) for part in zip(*found, strict=True))
         return masses, coms, tensors
 

@@ -1,5 +1,6 @@
 """A robot description of another tool as a tree of links and joints, whatever its file format."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,12 @@ HINGES = ("revolute", "continuous")
 
 #: Kinds of joints that carry nothing: the other link moves freely.
 LOOSE = ("floating", "planar")
+
+#: A link that has less than this share of the mass needs no moments of inertia.
+LIGHT_SHARE = 0.05
+
+#: Limits of a description: the time to place links grows with the square of their number.
+MOST_BYTES, MOST_LINKS = 20_000_000, 500
 
 #: A hinge that turns less than this stands for a rigid joint: touch sensors and springs are written so.
 RIGID_RANGE_RAD = 0.05
@@ -81,6 +88,40 @@ class TreeLink:
     inertia_kg_m2: FloatArray | None = None
     solids: tuple[Solid, ...] = ()
     unread: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedMass:
+    """Links that are fixed to one another, as one body, along the axes of a common frame.
+
+    Attributes:
+        com_m: centre of mass, (3,); the origin if nothing has a mass.
+        inertia_kg_m2: about the centre of mass, (3, 3).
+        bare: heavy links without moments of inertia, which count as points.
+    """
+
+    mass_kg: float
+    com_m: FloatArray
+    inertia_kg_m2: FloatArray
+    bare: tuple[str, ...]
+
+
+def joined_mass(links: Sequence[TreeLink], frames: Sequence[FloatArray]) -> JoinedMass:
+    """Mass of links with their frames, (4, 4), in a common one."""
+    masses_kg = [link.mass_kg or 0.0 for link in links]
+    mass_kg, tensor = sum(masses_kg), np.zeros((3, 3))
+    coms_m = [(frame @ [*link.com_m, 1.0])[:3] for frame, link in zip(frames, links, strict=True)]
+    com_m = np.average(coms_m, axis=0, weights=masses_kg) if mass_kg > 0 else np.zeros(3)
+    for link, frame, kg, at_m in zip(links, frames, masses_kg, coms_m - com_m, strict=True):
+        if link.inertia_kg_m2 is not None:
+            tensor += frame[:3, :3] @ link.inertia_kg_m2 @ frame[:3, :3].T
+        tensor += kg * (at_m @ at_m * np.eye(3) - np.outer(at_m, at_m))
+    bare = [
+        link.name
+        for link, kg in zip(links, masses_kg, strict=True)
+        if kg > LIGHT_SHARE * mass_kg and link.inertia_kg_m2 is None
+    ]
+    return JoinedMass(mass_kg, com_m, tensor, tuple(bare))
 
 
 @dataclass(frozen=True, eq=False)

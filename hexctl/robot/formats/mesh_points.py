@@ -7,10 +7,9 @@ import numpy as np
 
 from hexctl.files import read_file
 from hexctl.robot.formats.collada import collada_points
+from hexctl.robot.formats.link_tree import MOST_BYTES
 from hexctl.robot.meshes import STL_HEAD, STL_TRIANGLE
 from hexctl.types import FloatArray
-
-MOST_BYTES = 20_000_000
 
 
 class UnreadMeshError(ValueError):

@@ -8,14 +8,17 @@ import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.files import read_file
-from hexctl.robot.formats.link_tree import LinkTree, Solid, TreeJoint, TreeLink, tree_of
+from hexctl.robot.formats.link_tree import (
+    MOST_BYTES,
+    MOST_LINKS,
+    LinkTree,
+    Solid,
+    TreeJoint,
+    TreeLink,
+    tree_of,
+)
 from hexctl.robot.formats.mjcf import GEAR_DAMPING
 from hexctl.types import N_JOINTS, FloatArray
-
-MOST_BYTES = 20_000_000
-
-#: Maximum number of bodies; the time to place them grows with its square.
-MOST_BODIES = 500
 
 #: Keyframes in which a robot stands; else the first one counts.
 STANCES = ("stance", "stand", "home")
@@ -32,8 +35,8 @@ def read_mjcf(path: Path) -> LinkTree:
         spec = mujoco.MjSpec.from_file(str(path))
         unread = _without_missing_files(spec, path.parent)
         model = spec.compile()
-        if model.nbody > MOST_BODIES:
-            raise ValueError(f"got {model.nbody} bodies; allowed: a robot of up to {MOST_BODIES}")
+        if model.nbody > MOST_LINKS:
+            raise ValueError(f"got {model.nbody} bodies; allowed: a robot of up to {MOST_LINKS}")
         return _Reader(model, unread).tree(spec.modelname)
     except (OSError, ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())

@@ -23,7 +23,7 @@ from hexctl.robot.formats.leg_chains import (
 )
 from hexctl.robot.formats.leg_import import LegImport
 from hexctl.robot.formats.link_masses import PartMass, link_mass
-from hexctl.robot.formats.link_tree import LinkTree
+from hexctl.robot.formats.link_tree import MOST_BYTES, LinkTree
 from hexctl.robot.formats.mjcf_tree import read_mjcf
 from hexctl.robot.formats.tree_legs import (
     PLANE_TOLERANCE_M,
@@ -33,7 +33,7 @@ from hexctl.robot.formats.tree_legs import (
     with_one_zero,
 )
 from hexctl.robot.formats.trunk_import import body_origin, body_section, trunk_box
-from hexctl.robot.formats.urdf_tree import MOST_BYTES, read_urdf
+from hexctl.robot.formats.urdf_tree import read_urdf
 from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
 from hexctl.types import JOINT_KINDS, FloatArray

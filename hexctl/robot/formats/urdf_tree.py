@@ -9,14 +9,17 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.robot.formats.link_tree import LinkTree, Solid, TreeJoint, TreeLink, tree_of
+from hexctl.robot.formats.link_tree import (
+    MOST_BYTES,
+    MOST_LINKS,
+    LinkTree,
+    Solid,
+    TreeJoint,
+    TreeLink,
+    tree_of,
+)
 from hexctl.robot.formats.mesh_points import UnreadMeshError, mesh_points
 from hexctl.types import FloatArray
-
-MOST_BYTES = 20_000_000
-
-#: Maximum number of links; the time to place them grows with its square.
-MOST_LINKS = 500
 
 
 def read_urdf(path: Path) -> LinkTree:
