@@ -4,6 +4,7 @@ import itertools
 import math
 import re
 import struct
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -238,7 +239,12 @@ DAE = {
     ),
 }
 
-MESHES = {"a.stl": stl_text, "b.STL": stl_binary, "c.obj": obj_text, "d.dae": lambda: DAE["plain"]}
+MESHES: dict[str, Callable[[], bytes]] = {
+    "a.stl": stl_text,
+    "b.STL": stl_binary,
+    "c.obj": obj_text,
+    "d.dae": lambda: DAE["plain"],
+}
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -587,3 +593,35 @@ def test_a_control_that_lags_as_no_servo_does_is_unknown(kp: float, kv: float, t
     assert made.content["servo"]["damping_nm_s_per_rad"] == pytest.approx(0.02 * kp)
     quick = imported(tmp_path, text.replace(f'kv="{kv}"', f'kv="{0.1 * kp}"'), "quick.xml")
     assert quick.content["servo"]["damping_nm_s_per_rad"] == pytest.approx(0.1 * kp)
+
+
+@pytest.mark.parametrize("trunk_kg", [0.8, 5.0, 14.0])
+def test_an_assumed_torque_carries_the_robot(trunk_kg: float, tmp_path: Path) -> None:
+    limit = LIMIT.replace('effort="2"', 'effort="300"')
+    text = hexapod(limits=(limit,) * 3, trunk_inertial=TRUNK.replace("1.2", str(trunk_kg)))
+    made = imported(tmp_path, text)
+    torque_nm = made.content["joints"]["femur"]["max_torque_nm"]
+    robot = made.robot()
+    held_nm = robot.mass_kg * 9.81 / 3 * (robot.stance_radius_m - math.hypot(0.11, 0.05) - COXA_M)
+    assert torque_nm > 1.3 * held_nm
+    assert torque_nm == pytest.approx(max(1.5, 3.27 * robot.mass_kg * (FEMUR_M + TIBIA_M)), rel=1e-6)
+    assert ("for its weight" in made.reasons["joints.femur.max_torque_nm"]) == (trunk_kg > 1)
+    known = imported(tmp_path, text.replace('effort="300"', 'effort="2.5"'))
+    assert known.content["joints"]["femur"]["max_torque_nm"] == 2.5
+
+
+@pytest.mark.parametrize("bodies", [1, 7, 19])
+def test_bodies_of_an_mjcf_whose_meshes_are_missing_have_no_mass(bodies: int, tmp_path: Path) -> None:
+    """The trunk, coxae too, tibiae too."""
+    text, mesh = mjcf_scaled(1.0), '<geom type="mesh" mesh="lost"'
+    text = text.replace("<worldbody>", '<asset><mesh name="lost" file="lost.stl"/></asset><worldbody>')
+    parts = [r'<geom type="box" size="[^"]*" mass="1"']
+    parts += [r'<geom type="capsule" fromto="0 0 0 0.0[^"]*" size="[^"]*" mass="0.05"'] * (bodies > 1)
+    parts += [r'<geom type="capsule" fromto="0.0[^"]*" size="[^"]*" mass="0.05"'] * (bodies > 7)
+    for part in parts:
+        text = re.sub(part, mesh, text)
+    assert text.count(mesh) >= bodies
+    made = imported(tmp_path, text, "some.xml")
+    assert "lost.stl (not found)" in made.reasons["body.size_m"]
+    assert "placeholder" in made.reasons["body.mass_kg"]
+    assert ("links.tibia.mass_kg" in made.unknown) == (bodies > 7)

@@ -10,6 +10,7 @@ from hexctl.robot.formats.import_values import (
     LEAST_MASS_KG,
     MARGIN_M,
     MOST_KG_M3,
+    NM_PER_KG_M,
     RANGES_DEG,
     SPEEDS_RAD_S,
     TORQUES_NM,
@@ -43,6 +44,7 @@ class LegImport:
         self._tree, self._legs, self._facing, self._findings = tree, legs, facing, findings
         #: Coxa, femur and tibia at angle zero, (3, 2) as (outward, up).
         self.vectors_m = np.mean([leg.vectors_m for leg in legs], axis=0)
+        self._usual_torque_nm = self._weight_torque_nm()
 
     def links(self) -> dict[str, dict[str, Any]]:
         """The section `links`, without moments of inertia."""
@@ -56,6 +58,12 @@ class LegImport:
         joints = {kind: self._joint(index) for index, kind in enumerate(JOINT_KINDS)}
         self._add_no_load_speeds(joints)
         return joints
+
+    def _weight_torque_nm(self) -> float:
+        """Assumed torque limit: the usual one, or what a heavy robot needs."""
+        mass_kg = sum(link.mass_kg or 0.0 for link in self._tree.links.values())
+        leg_m = float(np.linalg.norm(self.vectors_m[1:], axis=-1).sum())
+        return float(np.clip(NM_PER_KG_M * mass_kg * leg_m, USUAL_TORQUE_NM, TORQUES_NM[1]))
 
     def _link(self, index: int) -> dict[str, Any]:
         kind, end_m = JOINT_KINDS[index], self.vectors_m[index]
@@ -177,8 +185,10 @@ class LegImport:
         low_deg, high_deg = self._range_deg(index)
         torque_nm, problem = plausible([one.torque_nm for one in joints], TORQUES_NM)
         if problem:
+            guess = f"; {self._usual_torque_nm:.2g} N m, for its weight, were assumed"
+            problem += "" if torque_nm or self._usual_torque_nm <= USUAL_TORQUE_NM else guess
             self._findings.unknown(f"joints.{kind}.max_torque_nm", problem)
-        torque_nm = torque_nm or USUAL_TORQUE_NM
+        torque_nm = torque_nm or self._usual_torque_nm
         section: dict[str, Any] = {
             "min_deg": low_deg,
             "max_deg": high_deg,

@@ -8,6 +8,7 @@ import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.files import read_file
+from hexctl.robot.formats.import_values import LEAST_MASS_KG
 from hexctl.robot.formats.link_tree import (
     MOST_BYTES,
     MOST_LINKS,
@@ -33,6 +34,8 @@ def read_mjcf(path: Path) -> LinkTree:
     try:
         read_file(path, MOST_BYTES)
         spec = mujoco.MjSpec.from_file(str(path))
+        for index, body in enumerate(spec.bodies):
+            body.name = body.name or f"body{index}"
         unread = _without_missing_files(spec, path.parent)
         model = spec.compile()
         if model.nbody > MOST_LINKS:
@@ -60,6 +63,8 @@ def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
             spec.delete(geom)
     for mesh in missing.values():
         spec.delete(mesh)
+    if missing:  # without a mesh a body may have no mass, and MuJoCo compiles none of these
+        spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS_KG / 100, LEAST_MASS_KG * 1e-6
     return unread
 
 
@@ -138,7 +143,7 @@ class _Reader:
             )
 
     def _name(self, body: int) -> str:
-        return self._model.body(body).name or f"body{body}"
+        return str(self._model.body(body).name)
 
     def _link(self, body: int) -> TreeLink:
         model = self._model
