@@ -22,7 +22,7 @@ from hexctl.robot.servos.servo_map import servo_map_of
 SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
 
 #: A foot of a soft robot keeps this share of a step, if a higher one is in reach: multiples of the usual one.
-WANTED_LIFT, STEPS = 0.7, (1.25, 1.5, 2.0)
+WANTED_LIFT, STEPS = 0.7, (1.5, 2.0)
 
 #: Points of a cycle and headings of the first look at a gait.
 POINTS, LOOK_RAD = 40, HEADINGS_RAD[::3]
