@@ -114,7 +114,7 @@ def test_four_coefficients_without_a_model_are_refused(
     for name, value in values:
         storage.write(name, value)
     storage.release()
-    with pytest.raises(InputError, match="the key distortion_model: plumb_bob, or distortion_model: equidistant"):
+    with pytest.raises(InputError, match="distortion_model: plumb_bob, or distortion_model: equidistant"):
         load_lens(path)
     with path.open("a") as file:
         file.write("distortion_model: equidistant\n" if suffix == "yaml" else "")
