@@ -18,7 +18,7 @@ CEILINGS = {
     "gait": 650,
     "ik": 1_150,
     "recording": 4_430,
-    "robot": 5_650,
+    "robot": 5_658,
     "runs": 1_020,
     "server": 4_040,
     "simulators": 2_310,
