@@ -1,11 +1,13 @@
 """The demo: a walk without recovery, one with it, a search, and the picture of both walks."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hexctl.adapt.search import new_spec
 from hexctl.demo import rescue
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
@@ -20,6 +22,7 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(
 ) -> None:
     monkeypatch.setitem(rescue.PICTURE, "width_px", 160)
     monkeypatch.setitem(rescue.PICTURE, "fps", 4)
+    monkeypatch.setattr(rescue, "new_spec", partial(new_spec, duration_s=2.0))
     told: list[RunResult] = []
     result = rescue.demo(budget=1, folder=tmp_path / "runs", on_walk=told.append)
     walked_on, recovered = result.walked_on, result.recovered
