@@ -102,7 +102,7 @@ test-all: test test-slow test-long
 # What computes fills the cores; what keeps time comes afterwards, and mostly waits.
 test-slow: $(INSTALLED)
 	$(call lane,$(WORKERS),slow and not realtime and not long)
-	$(call timed,6,realtime and not long)
+	$(call timed,4,realtime and not long)
 
 test-long: $(INSTALLED)
 	$(call lane,$(WORKERS),long and not realtime)
