@@ -51,7 +51,7 @@ def test_the_default_gait_is_one_that_the_check_agrees_with(case: str, tmp_path:
     [
         (0.04, TRUNK, "too weak"),
         (0.5, TRUNK.replace("1.2", "15"), "too weak"),
-        (0.2, TRUNK.replace("1.2", "6"), "too weak"),
+        pytest.param(0.2, TRUNK.replace("1.2", "6"), "too weak", marks=pytest.mark.long),
     ],
 )
 def test_if_none_works_the_import_says_why(effort: float, trunk: str, words: str, tmp_path: Path) -> None:
