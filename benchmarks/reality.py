@@ -117,11 +117,12 @@ def _no_load_deg_s(values: ServoValues) -> float:
 def ax12a_overshoot_deg(bar_kg_m2: float) -> float:
     """Overshoot of a step of 500 counts (146.6 degrees) with a balanced bar."""
     values, step_s = ServoValues.of(load_robot("phantomx-ax")), 0.002
+    moments = " ".join([str(bar_kg_m2 + 1e-6)] * 3)
     model = mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 0"/><worldbody><body>'
         '<joint name="servo" type="hinge" axis="0 0 1" frictionloss="0.1" '
         'solimpfriction="0.999 0.999 0.001"/>'
-        f'<inertial pos="0 0 0" mass="0.1" diaginertia="{" ".join([str(bar_kg_m2 + 1e-6)] * 3)}"/></body></worldbody>'
+        f'<inertial pos="0 0 0" mass="0.1" diaginertia="{moments}"/></body></worldbody>'
         '<actuator><position joint="servo" kp="1" kv="0.1" forcelimited="true" forcerange="-1 1"/></actuator>'
         "</mujoco>"
     )

@@ -124,9 +124,13 @@ class PoweredServos:
 
     def set(self, values: ServoValues, stiffness_nm_per_rad: FloatArray | float, dead_steps: int) -> None:
         """Set values, the stiffness of each actuator, and a dead time in steps of the physics; power on."""
+        import mujoco
+
         model = self._model
         model.dof_armature[self._dofs] = values.rotor_inertia_kg_m2
         model.dof_frictionloss[self._dofs] = values.dry_friction_nm
+        # The impedance of dry friction follows from the inertia.
+        mujoco.mj_setConst(model, mujoco.MjData(model))
         model.actuator_forcerange[:, 0] = -values.max_torque_nm
         model.actuator_forcerange[:, 1] = values.max_torque_nm
         # Half a step less, so that rounded times do not matter.

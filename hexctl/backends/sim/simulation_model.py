@@ -263,6 +263,7 @@ def _change_joints(physics: Any, world: World) -> None:
     model.actuator_biasprm[:, 2] *= world.servo_damping
     if world.rotor_inertia_kg_m2 is not None:
         model.dof_armature[FIRST_SPEED:] = world.rotor_inertia_kg_m2
+        mujoco.mj_setConst(model.ptr, physics.data.ptr)  # the impedance of dry friction follows from it
     if world.joint_friction_nm is not None:
         model.dof_frictionloss[FIRST_SPEED:] = per_joint(world.joint_friction_nm)
 
