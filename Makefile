@@ -8,7 +8,8 @@ endif
 VENV := .venv
 BIN := $(VENV)/bin
 COMMA := ,
-# What hexctl needs to walk and to show it; and with the tools of development on top.
+# What hexctl needs to walk and to show it; and with the tools of development on top. Modules are compiled at their
+# first import: most of them are never imported.
 RUNNABLE := $(VENV)/.runnable
 INSTALLED := $(VENV)/.installed
 PIP := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
@@ -44,18 +45,17 @@ help:
 
 setup: $(INSTALLED)
 
-# What is installed in the environment, which is made where there is none, and options of pip. The demo's modules are
-# compiled at their first import: compiling all takes longer than the demo.
+# What is installed in the environment, which is made where there is none.
 define install
 	@test -n "$(PYTHON)" || { echo "the simulation needs Python 3.11 or 3.12, and there is neither; with its \
 	place: make PYTHON=/path/to/python3.12"; exit 1; }
 	@echo "setting up $(VENV), which takes a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	@set -o pipefail; $(PIP) $2 -e ".[$1]" | $(COUNTED)
+	@set -o pipefail; $(PIP) --no-compile -e ".[$1]" | $(COUNTED)
 endef
 
 $(RUNNABLE): pyproject.toml constraints.txt
-	$(call install,demo,--no-compile)
+	$(call install,demo)
 	touch $@
 
 # Two of them at a time would spoil one another.
@@ -108,12 +108,13 @@ test-long: $(INSTALLED)
 	$(call lane,$(WORKERS),long and not realtime)
 	$(call lane,3,long and realtime)
 
-# The built wheel, alone in a fresh environment: what a robot's own computer gets.
-smoke: $(INSTALLED)
+# The built wheel, alone in a fresh environment: what a robot's own computer gets. Needs nothing of .venv.
+SMOKE_PIP := build/smoke/venv/bin/python -m pip --quiet --disable-pip-version-check
+smoke:
 	rm -rf build/smoke
-	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w build/smoke .
 	$(PYTHON) -m venv build/smoke/venv
-	build/smoke/venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt build/smoke/*.whl
+	$(SMOKE_PIP) wheel --no-deps -w build/smoke .
+	$(SMOKE_PIP) install --no-compile -c constraints.txt build/smoke/*.whl
 	cd build/smoke && venv/bin/hexctl check pexod && venv/bin/hexctl run --backend mock --no-record --duration 0.2
 	cd build/smoke && venv/bin/python ../../tests/smoke.py venv/bin/hexctl
 

@@ -1,8 +1,10 @@
 """For all tests: no display, one thread for matrices, hypothesis without deadlines or luck, no priority."""
 
+import gc
 import os
 import re
 import signal
+from collections.abc import Iterator
 from itertools import chain, combinations
 from pathlib import Path
 
@@ -25,6 +27,15 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 settings.register_profile("local", deadline=None, derandomize=True, max_examples=25)
 settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "local"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What collection makes lives until the end: the search for garbage leaves it out, now and later."""
+    gc.disable()
+    yield
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -14,8 +14,8 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.registry import BackendOptions, make_servos
-from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
+from hexctl.control.sit_down import SittingMotion
 from hexctl.control.trial import Enough, run_trial, stop_when
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -25,7 +25,7 @@ from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import drawn_failure, untold_note
-from hexctl.types import JOINT_NAMES, JointTargets, RobotState, ServoReadings
+from hexctl.types import JOINT_NAMES, RobotState, ServoReadings
 from hexctl.waiting import StopRequested, comes_true
 
 #: How long a robot that has connected may take to tell its yaw.
@@ -162,16 +162,14 @@ def cool_down(servos: Guard, below_c: float, stop_requested: StopRequested, note
 def _sit_down(servos: Guard, stop_requested: StopRequested) -> None:
     """Sit down softly and go limp, if possible; a robot that is stopped meanwhile holds."""
     check_not_stopped(servos)
-    here_rad, end_rad = servos.accepted_rad().copy(), sitting_angles_rad(servos.robot)
-    began_s, share = servos.clock.tick().time_s, 0.0
-    while share < 1 and not stop_requested():
-        share = min(1.0, (servos.clock.now_s - began_s) / SITTING_S)
+    motion, sits = SittingMotion(servos, servos.clock.tick().time_s), False
+    while not sits and not stop_requested():
         servos.read()
         check_not_stopped(servos)
-        servos.write(JointTargets((1 - share) * here_rad + share * end_rad, servos.clock.now_s))
+        sits = motion.step(servos.clock.now_s)
         servos.clock.tick()
     servos.pause_watchdog()
-    if share == 1:  # limp legs would drop a body that is still up
+    if sits:  # limp legs would drop a body that is still up
         servos.disable_torque()
 
 

@@ -87,6 +87,11 @@ COMMANDS = {
         ROBOT,
         "Find which leg and joint failed, and how, in 12 s of small motions at rest.",
     ),
+    "identify": Command(
+        "hexctl.cli.robot.identify_command",
+        ROBOT,
+        "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
+    ),
     "see": Command(
         "hexctl.cli.see.see_group",
         ROBOT,

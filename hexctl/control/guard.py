@@ -184,7 +184,7 @@ class Guard(ServosWrapper):
         return self.stopped is not None and self.stopped.startswith(HOT)
 
     @property
-    def sits(self) -> bool:
+    def stop_allows_sitting(self) -> bool:
         """Whether the stop is for hot servos or a low battery: the robot should sit down."""
         return self.stopped is not None and self.stopped.startswith((HOT, LOW_BATTERY))
 
@@ -211,7 +211,7 @@ class Guard(ServosWrapper):
     def read(self) -> RobotState:
         """Newest state; latches a stop for a fall, a fault, or missing commands. Raises RobotFaultError."""
         state = self._read()
-        if self.stopped in (None, "expired") or self.sits:  # graver reasons outweigh these
+        if self.stopped in (None, "expired") or self.stop_allows_sitting:  # graver reasons outweigh these
             self._watch(state)
         return state
 
@@ -240,7 +240,7 @@ class Guard(ServosWrapper):
 
         Raises EStopError for any other stop.
         """
-        if self.stopped not in (None, "expired") and not self.sits:
+        if self.stopped not in (None, "expired") and not self.stop_allows_sitting:
             raise EStopError(f"stopped: {reason_in_words(self.stopped)}; the robot holds its pose")
         return self._pass(targets)
 
@@ -254,7 +254,7 @@ class Guard(ServosWrapper):
             self._note_standstill()
         with self._latch:
             silence, sits = self.stopped == "expired", reason.startswith((HOT, LOW_BATTERY))
-            outweighs = reason != "expired" and (silence or (self.sits and not sits))
+            outweighs = reason != "expired" and (silence or (self.stop_allows_sitting and not sits))
             if self.stopped is None or outweighs:
                 self.stopped = reason
 

@@ -126,6 +126,7 @@ def _build(schema: RobotSchema) -> Robot:
         joint_stiffness_nm_per_rad=_stiffness(schema, joints),
         joint_dry_friction_nm=_dry_friction(joints),
         joint_no_load_speed_rad_s=_no_load_speeds(joints),
+        joint_play_rad=_play(joints),
     )
     _check_stance_limits(robot)
     _check_leg_order(robot)
@@ -165,6 +166,11 @@ def _stiffness(schema: RobotSchema, joints: Sequence[JointSection]) -> FloatArra
 def _dry_friction(joints: Sequence[JointSection]) -> FloatArray | None:
     friction = [joint.dry_friction_nm for joint in joints]
     return _per_joint(friction) if any(friction) else None
+
+
+def _play(joints: Sequence[JointSection]) -> FloatArray | None:
+    play_rad = [math.radians(joint.play_deg) for joint in joints]
+    return _per_joint(play_rad) if any(play_rad) else None
 
 
 def _no_load_speeds(joints: Sequence[JointSection]) -> FloatArray | None:

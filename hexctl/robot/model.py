@@ -40,6 +40,7 @@ class Robot(ArrayFields):
         joint_dry_friction_nm: torque below which a joint does not turn, (18,), or None for none.
         joint_no_load_speed_rad_s: speed at which no torque is left, (18,), or None if torque does not depend
             on speed.
+        joint_play_rad: play between servo and joint, from stop to stop, (18,), or None for none.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Robot(ArrayFields):
     joint_stiffness_nm_per_rad: FloatArray | None = None
     joint_dry_friction_nm: FloatArray | None = None
     joint_no_load_speed_rad_s: FloatArray | None = None
+    joint_play_rad: FloatArray | None = None
     link_inertias_kg_m2: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -118,6 +120,12 @@ class Robot(ArrayFields):
     def dry_friction_nm(self) -> FloatArray:
         """Dry friction of each joint, (18,)."""
         own = self.joint_dry_friction_nm
+        return np.zeros(N_JOINTS) if own is None else own
+
+    @cached_property
+    def play_rad(self) -> FloatArray:
+        """Play of each joint, (18,)."""
+        own = self.joint_play_rad
         return np.zeros(N_JOINTS) if own is None else own
 
     @cached_property
@@ -230,6 +238,7 @@ _OPTIONAL_SHAPES = {
     "joint_stiffness_nm_per_rad": (N_JOINTS,),
     "joint_dry_friction_nm": (N_JOINTS,),
     "joint_no_load_speed_rad_s": (N_JOINTS,),
+    "joint_play_rad": (N_JOINTS,),
     "link_inertias_kg_m2": (JOINTS_PER_LEG, 4),
 }
 

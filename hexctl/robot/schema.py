@@ -253,7 +253,7 @@ class LinksSection(Section):
 
 
 class JointSection(Section):
-    """Range, speed and torque of one joint; None for the stiffness is the servo's."""
+    """Range, speed, torque and play of one joint; None for the stiffness is the servo's."""
 
     min_deg: AngleDeg
     max_deg: AngleDeg
@@ -262,6 +262,7 @@ class JointSection(Section):
     dry_friction_nm: Annotated[Number, Field(ge=0, allow_inf_nan=False)] = 0.0
     no_load_speed_deg_s: Positive | None = None
     stiffness_nm_per_rad: Positive | None = None
+    play_deg: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 0.0
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -318,11 +319,21 @@ class StanceSection(Section):
 
 @file_part("servo")
 class ServoModel:
-    """Position control of the simulated servos: torque = stiffness * error - damping * speed."""
+    """Position control of the simulated servos: torque = stiffness * error - damping * speed.
+
+    Attributes:
+        stiffness_nm_per_rad: at the proportional gain that the servo has in this robot.
+        damping_nm_s_per_rad: of the control; friction and back-EMF are those of the joints.
+        gear_damping_nm_s_per_rad: viscous friction, with and without power.
+        rotor_inertia_kg_m2: of the motor, as the joint feels it.
+        dead_time_s: from a target to the first torque.
+    """
 
     stiffness_nm_per_rad: Positive
     damping_nm_s_per_rad: Positive
     rotor_inertia_kg_m2: Positive
+    dead_time_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
+    gear_damping_nm_s_per_rad: Annotated[Number, Field(ge=0, le=10, allow_inf_nan=False)] = 0.02
 
 
 @file_part("gait")
@@ -429,6 +440,19 @@ def _section_in(annotation: Any) -> type | None:
     return next((found for part in get_args(annotation) if (found := _section_in(part))), None)
 
 
+P_GAIN = "p_gain"
+
+
+class _GainStiffness(Section):
+    """Stiffness of servos whose firmware has a P gain."""
+
+    p_gain: Positive
+    stiffness_nm_per_rad_per_p_gain: Positive
+
+
+_GAIN_KEYS = tuple(_GainStiffness.model_fields)
+
+
 class RobotSchema(Section):
     """A complete robot file; `unknown` names keys whose values were not measured, such as `body.mass_kg`."""
 
@@ -446,6 +470,18 @@ class RobotSchema(Section):
     servos: ServosSection = ServosSection()
     meshes: MeshesSection = MeshesSection()
     unknown: tuple[str, ...] = ()
+
+    @field_validator("servo", mode="before")
+    @classmethod
+    def _stiffness_of_gain(cls, given: Any) -> Any:
+        """A file may have the P gain of the firmware and the stiffness per unit of it, not the stiffness."""
+        if not isinstance(given, dict) or P_GAIN not in given:
+            return given
+        gains = _GainStiffness.model_validate({key: given[key] for key in _GAIN_KEYS if key in given})
+        if "stiffness_nm_per_rad" in given:
+            raise ValueError(f"got {P_GAIN} and stiffness_nm_per_rad; allowed: one of them")
+        rest = {key: value for key, value in given.items() if key not in _GAIN_KEYS}
+        return {**rest, "stiffness_nm_per_rad": gains.p_gain * gains.stiffness_nm_per_rad_per_p_gain}
 
     @field_validator("unknown")
     @classmethod

@@ -1,5 +1,7 @@
 """YAML of configuration files: plain, without duplicate keys, limited in size."""
 
+from copy import deepcopy
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -18,11 +20,17 @@ _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 def yaml_content(text: str) -> Any:
     """The content of a YAML text; raises ValueError, also for duplicate keys and excessive size."""
     try:
-        return yaml.load(text, Loader=_Loader)  # noqa: S506  a SafeLoader
+        return deepcopy(_parsed(text))
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
     except (yaml.YAMLError, ValueError) as error:
         raise ValueError(_problem(error)) from error
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str) -> Any:
+    """What a text says, parsed once: a robot file is read for the robot, for its meshes and to name it."""
+    return yaml.load(text, Loader=_Loader)  # noqa: S506  a SafeLoader
 
 
 class _Loader(yaml.SafeLoader):

@@ -1,9 +1,8 @@
 """Idle supervisor: a robot without commands holds its pose, sits down after a while, and goes limp."""
 
-from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
+from hexctl.control.sit_down import SittingMotion
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
-from hexctl.types import FloatArray, JointTargets
 
 #: Default time without commands until the robot sits down.
 SIT_AFTER_S = 10.0
@@ -21,11 +20,9 @@ class IdleSupervisor:
         self.name = "idle"
         self._guard = guard
         self._sit_after_s = sit_after_s
-        self._end_rad = sitting_angles_rad(guard.robot)
-        self._start_rad: FloatArray = self._end_rad
+        self._motion: SittingMotion | None = None
         self._commanded_at_s = 0.0
         self._held = False
-        self._sitting_since_s = 0.0
 
     def commanded(self, now_s: float) -> None:
         """Note that a command reached the servos at `now_s` on their clock."""
@@ -34,14 +31,14 @@ class IdleSupervisor:
     def controlled(self, now_s: float) -> None:
         """Note a new lease: it interrupts sitting down, and restarts the time without commands."""
         self._commanded_at_s = now_s
-        if self.name == "sitting" and not self._guard.sits:
+        if self.name == "sitting" and not self._guard.stop_allows_sitting:
             self.name = "holding"
 
     def tick(self, now_s: float) -> None:
         """Advance by one tick; `now_s` is on the clock of the servos."""
         if self.name in ("idle", "limp"):
             return
-        if self._guard.sits:
+        if self._guard.stop_allows_sitting:
             self._sit(now_s) if self.name == "sitting" else self._begin_to_sit(now_s)
         elif self._guard.stopped not in (None, "expired"):
             self.name, self._held = "holding", True
@@ -67,19 +64,17 @@ class IdleSupervisor:
 
     def _begin_to_sit(self, now_s: float) -> None:
         try:
-            self._start_rad = self._guard.accepted_rad()
+            self._motion = SittingMotion(self._guard, now_s)
         except RobotFaultError:
             self.name = "holding"  # the joint angles are unknown
         else:
-            self.name, self._sitting_since_s = "sitting", now_s
+            self.name = "sitting"
 
     def _sit(self, now_s: float) -> None:
-        share = (now_s - self._sitting_since_s) / SITTING_S
-        if share > 1:
-            self.go_limp()
-            return
-        pose = (1 - share) * self._start_rad + share * self._end_rad
         try:
-            self._guard.write_while_timed_out(JointTargets(pose, now_s))
+            sits = self._motion is not None and self._motion.step(now_s)
         except (EStopError, CommandRefusedError):
             self.name = "holding"
+        else:
+            if sits:
+                self.go_limp()

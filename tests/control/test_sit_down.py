@@ -101,9 +101,9 @@ def test_a_fall_outweighs_a_low_battery_and_a_low_battery_an_expired_command() -
     for reason in ("expired", "low battery: 8.0 V", "hot: leg1 coxa 70 C"):
         guard.stop(reason)
     assert guard.stopped == "low battery: 8.0 V"
-    assert guard.sits
+    assert guard.stop_allows_sitting
     guard.stop("fell")
-    assert (guard.stopped, guard.sits) == ("fell", False)
+    assert (guard.stopped, guard.stop_allows_sitting) == ("fell", False)
 
 
 def test_a_stop_while_it_sits_down_holds_the_pose() -> None:

@@ -178,7 +178,7 @@ def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: 
 def test_every_failure_comes_to_a_result(leg: int, kind: str) -> None:
     name = ROBOT_NAMES[leg % 3]
     failure = Failure(leg=leg, kind=kind, joint="femur", angle_rad=0.3)
-    outcome = walk(robot=shipped(name), failure=failure, duration_s=4)
+    outcome = walk(robot=shipped(name), failure=failure, duration_s=2)
     assert outcome.result.status in STATUSES
     assert outcome.result.distance_m is not None
     json.dumps(outcome.result.to_dict(), allow_nan=False)

@@ -1,11 +1,13 @@
 """The demo: a walk without recovery, one with it, a search, and the picture of both walks."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hexctl.adapt.search import new_spec
 from hexctl.demo import rescue
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
@@ -15,23 +17,18 @@ from hexctl.runs.run import RunResult
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def told() -> list[Any]:
-    return []
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: Any, told: list[Any]) -> rescue.DemoResult:
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setitem(rescue.PICTURE, "width_px", 160)
-        monkeypatch.setitem(rescue.PICTURE, "fps", 4)
-        return rescue.demo(budget=1, folder=tmp_path_factory.mktemp("demo") / "runs", on_walk=told.append)
-
-
-def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: rescue.DemoResult) -> None:
+def test_with_recovery_the_robot_keeps_its_speed_and_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(rescue.PICTURE, "width_px", 160)
+    monkeypatch.setitem(rescue.PICTURE, "fps", 4)
+    monkeypatch.setattr(rescue, "new_spec", partial(new_spec, duration_s=2.0))
+    told: list[RunResult] = []
+    result = rescue.demo(budget=1, folder=tmp_path / "runs", on_walk=told.append)
     walked_on, recovered = result.walked_on, result.recovered
     assert walked_on is not None
     assert recovered is not None
+    assert told == [walked_on, recovered]
     assert rescue.speed_kept(walked_on) <= 0.6
     assert rescue.speed_kept(recovered) > 0.95
     assert recovered.trial.deviation is not None
@@ -42,12 +39,13 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: rescue.Dem
     assert result.adaptation is not None
     spec = result.adaptation.session.spec
     assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), result.world, 1)
-    told = json.loads(json.dumps(result.to_dict()))
-    assert told["recovered"]["speed_kept"] > told["walked_on"]["speed_kept"]
+    said = json.loads(json.dumps(result.to_dict()))
+    assert said["recovered"]["speed_kept"] > said["walked_on"]["speed_kept"]
+    _check_recordings(result)
+    _check_picture(result)
 
 
-def test_both_walks_are_recorded_and_told(result: rescue.DemoResult, told: list[RunResult]) -> None:
-    assert told == [result.walked_on, result.recovered]
+def _check_recordings(result: rescue.DemoResult) -> None:
     assert [path.name for path in result.recordings] == ["walked-on.rrd", "recovered.rrd"]
     for path in result.recordings:
         conditions = read_trial(path).leg_conditions[:, rescue.EVENT.leg - 1]
@@ -55,7 +53,8 @@ def test_both_walks_are_recorded_and_told(result: rescue.DemoResult, told: list[
         assert LEG_CONDITIONS[conditions[-1]] == "failed"
 
 
-def test_the_picture_is_there_or_the_reason_is_said(result: rescue.DemoResult) -> None:
+def _check_picture(result: rescue.DemoResult) -> None:
+    """The picture is there, or the reason is said."""
     assert (result.picture is None) is (result.no_picture is not None)
     if result.picture is not None:
         assert result.picture.parent == result.folder

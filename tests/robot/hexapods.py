@@ -1,6 +1,7 @@
 """Robot descriptions for tests: a plain six-legged URDF, of which each part can be replaced."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,7 @@ def hexapod(
     knee_rpy: str = "0 1.1 0",
     foot_y_m: float = 0.0,
     foot: str = "fixed",
+    mounts: Sequence[tuple[float, float, float]] = MOUNTS,
 ) -> str:
     """A URDF whose trunk is at -`root_m` and turned: a root anywhere. `{n}` is the number of a leg."""
     x, y, z = root_m
@@ -69,7 +71,7 @@ def hexapod(
         f'<robot name="some"><link name="root"/><link name="base">{trunk_inertial}{trunk}</link>',
         f'<joint name="r" type="fixed"><parent link="root"/><child link="base"/>{trunk_at}</joint>',
     ]
-    for n, (at_x, at_y, yaw) in enumerate(MOUNTS, start=1):
+    for n, (at_x, at_y, yaw) in enumerate(mounts, start=1):
         places = (
             f'xyz="{at_x} {at_y} 0" rpy="0 0 {math.radians(yaw)}"',
             f'xyz="{COXA_M} 0 0"',

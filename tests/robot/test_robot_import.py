@@ -1,7 +1,10 @@
 """Imports of robot descriptions, by the kinds of faults that files of others showed."""
 
+import itertools
 import math
+import re
 import struct
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -12,6 +15,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
+from hexctl.robot.formats.collada import collada_points
 from hexctl.robot.formats.link_masses import link_mass, trunk_mass
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.robot_import import ImportedRobot
@@ -201,7 +205,46 @@ def obj_text() -> bytes:
     return ("".join(f"v {x} {y} {z}\n" for x, y, z in TRIANGLE) + "f 1 2 3\n").encode()
 
 
-MESHES = {"a.stl": stl_text, "b.STL": stl_binary, "c.obj": obj_text}
+def dae(scene: str, scale: float = 1.0, metre: float = 1.0, more: str = "") -> bytes:
+    numbers = " ".join(str(value * scale) for corner in TRIANGLE for value in corner)
+    return f'''<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="u" meter="{metre}"/><up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="n"><float_array id="na" count="3">900 900 900</float_array></source>
+<source id="p"><float_array id="pa" count="9">{numbers}</float_array><technique_common><accessor source="#pa"
+count="3" stride="3"/></technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/>
+</vertices><triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL"
+source="#n" offset="1"/><p>0 0 1 0 2 0</p></triangles></mesh></geometry></library_geometries>
+<library_nodes><node id="l"><instance_geometry url="#g"/></node>{more}</library_nodes><library_visual_scenes>
+<visual_scene id="s">{scene}</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/>
+</scene></COLLADA>'''.encode()
+
+
+USE = '<instance_geometry url="#g"/>'
+#: The triangle in other units, turned and moved; nodes bring it back.
+DAE = {
+    "plain": dae(f"<node>{USE}</node>"),
+    "in millimetres": dae(f"<node>{USE}</node>", 1000, 0.001),
+    "scaled by its node": dae(f"<node><scale>2 2 2</scale>{USE}</node>", 0.5),
+    "turned by a matrix": dae(
+        "<node><matrix>0 -1 0 0 1 0 0 0 0 0 1 0 0 0 0 1</matrix><node><rotate>0 0 1 -90</rotate>"
+        f"{USE}</node></node>"
+    ),
+    "moved, in inches": dae(
+        "<node><translate>1 2 3</translate><node><translate>-1 -2 -3</translate>"
+        '<instance_node url="#l"/></node></node>',
+        1 / 0.0254,
+        0.0254,
+    ),
+}
+
+MESHES: dict[str, Callable[[], bytes]] = {
+    "a.stl": stl_text,
+    "b.STL": stl_binary,
+    "c.obj": obj_text,
+    "d.dae": lambda: DAE["plain"],
+}
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -215,6 +258,17 @@ def test_meshes_show_the_foot(name: str, where: str, tmp_path: Path) -> None:
     made = imported(tmp_path, hexapod(shin=mesh, foot=""))
     assert length_m(made) == pytest.approx(TIBIA_M, abs=1e-6)
     assert "links.tibia.end_m" not in made.unknown
+
+
+@pytest.mark.parametrize("case", DAE)
+def test_nodes_and_units_of_collada_count_and_its_up_axis_does_not(case: str) -> None:
+    assert collada_points(DAE[case]) == pytest.approx(np.array(TRIANGLE), abs=1e-12)
+
+
+def test_collada_nodes_that_use_one_another_end() -> None:
+    circle = '<node id="a"><instance_node url="#b"/></node><node id="b"><instance_node url="#a"/></node>'
+    with pytest.raises(ValueError, match="10000 nodes"):
+        collada_points(dae('<node><instance_node url="#a"/></node>', more=circle))
 
 
 @pytest.mark.parametrize("name", ["missing.stl", "tibia.dae", "torn.stl", "torn.obj"])
@@ -408,3 +462,166 @@ def test_inertias_of_links_reach_urdf_mjcf_and_simulation(tmp_path: Path) -> Non
             np.sort(model.body_inertia[other]), rel=1e-6
         )
         assert simulated.body_ipos[own] == pytest.approx(model.body_ipos[other], abs=1e-9)
+
+
+# -- legs of more hinges, feet on joints
+
+
+def hinge(name: str, parent: str, place: str, axis: str, limits: str = LIMIT) -> str:
+    """A link on a hinge."""
+    return (
+        f'<link name="{name}"/><joint name="j{name}" type="revolute"><parent link="{parent}"/><child '
+        f'link="{name}"/><origin {place}/><axis xyz="{axis}"/>{limits}</joint>'
+    )
+
+
+def tarsus(axis: str, foot: str, limits: str = LIMIT, name: str = "s", on: str = "t") -> str:
+    """A fourth hinge at the middle of a tibia, and a foot beyond it."""
+    at = f'xyz="{TIBIA_M / 2} 0 0"' if on == "t" else ""
+    end = fixed(name + "foot{n}", name + "{n}", xyz=foot) if foot else ""
+    return hinge(name + "{n}", on + "{n}", at, axis, limits) + end
+
+
+HALF_M, TURNED_RAD = TIBIA_M / 2, 0.8
+LONG_LEGS = {
+    "a tarsus": (tarsus("0 1 0", f"{HALF_M} 0 0"), "js1", TIBIA_M),
+    "an ankle about its shin": (tarsus("1 0 0", f"{HALF_M} 0.02 0"), "js1", TIBIA_M),
+    "no zero in the range": (
+        tarsus("0 -1 0", f"{HALF_M} 0 0", LIMIT.replace("-1.5", "0.1")),
+        "js1",
+        math.hypot(HALF_M + HALF_M * math.cos(TURNED_RAD), HALF_M * math.sin(TURNED_RAD)),
+    ),
+    "five hinges": (
+        tarsus("0 1 0", "") + tarsus("0 0 1", f"{HALF_M} 0.02 0", name="u", on="s"),
+        "js1, js2",
+        TIBIA_M,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LONG_LEGS)
+def test_further_hinges_of_legs_are_held_and_named(case: str, tmp_path: Path) -> None:
+    more, held, tibia_m = LONG_LEGS[case]
+    made = imported(tmp_path, hexapod(foot="", shin="", more_per_leg=more))
+    assert length_m(made) == pytest.approx(tibia_m, abs=1e-6)
+    note = next(note for note in made.notes if "hold" in note)
+    assert held in note
+    assert f"6 at {math.degrees(TURNED_RAD) if 'zero' in case else 0:.4g} deg" in note
+    assert note[note.index("hold") + 5 :].split(";")[0] in made.text
+
+
+def test_a_hinge_between_trunk_and_coxa_is_held(tmp_path: Path) -> None:
+    text = hexapod(more_per_leg=hinge("r{n}", "base", "", "1 0 0"))
+    for n in range(1, 7):
+        text = text.replace(
+            f'<parent link="base"/><child link="c{n}"/>', f'<parent link="r{n}"/><child link="c{n}"/>'
+        )
+    assert imported(tmp_path, text).content["mounts"] == imported(tmp_path, hexapod()).content["mounts"]
+    assert any("jr1, jr2" in note for note in imported(tmp_path, text).notes)
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        ("0 0 1", "1 0 0", "0 -1 0", "1 0 0"),
+        ("0 0 1", "0 0 1", "0 0 1", "0 -1 0"),
+        ("1 0 0", "0 0 1", "1 0 0", "0 0 1"),
+    ],
+)
+def test_legs_of_four_hinges_without_three_of_a_leg_are_refused(
+    axes: tuple[str, ...], tmp_path: Path
+) -> None:
+    text = hexapod(foot="", shin="", more_per_leg=tarsus(axes[3], f"{HALF_M} 0.02 0"))
+    for part, old, axis in zip("cft", ("0 0 1", "0 -1 0", "0 -1 0"), axes, strict=False):
+        for n in range(1, 7):
+            at = text.index(f'<joint name="j{part}{n}"')
+            text = text[:at] + text[at:].replace(f'<axis xyz="{old}"/>', f'<axis xyz="{axis}"/>', 1)
+    with pytest.raises(InputError, match=r"4 hinges \(jc1 about .*make the other hinges `fixed`"):
+        imported(tmp_path, text)
+
+
+@pytest.mark.parametrize("joint", ["jc1", "jf2", "jt6"])
+def test_a_hinge_that_follows_another_is_refused(joint: str, tmp_path: Path) -> None:
+    text = hexapod()
+    at = text.index(f'<joint name="{joint}"')
+    text = text[:at] + text[at:].replace("<axis ", '<mimic joint="jt3"/><axis ', 1)
+    with pytest.raises(InputError, match=f"{joint} of a leg follows jt3"):
+        imported(tmp_path, text)
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+@pytest.mark.parametrize("part", ["", solid('<sphere radius="0.011"/>')])
+def test_a_foot_on_a_loose_joint_is_the_foot(kind: str, part: str, tmp_path: Path) -> None:
+    foot = fixed("foot{n}", "t{n}", part, xyz=f"{TIBIA_M} 0 0", kind=kind)
+    made = imported(tmp_path, hexapod(shin="", foot="", more_per_leg=foot))
+    assert length_m(made) == pytest.approx(TIBIA_M, abs=1e-6)
+    assert ("foot_radius_m" in made.unknown) == (not part)
+
+
+def test_a_foot_on_a_ball_joint_of_an_mjcf_is_the_foot(tmp_path: Path) -> None:
+    ball = (
+        f'<body pos="{FEMUR_M} 0 {-TIBIA_M}"><joint type="ball"/>'
+        '<geom type="sphere" size="0.012" mass="0.01"/></body>'
+    )
+    shin = f'fromto="{FEMUR_M} 0 0 {FEMUR_M} 0 {-TIBIA_M}" size="0.008" mass="0.05"/>'
+    text = mjcf_scaled(1.0)
+    assert text.count(shin) == 6
+    made = imported(
+        tmp_path, text.replace(shin, shin.replace(f'{-TIBIA_M}"', f'{-HALF_M}"') + ball), "ball.xml"
+    )
+    assert made.content["links"]["tibia"]["end_m"] == pytest.approx([0, -TIBIA_M], abs=1e-9)
+    assert made.content["foot_radius_m"] == 0.012
+
+
+def test_a_world_is_no_part_of_the_robot(tmp_path: Path) -> None:
+    text = hexapod(trunk=BOX).replace('name="r" type="fixed"', 'name="r" type="floating"')
+    made = imported(tmp_path, text)
+    assert made.content["body"] == imported(tmp_path, hexapod(trunk=BOX)).content["body"]
+
+
+@pytest.mark.parametrize(("kp", "kv"), [(20, 9), (50, 25), (5, 1.2)])
+def test_a_control_that_lags_as_no_servo_does_is_unknown(kp: float, kv: float, tmp_path: Path) -> None:
+    drives = "".join(
+        f'<position joint="j{index}" kp="{kp}" kv="{kv}" forcerange="-3 3"/>' for index in range(18)
+    )
+    names = itertools.count()
+    text = re.sub("<joint axis", lambda _: f'<joint name="j{next(names)}" axis', mjcf_scaled(1.0))
+    text = text.replace("</mujoco>", f"<actuator>{drives}</actuator></mujoco>")
+    made = imported(tmp_path, text, "some.xml")
+    assert made.content["servo"]["stiffness_nm_per_rad"] == kp
+    assert "lags by" in made.reasons["servo.damping_nm_s_per_rad"]
+    assert made.content["servo"]["damping_nm_s_per_rad"] == pytest.approx(0.02 * kp)
+    quick = imported(tmp_path, text.replace(f'kv="{kv}"', f'kv="{0.1 * kp}"'), "quick.xml")
+    assert quick.content["servo"]["damping_nm_s_per_rad"] == pytest.approx(0.1 * kp)
+
+
+@pytest.mark.parametrize("trunk_kg", [0.8, 5.0, 14.0])
+def test_an_assumed_torque_carries_the_robot(trunk_kg: float, tmp_path: Path) -> None:
+    limit = LIMIT.replace('effort="2"', 'effort="300"')
+    text = hexapod(limits=(limit,) * 3, trunk_inertial=TRUNK.replace("1.2", str(trunk_kg)))
+    made = imported(tmp_path, text)
+    torque_nm = made.content["joints"]["femur"]["max_torque_nm"]
+    robot = made.robot()
+    held_nm = robot.mass_kg * 9.81 / 3 * (robot.stance_radius_m - math.hypot(0.11, 0.05) - COXA_M)
+    assert torque_nm > 1.3 * held_nm
+    assert torque_nm == pytest.approx(max(1.5, 3.27 * robot.mass_kg * (FEMUR_M + TIBIA_M)), rel=1e-6)
+    assert ("for its weight" in made.reasons["joints.femur.max_torque_nm"]) == (trunk_kg > 1)
+    known = imported(tmp_path, text.replace('effort="300"', 'effort="2.5"'))
+    assert known.content["joints"]["femur"]["max_torque_nm"] == 2.5
+
+
+@pytest.mark.parametrize("bodies", [1, 7, 19])
+def test_bodies_of_an_mjcf_whose_meshes_are_missing_have_no_mass(bodies: int, tmp_path: Path) -> None:
+    """The trunk, coxae too, tibiae too."""
+    text, mesh = mjcf_scaled(1.0), '<geom type="mesh" mesh="lost"'
+    text = text.replace("<worldbody>", '<asset><mesh name="lost" file="lost.stl"/></asset><worldbody>')
+    parts = [r'<geom type="box" size="[^"]*" mass="1"']
+    parts += [r'<geom type="capsule" fromto="0 0 0 0.0[^"]*" size="[^"]*" mass="0.05"'] * (bodies > 1)
+    parts += [r'<geom type="capsule" fromto="0.0[^"]*" size="[^"]*" mass="0.05"'] * (bodies > 7)
+    for part in parts:
+        text = re.sub(part, mesh, text)
+    assert text.count(mesh) >= bodies
+    made = imported(tmp_path, text, "some.xml")
+    assert "lost.stl (not found)" in made.reasons["body.size_m"]
+    assert "placeholder" in made.reasons["body.mass_kg"]
+    assert ("links.tibia.mass_kg" in made.unknown) == (bodies > 7)

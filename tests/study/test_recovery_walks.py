@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -214,8 +215,13 @@ def test_each_walk_has_the_gait_with_which_a_trial_ended_nearest_its_line(
     assert {event.at_s for one in tried for event in one.events} == {0.0}
 
 
+@cache
+def _short() -> TrialResult:
+    return run_sim_trial(SHORT)
+
+
 def _ended(off_m: float, status: str) -> TrialResult:
-    result = run_sim_trial(SHORT)
+    result = _short()
     assert result.deviation is not None
     return replace(result, status=status, deviation=replace(result.deviation, final=off_m))
 

@@ -110,6 +110,7 @@ def test_two_walks_are_seen_in_one_scene_with_the_list_of_recordings(
         assert drawn.pixels.shape[1] < 0.65 * whole.pixels.shape[1]
         window.open(copy.as_uri())
         window.await_view("robot")
+        window.show_time(1.0)  # one that plays never comes to rest
         window.picture()
         assert of_kind(window, "3D").pixels.shape[1] < 0.65 * whole.pixels.shape[1]
 

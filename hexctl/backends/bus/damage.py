@@ -40,18 +40,18 @@ class Damage:
         return self.noisy or bool(self.garbled or self.doubled)
 
     @property
-    def of_the_line(self) -> bool:
+    def at_many_ids(self) -> bool:
         """Whether answers at many ids are damaged, not those of an id that is used twice."""
         return len(self.garbled) > MOST_IDS
 
-    def words(self, path: str) -> str:
+    def description(self, path: str) -> str:
         """What is wrong, and what to do."""
         if self.noisy:
             return (
                 f"unsolicited bytes on {path} at {self.baud} baud: noise, a missing ground, a wrong baud "
                 "rate, or another controller on the bus"
             )
-        if self.of_the_line:
+        if self.at_many_ids:
             return (
                 f"answers on {path} at {self.baud} baud are damaged and cannot be understood at many ids: "
                 "a wrong baud rate, driver or protocol, a bad cable or noise"
@@ -98,7 +98,7 @@ class Listener:
 
     def damage(self) -> Damage:
         """What persists of the suspicions."""
-        if self._first != (self.packets.garbled, self.packets.late) and self._is_noisy():
+        if self._first != (self.packets.garbled, self.packets.late) and self.is_noisy():
             return Damage(baud=self.packets.line.baud, noisy=True)
         garbled = [each for each in list(self._garbled)[: 2 * MOST_IDS] if self._persists(each, garbled=True)]
         doubled = [
@@ -106,11 +106,7 @@ class Listener:
         ]
         return Damage(baud=self.packets.line.baud, garbled=tuple(garbled), doubled=tuple(doubled))
 
-    def damage_of_line(self) -> Damage:
-        """Whether bytes come while nothing is asked."""
-        return Damage(baud=self.packets.line.baud, noisy=self._is_noisy())
-
-    def _is_noisy(self) -> bool:
+    def is_noisy(self) -> bool:
         """Whether bytes come while nothing is asked."""
         line = self.packets.line
         line.time.sleep(FIRST_TIMEOUT_S)  # what is late belongs to a question

@@ -228,13 +228,13 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             bus.speeds = self._speeds
             found = bus.find()
             advice = ""
-            if first and not found.any() and (not bus.damage or bus.damage.of_the_line):
+            if first and not found.any() and (not bus.damage or bus.damage.at_many_ids):
                 line.close()
                 advice = baud_advice(self._place, self._map.driver, (self._baud,))
             self._check_found(found, bus.damage, advice)
-            noise = [bus.damage.words(self._place)] if bus.damage.noisy and found.all() else []
+            noise = [bus.damage.description(self._place)] if bus.damage.noisy and found.all() else []
             if first and bus.damage and not noise:  # two servos with one id would move together
-                raise RobotFaultError(bus.damage.words(self._place))
+                raise RobotFaultError(bus.damage.description(self._place))
             if first:
                 check_no_unexpected_ids(line, self._map, found)
             self._check_models(bus, found)
@@ -247,7 +247,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _check_found(self, found: BoolArray, damage: Damage, advice: str = "") -> None:
         if damage and np.count_nonzero(~found) > MOST_MUTE:
-            raise RobotFaultError(damage.words(self._place) + advice)
+            raise RobotFaultError(damage.description(self._place) + advice)
         if not found.any():
             raise RobotFaultError(
                 f"no servo answers on {self._place} at {self._baud} baud; are they powered, and are driver, "

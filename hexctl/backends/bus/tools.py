@@ -124,7 +124,7 @@ def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
         listener = Listener(tool_line(line, driver, protocol))
         answers = listener.answers(servo_id, tries=TRIES)
         if damage := listener.damage():
-            raise RobotFaultError(damage.words(line.path))
+            raise RobotFaultError(damage.description(line.path))
         if answers:
             return servo_with(listener.packets, driver, protocol, servo_id)
     return None
@@ -182,7 +182,7 @@ def scan_bus(
                     _look_at(listener, driver, protocol, servo_id, at_baud)
                 if damage := listener.damage():
                     on_damage(damage)
-                    if damage.noisy or damage.of_the_line:
+                    if damage.noisy or damage.at_many_ids:
                         break  # another protocol would hear the same
             found += at_baud.values()
     return sorted(found, key=lambda servo: (servo.servo_id, servo.baud))
@@ -236,10 +236,10 @@ def baud_advice(path: str, driver: str, bauds: Collection[int]) -> str:
     return f"; servos answer at {others} baud: a wrong baud rate" if others else ""
 
 
-def damage_words(damage: Damage, path: str, driver: str) -> str:
+def damage_report(damage: Damage, path: str, driver: str) -> str:
     """What is wrong; damage at many ids also with the baud rates at which servos answer."""
-    advice = baud_advice(path, driver, (damage.baud,)) if damage.of_the_line else ""
-    return damage.words(path) + advice
+    advice = baud_advice(path, driver, (damage.baud,)) if damage.at_many_ids else ""
+    return damage.description(path) + advice
 
 
 def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
@@ -269,7 +269,7 @@ def set_servo_id(
     answering = told or [each.servo_id for each in found]
     if len(answering) != 1 or len(found) != 1 or damages:
         answer = ", ".join(map(str, answering)) or "none"
-        reasons = [damage_words(each, path, driver) for each in damages]
+        reasons = [damage_report(each, path, driver) for each in damages]
         if not (answering or damages):
             reasons = [baud_advice(path, driver, (baud,)).removeprefix("; ")]
         more = "".join(f"; {each}" for each in reasons if each)
@@ -301,10 +301,10 @@ def _ids_by_broadcast(path: str, baud: int) -> list[int]:
             ids |= {each.parameters[0] for each in packets.transact(request, range(BROADCAST + 1), wire_s)}
             line.time.sleep(TIMEOUT_S)
         if not ids and packets.garbled:
-            damage = Listener(packets).damage_of_line()
+            damage = Damage(baud=baud, noisy=Listener(packets).is_noisy())
             raise InputError(
                 "servos that answer: got several at once, or damaged answers; allowed: exactly one on the bus"
-                f"{f'; {damage.words(path)}' if damage else ''}"
+                f"{f'; {damage.description(path)}' if damage else ''}"
             )
     return sorted(ids)
 
@@ -341,7 +341,7 @@ def check_no_unexpected_ids(line: SerialLine, servos: BusMap, found: BoolArray) 
     listener = Listener(tool_line(line, servos.driver, servos.protocol))
     unexpected = [each for each in ids_around(servos) if listener.answers(each, tries=2)]
     if damage := listener.damage():
-        raise RobotFaultError(f"{servos.names(~found)} does not answer; {damage.words(line.path)}")
+        raise RobotFaultError(f"{servos.names(~found)} does not answer; {damage.description(line.path)}")
     lost = _adoptable(servos, found) is not None and unexpected == [FACTORY_ID]
     if not unexpected or lost:
         return

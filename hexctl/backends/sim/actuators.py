@@ -1,8 +1,6 @@
 """From joint targets to actuator commands."""
 
 import math
-from collections import deque
-from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -12,10 +10,10 @@ from hexctl.types import BoolArray, FloatArray, leg_slice
 
 
 class ActuatorModel:
-    """Applies loss, delay, calibration error, backlash and jammed joints to targets of one or n robots.
+    """Applies loss, calibration error, backlash and jammed joints to targets of one or n robots.
 
     Backlash is a hysteresis: the shaft waits until the servo has crossed the play, then follows half the play
-    behind.
+    behind. The delay comes after it, in MuJoCo's actuators (`simulation_model.delay_steps`).
 
     Attributes:
         plain: whether targets reach the actuators unchanged.
@@ -27,18 +25,17 @@ class ActuatorModel:
         simulation: Simulation,
         heard_rad: FloatArray,
         shaft_rad: FloatArray,
-        late_rad: Sequence[FloatArray],
         jammed_at_rad: FloatArray,
     ) -> None:
-        """Set the last targets, shaft angles, and the delayed targets, oldest first.
+        """Set the last targets and shaft angles.
 
         `jammed_at_rad`, leading shape + (18,), is the angle of jammed joints; NaN for joints that obey.
         """
         self._simulation = simulation
         self._heard_rad = heard_rad
-        self._half_play_rad = math.radians(simulation.world.servo_backlash_deg) / 2
+        self._half_play_rad = simulation.play_rad / 2
+        self._loose = bool(self._half_play_rad.any())
         self._shaft_rad = shaft_rad
-        self._late_rad = deque(late_rad)
         self.asked_rad: FloatArray = shaft_rad.copy()
         self._jam(jammed_at_rad)
 
@@ -49,8 +46,7 @@ class ActuatorModel:
         self.plain = not (
             not self._obeys.all()
             or simulation.joint_offsets_rad.any()
-            or self._late_rad
-            or self._half_play_rad
+            or self._loose
             or simulation.world.lost_commands
         )
 
@@ -58,24 +54,27 @@ class ActuatorModel:
     def at_rest(
         cls, simulation: Simulation, stance_rad: FloatArray, jammed_at_rad: FloatArray | None = None
     ) -> Self:
-        """The model of a robot that has stood in its stance for longer than the delay.
+        """The model of a robot that stands in its stance.
 
         `jammed_at_rad`, (18,), is the angle of jammed joints; None for the stance.
         """
-        late_rad = [stance_rad] * simulation.world.delay_ticks
         at_rad = stance_rad if jammed_at_rad is None else jammed_at_rad
         held_rad = np.where(simulation.failed.jammed, at_rad, math.nan)
-        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, late_rad, held_rad)
+        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, held_rad)
 
     def copies(self, n: int) -> "ActuatorModel":
         """Model of n robots in this state, for targets (n, 18)."""
-        late_rad = [np.tile(joint_positions_rad, (n, 1)) for joint_positions_rad in self._late_rad]
         heard_rad, shaft_rad = np.tile(self._heard_rad, (n, 1)), np.tile(self._shaft_rad, (n, 1))
         jammed_at_rad = np.tile(self._jammed_at_rad, (n, 1))
-        return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad, jammed_at_rad)
+        return ActuatorModel(self._simulation, heard_rad, shaft_rad, jammed_at_rad)
 
-    def leg_changed(self, leg: int, now_rad: FloatArray, commanded_rad: FloatArray) -> None:
-        """Jam or free joints of a leg; angles and actuator commands have the leading shape + (18,)."""
+    def leg_changed(
+        self, leg: int, now_rad: FloatArray, commanded_rad: FloatArray, waiting_rad: FloatArray
+    ) -> None:
+        """Jam or free joints of a leg; angles and actuator commands have the leading shape + (18,).
+
+        Commands that wait in the actuators are those of `simulation_model.waiting_commands`.
+        """
         if self.plain:
             np.copyto(self.asked_rad, commanded_rad)
         joints = leg_slice(leg)
@@ -83,6 +82,12 @@ class ActuatorModel:
         jammed = self._simulation.failed.jammed[joints]
         jammed_at_rad[..., joints] = np.where(jammed, now_rad[..., joints], math.nan)
         self._jam(jammed_at_rad)
+        self.hold(waiting_rad)
+
+    def hold(self, waiting_rad: FloatArray) -> None:
+        """Replace waiting commands of jammed joints: a jam is no command and comes without delay."""
+        held_rad = self._jammed_at_rad[..., np.newaxis]
+        np.copyto(waiting_rad, held_rad, where=~np.isnan(held_rad))
 
     def drive(self, joint_positions_rad: FloatArray, lost: bool = False) -> FloatArray:
         """Actuator commands of one tick for joint targets, (18,) or (n, 18), which may be lost."""
@@ -90,11 +95,8 @@ class ActuatorModel:
             joint_positions_rad = self._heard_rad
         elif self._simulation.world.lost_commands:
             self._heard_rad = joint_positions_rad.copy()
-        if self._late_rad:
-            self._late_rad.append(joint_positions_rad.copy())
-            joint_positions_rad = self._late_rad.popleft()
         shaft_rad = joint_positions_rad + self._simulation.joint_offsets_rad
-        if self._half_play_rad:
+        if self._loose:
             shaft_rad = np.clip(
                 self._shaft_rad, shaft_rad - self._half_play_rad, shaft_rad + self._half_play_rad
             )

@@ -7,7 +7,6 @@ import numpy as np
 
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED
 from hexctl.backends.sim.simulation_model import Simulation
-from hexctl.robot.formats.mjcf import GEAR_DAMPING
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 #: A back-EMF below this is the rounding of one that is not there.
@@ -43,8 +42,8 @@ class JointTorques(ArrayFields):
         """Torques of a simulation; its failed legs may change them."""
         failed = simulation.failed
         driven, stuck = failed.driven, failed.stiff
-        damping = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:])
-        back_emf = np.where(damping - GEAR_DAMPING > LEAST_BACK_EMF, damping - GEAR_DAMPING, 0.0)
+        lost = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:]) - failed.gear_damping_nm_s_per_rad
+        back_emf = np.where(lost > LEAST_BACK_EMF, lost, 0.0)
         steps = simulation.world.steps_per_tick
         return cls(
             steps,
@@ -55,12 +54,13 @@ class JointTorques(ArrayFields):
         )
 
     def forces_in(self, history: FloatArray) -> FloatArray:
-        """View of the forces in MuJoCo's memory of its sensors, leading shape + (18, steps).
+        """View of the forces in MuJoCo's memory, leading shape + (18, steps).
 
-        The memory, leading shape + (18 * (2 + 2 * steps),), has two numbers for each actuator, then a time
-        and a force for each of the last steps.
+        The memory ends with 18 * (2 + 2 * steps) numbers of the sensors: for each actuator two numbers, then
+        a time and a force for each of the last steps. Before them are the delayed commands.
         """
-        rows = history.reshape(*history.shape[:-1], N_JOINTS, 2 + 2 * self.steps)
+        sensed = history[..., -N_JOINTS * (2 + 2 * self.steps) :]
+        rows = sensed.reshape(*history.shape[:-1], N_JOINTS, 2 + 2 * self.steps)
         return rows[..., 2 + self.steps :]
 
     def applied(

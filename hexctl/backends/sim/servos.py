@@ -14,8 +14,8 @@ from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
-from hexctl.backends.sim.simulated_failure import FailuresToCome, held_rad, jammed_angles_rad
-from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, held_rad, jammed_angles_rad
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation, waiting_commands
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, FailureEvent, check_further, drawn_failure, each_failure
@@ -134,7 +134,7 @@ class SimServos(OwnServos):
         compiled = make_simulation(self._robot, self.world, broken, self.seed, facing_rad=self.facing_rad)
         self._compiled = compiled
         self._limp = False
-        self._keep_springs()
+        self._keep_powered()
         self.loss = Losses.of_commands(self.world, self.seed, self.trial)
         data = compiled.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
@@ -142,6 +142,8 @@ class SimServos(OwnServos):
         self._steps_per_tick = self.world.steps_per_tick
         jammed_at_rad = jammed_angles_rad(self._robot, broken)
         self.actuators = ActuatorModel.at_rest(compiled, self._robot.stance_angles_rad, jammed_at_rad)
+        self._waiting_rad = waiting_commands(compiled.physics.model, data.history)
+        self.actuators.hold(self._waiting_rad)
         torques = JointTorques.of(compiled)
         self.sensors = Sensors.of(
             SensorMemory.of(torques, partial(getattr, data), self.actuators.asked_rad),
@@ -184,13 +186,14 @@ class SimServos(OwnServos):
         compiled, limp = self.compiled, self._limp
         FailureEvent(at_s=0.0, leg=leg, failure=failure)  # refuses what cannot be
         if limp:
-            self._set_springs(1.0)
+            self._power(on=True)
         compiled.failed.change(leg, failure)
-        self._keep_springs()
+        self._keep_powered()
         if limp:
-            self._set_springs(0.0)
+            self._power(on=False)
         self.sensors.torques = JointTorques.of(compiled)
-        self.actuators.leg_changed(leg, held_rad(compiled.failed, self._qpos, self._ctrl), self._ctrl)
+        held = held_rad(compiled.failed, self._qpos, self._ctrl)
+        self.actuators.leg_changed(leg, held, self._ctrl, self._waiting_rad)
 
     def read(self) -> RobotState:
         """State after the last tick, with the sensor noise of the world."""
@@ -202,16 +205,16 @@ class SimServos(OwnServos):
         check_connected(self._compiled is not None, "the simulated robot")
         check_targets(targets)
         if self._limp:
-            self._set_springs(1.0)
+            self._power(on=True)
         positions = targets.joint_positions_rad
         plain = self.actuators.plain
         np.copyto(self._ctrl, positions if plain else self.actuators.drive(positions, self.loss.lost))
         return targets
 
     def disable_torque(self) -> bool:
-        """Set the stiffness of the servos to zero until the next targets; their damping stays."""
+        """Take the power from the servos until the next targets; the friction of their gears stays."""
         check_connected(self._compiled is not None, "the simulated robot")
-        self._set_springs(0.0)
+        self._power(on=False)
         return True
 
     def close(self) -> None:
@@ -219,18 +222,24 @@ class SimServos(OwnServos):
         if self._compiled is not None:
             self._compiled.physics.free()
             self._compiled = None
-            del self._qpos, self._ctrl, self._warnings, self.sensors, self._springs
+            del self._qpos, self._ctrl, self._warnings, self._waiting_rad, self.sensors, self._powered
 
-    def _keep_springs(self) -> None:
+    def _keep_powered(self) -> None:
+        """Keep the values in force with power, beside those without: no control and no back-EMF."""
         model = self.compiled.physics.model
-        self._springs = [
-            (values, values.copy()) for values in (model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1])
+        damping = model.dof_damping[FIRST_SPEED:]
+        limp = [
+            (model.actuator_gainprm, 0.0),
+            (model.actuator_biasprm, 0.0),
+            (damping, self._robot.servo.gear_damping_nm_s_per_rad),
         ]
+        self._powered = [(in_force, in_force.copy(), without) for in_force, without in limp]
 
-    def _set_springs(self, share: float) -> None:
-        for in_force, whole in self._springs:
-            in_force[:] = share * whole
-        self._limp = share == 0
+    def _power(self, *, on: bool) -> None:
+        for in_force, whole, without in self._powered:
+            in_force[:] = whole if on else without
+        self._limp = not on
+        self.sensors.torques = JointTorques.of(self.compiled)
 
     def _step(self) -> None:
         for event in self._to_come.due():

@@ -13,7 +13,7 @@ from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.sensing import SensorMemory
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_failure import FailuresToCome, held_rad
-from hexctl.backends.sim.simulation_model import FIRST_JOINT
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, waiting_commands
 from hexctl.types import FloatArray, RobotState
 
 
@@ -115,6 +115,7 @@ class _Copies:
         )
         self.sensors = servos.sensors.copies(memory, n)
         self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
+        self._waiting_rad = waiting_commands(physics.model, batch.bind("history")[rows])
 
     def let_fail(self) -> None:
         """Apply due failures and healings; the walk begins with the second control period."""
@@ -122,7 +123,7 @@ class _Copies:
             self._simulation.failed.change(event.leg, event.failure)
             self.sensors.torques = JointTorques.of(self._simulation)
             held = held_rad(self._simulation.failed, self.sensors.memory.qpos, self._ctrl)
-            self._actuators.leg_changed(event.leg, held, self._ctrl)
+            self._actuators.leg_changed(event.leg, held, self._ctrl, self._waiting_rad)
 
     def draw(self) -> None:
         self.sensors.draw()

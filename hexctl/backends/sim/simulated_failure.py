@@ -51,6 +51,11 @@ class FailedLegs:
         self.jammed: BoolArray = np.zeros(N_JOINTS, dtype=bool)
 
     @property
+    def gear_damping_nm_s_per_rad(self) -> float:
+        """Viscous friction of every joint."""
+        return self._robot.servo.gear_damping_nm_s_per_rad
+
+    @property
     def stiff(self) -> BoolArray:
         """Joints jammed at their angles, (18,); other jammed joints hold targets."""
         stiff = np.zeros(N_JOINTS, dtype=bool)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -15,7 +16,7 @@ from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.link_masses import link_mass
-from hexctl.robot.formats.mjcf import GEAR_DAMPING, STICTION
+from hexctl.robot.formats.mjcf import STICTION
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import Body, even_box_m
 from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, FloatArray
@@ -41,12 +42,14 @@ class Simulation(ArrayFields):
     Attributes:
         physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
         joint_offsets_rad: calibration error per joint: true angle - angle reported by the servo, (18,).
+        play_rad: play between servo and joint, from stop to stop, (18,).
     """
 
     physics: Any
     world: World
     floor: Floor
     joint_offsets_rad: FloatArray
+    play_rad: FloatArray
     failed: FailedLegs
 
 
@@ -55,16 +58,9 @@ def make_simulation(
 ) -> Simulation:
     """Simulation of a robot that stands in a world, with initial yaw `facing_rad` and failed legs, if any."""
     floor = make_floor(world, seed)
-    body = make_body(robot)
-    _stretch_tibias(body, world)
-    _load_trunk(body, robot, world)
-    _load_payload(body, world)
-    root = _make_world(world, floor)
-    root.attach(body).add("freejoint")
-    missing = [one.leg for one in each_failure(failure) if one.kind == "missing"]
-    _lay_grain(root, body, world, missing)
-    _measure_forces(root, body, world)
-    physics = mjcf.Physics.from_mjcf_model(root)
+    missing = tuple(one.leg for one in each_failure(failure) if one.kind == "missing")
+    bumps_seed = seed if world.roughness_m else 0
+    physics = mjcf.Physics.from_xml_string(_model_xml(robot, world, bumps_seed, missing))
     # The plain mj_step order, which mujoco.batch also takes: results are then equal to the last bit.
     physics.legacy_step = False
     _check_order(physics)
@@ -77,7 +73,62 @@ def make_simulation(
         failed.change(one.leg, one, physics.data.ptr)
     _set_start_state(physics, robot, world, floor, facing_rad)
     offsets = _joint_offsets(world, seed)
-    return Simulation(physics, world, floor, offsets, failed)
+    return Simulation(physics, world, floor, offsets, _play(robot, world), failed)
+
+
+def delay_steps(robot: Robot, world: World) -> int:
+    """Steps of the physics from a command to its effect: the servo's dead time and the delay of the world."""
+    return round((robot.servo.dead_time_s + world.servo_delay_s) / world.time_step_s)
+
+
+def waiting_commands(model: Any, history: FloatArray) -> FloatArray:
+    """View of the latest commands, leading shape + (18, n), n above `delay_steps`; 0 without a delay.
+
+    Args:
+        model: MuJoCo's model.
+        history: its memory, leading shape + (nhistory,). An actuator's part has two numbers, then the times
+            and then the values of its commands.
+    """
+    kept = int(model.actuator_history[0, 0])
+    rows = history[..., : N_JOINTS * (2 + 2 * kept if kept else 0)]
+    return rows.reshape(*history.shape[:-1], N_JOINTS, -1)[..., 2 + kept :]
+
+
+def _delay_commands(body: Any, robot: Robot, world: World) -> None:
+    """Delay all actuators, by half a step less, so that rounded times do not matter.
+
+    The memory has room for whole control periods: simulations with similar delays can be stepped together.
+    """
+    steps = delay_steps(robot, world)
+    kept = 1 + world.steps_per_tick * math.ceil(steps / world.steps_per_tick)
+    for actuator in body.find_all("actuator") if steps else ():
+        actuator.delay, actuator.nsample = (steps - 0.5) * world.time_step_s, kept
+
+
+def _play(robot: Robot, world: World) -> FloatArray:
+    """Play of each joint, (18,): the world's, or the robot file's where the world has none."""
+    drawn = np.radians(per_joint(world.servo_backlash_deg))
+    return np.where(drawn > 0, drawn, robot.play_rad)
+
+
+@lru_cache(maxsize=16)
+def _model_xml(robot: Robot, world: World, bumps_seed: int, missing_legs: tuple[int, ...]) -> str:
+    """The model as MJCF text; writing it takes eight times as long as compiling it, and trials repeat it."""
+    body = make_body(robot)
+    _stretch_tibias(body, world)
+    _load_trunk(body, robot, world)
+    _load_payload(body, world)
+    floor = make_floor(world, bumps_seed)
+    root = _make_world(world, floor)
+    frame = root.attach(body)
+    frame.add("freejoint")
+    if world.on_stand:
+        root.equality.add("weld", name="stand", body1=frame)
+        frame.pos = _standing_place(robot, world, floor)
+    _lay_grain(root, body, world, missing_legs)
+    _measure_forces(root, body, world)
+    _delay_commands(body, robot, world)
+    return str(root.to_xml_string())
 
 
 def _load_trunk(body: Any, robot: Robot, world: World) -> None:
@@ -209,21 +260,36 @@ def _change_joints(physics: Any, world: World) -> None:
     stiffness = world.servo_stiffness * per_joint(world.joint_stiffness)
     model.actuator_gainprm[:, 0] *= stiffness
     model.actuator_biasprm[:, 1] *= stiffness
+    model.actuator_biasprm[:, 2] *= world.servo_damping
+    if world.rotor_inertia_kg_m2 is not None:
+        model.dof_armature[FIRST_SPEED:] = world.rotor_inertia_kg_m2
+        mujoco.mj_setConst(model.ptr, physics.data.ptr)  # the impedance of dry friction follows from it
     if world.joint_friction_nm is not None:
         model.dof_frictionloss[FIRST_SPEED:] = per_joint(world.joint_friction_nm)
 
 
 def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, facing_rad: float) -> None:
-    """Put the robot on the floor in its stance; a little above if legs are too long."""
-    radius = robot.stance_radius_m + 2 * robot.foot_radius_m
-    longest = max(0.0, float(per_leg(world.tibia_error).max())) * float(robot.link_lengths_m[-1])
-    height = robot.standing_height_m + longest + max(0.0, floor.highest_near_origin_m(radius))
+    """Put the robot in its stance on the floor or on the stand."""
     data = physics.data
-    data.qpos[:3] = height * floor.normal_world
+    data.qpos[:3] = _standing_place(robot, world, floor)
     data.qpos[3:FIRST_JOINT] = _turned(floor.quaternion_world, facing_rad)
     data.qpos[FIRST_JOINT:] = robot.stance_angles_rad
     data.ctrl[:] = robot.stance_angles_rad
+    waiting_commands(physics.model, data.history)[:] = robot.stance_angles_rad[:, np.newaxis]
     physics.forward()
+
+
+def _standing_place(robot: Robot, world: World, floor: Floor) -> FloatArray:
+    """Position of the body frame at the start; a little above the floor if legs are too long.
+
+    On a stand no leg reaches the floor.
+    """
+    if world.on_stand:
+        return np.array([0.0, 0.0, 1.2 * float(robot.link_lengths_m.sum())])
+    radius = robot.stance_radius_m + 2 * robot.foot_radius_m
+    longest = max(0.0, float(per_leg(world.tibia_error).max())) * float(robot.link_lengths_m[-1])
+    height = robot.standing_height_m + longest + max(0.0, floor.highest_near_origin_m(radius))
+    return height * floor.normal_world
 
 
 def _joint_offsets(world: World, seed: int) -> FloatArray:
@@ -353,7 +419,7 @@ def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
         range=[low, high],
         armature=robot.servo.rotor_inertia_kg_m2,
         # The servo is a motor at a share of its voltage, limited to 1, of which its back-EMF takes a part.
-        damping=GEAR_DAMPING + float(robot.back_emf_nm_s_per_rad[index]),
+        damping=robot.servo.gear_damping_nm_s_per_rad + float(robot.back_emf_nm_s_per_rad[index]),
         frictionloss=friction_nm,
         solimpfriction=list(STICTION),
     )

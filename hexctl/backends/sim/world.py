@@ -37,17 +37,22 @@ _PARTS = {
     "joint_offset_deg": N_JOINTS,
     "joint_stiffness": N_JOINTS,
     "joint_friction_nm": N_JOINTS,
+    "servo_backlash_deg": N_JOINTS,
     "tibia_error": N_LEGS,
 }
 
 #: Values of the joints whose kind no range names.
-_UNTOUCHED = {"joint_offset_deg": 0.0, "joint_stiffness": 1.0, "joint_friction_nm": 0.0}
+_UNTOUCHED = {
+    "servo_backlash_deg": 0.0,
+    "joint_offset_deg": 0.0,
+    "joint_stiffness": 1.0,
+    "joint_friction_nm": 0.0,
+}
 
 #: Quantities with discrete values, which cannot be randomized; a kind may set them.
 _IN_STEPS = (
     "time_step_s",
     "solver_tolerance",
-    "servo_delay_s",
     "friction_cone",
     "sensor_noise",
     "sensor_faults",
@@ -67,6 +72,7 @@ class World(Section):
         slope_direction_deg: uphill direction, counter-clockwise from the x axis.
         roughness_m: standard deviation of the floor's height; 0 is an even floor.
         roughness_length_m: typical width of a bump.
+        on_stand: whether the trunk is held above the floor, so that the legs move freely.
         payload_kg: mass carried on the body.
         payload_position_m: its position in the body frame.
         added_mass_share: mass added to the trunk, as a share of the complete robot's; negative takes away.
@@ -77,10 +83,14 @@ class World(Section):
         time_step_s: step of the physics, an integer part of the 20 ms tick.
         solver_tolerance: of the contact solver. With MuJoCo's 1e-8 walks depend on their compass direction by
             up to 2 cm in 30 s; with 1e-12, by 0.1 mm in most.
-        servo_delay_s: delay from a target to the servo's motion, in whole ticks.
-        servo_backlash_deg: play between a servo and its joint, from stop to stop.
+        servo_delay_s: delay from a target to the servo's motion besides the dead time of the robot file, in
+            whole steps of the physics.
+        servo_backlash_deg: play between a servo and its joint, from stop to stop: one number, three for coxa,
+            femur and tibia, or one per joint; 0 for the robot file's.
         servo_strength: the servos' torque limit as a fraction of the robot file's.
         servo_stiffness: the servos' stiffness as a multiple of the robot file's.
+        servo_damping: the damping of the servos' control as a multiple of the robot file's.
+        rotor_inertia_kg_m2: None for the robot file's.
         joint_stiffness: multiples of `servo_stiffness`: one, three for coxa, femur and tibia, or one per
             joint.
         joint_friction_nm: dry friction, in the same form; None for the robot file's.
@@ -100,6 +110,7 @@ class World(Section):
     slope_direction_deg: Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)] = 0.0
     roughness_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False), DRAWN] = 0.0
     roughness_length_m: Annotated[Number, Field(ge=0.02, le=2, allow_inf_nan=False)] = 0.1
+    on_stand: bool = False
     payload_kg: Annotated[Number, Field(ge=0, le=1000, allow_inf_nan=False)] = 0.0
     payload_position_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
     added_mass_share: Annotated[Number, Field(ge=-0.5, le=5, allow_inf_nan=False)] = 0.0
@@ -109,9 +120,11 @@ class World(Section):
     time_step_s: Annotated[Number, Field(ge=0.0005, le=0.005, allow_inf_nan=False)] = 0.002
     solver_tolerance: Annotated[Number, Field(ge=1e-15, le=1e-3, allow_inf_nan=False)] = 1e-12
     servo_delay_s: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
-    servo_backlash_deg: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 0.0
+    servo_backlash_deg: float | tuple[float, ...] = 0.0
     servo_strength: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
     servo_stiffness: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
+    servo_damping: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 1.0
+    rotor_inertia_kg_m2: Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)] | None = None
     joint_stiffness: float | tuple[float, ...] = 1.0
     joint_friction_nm: float | tuple[float, ...] | None = None
     tibia_error: float | tuple[float, ...] = 0.0
@@ -139,16 +152,18 @@ class World(Section):
         return round(PERIOD_S / self.time_step_s)
 
     @property
-    def delay_ticks(self) -> int:
-        """Servo delay in control periods."""
-        return round(self.servo_delay_s / PERIOD_S)
-
-    @property
     def latency_steps(self) -> int:
         """Age of a state in steps of the physics."""
         return round(self.state_latency_s / self.time_step_s)
 
-    @field_validator("joint_stiffness", "joint_friction_nm", "tibia_error", "joint_offset_deg", mode="before")
+    @field_validator(
+        "servo_backlash_deg",
+        "joint_stiffness",
+        "joint_friction_nm",
+        "tibia_error",
+        "joint_offset_deg",
+        mode="before",
+    )
     @classmethod
     def _one_or_several(cls, given: Any, info: ValidationInfo) -> Any:
         if given is None and info.field_name == "joint_friction_nm":
@@ -188,16 +203,10 @@ class World(Section):
             raise ValueError(f"got {step_s:g}; allowed: {PERIOD_S:g} s divided by a whole number")
         return step_s
 
-    @field_validator("servo_delay_s")
-    @classmethod
-    def _whole_ticks(cls, delay_s: float) -> float:
-        if abs(round(delay_s / PERIOD_S) * PERIOD_S - delay_s) > 1e-9:
-            raise ValueError(f"got {delay_s:g}; allowed: multiples of {PERIOD_S:g} s")
-        return delay_s
-
 
 #: Of quantities that are one number or several: bounds of one, bounds of each, and how many there may be.
 _SEVERAL = {
+    "servo_backlash_deg": ((0.0, 20.0), (0.0, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
     "joint_stiffness": ((0.01, 20.0), (0.01, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
     "joint_friction_nm": ((0.0, 5.0), (0.0, 5.0), (JOINTS_PER_LEG, N_JOINTS)),
     "tibia_error": ((-0.2, 0.2), (-0.2, 0.2), (N_LEGS,)),

@@ -48,7 +48,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     With --robot also which joint each is, and what differs from the file. Exit code 3 if none answers, or
     answers are damaged.
     """
-    from hexctl.backends.bus.tools import damage_words, nothing_answers, scan_bus, variant_notes
+    from hexctl.backends.bus.tools import damage_report, nothing_answers, scan_bus, variant_notes
 
     asked = ScanOptions(**options)
     bus = asked.address()
@@ -60,7 +60,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     for note in variant_notes(found):
         print_note(note)
     for damage in damages:
-        print_note(damage_words(damage, bus.path, bus.driver))
+        print_note(damage_report(damage, bus.path, bus.driver))
     if not (found or damages):
         print_note(nothing_answers(bus.path, bus.driver, bauds))
     _print_scan(found, asked.servo_map() if found else None, as_json=as_json)
@@ -157,13 +157,13 @@ def _identification(asked: IdentificationOptions, bus: BusAddress) -> "Identific
 
 
 def _answering(bus: BusAddress) -> list[int]:
-    from hexctl.backends.bus.tools import damage_words, scan_bus
+    from hexctl.backends.bus.tools import damage_report, scan_bus
 
     with ScanProgress() as progress:
         damages: list[Damage] = []
         found = scan_bus(bus.path, bus.driver, bus.baud, progress=progress.show, on_damage=damages.append)
     if damages:  # two servos with one id would move together
-        raise RobotFaultError("; ".join(damage_words(each, bus.path, bus.driver) for each in damages))
+        raise RobotFaultError("; ".join(damage_report(each, bus.path, bus.driver) for each in damages))
     return [each.servo_id for each in found]
 
 

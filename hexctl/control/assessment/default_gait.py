@@ -7,18 +7,22 @@ from itertools import islice
 
 import numpy as np
 
-from hexctl.control.assessment.feasibility import HEADINGS_RAD, gait_demand
+from hexctl.control.assessment.feasibility import HEADINGS_RAD, RobotCheck, gait_demand
 from hexctl.control.assessment.gait_load import gait_load
-from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
+from hexctl.control.assessment.load_verdict import LoadVerdict
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
 from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.formats.robot_import import ImportedRobot
-from hexctl.robot.model import Vector2
+from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.servo_map import servo_map_of
 
 #: Shares of the usual stride that are tried, and the stances, the best first.
 SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
+
+#: A foot of a soft robot keeps this share of a step, if a higher one is in reach: multiples of the usual one.
+WANTED_LIFT, STEPS = 0.7, (1.5, 2.0)
 
 #: Points of a cycle and headings of the first look at a gait.
 POINTS, LOOK_RAD = 40, HEADINGS_RAD[::3]
@@ -44,25 +48,25 @@ def walkable(imported: ImportedRobot) -> ImportedRobot:
         if not verdict.obstacles and not verdict.doubtful:
             return slower
         if not verdict.obstacles:
-            doubtful = doubtful or slower
+            doubts = f"hexctl check doubts the default gait: {'; '.join(verdict.warnings)}"
+            doubtful = doubtful or replace(slower, remarks=(*slower.remarks, doubts))
         elif first is None:
             first, reason = slower, "; ".join(verdict.obstacles)
     if doubtful is not None:
         return doubtful
-    note = f"no default gait was found that it can walk: {reason}"
-    return replace(first or imported, notes=(*imported.notes, note))
+    note, made = f"no default gait was found that it can walk: {reason}", first or imported
+    return replace(made, remarks=(*made.remarks, note))
 
 
 def _in_reach(imported: ImportedRobot) -> Iterator[ImportedRobot]:
     """Variants whose feet stay in reach and range, the longest strides first, then the best stances."""
-    content = imported.content
-    own: Vector2 = (content["stance"]["outward_m"], content["stance"]["up_m"])
-    stances = [own, *(stance for stance in imported.stances[:STANCES] if math.dist(stance, own) > 1e-6)]
-    gait, size_m = content["gait"], content["size_m"]
+    own, *others = imported.stances
+    stances = [own, *(stance for stance in others[:STANCES] if math.dist(stance, own) > 1e-6)]
+    gait, size_m = imported.content["gait"], imported.content["size_m"]
     for share in SHARES:
         stride_m = share * gait["amplitude"] * size_m
         step_m = (share if share < 0.5 else 1.0) * gait["height"] * size_m
-        variants = (imported.walking(stance, gait["pace_hz"], stride_m, step_m) for stance in stances)
+        variants = (imported.with_gait(stance, gait["pace_hz"], stride_m, step_m) for stance in stances)
         yield from islice(filter(_reaches, variants), LOADS)
 
 
@@ -78,27 +82,52 @@ def _reaches(imported: ImportedRobot) -> bool:
 
 
 def _judged(imported: ImportedRobot) -> tuple[ImportedRobot, LoadVerdict]:
-    """The robot at a pace that its joints keep, and the verdict on it."""
-    robot = imported.robot()
-    motions = [Motion(heading_rad=heading) for heading in HEADINGS_RAD]
-    demand = gait_demand(robot, make_gait(robot, DEFAULT_GAIT), motions)
-    if not demand.possible:
+    """The robot at a pace that its joints keep, and the verdict of `hexctl check` on it."""
+    check = _check(imported)
+    if not check.demand.possible:
         return imported, _impossible(OUT_OF_REACH)
-    if not demand.speed_holds and demand.max_pace_hz is not None:
-        pace_hz = math.floor(100 * PACE_SHARE * demand.max_pace_hz) / 100
+    max_pace_hz = check.demand.max_pace_hz
+    if not check.demand.speed_holds and max_pace_hz is not None:
+        pace_hz = math.floor(100 * PACE_SHARE * max_pace_hz) / 100
         if pace_hz < LEAST_PACE_HZ:
-            return imported, _impossible(f"its joints keep a pace of {demand.max_pace_hz:.2g} Hz at most")
-        imported = _at_pace(imported, pace_hz)
-        robot = imported.robot()
-    return imported, load_verdict(gait_load(robot, make_gait(robot, DEFAULT_GAIT), motions))
+            return imported, _impossible(f"its joints keep a pace of {max_pace_hz:.2g} Hz at most")
+        imported = imported.with_gait_values(pace_hz=pace_hz)
+        check = _check(imported)
+    imported, check = _lifted(imported, check)
+    return imported, check.verdict
+
+
+def _lifted(imported: ImportedRobot, check: RobotCheck) -> tuple[ImportedRobot, RobotCheck]:
+    """The robot with a higher step, if it sags by much of it, and its check; a gait of the file stays."""
+    height, made = imported.content["gait"]["height"], imported
+    for times in () if imported.own_gait else STEPS:
+        if check.load.lift_left >= WANTED_LIFT:
+            break
+        higher = imported.with_gait_values(height=times * height)
+        if not _reaches(higher) or not _as_good(higher_check := _check(higher), check):
+            break
+        made, check = higher, higher_check
+    return made, check
+
+
+def _as_good(check: RobotCheck, other: RobotCheck) -> bool:
+    """Whether a check is possible, at its pace, with no more obstacles and doubts than another one."""
+    verdict, least = check.verdict, other.verdict
+    worse = len(verdict.obstacles) > len(least.obstacles) or verdict.doubtful > least.doubtful
+    return check.demand.possible and check.demand.speed_holds and not worse
+
+
+def _check(imported: ImportedRobot) -> RobotCheck:
+    robot = imported.robot()
+    gait, motions = make_gait(robot, DEFAULT_GAIT), [Motion(heading_rad=heading) for heading in HEADINGS_RAD]
+    return RobotCheck(
+        robot=robot,
+        gait=gait,
+        demand=gait_demand(robot, gait, motions),
+        load=gait_load(robot, gait, motions),
+        servo_map=servo_map_of(ServosSection()),
+    )
 
 
 def _impossible(reason: str) -> LoadVerdict:
     return LoadVerdict(obstacles=(reason,), warnings=(), doubtful=False)
-
-
-def _at_pace(imported: ImportedRobot, pace_hz: float) -> ImportedRobot:
-    content = imported.content
-    gait, stance, size_m = content["gait"], content["stance"], content["size_m"]
-    foot = (stance["outward_m"], stance["up_m"])
-    return imported.walking(foot, pace_hz, gait["amplitude"] * size_m, gait["height"] * size_m)

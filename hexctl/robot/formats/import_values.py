@@ -10,6 +10,9 @@ from hexctl.types import FloatArray
 USUAL_MASS_KG = {"body": 1.0, "coxa": 0.03, "femur": 0.07, "tibia": 0.08}
 USUAL_TORQUE_NM, USUAL_SPEED_DEG_S, USUAL_RANGE_DEG = 1.5, 200.0, 90.0
 USUAL_RADIUS_M, USUAL_FOOT_M = 0.010, 0.008
+#: Torque of a femur joint per mass of the robot and length of femur and tibia: twice what carries it on three
+#: legs that reach out by half their length.
+NM_PER_KG_M = 2 * 9.81 / 3 / 2
 #: Torques and speeds of servos, from the smallest hobby servo to the largest actuator of a leg.
 TORQUES_NM, SPEEDS_RAD_S = (0.03, 60.0), (0.2, 60.0)
 #: A lighter part is a placeholder, as is one of more than this density.
@@ -40,12 +43,12 @@ class Findings:
         self.notes.append(text)
 
 
-def short(value: float) -> float:
+def rounded(value: float) -> float:
     """A number with nine significant digits, without a negative zero."""
     return float(f"{float(value):.9g}") + 0.0 if abs(value) > 1e-12 else 0.0
 
 
-def dense(mass_kg: float, size_m: list[float]) -> bool:
+def too_dense(mass_kg: float, size_m: list[float]) -> bool:
     """Whether a part is heavier than any robot's of its size."""
     return mass_kg > MOST_KG_M3 * float(np.prod(np.array(size_m) + MARGIN_M))
 

@@ -10,6 +10,7 @@ from hexctl.robot.formats.import_values import (
     LEAST_MASS_KG,
     MARGIN_M,
     MOST_KG_M3,
+    NM_PER_KG_M,
     RANGES_DEG,
     SPEEDS_RAD_S,
     TORQUES_NM,
@@ -22,12 +23,15 @@ from hexctl.robot.formats.import_values import (
     Findings,
     plausible,
     possible_moments,
-    short,
+    rounded,
 )
-from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.formats.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.tree_legs import TreeLeg
 from hexctl.robot.schema import possible_link_inertia
 from hexctl.types import JOINT_KINDS, FloatArray
+
+#: A servo follows its target within this: it turns by 60 degrees in 0.1 to 0.25 s.
+MOST_LAG_S = 0.2
 
 #: A foot sphere is at most this large.
 MOST_FOOT_M = 0.03
@@ -40,6 +44,7 @@ class LegImport:
         self._tree, self._legs, self._facing, self._findings = tree, legs, facing, findings
         #: Coxa, femur and tibia at angle zero, (3, 2) as (outward, up).
         self.vectors_m = np.mean([leg.vectors_m for leg in legs], axis=0)
+        self._usual_torque_nm = self._weight_torque_nm()
 
     def links(self) -> dict[str, dict[str, Any]]:
         """The section `links`, without moments of inertia."""
@@ -54,6 +59,12 @@ class LegImport:
         self._add_no_load_speeds(joints)
         return joints
 
+    def _weight_torque_nm(self) -> float:
+        """Assumed torque limit: the usual one, or what a heavy robot needs."""
+        mass_kg = sum(link.mass_kg or 0.0 for link in self._tree.links.values())
+        leg_m = float(np.linalg.norm(self.vectors_m[1:], axis=-1).sum())
+        return float(np.clip(NM_PER_KG_M * mass_kg * leg_m, USUAL_TORQUE_NM, TORQUES_NM[1]))
+
     def _link(self, index: int) -> dict[str, Any]:
         kind, end_m = JOINT_KINDS[index], self.vectors_m[index]
         length_m = float(np.linalg.norm(end_m))
@@ -65,12 +76,12 @@ class LegImport:
             mass_kg = USUAL_MASS_KG[kind]
         elif heavy:
             self._findings.unknown(key, f"got {masses_kg.max():g} kg, denser than links are; it is kept")
-        link: dict[str, Any] = {"end_m": [short(part) for part in end_m], "mass_kg": short(mass_kg)}
+        link: dict[str, Any] = {"end_m": [rounded(part) for part in end_m], "mass_kg": rounded(mass_kg)}
         link["radius_m"] = self._radius_m(index, length_m)
         com_m = coms_m.mean(axis=0)[[0, 2]]
         # A centre of mass in the joint is a placeholder.
         if key not in self._findings.reasons and 1e-4 < np.linalg.norm(com_m) < 1.5 * length_m:
-            link["com_m"] = [short(part) for part in com_m]
+            link["com_m"] = [rounded(part) for part in com_m]
         return link
 
     def _masses(self, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -82,21 +93,11 @@ class LegImport:
         tree, found = self._tree, []
         for leg in self._legs:
             links = [tree.links[name] for name in self._parts(leg, index)]
-            frames = [self._leg_frame(leg, leg.joints[index]) @ tree.placed(link.name) for link in links]
-            kgs = np.array([link.mass_kg or 0.0 for link in links])
-            places = zip(frames, links, strict=True)
-            coms_m = np.array([(at @ [*link.com_m, 1])[:3] for at, link in places])
-            mass_kg = float(kgs.sum())
-            com_m = np.average(coms_m, axis=0, weights=kgs) if mass_kg > 0 else np.zeros(3)
-            tensor = np.zeros((3, 3))
-            for link, frame, kg, at_m in zip(links, frames, kgs, coms_m - com_m, strict=True):
-                own = np.zeros((3, 3)) if link.inertia_kg_m2 is None else link.inertia_kg_m2
-                if link.inertia_kg_m2 is None and kg > 0.05 * mass_kg:
-                    own = np.full((3, 3), np.nan)
-                tensor += frame[:3, :3] @ own @ frame[:3, :3].T
-                tensor += kg * (at_m @ at_m * np.eye(3) - np.outer(at_m, at_m))
+            axes = self._leg_frame(leg, leg.joints[index])
+            joined = joined_mass(links, [axes @ tree.frame_in_root(link.name) for link in links])
             turn = self._plane_turn(leg, index)
-            found.append((mass_kg, turn @ com_m, turn @ tensor @ turn.T))
+            tensor = np.full((3, 3), np.nan) if joined.bare else joined.inertia_kg_m2
+            found.append((joined.mass_kg, turn @ joined.com_m, turn @ tensor @ turn.T))
         masses, coms, tensors = (np.array(part) for part in zip(*found, strict=True))
         return masses, coms, tensors
 
@@ -110,7 +111,7 @@ class LegImport:
         cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         frame = np.eye(4)
         frame[:3, :3] = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) @ self._facing[:3, :3]
-        frame[:3, 3] = -frame[:3, :3] @ self._tree.placed(joint.child)[:3, 3]
+        frame[:3, 3] = -frame[:3, :3] @ self._tree.frame_in_root(joint.child)[:3, 3]
         return frame
 
     def _plane_turn(self, leg: TreeLeg, index: int) -> FloatArray:
@@ -139,10 +140,10 @@ class LegImport:
         tensor[[0, 1, 1, 2], [1, 0, 2, 1]] = 0.0
         reach_m = float(np.linalg.norm(coms_m.mean(axis=0))) + float(np.linalg.norm(self.vectors_m[index]))
         moments, problem = possible_moments(tensor, float(masses_kg.mean()), reach_m)
-        xx, yy, zz = map(short, moments)
+        xx, yy, zz = map(rounded, moments)
         if not problem:
             try:
-                return list(possible_link_inertia((xx, yy, zz, short(tensor[0, 2]))))
+                return list(possible_link_inertia((xx, yy, zz, rounded(tensor[0, 2]))))
             except ValueError:
                 problem = "got products of inertia that no body has"
         self._findings.unknown(key, f"{problem}; that of an evenly filled capsule was assumed")
@@ -155,9 +156,9 @@ class LegImport:
         round_ones = [solid for solid in solids if solid.kind in ("cylinder", "capsule")]
         if not round_ones:
             self._findings.unknown(f"links.{JOINT_KINDS[index]}.radius_m", "no cylinder shows it")
-            return short(min(USUAL_RADIUS_M, 0.45 * length_m))
+            return rounded(min(USUAL_RADIUS_M, 0.45 * length_m))
         best = min(round_ones, key=lambda solid: abs(solid.size_m[1] - length_m))
-        return short(min(best.size_m[0], 0.45 * length_m))
+        return rounded(min(best.size_m[0], 0.45 * length_m))
 
     def foot_radius_m(self) -> float:
         """Radius of the sphere at the foot, the smallest of the legs."""
@@ -165,12 +166,12 @@ class LegImport:
         known = [radius for radius in radii_m if radius is not None]
         if len(known) < len(radii_m):
             self._findings.unknown("foot_radius_m", "no sphere at the foot shows it")
-        return short(min(known, default=USUAL_FOOT_M))
+        return rounded(min(known, default=USUAL_FOOT_M))
 
     def _sphere_m(self, leg: TreeLeg) -> float | None:
         found = []
         for name in leg.tips:
-            frame = self._facing @ self._tree.placed(name)
+            frame = self._facing @ self._tree.frame_in_root(name)
             for solid in self._tree.links[name].solids:
                 centre_m = (frame @ solid.frame)[:3, 3]
                 away_m = float(np.linalg.norm(centre_m - leg.foot_m))
@@ -184,31 +185,33 @@ class LegImport:
         low_deg, high_deg = self._range_deg(index)
         torque_nm, problem = plausible([one.torque_nm for one in joints], TORQUES_NM)
         if problem:
+            guess = f"; {self._usual_torque_nm:.2g} N m, for its weight, were assumed"
+            problem += "" if torque_nm or self._usual_torque_nm <= USUAL_TORQUE_NM else guess
             self._findings.unknown(f"joints.{kind}.max_torque_nm", problem)
-        torque_nm = torque_nm or USUAL_TORQUE_NM
+        torque_nm = torque_nm or self._usual_torque_nm
         section: dict[str, Any] = {
             "min_deg": low_deg,
             "max_deg": high_deg,
             "max_speed_deg_s": self._speed_deg_s(index),
-            "max_torque_nm": short(torque_nm),
+            "max_torque_nm": rounded(torque_nm),
         }
         friction_nm = max(one.friction_nm or 0.0 for one in joints)
         if friction_nm >= torque_nm:
             reason = f"got {friction_nm:g} N m, above the torque; 0 was assumed"
             self._findings.unknown(f"joints.{kind}.dry_friction_nm", reason)
         elif friction_nm > 0:
-            section["dry_friction_nm"] = short(friction_nm)
+            section["dry_friction_nm"] = rounded(friction_nm)
         return section
 
     def _speed_deg_s(self, index: int) -> float:
         known = self._tree.numbers.get("max_speed_rad_s", ())
         if len(known) == len(JOINT_KINDS):
-            return short(math.degrees(known[index]))
+            return rounded(math.degrees(known[index]))
         speeds = [leg.joints[index].speed_rad_s for leg in self._legs]
         speed_rad_s, problem = plausible(speeds, SPEEDS_RAD_S)
         if problem:
             self._findings.unknown(f"joints.{JOINT_KINDS[index]}.max_speed_deg_s", problem)
-        return short(USUAL_SPEED_DEG_S if speed_rad_s is None else math.degrees(speed_rad_s))
+        return rounded(USUAL_SPEED_DEG_S if speed_rad_s is None else math.degrees(speed_rad_s))
 
     def _add_no_load_speeds(self, joints: dict[str, dict[str, Any]]) -> None:
         """Add the speeds at which damping takes all torque; all kinds have one, or none has."""
@@ -222,7 +225,7 @@ class LegImport:
                 reason = f"got a damping of {damping:g} N m s/rad, too much for its speed; none was assumed"
                 self._findings.unknown(f"joints.{kind}.no_load_speed_deg_s", reason)
                 continue
-            found[kind] = short(max(math.degrees(speed_rad_s), section["max_speed_deg_s"]))
+            found[kind] = rounded(max(math.degrees(speed_rad_s), section["max_speed_deg_s"]))
         if len(found) == len(joints):
             for kind, speed_deg_s in found.items():
                 joints[kind]["no_load_speed_deg_s"] = speed_deg_s
@@ -254,7 +257,7 @@ class LegImport:
             for end in ("min_deg", "max_deg"):
                 self._findings.unknown(f"joints.{kind}.{end}", reason)
             return -USUAL_RANGE_DEG, USUAL_RANGE_DEG
-        return short(max(low, -180.0)), short(min(high, 180.0))
+        return rounded(max(low, -180.0)), rounded(min(high, 180.0))
 
     def servo(self, joints: dict[str, dict[str, Any]]) -> dict[str, float]:
         """The section `servo`; joint kinds with another stiffness than the tibiae get their own."""
@@ -267,17 +270,23 @@ class LegImport:
         if len(own) == len(stiff):
             for kind, value in zip(joints, own, strict=True):
                 if abs(value / stiffness - 1) > 1e-6:
-                    joints[kind]["stiffness_nm_per_rad"] = short(value)
+                    joints[kind]["stiffness_nm_per_rad"] = rounded(value)
         else:
             self._findings.unknown("servo.stiffness_nm_per_rad", "descriptions do not hold it")
         rest = {"damping_nm_s_per_rad": ("control_nm_s_per_rad", stiffness * 0.02)}
         rest["rotor_inertia_kg_m2"] = ("rotor_inertia_kg_m2", 0.002 * max(1.0, torque_nm / 1.5))
-        servo = {"stiffness_nm_per_rad": short(stiffness)}
+        servo = {"stiffness_nm_per_rad": rounded(stiffness)}
         for key, (name, guess) in rest.items():
             known = self._known(-1, name)
             if known is None:
                 self._findings.unknown(f"servo.{key}", "descriptions do not hold it")
-            servo[key] = short(guess if known is None else known)
+            elif key == "damping_nm_s_per_rad" and known > MOST_LAG_S * stiffness:
+                reason = (
+                    f"got {known:g}, with which a joint lags by {known / stiffness:.2g} s, as no servo does"
+                )
+                self._findings.unknown(f"servo.{key}", reason)
+                known = None
+            servo[key] = rounded(guess if known is None else known)
         return servo
 
     def _known(self, index: int, name: str) -> float | None:

@@ -1,5 +1,6 @@
 """A robot description of another tool as a tree of links and joints, whatever its file format."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,12 @@ HINGES = ("revolute", "continuous")
 
 #: Kinds of joints that carry nothing: the other link moves freely.
 LOOSE = ("floating", "planar")
+
+#: A link that has less than this share of the mass needs no moments of inertia.
+LIGHT_SHARE = 0.05
+
+#: Limits of a description: the time to place links grows with the square of their number.
+MOST_BYTES, MOST_LINKS = 20_000_000, 500
 
 #: A hinge that turns less than this stands for a rigid joint: touch sensors and springs are written so.
 RIGID_RANGE_RAD = 0.05
@@ -84,6 +91,40 @@ class TreeLink:
 
 
 @dataclass(frozen=True, eq=False)
+class JoinedMass:
+    """Links that are fixed to one another, as one body, along the axes of a common frame.
+
+    Attributes:
+        com_m: centre of mass, (3,); the origin if nothing has a mass.
+        inertia_kg_m2: about the centre of mass, (3, 3).
+        bare: heavy links without moments of inertia, which count as points.
+    """
+
+    mass_kg: float
+    com_m: FloatArray
+    inertia_kg_m2: FloatArray
+    bare: tuple[str, ...]
+
+
+def joined_mass(links: Sequence[TreeLink], frames: Sequence[FloatArray]) -> JoinedMass:
+    """Mass of links with their frames, (4, 4), in a common one."""
+    masses_kg = [link.mass_kg or 0.0 for link in links]
+    mass_kg, tensor = sum(masses_kg), np.zeros((3, 3))
+    coms_m = [(frame @ [*link.com_m, 1.0])[:3] for frame, link in zip(frames, links, strict=True)]
+    com_m = np.average(coms_m, axis=0, weights=masses_kg) if mass_kg > 0 else np.zeros(3)
+    for link, frame, kg, at_m in zip(links, frames, masses_kg, coms_m - com_m, strict=True):
+        if link.inertia_kg_m2 is not None:
+            tensor += frame[:3, :3] @ link.inertia_kg_m2 @ frame[:3, :3].T
+        tensor += kg * (at_m @ at_m * np.eye(3) - np.outer(at_m, at_m))
+    bare = [
+        link.name
+        for link, kg in zip(links, masses_kg, strict=True)
+        if kg > LIGHT_SHARE * mass_kg and link.inertia_kg_m2 is None
+    ]
+    return JoinedMass(mass_kg, com_m, tensor, tuple(bare))
+
+
+@dataclass(frozen=True, eq=False)
 class TreeJoint:
     """A joint: its frame in that of its parent, its axis in its own; None for missing values.
 
@@ -91,6 +132,7 @@ class TreeJoint:
         damping_nm_s_per_rad: torque lost per speed.
         stiffness_nm_per_rad: of the position control that drives it.
         control_nm_s_per_rad: damping of that control.
+        follows: joint whose angle it copies.
     """
 
     name: str
@@ -107,6 +149,7 @@ class TreeJoint:
     stiffness_nm_per_rad: float | None = None
     control_nm_s_per_rad: float | None = None
     rotor_inertia_kg_m2: float | None = None
+    follows: str | None = None
 
     @property
     def hinge(self) -> bool:
@@ -139,7 +182,7 @@ class LinkTree:
     stance_rad: dict[str, float] = field(default_factory=dict)
     numbers: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
-    def placed(self, link: str) -> FloatArray:
+    def frame_in_root(self, link: str) -> FloatArray:
         """Frame of a link in that of the root with all joints at zero, (4, 4)."""
         frame = np.eye(4)
         while link != self.root:

@@ -1,15 +1,15 @@
-"""Points of the meshes that a robot description names: STL, binary or text, and OBJ."""
+"""Points of the meshes that a robot description names: STL, binary or text, OBJ and COLLADA."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from hexctl.files import read_file
+from hexctl.robot.formats.collada import collada_points
+from hexctl.robot.formats.link_tree import MOST_BYTES
 from hexctl.robot.meshes import STL_HEAD, STL_TRIANGLE
 from hexctl.types import FloatArray
-
-MOST_BYTES = 20_000_000
 
 
 class UnreadMeshError(ValueError):
@@ -27,13 +27,16 @@ def mesh_points(name: str, description: Path) -> FloatArray:
     if file is None:
         raise UnreadMeshError("not found")
     kind = file.suffix.lower()
-    if kind not in (".stl", ".obj"):
-        raise UnreadMeshError(f"a {kind or 'nameless'} file is not read, only .stl and .obj")
+    if kind not in READERS:
+        raise UnreadMeshError(f"a {kind or 'nameless'} file is not read, only {', '.join(READERS)}")
     try:
         content = read_file(file, MOST_BYTES)
     except (OSError, ValueError) as error:
         raise UnreadMeshError(str(error)) from error
-    points = _obj(content) if kind == ".obj" else _stl(content)
+    try:
+        points = READERS[kind](content)
+    except ValueError as error:
+        raise UnreadMeshError("is not a complete mesh") from error
     if not len(points) or not np.isfinite(points).all():
         raise UnreadMeshError("is not a complete mesh")
     return points
@@ -67,8 +70,8 @@ def _obj(content: bytes) -> FloatArray:
 def _rows(content: bytes, word: bytes) -> FloatArray:
     """The three numbers after a word in each line of a text that begins with it."""
     lines = (line.split() for line in content.splitlines())
-    try:
-        points = [[float(part) for part in line[1:4]] for line in lines if line and line[0].lower() == word]
-        return np.array(points, dtype=float).reshape(-1, 3)
-    except ValueError as error:
-        raise UnreadMeshError("is not a complete mesh") from error
+    points = [[float(part) for part in line[1:4]] for line in lines if line and line[0].lower() == word]
+    return np.array(points, dtype=float).reshape(-1, 3)
+
+
+READERS: dict[str, Callable[[bytes], FloatArray]] = {".stl": _stl, ".obj": _obj, ".dae": collada_points}

@@ -183,7 +183,7 @@ def _add_link(parent: Element, robot: Robot, joint: int) -> Element:
         axis="0 0 1" if kind == "coxa" else "0 -1 0",
         range=numbers(robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]),
         armature=number(robot.servo.rotor_inertia_kg_m2),
-        damping=number(GEAR_DAMPING + float(robot.back_emf_nm_s_per_rad[joint])),
+        damping=number(robot.servo.gear_damping_nm_s_per_rad + float(robot.back_emf_nm_s_per_rad[joint])),
         frictionloss=number(robot.dry_friction_nm[joint]),
         solimpfriction=numbers(*STICTION),
     )

@@ -8,14 +8,18 @@ import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.files import read_file
-from hexctl.robot.formats.link_tree import LinkTree, Solid, TreeJoint, TreeLink, tree_of
+from hexctl.robot.formats.import_values import LEAST_MASS_KG
+from hexctl.robot.formats.link_tree import (
+    MOST_BYTES,
+    MOST_LINKS,
+    LinkTree,
+    Solid,
+    TreeJoint,
+    TreeLink,
+    tree_of,
+)
 from hexctl.robot.formats.mjcf import GEAR_DAMPING
 from hexctl.types import N_JOINTS, FloatArray
-
-MOST_BYTES = 20_000_000
-
-#: Maximum number of bodies; the time to place them grows with its square.
-MOST_BODIES = 500
 
 #: Keyframes in which a robot stands; else the first one counts.
 STANCES = ("stance", "stand", "home")
@@ -30,10 +34,12 @@ def read_mjcf(path: Path) -> LinkTree:
     try:
         read_file(path, MOST_BYTES)
         spec = mujoco.MjSpec.from_file(str(path))
+        for index, body in enumerate(spec.bodies):
+            body.name = body.name or f"body{index}"
         unread = _without_missing_files(spec, path.parent)
         model = spec.compile()
-        if model.nbody > MOST_BODIES:
-            raise ValueError(f"got {model.nbody} bodies; allowed: a robot of up to {MOST_BODIES}")
+        if model.nbody > MOST_LINKS:
+            raise ValueError(f"got {model.nbody} bodies; allowed: a robot of up to {MOST_LINKS}")
         return _Reader(model, unread).tree(spec.modelname)
     except (OSError, ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
@@ -57,6 +63,8 @@ def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
             spec.delete(geom)
     for mesh in missing.values():
         spec.delete(mesh)
+    if missing:  # without a mesh a body may have no mass, and MuJoCo compiles none of these
+        spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS_KG / 100, LEAST_MASS_KG * 1e-6
     return unread
 
 
@@ -135,7 +143,7 @@ class _Reader:
             )
 
     def _name(self, body: int) -> str:
-        return self._model.body(body).name or f"body{body}"
+        return str(self._model.body(body).name)
 
     def _link(self, body: int) -> TreeLink:
         model = self._model
@@ -194,7 +202,7 @@ class _Reader:
             **self._actuator(joint),
         )
 
-    def _actuator(self, joint: int) -> dict[str, float | None]:
+    def _actuator(self, joint: int) -> dict[str, Any]:
         """Torque limit, and stiffness and damping of a position control."""
         model = self._model
         drives = (model.actuator_trntype == 0) & (model.actuator_trnid[:, 0] == joint)

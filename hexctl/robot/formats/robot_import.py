@@ -12,22 +12,28 @@ import yaml
 
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
-from hexctl.robot.formats.import_values import Findings, short
+from hexctl.robot.formats.foot_projection import FootProjection
+from hexctl.robot.formats.import_values import Findings, rounded
+from hexctl.robot.formats.leg_chains import (
+    AXIS_TOLERANCE_RAD,
+    HeldHinge,
+    held_text,
+    leg_chains,
+    with_three_hinges,
+)
 from hexctl.robot.formats.leg_import import LegImport
 from hexctl.robot.formats.link_masses import PartMass, link_mass
-from hexctl.robot.formats.link_tree import LinkTree
+from hexctl.robot.formats.link_tree import MOST_BYTES, LinkTree
 from hexctl.robot.formats.mjcf_tree import read_mjcf
 from hexctl.robot.formats.tree_legs import (
-    AXIS_TOLERANCE_RAD,
     PLANE_TOLERANCE_M,
     TreeLeg,
     find_legs,
-    leg_chains,
     with_middle_coxae,
     with_one_zero,
 )
 from hexctl.robot.formats.trunk_import import body_origin, body_section, trunk_box
-from hexctl.robot.formats.urdf_tree import MOST_BYTES, read_urdf
+from hexctl.robot.formats.urdf_tree import read_urdf
 from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
 from hexctl.types import JOINT_KINDS, FloatArray
@@ -52,16 +58,29 @@ class ImportedRobot:
     Attributes:
         content: of the robot file.
         reasons: why keys are unknown, by key.
-        notes: on omissions and changes.
+        remarks: on omissions and changes.
         header: lines of a comment.
-        stances: other places for the feet, (outward, up) in m, the best first.
+        stances: places for the feet in the planes of the legs, (outward, up) in m: that of the content, then
+            others, the best first.
+        projection: of feet next to these planes.
+        own_gait: whether the default gait is that of the description.
     """
 
     content: dict[str, Any]
     reasons: dict[str, str]
-    notes: tuple[str, ...]
+    remarks: tuple[str, ...]
     header: tuple[str, ...]
     stances: tuple[Vector2, ...]
+    projection: FootProjection | None = None
+    own_gait: bool = False
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on omissions and changes, and on the error of projected feet in the stance of the content."""
+        if self.projection is None:
+            return self.remarks
+        stride_m = self.content["gait"]["amplitude"] * self.content["size_m"]
+        return (*self.remarks, self.projection.note(self.stances[0][0], stride_m))
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -80,15 +99,22 @@ class ImportedRobot:
         """The robot of the file; raises InputError if it is not allowed."""
         return robot_of_content(self.content, Path(self.content["name"]))
 
-    def walking(self, stance: Vector2, pace_hz: float, stride_m: float, step_m: float) -> "ImportedRobot":
-        """The same robot with another stance and default gait."""
+    def with_gait(self, stance: Vector2, pace_hz: float, stride_m: float, step_m: float) -> "ImportedRobot":
+        """The same robot with another stance, in the planes of its legs, and another default gait."""
         size_m, (outward_m, up_m) = self.content["size_m"], stance
         gait = {"pace_hz": pace_hz, "amplitude": stride_m / size_m, "height": step_m / size_m}
-        changed = {
-            "stance": {"outward_m": short(outward_m), "up_m": short(up_m)},
-            "gait": {key: short(value) for key, value in gait.items()},
-        }
-        return replace(self, content=self.content | changed)
+        changed: dict[str, Any] = {"gait": {key: rounded(value) for key, value in gait.items()}}
+        if self.projection is not None:
+            changed |= self.projection.sections(self.content, outward_m)
+            outward_m = self.projection.outward_m(outward_m)
+        changed["stance"] = {"outward_m": rounded(outward_m), "up_m": rounded(up_m)}
+        stances = (stance, *(other for other in self.stances if other != stance))
+        return replace(self, content=self.content | changed, stances=stances)
+
+    def with_gait_values(self, **values: float) -> "ImportedRobot":
+        """The same robot with other values in the section `gait`."""
+        gait = self.content["gait"] | {key: rounded(value) for key, value in values.items()}
+        return replace(self, content=self.content | {"gait": gait})
 
 
 def import_robot(
@@ -115,13 +141,13 @@ def import_robot(
         raise InputError(f"{argument('forward')}: got {forward}; allowed: {', '.join(FORWARD)}")
     if name is not None and name != _short_name(name):
         raise InputError(f"{argument('name')}: got {name}; allowed: small letters, figures and dashes")
-    tree = _read(Path(path))
+    tree, held = with_three_hinges(_read(Path(path)))
     made = []
     facings = _facings(tree, forward)
     for facing in facings:
         legs = find_legs(tree, facing, None if foot_m is None else np.array(foot_m))
         legs = with_middle_coxae(with_one_zero(legs))
-        made.append(_Import(tree, legs, facing))
+        made.append(_Import(tree, legs, facing, held))
     if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
         made.sort(key=lambda one: one.feet_up_m)
     # Up is the root's z axis, or else away from the feet at angle zero, unless the legs then have no stance.
@@ -148,7 +174,8 @@ def _facings(tree: LinkTree, forward: str) -> list[FloatArray]:
 
     The first one has z up, if the z axis of the root is the vertical.
     """
-    axes = np.array([tree.placed(chain[0].child)[:3, :3] @ chain[0].axis for chain in leg_chains(tree)])
+    coxae = [chain[0] for chain in leg_chains(tree)]
+    axes = np.array([tree.frame_in_root(joint.child)[:3, :3] @ joint.axis for joint in coxae])
     axes *= np.sign(axes @ axes[0] + 1e-12)[:, np.newaxis]
     axis = axes.mean(axis=0) / max(float(np.linalg.norm(axes.mean(axis=0))), 1e-12)
     up = axis * math.copysign(1.0, axis[np.abs(axis).argmax()])
@@ -172,9 +199,17 @@ def _facing(up: FloatArray, ahead: FloatArray) -> FloatArray:
 
 
 class _Import:
-    def __init__(self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray) -> None:
-        self._tree, self._legs, self._facing = tree, legs, facing
+    def __init__(
+        self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray, held: tuple[HeldHinge, ...]
+    ) -> None:
+        self._tree, self._legs, self._facing, self._held = tree, legs, facing, held
         self._findings = Findings()
+        if held:
+            self._findings.note(
+                f"the legs have {len(JOINT_KINDS) + len(held) // len(legs)} hinges, of which hexctl moves "
+                f"{len(JOINT_KINDS)}: hold {held_text(held)}; to hold others, make those `fixed` in the "
+                "description"
+            )
         self._parts = LegImport(tree, legs, facing, self._findings)
         self._links, self._joints = self._parts.links(), self._parts.joints()
         mounts_m = np.array([leg.mount_m for leg in legs])
@@ -195,16 +230,17 @@ class _Import:
         """The robot file; raises InputError if it is none."""
         servo = self._parts.servo(self._joints)
         body = body_section(self._tree, self._facing, self._box, self._origin_m, self._findings)
-        outward_m, up_m = self.stances[0]
-        beside_m = float(np.mean([abs(leg.beside_m) for leg in self._legs]))
-        if beside_m > PLANE_TOLERANCE_M:
-            outward_m = self._project_feet(outward_m, beside_m)
-        mounts = [self._mount(leg, self.stances[0][0]) for leg in self._legs]
+        projection = self._projection()
+        outward_m = self.stances[0][0]
+        if projection is not None:
+            outward_m = projection.outward_m(outward_m)
+        mounts = [self._mount(leg) for leg in self._legs]
         radius_m = max(math.hypot(*mount["position_m"][:2]) for mount in mounts) + outward_m
         gait = (USUAL_PACE_HZ, USUAL_STRIDE * outward_m, USUAL_STEP * outward_m)
         numbers = self._tree.numbers
         size_m = float(f"{2 * radius_m:.2g}")
-        if len(numbers.get("size_m", ())) == 1 and len(numbers.get("gait", ())) == 3:
+        own_gait = len(numbers.get("size_m", ())) == 1 and len(numbers.get("gait", ())) == 3
+        if own_gait:
             size_m, (pace_hz, *shares) = numbers["size_m"][0], numbers["gait"]
             gait = (pace_hz, shares[0] * size_m, shares[1] * size_m)
         content = {
@@ -220,14 +256,13 @@ class _Import:
             "servo": servo,
             "gait": {},
         }
-        other = outward_m - self.stances[0][0]
-        stances = tuple((outward + other, up) for outward, up in self.stances)
-        made = ImportedRobot(content, {}, (), tuple(self._header(source)), stances)
-        made = made.walking((outward_m, up_m), *gait)
+        raw = ImportedRobot(content, {}, (), tuple(self._header(source)), self.stances, projection, own_gait)
+        made = raw.with_gait(self.stances[0], *gait)
         self._drop_plain_coms(made.content, Path(source))
-        self._add_inertias(robot_of_content(made.content, Path(source)))
+        self._add_inertias(made.robot())
+        made = raw.with_gait(self.stances[0], *gait)
         robot_of_content(made.content, Path(source))
-        return replace(made, reasons=self._findings.reasons, notes=tuple(self._findings.notes))
+        return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
 
     def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
         """Leave out centres of mass that are those of evenly filled capsules."""
@@ -257,35 +292,25 @@ class _Import:
                 for joint, sign, zero_rad in zip(leg.joints, leg.signs, leg.zeros_rad, strict=True)
             ]
             lines.append(f"  leg {number}: {', '.join(names)}")
+        if self._held:
+            lines.append(f"Not moved, to be held: {held_text(self._held)}.")
         if np.abs(self._origin_m).max() > 1e-6:
             x, y, z = (np.linalg.inv(self._facing)[:3, :3] @ self._origin_m).tolist()
             lines.append(f"The body frame is at {x:.4f}, {y:.4f}, {z:.4f} m in that of {self._tree.root}.")
         return lines
 
-    def _mount(self, leg: TreeLeg, outward_m: float) -> dict[str, Any]:
-        position = [short(part) for part in leg.mount_m - self._origin_m]
-        yaw_rad = leg.yaw_rad
-        if abs(leg.beside_m) > PLANE_TOLERANCE_M:
-            yaw_rad += math.atan2(leg.beside_m, outward_m)
-        return {"position_m": position, "yaw_deg": short(math.degrees(yaw_rad))}
+    def _mount(self, leg: TreeLeg) -> dict[str, Any]:
+        position = [rounded(part) for part in leg.mount_m - self._origin_m]
+        return {"position_m": position, "yaw_deg": rounded(math.degrees(leg.yaw_rad))}
 
-    def _project_feet(self, outward_m: float, beside_m: float) -> float:
-        """Turn legs to feet next to their planes: exact in the stance. Return the new distance of the foot.
-
-        Without the turn of the stance, a foot (r, b) of the leg is at (r + c, 0), with c of the stance.
-        """
-        radius_m = math.hypot(outward_m, beside_m)
-        coxa = self._links["coxa"]
-        coxa["end_m"] = [short(coxa["end_m"][0] + radius_m - outward_m), coxa["end_m"][1]]
-        reach_m = outward_m + USUAL_STRIDE * outward_m * np.linspace(-0.5, 0.5, 21)
-        real_m = np.column_stack([reach_m, np.full(21, beside_m)])
-        made_m = (reach_m + radius_m - outward_m)[:, np.newaxis] * np.array([outward_m, beside_m]) / radius_m
-        error_m = float(np.linalg.norm(real_m - made_m, axis=-1).max())
-        self._findings.note(
-            f"the feet are {1000 * beside_m:.1f} mm beside the planes of their legs: the legs were turned to "
-            f"them, exact in the stance and up to {1000 * error_m:.1f} mm off in a stride"
-        )
-        return radius_m
+    def _projection(self) -> FootProjection | None:
+        offsets_m = [leg.foot_offset_m for leg in self._legs]
+        size_m = float(np.mean(np.abs(offsets_m)))
+        if size_m <= PLANE_TOLERANCE_M:
+            return None
+        outward_m, up_m = self._parts.vectors_m[0].tolist()
+        yaws_rad = tuple(leg.yaw_rad for leg in self._legs)
+        return FootProjection(tuple(offsets_m), size_m, (outward_m, up_m), yaws_rad)
 
     def _stances(self) -> tuple[Vector2, ...]:
         """Places of the feet, (outward from the coxa axis, up from the body frame): the file's, then others.

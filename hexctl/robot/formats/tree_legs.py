@@ -7,19 +7,18 @@ from itertools import pairwise
 import numpy as np
 
 from hexctl.errors import InputError
+from hexctl.robot.formats.leg_chains import AXIS_TOLERANCE_RAD, FOOT_TOLERANCE_M, axis_text, leg_chains
 from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, ArrayFields, FloatArray
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 
-#: Tolerance of axes: files write 1.5707, and mounts lean a little.
-AXIS_TOLERANCE_RAD = math.radians(3.0)
 #: Shorter coxae do not show the direction of a leg.
 SHORTEST_COXA_M = 0.005
 #: Distance of a foot from the plane of its leg: what needs no word, and what a projection allows.
-PLANE_TOLERANCE_M, MOST_BESIDE_M = 0.006, 0.06
+PLANE_TOLERANCE_M, MOST_FOOT_OFFSET_M = 0.006, 0.06
 #: Tolerance of differences between legs.
 LEG_TOLERANCE_M = 0.006
-#: A frame or the centre of a sphere this near to the far end of the tibia is the foot: in m, and as a share.
-FOOT_TOLERANCE_M, FOOT_TOLERANCE_SHARE = 0.01, 0.08
+#: A frame or the centre of a sphere this near to the far end of the tibia is the foot, as a share of it.
+FOOT_TOLERANCE_SHARE = 0.08
 #: Lengths of a tibia as shares of coxa and femur together; shorter and longer ones are no tibiae.
 TIBIA_SHARES = (0.25, 8.0)
 #: Coxae keep the zeros of the file if the legs have the first share of their ranges in common, and the second
@@ -41,7 +40,7 @@ class TreeLeg(ArrayFields):
         signs: 1 if the angles of the file and of hexctl have the same sign, -1 if not, (3,).
         zeros_rad: hexctl's angles at the zeros of the file, (3,).
         foot_m: the foot at angle zero, in axes of the body from the root, (3,).
-        beside_m: distance of the foot to the left of the plane of the leg.
+        foot_offset_m: distance of the foot to the left of the plane of the leg.
         foot_guess: why the foot is a guess, or empty if the file shows it.
     """
 
@@ -53,7 +52,7 @@ class TreeLeg(ArrayFields):
     signs: FloatArray
     zeros_rad: FloatArray
     foot_m: FloatArray
-    beside_m: float
+    foot_offset_m: float
     foot_guess: str
 
 
@@ -78,73 +77,15 @@ def _azimuth_rad(leg: TreeLeg, centre_m: FloatArray) -> float:
     return math.atan2(y, x) if math.hypot(x, y) > 1e-3 else leg.yaw_rad
 
 
-def leg_chains(tree: LinkTree) -> list[tuple[TreeJoint, ...]]:
-    """The six chains of three hinges from the trunk; raises InputError if there are others or none."""
-    found: dict[tuple[str, ...], tuple[TreeJoint, ...]] = {}
-    for link in tree.links:
-        if link not in tree.children:
-            chain = _without_idle_ends(tree, tree.hinges(link))
-            found[tuple(joint.name for joint in chain)] = chain
-    chains = [
-        chain
-        for names, chain in found.items()
-        if not any(other[: len(names)] == names for other in found if other != names)
-    ]
-    legs = [chain for chain in chains if len(chain) == JOINTS_PER_LEG]
-    if len(legs) > N_LEGS:
-        legs = [chain for chain in legs if _turns_as_a_leg(tree, chain)]
-    longer = next((chain for chain in chains if len(chain) > JOINTS_PER_LEG), None)
-    if longer is not None and len(legs) != N_LEGS:
-        raise InputError(
-            f"robot description: got a chain of {len(longer)} hinges from {longer[0].name} to "
-            f"{longer[-1].name}; allowed: legs of {JOINTS_PER_LEG}"
-        )
-    if len(legs) != N_LEGS:
-        raise InputError(
-            f"robot description: got {len(legs)} chains of {JOINTS_PER_LEG} hinges; allowed: {N_LEGS} legs"
-        )
-    if len({chain[0].name for chain in legs}) != N_LEGS:
-        raise InputError(
-            f"robot description: got legs that share the hinge {legs[0][0].name}; allowed: legs of their own"
-        )
-    return legs
-
-
-def _without_idle_ends(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> tuple[TreeJoint, ...]:
-    """A chain without hinges at its end that move no foot: nothing beyond them is off their axis."""
-    while len(chain) > JOINTS_PER_LEG and _is_idle(tree, chain[-1]):
-        chain = chain[:-1]
-    return chain
-
-
-def _is_idle(tree: LinkTree, joint: TreeJoint) -> bool:
-    at = np.asarray(np.linalg.inv(tree.placed(joint.child)), dtype=float)
-    points_m = [point for name in tree.carried(joint.child) for point in _points(tree, at, name)]
-    return all(float(np.linalg.norm(np.cross(point, joint.axis))) < FOOT_TOLERANCE_M for point in points_m)
-
-
-def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
-    """Origin of a link and ends of its solids in another frame, in m."""
-    frame = at @ tree.placed(link)
-    solids = tree.links[link].solids
-    return [frame[:3, 3], *(end @ frame[:3, :3].T + frame[:3, 3] for solid in solids for end in solid.ends)]
-
-
-def _turns_as_a_leg(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> bool:
-    """Whether the last two axes are parallel and at right angles to the first."""
-    first, second, third = (tree.placed(joint.child)[:3, :3] @ joint.axis for joint in chain)
-    off = math.sin(AXIS_TOLERANCE_RAD)
-    return bool(abs(first @ second) < off and np.linalg.norm(np.cross(second, third)) < off)
-
-
 def _leg(
     tree: LinkTree, chain: tuple[TreeJoint, ...], facing: FloatArray, foot_m: FloatArray | None
 ) -> TreeLeg:
-    frames = [facing @ tree.placed(joint.child) for joint in chain]
+    frames = [facing @ tree.frame_in_root(joint.child) for joint in chain]
     axes = [frame[:3, :3] @ joint.axis for frame, joint in zip(frames, chain, strict=True)]
     origins_m = [frame[:3, 3] for frame in frames]
     _check_axes(chain, axes)
-    tips = _tips(tree, chain[-1].child)
+    # Joints beyond the tibia move no foot, or let it turn on the floor.
+    tips = tree.carried(chain[-1].child)
     tip_m, guess = (foot_m, "") if foot_m is not None else _foot(tree, tips, frames, axes[2])
     foot = (frames[-1] @ [*tip_m, 1.0])[:3]
     level = axes[1] * [1, 1, 0] / np.linalg.norm(axes[1][:2])
@@ -154,11 +95,11 @@ def _leg(
         # Femur joints above the coxa axis: the foot shows the direction of the leg.
         along_m = float((foot - origins_m[0]) @ outward)
     outward *= math.copysign(1.0, along_m)
-    beside_m = float((foot - origins_m[0]) @ np.cross([0.0, 0.0, 1.0], outward))
-    if abs(beside_m) > MOST_BESIDE_M:
+    foot_offset_m = float((foot - origins_m[0]) @ np.cross([0.0, 0.0, 1.0], outward))
+    if abs(foot_offset_m) > MOST_FOOT_OFFSET_M:
         raise InputError(
-            f"robot description: the foot of the leg of {chain[0].name} is {1000 * abs(beside_m):.0f} mm "
-            f"beside the plane of its leg; allowed: {1000 * MOST_BESIDE_M:g} mm"
+            f"robot description: the foot of the leg of {chain[0].name} is {1000 * abs(foot_offset_m):.0f} "
+            f"mm beside the plane of its leg; allowed: {1000 * MOST_FOOT_OFFSET_M:g} mm"
         )
     points = np.array([*origins_m, foot])
     plane = np.column_stack([points @ outward, points[:, 2]])
@@ -173,24 +114,9 @@ def _leg(
         signs=np.array(signs),
         zeros_rad=np.zeros(JOINTS_PER_LEG),
         foot_m=foot,
-        beside_m=beside_m,
+        foot_offset_m=foot_offset_m,
         foot_guess=guess,
     )
-
-
-def _tips(tree: LinkTree, tibia: str) -> list[str]:
-    """The tibia, and all beyond it: hinges there move no foot."""
-    return [
-        name for name in tree.carried(tibia) if not any(joint.loose for joint in _path(tree, name, tibia))
-    ]
-
-
-def _path(tree: LinkTree, link: str, root: str) -> list[TreeJoint]:
-    joints = []
-    while link != root:
-        joints.append(tree.joints[link])
-        link = joints[-1].parent
-    return joints
 
 
 def _check_axes(chain: tuple[TreeJoint, ...], axes: list[FloatArray]) -> None:
@@ -198,18 +124,19 @@ def _check_axes(chain: tuple[TreeJoint, ...], axes: list[FloatArray]) -> None:
     off = math.sin(AXIS_TOLERANCE_RAD)
     if np.linalg.norm(axes[0][:2]) > off:
         raise InputError(
-            f"robot description: the first hinge of a leg, {chain[0].name}, turns about {_shown(axes[0])} of "
-            "the body; allowed: the vertical, the same for all six legs"
+            f"robot description: the first hinge of a leg, {chain[0].name}, turns about {axis_text(axes[0])} "
+            "of the body; allowed: the vertical, the same for all six legs"
         )
     for joint, axis in zip(chain[1:], axes[1:], strict=True):
         if abs(axis[2]) > off:
             raise InputError(
-                f"robot description: the hinge {joint.name} turns about {_shown(axis)}; allowed: a level axis"
+                f"robot description: the hinge {joint.name} turns about {axis_text(axis)}; allowed: a level "
+                "axis"
             )
     if np.linalg.norm(np.cross(axes[1], axes[2])) > off:
         raise InputError(
             f"robot description: the hinges {chain[1].name} and {chain[2].name} turn about "
-            f"{_shown(axes[1])} and {_shown(axes[2])}; allowed: parallel axes"
+            f"{axis_text(axes[1])} and {axis_text(axes[2])}; allowed: parallel axes"
         )
 
 
@@ -225,7 +152,7 @@ def _foot(
         frames: of the three links in axes of the body.
         axis: of the last hinge in axes of the body, (3,).
     """
-    knee = np.asarray(np.linalg.inv(tree.placed(tips[0])), dtype=float)
+    knee = np.asarray(np.linalg.inv(tree.frame_in_root(tips[0])), dtype=float)
     upper_m = sum(float(np.linalg.norm(end[:3, 3] - start[:3, 3])) for start, end in pairwise(frames))
     foot_m, marked = _far_end(tree, tips, knee)
     far_m = _length_m(foot_m)
@@ -245,7 +172,7 @@ def _foot(
 
 def _far_end(tree: LinkTree, tips: list[str], knee: FloatArray) -> tuple[FloatArray, bool]:
     """Foot at the far end of the parts of a tibia, (3,) in its frame, and whether a frame marks it."""
-    frames = {name: knee @ tree.placed(name) for name in tips}
+    frames = {name: knee @ tree.frame_in_root(name) for name in tips}
     marks = [frames[name][:3, 3] for name in tips[1:] if name not in tree.children]
     spheres: list[tuple[FloatArray, float]] = []
     ends = list(marks)
@@ -287,10 +214,6 @@ def _usual_foot(frames: list[FloatArray], axis: FloatArray) -> FloatArray:
     in_plane = [one for one in directions if abs(one @ axis) < math.sin(math.radians(10))] or directions
     best = max(in_plane, key=lambda one: float(-one[2] + 0.5 * one @ femur / max(_length_m(femur), 1e-9)))
     return np.asarray(USUAL_TIBIA * _length_m(femur) * (turn.T @ best))
-
-
-def _shown(axis: FloatArray) -> str:
-    return f"({', '.join(f'{part:.2f}' for part in axis)})"
 
 
 def with_one_zero(legs: list[TreeLeg]) -> list[TreeLeg]:

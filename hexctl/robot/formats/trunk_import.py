@@ -11,12 +11,12 @@ from hexctl.robot.formats.import_values import (
     LEAST_TRUNK_KG_M3,
     USUAL_MASS_KG,
     Findings,
-    dense,
     possible_moments,
-    short,
+    rounded,
+    too_dense,
 )
 from hexctl.robot.formats.link_masses import trunk_mass
-from hexctl.robot.formats.link_tree import LinkTree, Solid
+from hexctl.robot.formats.link_tree import JoinedMass, LinkTree, Solid, joined_mass
 from hexctl.robot.schema import Body
 from hexctl.types import FloatArray
 
@@ -50,7 +50,7 @@ def trunk_box(tree: LinkTree, facing: FloatArray, mounts_m: FloatArray) -> Trunk
     sides_m = np.maximum(high_m - low_m, LEAST_SIDE_M)
     found: list[tuple[Solid, FloatArray, FloatArray, FloatArray]] = []
     for name in tree.rigid(tree.root):
-        frame = facing @ tree.placed(name)
+        frame = facing @ tree.frame_in_root(name)
         for solid in tree.links[name].solids:
             least_m, most_m = solid.bounds(frame)
             covered_m = np.minimum(most_m[:2], high_m) - np.maximum(least_m[:2], low_m)
@@ -109,28 +109,18 @@ def body_section(
     tree: LinkTree, facing: FloatArray, box: TrunkBox, origin_m: FloatArray, findings: Findings
 ) -> dict[str, Any]:
     """The section `body` of a robot file: the trunk is all that no leg carries."""
-    size_m = [short(side) for side in box.size_m]
+    size_m = [rounded(side) for side in box.size_m]
     if box.guess:
         findings.unknown("body.size_m", box.guess)
     links = [tree.links[name] for name in tree.rigid(tree.root)]
-    masses_kg = [link.mass_kg or 0.0 for link in links]
-    mass_kg, com_m = sum(masses_kg), np.zeros(3)
-    body: dict[str, Any] = {"shape": box.shape, "size_m": size_m, "mass_kg": short(mass_kg)}
+    joined = joined_mass(links, [facing @ tree.frame_in_root(link.name) for link in links])
+    mass_kg = joined.mass_kg
+    body: dict[str, Any] = {"shape": box.shape, "size_m": size_m, "mass_kg": rounded(mass_kg)}
     least_kg = max(LEAST_MASS_KG, LEAST_TRUNK_KG_M3 * math.prod(size_m))
-    if mass_kg < least_kg or dense(mass_kg, size_m):
+    if mass_kg < least_kg or too_dense(mass_kg, size_m):
         findings.unknown("body.mass_kg", f"got {mass_kg:g} kg, which is a placeholder")
         return body | {"mass_kg": USUAL_MASS_KG["body"]}
-    frames = [facing @ tree.placed(link.name) for link in links]
-    coms_m = [(frame @ [*link.com_m, 1.0])[:3] for frame, link in zip(frames, links, strict=True)]
-    com_m = np.average(coms_m, axis=0, weights=masses_kg)
-    tensor = np.zeros((3, 3))
-    for link, frame, kg, at_m in zip(links, frames, masses_kg, coms_m, strict=True):
-        own = np.zeros((3, 3)) if link.inertia_kg_m2 is None else link.inertia_kg_m2
-        tensor += frame[:3, :3] @ own @ frame[:3, :3].T + kg * _point(at_m - com_m)
-    bare = [
-        link.name for link in links if (link.mass_kg or 0) > 0.05 * mass_kg and link.inertia_kg_m2 is None
-    ]
-    com_m = com_m - origin_m
+    com_m = joined.com_m - origin_m
     in_origins = all(np.abs(link.com_m).max() < 1e-9 for link in links if link.mass_kg)
     if in_origins and float(np.hypot(*com_m[:2])) > NEAR_CENTRE * max(size_m):
         findings.unknown(
@@ -139,19 +129,13 @@ def body_section(
     elif (np.abs(com_m) > np.array(size_m)).any():
         findings.note("the trunk's centre of mass lies outside it and was left out")
     elif np.abs(com_m).max() > 1e-7:
-        body["com_m"] = [short(part) for part in com_m]
-    return body | _inertia(body, tensor, bare, findings)
+        body["com_m"] = [rounded(part) for part in com_m]
+    return body | _inertia(body, joined, findings)
 
 
-def _point(at_m: FloatArray) -> FloatArray:
-    """Tensor of a unit mass at a point."""
-    return np.asarray(at_m @ at_m * np.eye(3) - np.outer(at_m, at_m))
-
-
-def _inertia(
-    body: dict[str, Any], tensor: FloatArray, bare: list[str], findings: Findings
-) -> dict[str, list[float]]:
+def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> dict[str, list[float]]:
     """Moments of inertia, unless they are those of the trunk's shape, or implausible."""
+    tensor, bare = joined.inertia_kg_m2, joined.bare
     key, even = "body.inertia_kg_m2", np.array(trunk_mass(Body(**_tuples(body))).moments_kg_m2)
     if bare:
         findings.unknown(key, f"{bare[0]} has none; an evenly filled {body['shape']} was assumed")
@@ -167,7 +151,7 @@ def _inertia(
         findings.note(
             f"the trunk's products of inertia, up to {100 * off:.0f} % of its moments, were left out"
         )
-    return {"inertia_kg_m2": [short(moment) for moment in moments]}
+    return {"inertia_kg_m2": [rounded(moment) for moment in moments]}
 
 
 def _tuples(body: dict[str, Any]) -> dict[str, Any]:

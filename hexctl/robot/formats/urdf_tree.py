@@ -9,14 +9,17 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.robot.formats.link_tree import LinkTree, Solid, TreeJoint, TreeLink, tree_of
+from hexctl.robot.formats.link_tree import (
+    MOST_BYTES,
+    MOST_LINKS,
+    LinkTree,
+    Solid,
+    TreeJoint,
+    TreeLink,
+    tree_of,
+)
 from hexctl.robot.formats.mesh_points import UnreadMeshError, mesh_points
 from hexctl.types import FloatArray
-
-MOST_BYTES = 20_000_000
-
-#: Maximum number of links; the time to place them grows with its square.
-MOST_LINKS = 500
 
 
 def read_urdf(path: Path) -> LinkTree:
@@ -47,8 +50,13 @@ def _tree(root: Element, path: Path) -> LinkTree:
     elements = root.findall("link")
     if len(elements) > MOST_LINKS:
         raise ValueError(f"got {len(elements)} links; allowed: a robot of up to {MOST_LINKS}")
-    links = [_link(one, path) for one in elements]
-    return tree_of(root.get("name", "robot"), links, [_joint(one) for one in root.findall("joint")])
+    links, joints = [_link(one, path) for one in elements], [_joint(one) for one in root.findall("joint")]
+    # The world, to which the robot is joined by a floating joint, is no part of it.
+    worlds = {joint.parent for joint in joints if joint.loose} - {joint.child for joint in joints}
+    if len(worlds) == 1 and sum(joint.parent in worlds for joint in joints) == 1:
+        links = [link for link in links if link.name not in worlds]
+        joints = [joint for joint in joints if joint.parent not in worlds]
+    return tree_of(root.get("name", "robot"), links, joints)
 
 
 def _link(element: Element, path: Path) -> TreeLink:
@@ -115,6 +123,7 @@ def _mesh(mesh: Element, path: Path) -> FloatArray:
 def _joint(element: Element) -> TreeJoint:
     parent, child = (_text(_part(element, tag), "link") for tag in ("parent", "child"))
     axis_element, limit, dynamics = (element.find(tag) for tag in ("axis", "limit", "dynamics"))
+    mimic = element.find("mimic")
     axis = np.array([1.0, 0.0, 0.0] if axis_element is None else _numbers(axis_element, "xyz"))
     kind = _text(element, "type")
     if kind != "fixed" and np.linalg.norm(axis) < 1e-6:
@@ -133,6 +142,7 @@ def _joint(element: Element) -> TreeJoint:
         speed_rad_s=_optional(limit, "velocity"),
         friction_nm=_optional(dynamics, "friction"),
         damping_nm_s_per_rad=_optional(dynamics, "damping"),
+        follows=None if mimic is None else mimic.get("joint", "another joint"),
     )
 
 

@@ -142,8 +142,17 @@ def _model(found: Mapping[str, Any], plain: Mapping[str, Any], path: Path) -> st
         return "equidistant"
     coefficients = found.get("distortion_coefficients")
     data = coefficients.get("data") if isinstance(coefficients, dict) else None
-    more = isinstance(data, list) and len(data) in COUNTS["rational_polynomial"][1:]
-    return "rational_polynomial" if more and model == "plumb_bob" else model
+    count = len(data) if isinstance(data, list) else 0
+    if count == 4 and not name and "fisheyemodel" not in plain:
+        raise InputError(
+            f"{path}: distortion_model: got none, with 4 coefficients, which may be of either lens; allowed: "
+            "the key distortion_model: plumb_bob, or distortion_model: equidistant for a fisheye"
+        )
+    return (
+        "rational_polynomial"
+        if count in COUNTS["rational_polynomial"][1:] and model == "plumb_bob"
+        else model
+    )
 
 
 def _numbers(values: Any, count: int, what: str) -> list[Any]:

@@ -56,7 +56,7 @@ def test_two_servos_with_one_id_are_named_by_a_scan(
     plug(BoardLine(a_map(driver, model), *faults))
     _, damages = scanned(driver)
     assert [each.garbled or each.doubled for each in damages] == [(1,)]
-    assert all(words in damages[0].words("memory") for words in ("several servos", "id 1", "same id"))
+    assert all(words in damages[0].description("memory") for words in ("several servos", "id 1", "same id"))
 
 
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
@@ -92,7 +92,7 @@ def test_a_robot_with_two_servos_of_one_id_does_not_start(driver: str, model: st
     bus = bus_of(bus_map, line, BusCounters())
     found = bus.find()
     assert bus.damage.garbled == (8,), "leg 3 femur has it, and leg 3 tibia too"
-    assert "several servos with the same id" in bus.damage.words("memory")
+    assert "several servos with the same id" in bus.damage.description("memory")
     assert not found[8]
     with pytest.raises(RobotFaultError, match="several servos"):
         the_servo(line, driver, 8)
@@ -113,7 +113,7 @@ def test_noise_is_named(plug: Plug, driver: str, model: str) -> None:
     plug(BoardLine(a_map(driver, model), "noise:1"))
     _, damages = scanned(driver)
     assert all(each.noisy for each in damages)
-    assert "unsolicited bytes" in damages[0].words("memory")
+    assert "unsolicited bytes" in damages[0].description("memory")
 
 
 class RandomLine(MemoryLine):
@@ -150,8 +150,8 @@ def test_answers_that_mean_nothing_are_named(plug: Plug, driver: str) -> None:
     plug(RandomLine())
     found, damages = scanned(driver)
     assert found == []
-    assert "at many ids: a wrong baud rate" in damages[0].words("memory")
-    assert "cannot be understood" in damages[0].words("memory")
+    assert "at many ids: a wrong baud rate" in damages[0].description("memory")
+    assert "cannot be understood" in damages[0].description("memory")
 
 
 @pytest.mark.parametrize(("driver", "protocol"), [("dynamixel", 2), ("feetech", 1), ("lx16a", 1)])
@@ -159,7 +159,7 @@ def test_two_answers_to_one_question_are_two_servos(plug: Plug, driver: str, pro
     plug(TwiceLine(driver, protocol))
     _, damages = scanned(driver)
     assert [each.doubled or each.garbled for each in damages] == [(1,)]
-    assert "the same id" in damages[0].words("memory")
+    assert "the same id" in damages[0].description("memory")
 
 
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)

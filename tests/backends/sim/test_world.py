@@ -46,7 +46,7 @@ def test_keys_of_a_world_file_are_read_and_others_are_those_of_the_flat_world(tm
     assert world.sensor_noise == SensorNoise(joint_deg=0.1)
     assert (world.added_mass_share, world.body_mass_shift_m) == (-0.05, (0, 0.01, -0.02))
     assert (world.contact_time_s, world.friction_cone, world.servo_backlash_deg) == (0.03, "pyramidal", 1)
-    assert (world.steps_per_tick, world.delay_ticks) == (5, 3)
+    assert (world.steps_per_tick, world.servo_delay_s) == (5, 0.06)
 
 
 #: Values that a world file cannot have, by key.
@@ -67,7 +67,7 @@ WRONG = {
     "contact_time_s": "0 1",
     "friction_cone": "round",
     "time_step_s": "0.003 0 0.01",
-    "servo_delay_s": "0.03 0.001 -0.02 1",
+    "servo_delay_s": "-0.02 1",
     "servo_backlash_deg": "-1 yes",
     "servo_strength": "0",
     "joint_offset_deg": f"90 -1 .nan lots yes [1,2] {[0] * 17 + [99]}".replace(", ", ","),

@@ -252,7 +252,7 @@ def test_a_bad_family_is_refused_with_file_and_key(text: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "spread", ["servo_delay_s: {low: 0, high: 0.04}", "time_step_s: {low: 0.001, high: 0.005}"]
+    "spread", ["friction_cone: {low: 0, high: 0.04}", "time_step_s: {low: 0.001, high: 0.005}"]
 )
 def test_a_quantity_that_knows_steps_only_cannot_be_spread(spread: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=spread.partition(":")[0]):

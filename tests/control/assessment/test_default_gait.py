@@ -1,14 +1,18 @@
 """The stance and the default gait of imported robots: `hexctl check` agrees with them."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from hexctl.control.assessment.default_gait import walkable
+from hexctl.control.assessment.default_gait import WANTED_LIFT, walkable
 from hexctl.control.assessment.feasibility import RobotCheck, check_robot
+from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.robot_import import ImportedRobot
-from tests.robot.hexapods import TRUNK, hexapod, imported
+from tests.robot.hexapods import MOUNTS, TIBIA_M, TRUNK, hexapod, imported, solid
 from tests.robots import shipped
 
 
@@ -47,7 +51,7 @@ def test_the_default_gait_is_one_that_the_check_agrees_with(case: str, tmp_path:
     [
         (0.04, TRUNK, "too weak"),
         (0.5, TRUNK.replace("1.2", "15"), "too weak"),
-        (0.2, TRUNK.replace("1.2", "6"), "too weak"),
+        pytest.param(0.2, TRUNK.replace("1.2", "6"), "too weak", marks=pytest.mark.long),
     ],
 )
 def test_if_none_works_the_import_says_why(effort: float, trunk: str, words: str, tmp_path: Path) -> None:
@@ -55,6 +59,63 @@ def test_if_none_works_the_import_says_why(effort: float, trunk: str, words: str
     made = walkable(imported(tmp_path, hexapod(limits=limits, trunk_inertial=trunk)))
     assert any("no default gait" in note and words in note for note in made.notes)
     assert not checked(made, tmp_path).possible
+
+
+#: Legs that point straight to the sides, some of them near to one another.
+NEAR = [(0.7 * x, y, math.copysign(90, y)) for x, y, _ in MOUNTS]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("radius_m", [0.008, 0.02, 0.029])
+def test_feet_that_would_touch_get_shorter_strides(radius_m: float, tmp_path: Path) -> None:
+    ball = solid(f'<sphere radius="{radius_m}"/>', f"{TIBIA_M} 0 0")
+    made = imported(tmp_path, hexapod(shin=ball, mounts=NEAR))
+    wide, walks = checked(made, tmp_path), checked(walkable(made), tmp_path)
+    assert ("feet touch" in str(wide.warnings)) == (radius_m > 0.01)
+    assert "touch" not in str(walks.warnings)
+
+
+@pytest.mark.slow
+def test_doubts_that_no_stride_avoids_are_noted(tmp_path: Path) -> None:
+    limits = (limit(-1, 1, effort=0.35),) * 3
+    made = walkable(imported(tmp_path, hexapod(limits=limits)))
+    assert checked(made, tmp_path).verdict.doubtful
+    assert "doubts the default gait: weak" in str(made.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trunk_kg", ["1.2", "2.5", "3.5"])
+def test_soft_robots_step_higher(trunk_kg: str, tmp_path: Path) -> None:
+    limits = (limit(-1.2, 1.2, effort=1.5),) * 3
+    first = imported(tmp_path, hexapod(limits=limits, trunk_inertial=TRUNK.replace("1.2", trunk_kg)))
+    made, kept = walkable(first), walkable(replace(first, own_gait=True))
+    usual = checked(kept, tmp_path).load.lift_left
+    soft = usual < WANTED_LIFT
+    assert soft == (trunk_kg != "1.2")
+    assert (made.content["gait"]["height"] > kept.content["gait"]["height"]) == soft
+    assert (checked(made, tmp_path).load.lift_left > usual) == soft
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("foot_y_m", [0.02, -0.035, 0.05])
+def test_projected_feet_are_exact_in_the_stance_that_is_taken(foot_y_m: float, tmp_path: Path) -> None:
+    limits = (WIDE, limit(-0.2, 0.2), limit(-0.1, 0.1))
+    first = imported(tmp_path, hexapod(foot_y_m=foot_y_m, limits=limits))
+    made = walkable(replace(first, stances=(*first.stances[::-1],)))
+    assert made.stances[0] != first.stances[0]
+    robot, outward_m = made.robot(), made.stances[0][0]
+    assert made.content["stance"]["outward_m"] == pytest.approx(math.hypot(outward_m, foot_y_m))
+    angle = math.radians(MOUNTS[0][2]) + math.atan2(foot_y_m, outward_m)
+    wanted_m = np.array(MOUNTS[0][:2]) + math.hypot(outward_m, foot_y_m) * np.array(
+        [math.cos(angle), math.sin(angle)]
+    )
+    assert foot_positions_body(robot, robot.stance_angles_rad)[0, :2] == pytest.approx(wanted_m, abs=1e-6)
+    note = next(note for note in made.notes if "beside the planes" in note)
+    stride_m = made.content["gait"]["amplitude"] * made.content["size_m"]
+    # In half a stride outward, the foot that was made goes along its own direction.
+    angle = math.atan2(foot_y_m, outward_m)
+    error_m = stride_m / 2 * math.hypot(1 - math.cos(angle), math.sin(angle))
+    assert f"up to {1000 * error_m:.1f} mm off" in note
 
 
 @pytest.mark.parametrize("name", ["ant", "freenove-big", "phantomx-ax"])

@@ -105,6 +105,7 @@ def test_a_sensor_that_fails_bends_no_line(name: str, with_faults: dict[str, Tri
     assert truly_off_m(with_faults["open loop"]) > 0.2
 
 
+@pytest.mark.slow
 def test_a_pose_that_stays_frozen_is_lost_and_no_slip(with_faults: dict[str, TrialResult]) -> None:
     result = with_faults["frozen for good"]
     assert (result.status, result.hold, result.cause) == ("ok", "line", None)

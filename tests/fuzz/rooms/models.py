@@ -29,7 +29,7 @@ def _tree(data: bytes) -> None:
     with written("tree.urdf", data) as path:
         tree = read_urdf(path)
         for link in tree.links:
-            assert np.asarray(tree.placed(link)).shape == (4, 4)
+            assert np.asarray(tree.frame_in_root(link)).shape == (4, 4)
             tree.hinges(link)
             tree.rigid(link)
 

@@ -21,7 +21,7 @@ ROLLED = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
 START = BodyPose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def walk() -> Driven:
     return driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
 

@@ -73,7 +73,7 @@ def test_the_model_may_be_the_camera_model(tmp_path: Path, name: str, count: int
 
 @pytest.mark.parametrize("suffix", ["yaml", "xml", "json"])
 @pytest.mark.parametrize(
-    ("count", "model"), [(4, "plumb_bob"), (5, "plumb_bob"), (14, "rational_polynomial")]
+    ("count", "model"), [(5, "plumb_bob"), (8, "rational_polynomial"), (14, "rational_polynomial")]
 )
 def test_a_file_storage_of_opencv_is_read(tmp_path: Path, suffix: str, count: int, model: str) -> None:
     path = tmp_path / f"camera.{suffix}"
@@ -96,9 +96,30 @@ def test_a_file_storage_of_a_fisheye_and_one_with_short_names(tmp_path: Path) ->
     four = "!!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n   data: [ 0.1, 1.e-02, 0., -1e-05 ]"
     text = f"%YAML:1.0\n---\nimage_size: [ 640, 480 ]\nfisheye_model: 1\nK: {matrix}\nD: {four}\n"
     assert loaded(tmp_path, text).model == "equidistant"
-    plain = loaded(tmp_path, text.replace("fisheye_model: 1\n", ""))
+    plain = loaded(tmp_path, text.replace("fisheye_model: 1", "fisheye_model: 0"))
     assert (plain.model, plain.size_px) == ("plumb_bob", (640, 480))
     assert plain.distortion.tolist() == [0.1, 0.01, 0.0, -1e-5, 0.0]
+
+
+@pytest.mark.parametrize("suffix", ["yaml", "xml", "json"])
+@pytest.mark.parametrize("names", [("camera_matrix", "distortion_coefficients"), ("K", "D"), ("mtx", "dist")])
+def test_four_coefficients_without_a_model_are_refused(
+    tmp_path: Path, suffix: str, names: tuple[str, str]
+) -> None:
+    path = tmp_path / f"camera.{suffix}"
+    values = zip(
+        ("image_width", "image_height", *names), (640, 480, MATRIX, np.array([FOURTEEN[:4]])), strict=True
+    )
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in values:
+        storage.write(name, value)
+    storage.release()
+    with pytest.raises(InputError, match="distortion_model: plumb_bob, or distortion_model: equidistant"):
+        load_lens(path)
+    with path.open("a") as file:
+        file.write("distortion_model: equidistant\n" if suffix == "yaml" else "")
+    if suffix == "yaml":
+        assert load_lens(path).model == "equidistant"
 
 
 @pytest.mark.parametrize(("name", "model"), [("radtan", "plumb_bob"), ("equidistant", "equidistant")])

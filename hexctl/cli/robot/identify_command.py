@@ -1,0 +1,144 @@
+"""`hexctl identify`: the servos of a robot from its own motions."""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.backends.robot_options import RecordedOptions
+from hexctl.cli.console import (
+    INTERRUPTED,
+    StopOnInterrupt,
+    code_of,
+    never_commanded,
+    note_never_commanded,
+    print_note,
+    print_result,
+)
+from hexctl.cli.output_options import JsonOption
+from hexctl.cli.settings import runs_folder
+from hexctl.cli.signature import with_options
+from hexctl.errors import InputError
+from hexctl.identify.options import IdentifyOptions
+
+if TYPE_CHECKING:
+    from hexctl.identify.identification import Identification
+
+CONSENT = "The legs of a robot on a stand move for {:.0f} s, at up to 90 % of their speed limits."
+
+
+@with_options(IdentifyOptions, rare=("record",))
+def identify(
+    given: dict[str, Any],
+    context: typer.Context,
+    logs: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[LOG]...",
+            help="Recordings (.rrd) of the robot, or runs (.json) of one servo that swings a mass. Without "
+            "any, the robot moves its legs on a stand, after a question.",
+        ),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Move the robot without a question.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.
+
+    Simulated servos are changed until their joints move as those of the log did. The geometry and the masses
+    of the robot file are taken as right. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4
+    stopped, 130 interrupted.
+    """
+    from hexctl.cli.values import is_said
+
+    options = IdentifyOptions(**given)
+    options.check_output()
+    paths = list(logs or ())
+    if not paths:
+        paths = [_moved(given, yes=yes)]
+    own_robot = None
+    if is_said(context, "robot") and paths[0].suffix == ".rrd":
+        from hexctl.robot.loader import load_robot
+
+        own_robot = load_robot(str(options.robot))
+    found = _identified(paths, own_robot, options)
+    written = _write(found, options, paths)
+    if as_json:
+        print_result(json.dumps(found.to_dict() | {"output": written}))
+        return
+    print_result(*_report(found), *([] if written is None else ["", f"wrote {written}"]))
+
+
+def _moved(given: dict[str, Any], *, yes: bool) -> Path:
+    """Recording of the motions on the stand."""
+    from hexctl.cli.prompts import ask_consent
+    from hexctl.identify.identification import IdentificationRun
+    from hexctl.runs.run_spec import RunSpec
+
+    where = {field.name: given[field.name] for field in fields(RecordedOptions) if field.name in given}
+    run = IdentificationRun(
+        RunSpec(**where, record_folder=None if where["record"] is not None else runs_folder())
+    )
+    ask_consent(CONSENT.format(run.motions_s), yes=yes or run.spec.simulated)
+    with StopOnInterrupt() as interrupt, run:
+        done = run.walk(stop_requested=interrupt.requested)
+        if never_commanded(done.outcome):
+            note_never_commanded()
+            raise typer.Exit(INTERRUPTED)
+        if interrupt.requested() or done.trial.status != "ok":
+            raise typer.Exit(INTERRUPTED if interrupt.requested() else code_of(done.trial))
+    if done.recording_error is not None:
+        raise done.recording_error
+    if done.recording is None:
+        raise InputError("--record: got none; allowed: a new file, which the identification reads")
+    print_note(f"hexctl: recorded {done.recording}")
+    return done.recording
+
+
+def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Identification":
+    import math
+
+    from hexctl.identify.identification import identify as identify_servos
+
+    def show(step: int, error_rad: float) -> None:
+        if step == 0:
+            print_note("hexctl: the search takes a minute or two")
+        print_note(f"hexctl: step {step}: error {math.degrees(error_rad):.2f} deg")
+
+    return identify_servos(paths, robot=robot, p_gain=options.p_gain, on_step=show)
+
+
+def _write(found: "Identification", options: IdentifyOptions, paths: list[Path]) -> str | None:
+    if options.output is None:
+        return None
+    from hexctl.errors import MissingExtraError
+    from hexctl.identify.identification_picture import draw_identification
+    from hexctl.identify.identified_file import write_identified
+    from hexctl.identify.options import picture_of
+    from hexctl.identify.servo_parameters import ServoValues
+    from hexctl.robot.loader import load_robot
+
+    output = Path(options.output)
+    write_identified(str(options.robot), found, output)
+    before = None if paths[0].suffix == ".json" else ServoValues.of(load_robot(str(options.robot)))
+    try:
+        draw_identification(found, before, picture_of(output))
+    except MissingExtraError as error:
+        print_note(f"hexctl: no picture: {error}")
+        return str(output)
+    return f"{output} and {picture_of(output)}"
+
+
+def _report(found: "Identification") -> list[Any]:
+    from hexctl.cli.render.tables import label_table, plain_table
+
+    table = plain_table("parameter", "value", "±", "unit", "")
+    for name, one in found.estimates.items():
+        said = "" if one.known else "not determined by these motions; the file keeps its value"
+        table.add_row(name, f"{one.value:.4g}", f"{one.deviation:.2g}", one.unit, said)
+    errors = found.to_dict()["error_deg"]
+    rows = [("mean error before", f"{errors['before']:.2f} deg"), ("now", f"{errors['after']:.2f} deg")]
+    if errors["judged"] is not None:
+        rows.append(("on runs not fitted", f"{errors['judged']:.2f} deg"))
+    return [table, "", label_table(rows)]

@@ -1,0 +1,163 @@
+"""Runs of one servo on a bench: it swings a mass on a bar, as the files of BAM and of others record it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hexctl.errors import InputError
+from hexctl.files import read_file
+from hexctl.identify.servo_parameters import PoweredServos, ServoValues, between_steps
+from hexctl.types import ArrayFields, BoolArray, FloatArray
+
+#: Step of the physics, that of hexctl's simulations, and samples for the longest dead time.
+STEP_S, DELAY_SAMPLES = 0.002, 32
+
+#: A file as large as an hour at 200 Hz.
+MOST_BYTES = 200_000_000
+
+Above0 = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+    timestamp: Finite
+    position: Finite
+    goal_position: Finite
+    torque_enable: bool = True
+
+
+class _BenchFile(BaseModel):
+    """What a file of a run holds; further keys are left alone."""
+
+    model_config = ConfigDict(frozen=True)
+
+    mass: Above0
+    length: Above0
+    kp: Above0
+    arm_mass: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    trajectory: str = ""
+    entries: Annotated[list[_Entry], Field(min_length=10)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BenchRun(ArrayFields):
+    """One run of a servo, angle 0 with the bar hanging; arrays of shape (T,).
+
+    Attributes:
+        mass_kg: at the end of the bar of `length_m` and `bar_kg`.
+        p_gain: of the servo's firmware; the stiffness is proportional to it.
+        powered: whether torque was on.
+    """
+
+    name: str
+    mass_kg: float
+    length_m: float
+    bar_kg: float
+    p_gain: float
+    time_s: FloatArray
+    goal_rad: FloatArray
+    measured_rad: FloatArray
+    powered: BoolArray
+
+    def errors_rad(self, values: ServoValues) -> FloatArray:
+        """Simulated less measured angles, (T,); `values` have the stiffness per unit of P gain."""
+        angles = [share * self._angles_rad(values, steps) for steps, share in _steps(values)]
+        return np.asarray(np.sum(angles, axis=0) - self.measured_rad)
+
+    def _angles_rad(self, values: ServoValues, dead_steps: int) -> FloatArray:
+        import mujoco
+
+        model = mujoco.MjModel.from_xml_string(self._xml())
+        data, servo = mujoco.MjData(model), PoweredServos(model, slice(0, 1))
+        servo.set(values, values.stiffness_nm_per_rad * self.p_gain, dead_steps)
+        data.qpos[0], data.ctrl[0] = self.measured_rad[0], self.goal_rad[0]
+        mujoco.mj_initCtrlHistory(model, data, 0, None, np.full((DELAY_SAMPLES, 1), self.goal_rad[0]))
+        angles_rad, on = np.empty(len(self.time_s)), True
+        for row, steps in enumerate(np.diff(np.rint(self.time_s / STEP_S).astype(int), append=0).tolist()):
+            angles_rad[row] = data.qpos[0]
+            if bool(self.powered[row]) != on:
+                servo.power(on=(on := bool(self.powered[row])))
+            data.ctrl[0] = self.goal_rad[row]
+            if steps > 0:
+                mujoco.mj_step(model, data, steps)
+        return angles_rad
+
+    def _xml(self) -> str:
+        """A hinge with the mass and the bar below it; the servo's values are set later."""
+        kg, centre_m, inertia_kg_m2 = self._body
+        return (
+            f'<mujoco><option timestep="{STEP_S}" integrator="implicitfast"/><worldbody><body>'
+            '<joint name="servo" type="hinge" axis="0 1 0" frictionloss="0.1" '
+            'solimpfriction="0.999 0.999 0.001"/>'
+            f'<inertial pos="0 0 {-centre_m}" mass="{kg}" '
+            f'diaginertia="{inertia_kg_m2} {inertia_kg_m2} {1e-6}"/></body></worldbody><actuator>'
+            '<position joint="servo" kp="1" kv="0.1" forcelimited="true" forcerange="-1 1" '
+            f'delay="{(DELAY_SAMPLES - 2) * STEP_S}" nsample="{DELAY_SAMPLES}"/></actuator></mujoco>'
+        )
+
+    @property
+    def _body(self) -> tuple[float, float, float]:
+        """Mass, distance of its centre from the axis, and inertia about the centre."""
+        kg = self.mass_kg + self.bar_kg
+        centre_m = (self.mass_kg + self.bar_kg / 2) * self.length_m / kg
+        about_axis = (self.mass_kg + self.bar_kg / 3) * self.length_m**2
+        return kg, centre_m, max(about_axis - kg * centre_m**2, 1e-6)
+
+
+def _steps(values: ServoValues) -> list[tuple[int, float]]:
+    return between_steps(values.dead_time_s, STEP_S)
+
+
+def read_bench_run(path: Path) -> BenchRun:
+    """Run of a JSON file with `mass`, `length`, `kp` and `entries`; raises InputError with the damage."""
+    try:
+        content: Any = json.loads(read_file(path, MOST_BYTES))
+        parsed = _BenchFile.model_validate(content)
+    except (ValueError, ValidationError) as error:
+        first = str(error).partition("\n")[0]
+        if isinstance(error, ValidationError):
+            problem = error.errors()[0]
+            first = f"{'.'.join(map(str, problem['loc'])) or 'it'}: {problem['msg'].lower()}"
+        raise InputError(
+            f"{path}: {first}; allowed: a run with mass, length, kp, and entries of timestamp, position, "
+            "goal_position"
+        ) from error
+    rows = np.array([(one.timestamp, one.goal_position, one.position) for one in parsed.entries])
+    time_s = rows[:, 0] - rows[0, 0]
+    if (np.diff(time_s) <= 0).any():
+        raise InputError(f"{path}: entries.timestamp: got times that do not grow; allowed: growing times")
+    return BenchRun(
+        name=path.name,
+        mass_kg=parsed.mass,
+        length_m=parsed.length,
+        bar_kg=parsed.arm_mass,
+        p_gain=parsed.kp,
+        time_s=time_s,
+        goal_rad=rows[:, 1],
+        measured_rad=rows[:, 2],
+        powered=np.array([one.torque_enable for one in parsed.entries]),
+    )
+
+
+def plain_start(runs: Sequence[BenchRun]) -> ServoValues:
+    """Values from which the search for an unknown servo starts: from the load that it held."""
+    load_nm = max(9.81 * run.length_m * (run.mass_kg + run.bar_kg / 2) for run in runs)
+    most_gain = max(run.p_gain for run in runs)
+    inertia_kg_m2 = float(np.median([run.length_m**2 * run.mass_kg for run in runs]))
+    return ServoValues(
+        stiffness_nm_per_rad=10 * load_nm / most_gain,
+        damping_nm_s_per_rad=0.1 * load_nm,
+        rotor_inertia_kg_m2=inertia_kg_m2,
+        dry_friction_nm=0.05 * load_nm,
+        gear_damping_nm_s_per_rad=0.02 * load_nm,
+        max_torque_nm=2 * load_nm,
+        no_load_speed_rad_s=6.0,
+        dead_time_s=0.01,
+    )

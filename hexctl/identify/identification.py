@@ -1,0 +1,167 @@
+"""`hexctl identify` as a library call: servos of a robot from its own motions, or of one on a bench."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.robot_options import RecordedOptions
+from hexctl.backends.sim.world import World, load_world
+from hexctl.control.preparation import WalkStart
+from hexctl.errors import InputError, argument
+from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
+from hexctl.identify.fit import Estimate, Fit, OnStep, Replay, fit_servo, mean_errors_rad, unreported
+from hexctl.identify.robot_log import read_robot_log
+from hexctl.identify.servo_parameters import PARAMETERS, ServoValues
+from hexctl.identify.stand_motions import StandMotions
+from hexctl.options import check_names
+from hexctl.robot.model import Robot
+from hexctl.runs.run import Run, RunResult
+from hexctl.runs.run_spec import RunSpec
+from hexctl.types import ArrayFields
+from hexctl.waiting import StopRequested, never
+
+#: What the motions of a robot determine. Its greatest torque and speed come from a bench or the data sheet.
+OF_A_ROBOT = (
+    "stiffness_nm_per_rad",
+    "damping_nm_s_per_rad",
+    "rotor_inertia_kg_m2",
+    "dry_friction_nm",
+    "dead_time_s",
+)
+
+#: Least number of bench runs of which every other one is kept to judge the result.
+ENOUGH_TO_JUDGE = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification(ArrayFields):
+    """Servos that were identified.
+
+    Attributes:
+        fit: the servo, its uncertainties, and errors by log; the stiffness of a bench is per unit of P gain.
+        judged_rad: mean absolute error of each bench run that was not fitted, by its name; empty for robots.
+        replays: logs that were fitted, then those that were judged.
+        p_gain: by which a stiffness of a bench is multiplied; 1 for robots.
+    """
+
+    fit: Fit
+    judged_rad: dict[str, float]
+    replays: tuple[Replay, ...]
+    p_gain: float = 1.0
+
+    @property
+    def stiffness(self) -> Estimate:
+        """Stiffness at the P gain."""
+        found = self.fit.estimates["stiffness_nm_per_rad"]
+        return replace(found, value=found.value * self.p_gain, deviation=found.deviation * self.p_gain)
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """All identified values of the servo."""
+        return {**self.fit.estimates, "stiffness_nm_per_rad": self.stiffness}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The object that `hexctl identify --json` prints: angles in degrees."""
+        return {
+            "servo": {
+                name: {"value": one.value, "deviation": one.deviation, "unit": one.unit, "known": one.known}
+                for name, one in self.estimates.items()
+            },
+            "error_deg": {
+                "before": _mean_deg(self.fit.before_rad),
+                "after": _mean_deg(self.fit.after_rad),
+                "judged": _mean_deg(self.judged_rad) if self.judged_rad else None,
+            },
+            "logs": [one.name for one in self.replays],
+        }
+
+
+def _mean_deg(errors_rad: "dict[str, float] | Any") -> float:
+    return float(np.degrees(np.mean(list(errors_rad.values()))))
+
+
+def identify(
+    logs: Sequence[str | Path],
+    *,
+    robot: Robot | None = None,
+    p_gain: float | None = None,
+    on_step: OnStep = unreported,
+) -> Identification:
+    """Servos that explain logs: recordings (.rrd) of a robot, or runs (.json) of one servo on a bench.
+
+    Args:
+        robot: replaces that of the recordings; its geometry and masses are taken as right.
+        p_gain: of the firmware on the robot; None for the largest of the runs on the bench.
+        on_step: follows the search.
+
+    Raises InputError for files that cannot be read, or of both kinds.
+    """
+    paths = [Path(one) for one in logs]
+    kinds = {path.suffix for path in paths}
+    if kinds == {".json"}:
+        return _of_bench([read_bench_run(path) for path in paths], p_gain, on_step)
+    if kinds != {".rrd"}:
+        raise InputError(
+            f"LOG: got {', '.join(sorted(kinds)) or 'none'}; allowed: recordings (.rrd) of a robot, or runs "
+            "(.json) of a servo on a bench"
+        )
+    if p_gain is not None:
+        raise InputError(f"{argument('p_gain')}: got one with recordings; allowed: with runs on a bench")
+    replays = tuple(read_robot_log(path, robot) for path in paths)
+    fit = fit_servo(replays, ServoValues.of(replays[0].robot), OF_A_ROBOT, on_step=on_step)
+    return Identification(fit, {}, replays)
+
+
+def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStep) -> Identification:
+    fitted, judged = (runs[::2], runs[1::2]) if len(runs) >= ENOUGH_TO_JUDGE else (runs, [])
+    fit = fit_servo(fitted, plain_start(fitted), list(PARAMETERS), on_step=on_step)
+    gain = max(run.p_gain for run in runs) if p_gain is None else p_gain
+    return Identification(fit, mean_errors_rad(judged, fit.values), (*fitted, *judged), gain)
+
+
+class IdentificationRun(Run):
+    """A run that makes the motions on the stand: connected and recorded like a walk."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        """Check a spec, whose gait and motion are ignored; raises InputError for a world without a stand."""
+        if spec.simulated:
+            world = load_world("stand") if spec.world is None else spec.world
+            world = world if isinstance(world, World) else load_world(world)
+            if not world.on_stand:
+                raise InputError(
+                    f"{argument('world')}: got one without a stand; allowed: stand, or one with on_stand"
+                )
+            spec = replace(spec, world=world)
+        plain = {"hold": "none", "self_rotation": "none", "duration_s": 120.0, "gait": "demo"}
+        super().__init__(replace(spec, **plain), controller=self._make_motions)  # type: ignore[arg-type]
+        self.plan = replace(self.plan, belief=None, further_failures=(), travel=0.0)
+
+    @property
+    def title(self) -> str:
+        """Title of recordings and live views, by which they are known as those of a robot on a stand."""
+        return f"{self.robot.name} identification"
+
+    @property
+    def _what(self) -> str:
+        return "identification"
+
+    def _make_motions(self, start: WalkStart) -> StandMotions:
+        return StandMotions(start.robot, start.period_s)
+
+    @property
+    def motions_s(self) -> float:
+        """Duration of the motions."""
+        return StandMotions(self.robot, 0.02).duration_s
+
+
+def move_on_stand(*, stop_requested: StopRequested = never, **where: Any) -> RunResult:
+    """Make the motions on a stand and record them; `where` are fields of `RecordedOptions`.
+
+    Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.
+    """
+    check_names("identify", where, RecordedOptions)
+    with IdentificationRun(RunSpec(**where)) as connected:
+        return connected.walk(stop_requested=stop_requested)

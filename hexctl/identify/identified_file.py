@@ -1,0 +1,96 @@
+"""Robot files with identified servos."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hexctl.errors import InputError
+from hexctl.files import atomic_write
+from hexctl.identify.identification import Identification
+from hexctl.robot.configs import find_config
+from hexctl.robot.loader import load_robot_file
+from hexctl.robot.yaml_text import yaml_content
+from hexctl.types import JOINT_KINDS
+
+#: Digits of identified values: more than any identification knows.
+DIGITS = 4
+
+#: Parameters that a robot file has in each joint, with their keys.
+OF_JOINTS = {"dry_friction_nm": "dry_friction_nm", "max_torque_nm": "max_torque_nm"}
+
+#: Parameters that a robot file has in its section `servo`.
+OF_SERVO = ("damping_nm_s_per_rad", "rotor_inertia_kg_m2", "dead_time_s", "gear_damping_nm_s_per_rad")
+
+
+def identified_text(robot_file: str | Path, found: Identification) -> str:
+    """Text of a robot file with the servos that were identified; comments outside the sections stay.
+
+    Parameters that the motions did not determine keep the values of the file. Raises InputError for a file
+    that is no robot, or whose ranges the values contradict.
+    """
+    path = find_config("robots", str(robot_file))
+    text = path.read_text(encoding="utf-8")
+    mapping: dict[str, Any] = yaml_content(text)
+    known = {name: _rounded(one.value) for name, one in found.estimates.items() if one.known}
+    changed = {"joints": _joints(mapping["joints"], mapping["servo"], known), "servo": _servo(mapping, known)}
+    for key, section in changed.items():
+        text = _with_section(text, key, section)
+    return text
+
+
+def write_identified(robot_file: str | Path, found: Identification, output: Path) -> None:
+    """Write `identified_text` to a new file, and check that it is a robot."""
+    atomic_write(output, identified_text(robot_file, found))
+    try:
+        load_robot_file(output)
+    except InputError:
+        output.unlink()
+        raise
+
+
+def _servo(mapping: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
+    servo = dict(mapping["servo"])
+    servo.update({name: known[name] for name in OF_SERVO if name in known})
+    if "stiffness_nm_per_rad" in known:
+        for key in ("p_gain", "stiffness_nm_per_rad_per_p_gain"):
+            servo.pop(key, None)
+        servo["stiffness_nm_per_rad"] = known["stiffness_nm_per_rad"]
+    return servo
+
+
+def _joints(
+    joints: Mapping[str, Any], servo: Mapping[str, Any], known: Mapping[str, float]
+) -> dict[str, Any]:
+    """Joints with new friction, torque and speed; own stiffnesses keep their proportions to the mean."""
+    changed = {kind: dict(joints[kind]) for kind in JOINT_KINDS}
+    usual = servo.get("stiffness_nm_per_rad", 1.0)
+    own = [joint.get("stiffness_nm_per_rad", usual) for joint in changed.values()]
+    for joint, stiffness in zip(changed.values(), own, strict=True):
+        joint.update({key: known[name] for name, key in OF_JOINTS.items() if name in known})
+        if "no_load_speed_rad_s" in known:
+            speed_deg_s = _rounded(float(np.degrees(known["no_load_speed_rad_s"])))
+            joint["no_load_speed_deg_s"] = speed_deg_s
+            joint["max_speed_deg_s"] = min(joint["max_speed_deg_s"], speed_deg_s)
+        if "stiffness_nm_per_rad" in known and "stiffness_nm_per_rad" in joint:
+            share = stiffness / float(np.mean(own))
+            joint["stiffness_nm_per_rad"] = _rounded(share * known["stiffness_nm_per_rad"])
+    return changed
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _with_section(text: str, key: str, section: Mapping[str, Any]) -> str:
+    """The text with another value of one top-level key."""
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    pairs = root.value if isinstance(root, yaml.MappingNode) else []
+    begin, end = next(
+        (name.start_mark.index, value.end_mark.index) for name, value in pairs if name.value == key
+    )
+    new = yaml.safe_dump({key: dict(section)}, sort_keys=False, default_flow_style=None, width=110)
+    rest = text[end:]
+    return text[:begin] + new.rstrip("\n") + (rest if rest.startswith("\n") else "\n" + rest)

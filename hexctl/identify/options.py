@@ -1,0 +1,42 @@
+"""Options of `hexctl identify`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from hexctl.backends.robot_options import RecordedOptions
+from hexctl.errors import InputError, argument
+from hexctl.options import Range
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifyOptions(RecordedOptions):
+    """Options of an identification."""
+
+    PANEL: ClassVar = "Result"
+
+    output: str | Path | None = None
+    """Robot file to write, new, .yaml: the robot's with the servos found, and a picture beside it. (default:
+    none)
+    """
+
+    p_gain: Annotated[float | None, Range(above=0)] = None
+    """P gain of the firmware on the robot, for runs of a servo on a bench, {}. (default: the largest of the
+    runs)
+    """
+
+    def check_output(self) -> None:
+        """Raise InputError for an output that exists or is no .yaml."""
+        if self.output is None:
+            return
+        path = Path(self.output)
+        if path.suffix != ".yaml":
+            raise InputError(f"{argument('output')}: got {path.name}; allowed: a new file .yaml")
+        for file in (path, picture_of(path)):
+            if file.exists():
+                raise InputError(f"{argument('output')}: {file} exists; allowed: a new file")
+
+
+def picture_of(output: Path) -> Path:
+    """Path of the picture beside a robot file."""
+    return output.with_suffix(".png")

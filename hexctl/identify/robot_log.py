@@ -1,0 +1,111 @@
+"""Logs of a robot's joints, replayed in a simulation on the stand or on the floor."""
+
+import copy
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from threading import local
+from typing import Any
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.identify.servo_parameters import PoweredServos, ServoValues, between_steps
+from hexctl.robot.model import Robot
+from hexctl.types import N_JOINTS, ArrayFields, FloatArray
+
+#: Longest dead time of a search, for which the simulation keeps commands.
+MOST_DEAD_S = 0.052
+
+#: Least length of a log.
+LEAST_S = 5.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RobotLog(ArrayFields):
+    """Commanded and measured joint angles of a robot.
+
+    Attributes:
+        robot: as assumed: all but its servos is right.
+        on_stand: whether the trunk was held and no foot touched anything.
+        time_s: (T,).
+        commanded_rad: sent at each time, (T, 18).
+        measured_rad: read before the command of the same row, (T, 18).
+    """
+
+    name: str
+    robot: Robot
+    on_stand: bool
+    time_s: FloatArray
+    commanded_rad: FloatArray
+    measured_rad: FloatArray
+
+    @cached_property
+    def _simulation(self) -> Any:
+        from hexctl.backends.sim.simulation_model import make_simulation
+        from hexctl.backends.sim.world import World
+
+        return make_simulation(self.robot, World(on_stand=self.on_stand, servo_delay_s=MOST_DEAD_S))
+
+    @cached_property
+    def _own(self) -> local:
+        """Models of threads that search beside each other."""
+        return local()
+
+    def errors_rad(self, values: ServoValues) -> FloatArray:
+        """Simulated less measured angles, (T, 18); stiffnesses of joints keep their proportions."""
+        step_s = float(self._simulation.physics.model.opt.timestep)
+        parts = between_steps(values.dead_time_s, step_s)
+        angles = [share * self._angles_rad(values, steps, step_s) for steps, share in parts]
+        return np.asarray(np.sum(angles, axis=0) - self.measured_rad)
+
+    def _angles_rad(self, values: ServoValues, dead_steps: int, step_s: float) -> FloatArray:
+        import mujoco
+
+        from hexctl.backends.sim.simulated_failure import FIRST_SPEED
+        from hexctl.backends.sim.simulation_model import FIRST_JOINT, waiting_commands
+
+        if not hasattr(self._own, "model"):
+            self._own.model = copy.copy(self._simulation.physics.model.ptr)
+        model, data = self._own.model, mujoco.MjData(self._own.model)
+        share = values.stiffness_nm_per_rad / self.robot.stiffness_nm_per_rad.mean()
+        servos = PoweredServos(model, slice(FIRST_SPEED, FIRST_SPEED + N_JOINTS))
+        servos.set(values, share * self.robot.stiffness_nm_per_rad, dead_steps)
+        start = self._simulation.physics.data
+        data.qpos[:FIRST_JOINT] = start.qpos[:FIRST_JOINT]
+        data.qpos[FIRST_JOINT:] = self.measured_rad[0]
+        data.ctrl[:] = self.commanded_rad[0]
+        data.history[:] = start.history
+        waiting_commands(model, data.history)[:] = self.commanded_rad[0][:, np.newaxis]
+        found_rad = np.empty_like(self.measured_rad)
+        at_step = np.rint((self.time_s - self.time_s[0]) / step_s).astype(int)
+        for row, steps in enumerate(np.diff(at_step, append=at_step[-1]).tolist()):
+            found_rad[row] = data.qpos[FIRST_JOINT:]
+            data.ctrl[:] = self.commanded_rad[row]
+            if steps:
+                mujoco.mj_step(model, data, steps)
+        return found_rad
+
+
+def read_robot_log(path: Path, robot: Robot | None = None) -> RobotLog:
+    """Log of a recording (.rrd); a robot replaces that of the recording.
+
+    Recordings of `hexctl identify` are of a robot on a stand, others of one on the floor. Rows without a
+    measured angle are left out. Raises InputError for a file that is damaged, no recording, or too short.
+    """
+    from hexctl.recording.recorded_trial import read_trial
+
+    trial = read_trial(path, robot)
+    whole = np.isfinite(trial.measured_rad).all(axis=-1) & np.isfinite(trial.commanded_rad).all(axis=-1)
+    time_s = trial.time_s[whole]
+    lasted_s = float(time_s[-1] - time_s[0]) if len(time_s) else 0.0
+    if lasted_s < LEAST_S:
+        raise InputError(f"{path}: got {lasted_s:.1f} s with joint angles; allowed: at least {LEAST_S:g} s")
+    return RobotLog(
+        path.name,
+        trial.robot,
+        str(trial.properties.get("title", "")).endswith("identification"),
+        time_s,
+        trial.commanded_rad[whole],
+        trial.measured_rad[whole],
+    )

@@ -1,0 +1,197 @@
+"""Chains of hinges that are the legs of a robot description; more than three of a leg are held."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
+
+#: Tolerance of axes: files write 1.5707, and mounts lean a little.
+AXIS_TOLERANCE_RAD = math.radians(3.0)
+#: Distance below which two points of a foot are one.
+FOOT_TOLERANCE_M = 0.01
+
+Chain = tuple[TreeJoint, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class HeldHinge:
+    """A hinge of a leg that does not move, and its angle in the file."""
+
+    joint: TreeJoint
+    angle_rad: float
+
+
+def held_text(held: Sequence[HeldHinge]) -> str:
+    """Names of hinges with their angles."""
+    names: dict[str, list[str]] = {}
+    for each in held:
+        names.setdefault(f"{math.degrees(each.angle_rad):.4g} deg", []).append(each.joint.name)
+    return "; ".join(f"{', '.join(of_angle)} at {angle}" for angle, of_angle in names.items())
+
+
+def with_three_hinges(tree: LinkTree) -> tuple[LinkTree, tuple[HeldHinge, ...]]:
+    """The robot with legs of three hinges, and the hinges that are held for that.
+
+    Of the hinges of a leg without which it is a leg, the one that moves the foot least is held: in the
+    stance of the file, else at zero, or in the middle of a range without zero.
+
+    Raises InputError for legs of more hinges of which no three are those of a leg.
+    """
+    held: list[HeldHinge] = []
+    while len(_three_hinges(tree)) != N_LEGS and (long := _long_chains(tree)):
+        _check_independent(long)
+        index = _least_index(tree, long)
+        more = [HeldHinge(chain[index], _angle_rad(tree, chain[index])) for chain in long]
+        held += more
+        joints = {each.joint.child: _fixed(each) for each in more}
+        tree = replace(tree, joints=tree.joints | joints)
+    return tree, tuple(held)
+
+
+def _long_chains(tree: LinkTree) -> list[Chain]:
+    """Six chains of the same number of hinges, more than three, or none."""
+    chains = _chains(tree)
+    for count in sorted({len(chain) for chain in chains}):
+        long = [chain for chain in chains if len(chain) == count]
+        if count > JOINTS_PER_LEG and len(long) == N_LEGS:
+            return long
+    return []
+
+
+def _least_index(tree: LinkTree, chains: Sequence[Chain]) -> int:
+    """Place in the chains of the hinge to hold; raises InputError without one."""
+    chain = chains[0]
+    lengths_m = {}
+    for index in range(len(chain)):
+        left = [each[:index] + each[index + 1 :] for each in chains]
+        if all(_can_be_a_leg(tree, each) for each in left):
+            lengths_m[index] = sum(_lever_m(tree, each[index], each[-1]) for each in chains)
+    if not lengths_m:
+        names = ", ".join(f"{joint.name} about {_axis_text(tree, joint)}" for joint in chain)
+        raise InputError(
+            f"robot description: got legs of {len(chain)} hinges ({names}); allowed: legs of "
+            f"{JOINTS_PER_LEG}, one vertical and two level and parallel; make the other hinges `fixed` in "
+            "the description, at the angles at which they are held"
+        )
+    # Of hinges that move the foot as little, the outermost.
+    return min(reversed(lengths_m), key=lambda index: round(lengths_m[index], 6))
+
+
+def _can_be_a_leg(tree: LinkTree, chain: Chain) -> bool:
+    """Whether three of the hinges, in this order, are those of a leg."""
+    if len(chain) == JOINTS_PER_LEG:
+        return _turns_as_a_leg(tree, chain)
+    return any(_can_be_a_leg(tree, chain[:index] + chain[index + 1 :]) for index in range(len(chain)))
+
+
+def _lever_m(tree: LinkTree, joint: TreeJoint, last: TreeJoint) -> float:
+    """Distance from the axis of a hinge of what lies farthest along its leg."""
+    at = np.asarray(np.linalg.inv(tree.frame_in_root(joint.child)), dtype=float)
+    tips_m = [point for name in tree.carried(last.child) for point in _points(tree, at, name)]
+    return max(float(np.linalg.norm(np.cross(point, joint.axis))) for point in tips_m)
+
+
+def _angle_rad(tree: LinkTree, joint: TreeJoint) -> float:
+    low, high = joint.limits_rad or (-math.pi, math.pi)
+    own = tree.stance_rad.get(joint.name, 0.0)
+    return own if low <= own <= high else (low + high) / 2
+
+
+def _fixed(held: HeldHinge) -> TreeJoint:
+    x, y, z = held.joint.axis
+    cross, turn = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), np.eye(4)
+    turn[:3, :3] += math.sin(held.angle_rad) * cross + (1 - math.cos(held.angle_rad)) * cross @ cross
+    return replace(held.joint, kind="fixed", frame=held.joint.frame @ turn)
+
+
+def _axis_text(tree: LinkTree, joint: TreeJoint) -> str:
+    return axis_text(tree.frame_in_root(joint.child)[:3, :3] @ joint.axis)
+
+
+def axis_text(axis: FloatArray) -> str:
+    """An axis, (3,), for messages."""
+    return f"({', '.join(f'{part:.2f}' for part in axis + 0.0)})"
+
+
+def leg_chains(tree: LinkTree) -> list[Chain]:
+    """The six chains of three hinges from the trunk; raises InputError if there are others or none."""
+    chains, legs = _chains(tree), _three_hinges(tree)
+    longer = next((chain for chain in chains if len(chain) > JOINTS_PER_LEG), None)
+    if longer is not None and len(legs) != N_LEGS:
+        count = sum(len(chain) == len(longer) for chain in chains)
+        raise InputError(
+            f"robot description: got {count} chains of {len(longer)} hinges, such as that from "
+            f"{longer[0].name} to {longer[-1].name}; allowed: {N_LEGS} legs of {JOINTS_PER_LEG}; make the "
+            "other hinges `fixed` in the description"
+        )
+    if len(legs) != N_LEGS:
+        raise InputError(
+            f"robot description: got {len(legs)} chains of {JOINTS_PER_LEG} hinges; allowed: {N_LEGS} legs"
+        )
+    if len({chain[0].name for chain in legs}) != N_LEGS:
+        raise InputError(
+            f"robot description: got legs that share the hinge {legs[0][0].name}; allowed: legs of their own"
+        )
+    _check_independent(legs)
+    return legs
+
+
+def _check_independent(chains: Sequence[Chain]) -> None:
+    joint = next((joint for chain in chains for joint in chain if joint.follows), None)
+    if joint is not None:
+        raise InputError(
+            f"robot description: the hinge {joint.name} of a leg follows {joint.follows} (`mimic`); allowed: "
+            "hinges with a servo each; make it `fixed` if it hardly moves the foot"
+        )
+
+
+def _three_hinges(tree: LinkTree) -> list[Chain]:
+    """Chains of three hinges; if there are more than six, those that turn as legs do."""
+    legs = [chain for chain in _chains(tree) if len(chain) == JOINTS_PER_LEG]
+    return legs if len(legs) <= N_LEGS else [chain for chain in legs if _turns_as_a_leg(tree, chain)]
+
+
+def _chains(tree: LinkTree) -> list[Chain]:
+    """Chains of hinges from the trunk outward, the longest of each branch."""
+    found: dict[tuple[str, ...], Chain] = {}
+    for link in tree.links:
+        if link not in tree.children:
+            chain = _without_idle_ends(tree, tree.hinges(link))
+            found[tuple(joint.name for joint in chain)] = chain
+    return [
+        chain
+        for names, chain in found.items()
+        if not any(other[: len(names)] == names for other in found if other != names)
+    ]
+
+
+def _without_idle_ends(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> tuple[TreeJoint, ...]:
+    """A chain without hinges at its end that move no foot: nothing beyond them is off their axis."""
+    while len(chain) > JOINTS_PER_LEG and _is_idle(tree, chain[-1]):
+        chain = chain[:-1]
+    return chain
+
+
+def _is_idle(tree: LinkTree, joint: TreeJoint) -> bool:
+    at = np.asarray(np.linalg.inv(tree.frame_in_root(joint.child)), dtype=float)
+    points_m = [point for name in tree.carried(joint.child) for point in _points(tree, at, name)]
+    return all(float(np.linalg.norm(np.cross(point, joint.axis))) < FOOT_TOLERANCE_M for point in points_m)
+
+
+def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
+    """Origin of a link and ends of its solids in another frame, in m."""
+    frame = at @ tree.frame_in_root(link)
+    solids = tree.links[link].solids
+    return [frame[:3, 3], *(end @ frame[:3, :3].T + frame[:3, 3] for solid in solids for end in solid.ends)]
+
+
+def _turns_as_a_leg(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> bool:
+    """Whether the last two axes are parallel and at right angles to the first."""
+    first, second, third = (tree.frame_in_root(joint.child)[:3, :3] @ joint.axis for joint in chain)
+    off = math.sin(AXIS_TOLERANCE_RAD)
+    return bool(abs(first @ second) < off and np.linalg.norm(np.cross(second, third)) < off)
