@@ -165,7 +165,7 @@ def test_recordings_and_tables(printed: Printed, tmp_path: Path) -> None:
         ("sessions show", printed(f"sessions show {session['session']}")),
     ):
         assert_keeps(shapes.of_json(answer), SHAPES["json"][name], name)
-    exit_code(["sessions", "export", session["session"], "out.csv"])
+    exit_code(["export", session["session"], "--output", "out.csv"])
     columns = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert columns[: len(SHAPES["table"])] == SHAPES["table"]
     folder = tmp_path / "runs" / session["session"]

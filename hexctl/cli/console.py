@@ -14,8 +14,6 @@ from hexctl.options import flag_name
 from hexctl.signals import ending_signals
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from rich.console import RenderableType
     from rich.progress import Progress
 
@@ -48,16 +46,6 @@ def code_of(result: "TrialResult") -> int:
     if result.status == "diverged" or code_of_stop(result.stopped or "") == FAULT:
         return FAULT
     return ABORTED if result.status in ("fell", "aborted") else DONE
-
-
-def never_commanded(outcome: "Mapping[str, Any]") -> bool:
-    """Whether a walk or a diagnosis was interrupted before the first command to the robot."""
-    return outcome["stopped"] == "requested" and not outcome["ticks"]
-
-
-def note_never_commanded() -> None:
-    """Report an interrupt before the first command to the robot."""
-    print_note("hexctl: interrupted before the robot was commanded")
 
 
 def printable_lines(text: str) -> str:

@@ -670,7 +670,7 @@ def test_the_command_lists_shows_and_deletes_sessions_beside_a_damaged_one(
     for command in (
         ["sessions", "show", bad],
         ["adapt", "--resume", bad],
-        ["sessions", "export", bad, "x.csv"],
+        ["export", bad, "--output", "x.csv"],
     ):
         assert exit_code(command) == 3
         assert len(capsys.readouterr().err.splitlines()) == 1

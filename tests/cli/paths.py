@@ -40,7 +40,6 @@ PATH_LINES = (
     "study --out {}",
     "sessions show {}",
     "sessions delete {} --yes",
-    "sessions export s {}.csv",
     "robot import {}.urdf --output new.yaml",
     "see print --output {}.pdf",
     "see calibrate {}.png",

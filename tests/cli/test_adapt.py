@@ -237,7 +237,7 @@ def test_sessions_are_listed_shown_exported_and_deleted(
     assert exit_code(["sessions", "show", name]) == 0
     assert max(map(len, capsys.readouterr().out.splitlines()[:10])) <= 80
     for ending in ("csv", "parquet"):
-        assert exit_code(["sessions", "export", name, f"out.{ending}"]) == 0
+        assert exit_code(["export", name, "--output", f"out.{ending}"]) == 0
     written = list(csv.DictReader(Path("out.csv").read_text().splitlines()))
     for rows in (written, pq.read_table("out.parquet").to_pylist()):
         assert len(rows) == 3
@@ -248,7 +248,7 @@ def test_sessions_are_listed_shown_exported_and_deleted(
                 assert float(row[f"{head}_deviation_m"]) == walk["deviation_m"]["signed"]
                 assert float(row[f"{head}_distance_m"]) == walk["distance_m"]
                 assert row[f"{head}_status"] == walk["status"]
-    assert exit_code(["sessions", "export", name, "out.csv"]) == 2
+    assert exit_code(["export", name, "--output", "out.csv"]) == 2
     assert exit_code(["sessions", "delete", name, "--yes"]) == 0
     assert run_json(capsys, "sessions", "list") == []
 

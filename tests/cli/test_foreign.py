@@ -73,7 +73,6 @@ COMMANDS = [
     "sessions show NAME --json",
     "sessions show NAME --pareto final,speed",
     "sessions compare NAME OTHER",
-    "sessions export NAME trials.csv",
     "export NAME --output session.csv",
     "view NAME",
     "sessions delete NAME --yes",

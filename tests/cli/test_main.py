@@ -156,7 +156,7 @@ def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
     "command",
     [
         *("view", "view x", "export x --to csv", "adapt --resume x", "sessions list", "sessions show x"),
-        *("sessions delete x --yes", "sessions export x x.csv", "demo --budget 1"),
+        *("sessions delete x --yes", "demo --budget 1"),
     ],
 )
 def test_a_file_in_place_of_the_runs_is_named(

@@ -88,7 +88,7 @@ def test_a_damaged_trial_is_named_by_every_command_with_one_exit_code(
     path = Path("runs", name, "session.jsonl")
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:2], "broken", *lines[3:], ""]))
-    shown = ["list"], ["show", name], ["compare", name, other], ["export", name, "out.csv"]
+    shown = ["list"], ["show", name], ["compare", name, other]
     for command in (*[["sessions", *words] for words in shown], ["export", name, "--to", "csv"]):
         assert exit_code(command) == 3
         (said,) = capsys.readouterr().err.splitlines()

@@ -64,7 +64,7 @@ def make_shapes(folder: Path) -> dict[str, Any]:
     printed["adapt"] = shapes.of_json(session)
     printed["sessions list"] = shapes.of_json(hexctl(folder, "sessions list"))
     printed["sessions show"] = shapes.of_json(hexctl(folder, f"sessions show {session['session']}"))
-    hexctl(folder, f"sessions export {session['session']} out.csv", json_=False)
+    hexctl(folder, f"export {session['session']} --output out.csv", json_=False)
     with served(folder, backend="sim") as robot:
         printed["status"] = shapes.of_json(hexctl(folder, f"status --connect {robot.endpoint}"))
         printed["estop"] = shapes.of_json(hexctl(folder, f"estop --connect {robot.endpoint}"))

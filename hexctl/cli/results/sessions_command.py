@@ -17,7 +17,7 @@ from hexctl.options import listed
 if TYPE_CHECKING:
     from hexctl.adapt.sessions.search_session import Session
 
-sessions = Commands(help="List, compare, export and delete sessions of hexctl adapt.", no_args_is_help=True)
+sessions = Commands(help="List, compare and delete sessions of hexctl adapt.", no_args_is_help=True)
 
 NameArgument = Annotated[
     str,
@@ -141,20 +141,6 @@ def compare(
     print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
     if unlike := differences(found):
         print_note(f"hexctl: they differ in more than the search: {', '.join(unlike)}")
-    raise typer.Exit(left_out.code())
-
-
-@sessions.command()
-def export(
-    name: NameArgument,
-    path: Annotated[Path, typer.Argument(metavar="FILE", help="New file, .csv or .parquet.")],
-) -> None:
-    """Write a session's trials to a CSV or Parquet file."""
-    from hexctl.adapt.sessions.session_tables import export_session
-
-    left_out = LeftOut()
-    export_session(name, path, runs_folder(), on_damage=left_out.name)
-    print_result(f"{path}")
     raise typer.Exit(left_out.code())
 
 

@@ -10,16 +10,14 @@ import typer
 from hexctl.backends.robot_options import RecordedOptions
 from hexctl.cli.console import (
     INTERRUPTED,
-    StopOnInterrupt,
     code_of,
-    never_commanded,
-    note_never_commanded,
     print_note,
     print_result,
 )
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
+from hexctl.cli.walk.connected_run import check_commanded, connected
 from hexctl.errors import InputError
 from hexctl.identify.options import IdentifyOptions
 
@@ -81,11 +79,9 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
         RunSpec(**where, record_folder=None if where["record"] is not None else runs_folder())
     )
     ask_consent(CONSENT.format(run.motions_s), yes=yes or run.spec.simulated)
-    with StopOnInterrupt() as interrupt, run:
+    with connected(run) as interrupt:
         done = run.walk(stop_requested=interrupt.requested)
-        if never_commanded(done.outcome):
-            note_never_commanded()
-            raise typer.Exit(INTERRUPTED)
+        check_commanded(done.outcome)
         if interrupt.requested() or done.trial.status != "ok":
             raise typer.Exit(INTERRUPTED if interrupt.requested() else code_of(done.trial))
     if done.recording_error is not None:

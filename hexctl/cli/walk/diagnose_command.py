@@ -2,7 +2,6 @@
 
 import json
 import sys
-from contextlib import ExitStack
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,17 +11,15 @@ from hexctl.backends.robot_options import RecordedOptions
 from hexctl.cli.console import (
     DONE,
     INTERRUPTED,
-    StopOnInterrupt,
     code_of,
-    never_commanded,
-    note_never_commanded,
     print_note,
     print_result,
 )
 from hexctl.cli.output_options import JsonOption, NoRecordOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
-from hexctl.errors import InputError, RecordingError, RobotFaultError
+from hexctl.cli.walk.connected_run import check_commanded, connected
+from hexctl.errors import InputError, RecordingError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -53,8 +50,6 @@ def diagnose(
         record_folder=None if no_record or where["record"] is not None else runs_folder(),
     )
     done, code = diagnosed(spec)
-    if done is None:
-        raise typer.Exit(code)
     print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome)))
     if done.diagnosis.source == "none" and not done.diagnosis.unfinished and _operator() is None:
         print_note("hexctl: on a terminal, hexctl diagnose asks the operator which legs move as they should")
@@ -63,26 +58,14 @@ def diagnose(
     raise typer.Exit(code)
 
 
-def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult | None, int]":
-    """Run `DiagnosisRun`; return its result, or None if interrupted, and the exit code."""
+def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult, int]":
+    """Run `DiagnosisRun`; return its result and the exit code."""
     from hexctl.runs.diagnosis import DiagnosisRun
 
     run = DiagnosisRun(spec)
-    with ExitStack() as stack:
-        interrupt = stack.enter_context(StopOnInterrupt())
-        try:
-            stack.enter_context(run)
-        except RobotFaultError:
-            if interrupt.requested():
-                note_never_commanded()
-                return None, INTERRUPTED
-            raise
-        for note in run.notes:
-            print_note(f"hexctl: {note}")
+    with connected(run) as interrupt:
         done = run.diagnose(ask=_operator(), stop_requested=interrupt.requested)
-        if never_commanded(done.outcome):
-            note_never_commanded()
-            return None, INTERRUPTED
+        check_commanded(done.outcome)
         return done, INTERRUPTED if interrupt.requested() else code_of(done.trial)
 
 
@@ -97,7 +80,7 @@ def found_failure(spec: "RunSpec") -> "Found":
     names = [field.name for field in fields(RecordedOptions) if field.name not in others]
     options = {name: getattr(spec, name) for name in names}
     done, code = diagnosed(type(spec)(failure=spec.failures, **options))
-    if done is None or code != DONE:
+    if code != DONE:
         print_note("hexctl: the diagnosis was stopped, and so is what was to follow")
         raise typer.Exit(code)
     for note in done.diagnosis.notes:

@@ -13,8 +13,6 @@ from hexctl.cli.console import (
     StopOnInterrupt,
     code_of,
     make_bar,
-    never_commanded,
-    note_never_commanded,
     note_no_window,
     print_above,
     print_note,
@@ -25,9 +23,10 @@ from hexctl.cli.progress import WithBar
 from hexctl.cli.see.arena_command import WalkArenaOption, geofence
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
+from hexctl.cli.walk.connected_run import check_commanded, connected
 from hexctl.cli.walk.diagnose_command import Found, found_failure
 from hexctl.cli.walk.recovery_option import RecoverOption, recovery_policy
-from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
+from hexctl.errors import InputError, LimitError, ReachError, RecordingError
 from hexctl.robot.failure_grammar import AUTO_LEG
 from hexctl.runs.run_spec import RunSpec
 
@@ -112,18 +111,7 @@ def _walk(
     run, clear = _checked(spec), _clear_command(spec)
     if found is not None:
         run.broken = found.broken
-    with ExitStack() as stack:
-        interrupt = stack.enter_context(StopOnInterrupt())
-        stack.enter_context(progress)
-        try:
-            stack.enter_context(run)
-        except RobotFaultError:
-            if interrupt.requested():
-                note_never_commanded()
-                return INTERRUPTED
-            raise
-        for note in run.notes:
-            print_note(f"hexctl: {note}")
+    with progress, connected(run) as interrupt, ExitStack() as stack:
         live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
         if live is not None:
             stack.enter_context(live)
@@ -132,9 +120,7 @@ def _walk(
         done = _walked(run, recorders, interrupt, fence)
         if done is None:
             return INTERRUPTED
-        if never_commanded(done.outcome):
-            note_never_commanded()
-            return INTERRUPTED
+        check_commanded(done.outcome)
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
     print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome, clear)))

@@ -1,0 +1,40 @@
+"""A run that is connected while Ctrl-C requests a soft stop."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note
+from hexctl.errors import RobotFaultError
+
+if TYPE_CHECKING:
+    from hexctl.runs.run import Run
+
+
+@contextmanager
+def connected(run: "Run") -> Iterator[StopOnInterrupt]:
+    """Connect a run and print its notes; ends the command if it is interrupted before that."""
+    with ExitStack() as stack:
+        interrupt = stack.enter_context(StopOnInterrupt())
+        try:
+            stack.enter_context(run)
+        except RobotFaultError:
+            if interrupt.requested():
+                raise _never_commanded() from None
+            raise
+        for note in run.notes:
+            print_note(f"hexctl: {note}")
+        yield interrupt
+
+
+def check_commanded(outcome: Mapping[str, Any]) -> None:
+    """End the command if it was interrupted before the first command to the robot."""
+    if outcome["stopped"] == "requested" and not outcome["ticks"]:
+        raise _never_commanded()
+
+
+def _never_commanded() -> typer.Exit:
+    print_note("hexctl: interrupted before the robot was commanded")
+    return typer.Exit(INTERRUPTED)
