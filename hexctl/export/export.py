@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.sessions.session_tables import export_session
-from hexctl.adapt.sessions.store import RUNS
+from hexctl.adapt.sessions.store import RUNS, StoreError
 from hexctl.control.log import frame_columns, joint_fields
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.export.export_options import (
@@ -147,6 +147,8 @@ def export(
         else:
             trials = recordings_to_export(sources, Path(folder), robot, on_damage)
             _write_trials(trials, kind, path, asked, on_progress or _silent)
+    except StoreError:  # an OSError, too: the session's, not the output's
+        raise
     except OSError as error:
         reason = file_instead(path.parent) or error.strerror
         raise InputError(f"export: {path} cannot be written ({reason}); allowed: a new file") from error
