@@ -19,7 +19,7 @@ CEILINGS = {
     "identify": 1_110,
     "ik": 1_150,
     "recording": 4_430,
-    "robot": 6_080,
+    "robot": 6_110,
     "runs": 1_020,
     "server": 4_030,
     "simulators": 2_310,
