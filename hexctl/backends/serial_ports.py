@@ -1,12 +1,12 @@
 """Serial ports of this computer, and the search for the port of a cable."""
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hexctl.errors import RobotFaultError
+from hexctl.time_source import WALL_TIME, TimeSource
+from hexctl.waiting import StopRequested, comes_true, never
 
 #: Folder with names of ports that stay, whichever socket an adapter is plugged into.
 BY_ID = Path("/dev/serial/by-id")
@@ -47,7 +47,7 @@ def listed_ports() -> list[Any]:
         try:
             return list(comports())
         except (OSError, TypeError, ValueError):
-            time.sleep(AGAIN_S if left else 0.0)
+            WALL_TIME.sleep(AGAIN_S if left else 0.0)
     return []
 
 
@@ -76,25 +76,31 @@ def serial_ports() -> list[SerialPort]:
 
 
 def unplugged_port(
-    before: list[SerialPort], *, timeout_s: float, stop_requested: Callable[[], bool] = lambda: False
+    before: list[SerialPort],
+    *,
+    timeout_s: float,
+    stop_requested: StopRequested = never,
+    time: TimeSource = WALL_TIME,
 ) -> SerialPort | None:
     """The port that disappears when a cable is pulled; None if a stop is requested first.
 
     Raises RobotFaultError if no port of `before` disappears in time, or more than one.
     """
-    until_s = time.monotonic() + timeout_s
-    while not stop_requested():
+    gone: list[SerialPort] = []
+
+    def over() -> bool:
+        if stop_requested():
+            return True
         left = {each.port for each in serial_ports()}
-        gone = [each for each in before if each.port not in left]
-        if len(gone) > 1:
-            raise RobotFaultError(
-                f"more than one port disappeared: {', '.join(each.port for each in gone)}; pull one cable"
-            )
-        if gone:
-            return gone[0]
-        if time.monotonic() > until_s:
-            raise RobotFaultError(
-                f"no port disappeared within {timeout_s:g} s; is it the cable of a serial adapter?"
-            )
-        time.sleep(POLL_S)
-    return None
+        gone.extend(each for each in before if each.port not in left)
+        return bool(gone)
+
+    if not comes_true(over, timeout_s, poll_s=POLL_S, time=time):
+        raise RobotFaultError(
+            f"no port disappeared within {timeout_s:g} s; is it the cable of a serial adapter?"
+        )
+    if len(gone) > 1:
+        raise RobotFaultError(
+            f"more than one port disappeared: {', '.join(each.port for each in gone)}; pull one cable"
+        )
+    return gone[0] if gone else None

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
+from hexctl.control.trial_plan import DURATION_S
 from hexctl.options import RARE, Range, Typed, check_fields
 from hexctl.robot.model import Robot
 
@@ -19,7 +20,6 @@ FORMATS = get_args(Format)
 WIDTH_PX = Range(low=64, high=1920, whole=True, unit="pixels")
 FPS = Range(low=1, high=50, unit="per second")
 SECOND_S = Range(low=0, high=86_400, unit="s")
-LENGTH_S = Range(low=0, high=86_400, above=True, unit="s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ class PictureOptions:
     from_s: Annotated[float | None, SECOND_S] = None
     """Second of the recording at which it begins, {}. (default: 0)"""
 
-    duration_s: Annotated[float | None, LENGTH_S] = None
+    duration_s: Annotated[float | None, DURATION_S] = None
     """Seconds of the recording that it shows, {}. (default: all)"""
 
     captions: Annotated[Sequence[str], Typed(flag="caption"), RARE] = ()

@@ -33,11 +33,11 @@ def code_versions() -> dict[str, str]:
 
 
 def source_digest(entry: str = ENTRY, root: Path = ROOT) -> str:
-    """Digest of the names and contents of `simulating_sources`."""
+    """Digest of the names and the code of `simulating_sources`; comments and docstrings do not count."""
     digest = hashlib.sha256()
     for file in simulating_sources(entry, root):
         digest.update(file.relative_to(root).as_posix().encode())
-        digest.update(file.read_bytes())
+        digest.update(_code_of(ast.parse(file.read_bytes())).encode())
     return digest.hexdigest()[:16]
 
 
@@ -55,6 +55,23 @@ def simulating_sources(entry: str = ENTRY, root: Path = ROOT) -> list[Path]:
             files[module] = file
             modules += _imported(ast.parse(file.read_bytes()))
     return sorted(files.values())
+
+
+def _code_of(tree: ast.Module) -> str:
+    """Code without comments and docstrings, those of fields included."""
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            vars(node)["body"] = [one for one in body if not _is_text(one)]
+    return ast.unparse(tree)
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+    )
 
 
 def _file_of(module: str, root: Path) -> Path | None:

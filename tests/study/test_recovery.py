@@ -9,11 +9,15 @@ import pytest
 
 from hexctl.backends.sim.world import World, load_randomization
 from hexctl.control.assessment.static_stability import most_stable_slots
-from hexctl.control.monitor.recovery import StopWalking
+from hexctl.control.monitor.recovery import GlideToStableGait, StopWalking
+from hexctl.control.preparation import WalkStart
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.study.recovery.decentralised import LegLoads, phase_rate
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryPlace, Track
-from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, Told, method_of
+from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, Told, ToldWalk, method_of
 from hexctl.study.recovery.recovery_plan import (
     HEADINGS_DEG,
     HEXAHEAL,
@@ -263,3 +267,17 @@ def test_loads_are_read_from_torques_else_from_contacts(name: str) -> None:
     assert read is not None
     assert read[1] > 0
     assert np.count_nonzero(read) == 1
+
+
+def test_the_oracle_stops_a_walk_when_its_policy_stops() -> None:
+    plans = (TrialPlan(gait=make_gait(shipped(), "tripod")),) * 2
+    start = WalkStart(
+        robot=shipped(), plans=plans, batch_shape=(2,), period_s=0.02, turned_rad=0.0, frame=None
+    )
+    failures = [Failure(leg=leg, kind="limp") for leg in (1, 3, 5)]
+    events = [FailureEvent(at_s=0.0, leg=one.leg, failure=one) for one in failures]
+    walk = ToldWalk(start, GlideToStableGait(None), [events, events[:2]])
+    state = RobotState(np.zeros((2, 18)), 0.0, True)
+    walk.targets_rad(0, state)
+    assert walk.done(0, state).tolist() == [True, False]
+    assert (walk.why_stopped(0), walk.why_stopped(1)) == ("leg 1 limp, leg 3 limp, leg 5 limp", None)

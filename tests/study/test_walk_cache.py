@@ -380,6 +380,7 @@ def test_imports_are_followed_through_packages_functions_and_circles(root: Path)
 def test_the_digest_changes_with_these_sources_alone(root: Path) -> None:
     before = source_digest("hexctl.start", root)
     (root / "hexctl" / "other.py").write_text("y = 2\n")
+    (root / "hexctl" / "late.py").write_text('"""A text."""\n' + (root / "hexctl" / "late.py").read_text())
     assert source_digest("hexctl.start", root) == before
     (root / "hexctl" / "late.py").write_text("x = 2\n")
     assert source_digest("hexctl.start", root) != before

@@ -13,8 +13,12 @@ from hexctl.study.study_options import ALL_LEGS, ComputeOptions
 
 PriorHold = Literal["none", "heading", "line"]
 
-WORLDS = Range(low=2, high=1024, whole=True)
+#: Size of each leg's own block of worlds. Six legs see six times as many; each block is evenly spread.
+WORLDS_PER_LEG = 1024
+WORLDS = Range(low=2, high=WORLDS_PER_LEG, whole=True)
 DIRECTIONS = Range(low=1, high=12, whole=True)
+
+#: Two failed legs leave 24 codes: one is the safest, and as many as these are drawn.
 CODES = Range(low=0, high=11, whole=True)
 
 #: A shorter walk consists mostly of the soft start.

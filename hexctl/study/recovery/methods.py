@@ -12,18 +12,18 @@ from hexctl.control.batch import SimTrial
 from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.monitored_walk import recovering_walk
-from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
+from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, Response, WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
-from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure
+from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure, in_words
 from hexctl.robot.plugins import made_of
 from hexctl.study.recovery.decentralised import DecentralisedWalk
 from hexctl.study.recovery.open_loop import TRIES, OpenLoopFromFailure, Rehearsal, rehearse
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import BoolArray, FloatArray, RobotState
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,6 +140,7 @@ class ToldWalk(Controller):
             policy.prepare(start.robot, plan, heading_rad)
         self._to_come = [list(events) for events in to_come]
         self._failures: list[dict[int, Failure]] = [{} for _ in start.plans]
+        self._stopped: dict[int, str] = {}
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (n, 18)."""
@@ -147,23 +148,37 @@ class ToldWalk(Controller):
         gaits = list(self.walk.gaits)
         for index, events in enumerate(self._to_come):
             now = [event for event in events if event.at_s <= (step + 0.5) * self._start.period_s]
-            if not now:
-                continue
-            del events[: len(now)]
-            known = self._failures[index]
-            for event in now:
-                if event.failure is None:
-                    known.pop(event.leg, None)
-                else:
-                    known[event.leg] = event.failure
-            plan, heading_rad = self._start.plans[index], self._headings_rad[index]
-            response = self._policy.respond(self._start.robot, plan, heading_rad, list(known.values()))
-            if response.gait is not None:
-                gaits[index], told[index] = response.gait, True
+            if now:
+                del events[: len(now)]
+                response = self._response(index, now)
+                if response.gait is not None:
+                    gaits[index], told[index] = response.gait, True
         if told.any():
             self.walk.glide_to(gaits, told)
         self.limited_steps = self.walk.limited_steps
         return self.walk.targets_rad(step, state)
+
+    def done(self, step: int, state: RobotState) -> BoolArray:
+        """Whether the policy has stopped each walk, (n,)."""
+        return np.array([index in self._stopped for index in range(len(self._to_come))])
+
+    def why_stopped(self, index: int = 0) -> str | None:
+        """The failures for which the policy has stopped a walk, or None."""
+        return self._stopped.get(index)
+
+    def _response(self, index: int, now: Sequence[FailureEvent]) -> Response:
+        known = self._failures[index]
+        for event in now:
+            if event.failure is None:
+                known.pop(event.leg, None)
+            else:
+                known[event.leg] = event.failure
+        plan, heading_rad = self._start.plans[index], self._headings_rad[index]
+        response = self._policy.respond(self._start.robot, plan, heading_rad, list(known.values()))
+        if response.stop:
+            failed = (f"leg {leg} {in_words(failure)}" for leg, failure in sorted(known.items()))
+            self._stopped.setdefault(index, ", ".join(failed))
+        return response
 
 
 class StopDiagnose(RecoveryMethod):

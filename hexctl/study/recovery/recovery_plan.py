@@ -9,10 +9,11 @@ from zlib import crc32
 
 import numpy as np
 
+from hexctl.backends.robot_options import SEED
 from hexctl.backends.sim.world import load_world
 from hexctl.control.trial_plan import DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.options import Range, Typed
+from hexctl.options import Typed
 from hexctl.robot.failure_grammar import parse_coming_kind
 from hexctl.study.data_frames import where
 from hexctl.study.experiment import Drawing, plain
@@ -90,7 +91,7 @@ class RecoveryPlan(HeldOutExperiment):
     methods: tuple[str, ...] = DEFAULT_METHODS
     protocols: tuple[Protocol, ...] = (LINE, HEXAHEAL)
     runs: Annotated[int, RUNS] = 10
-    seed: Annotated[int, Range(low=0, whole=True)] = 0
+    seed: Annotated[int, SEED] = 0
 
     @property
     def ruled(self) -> list[str]:
