@@ -95,7 +95,7 @@ SIMULATING_EXTRAS, NO_SIMULATION_FROM = ("sim", "study", "demo", "all"), (3, 13)
 
 def install_command(extra: str) -> str:
     """Command that installs an extra, with another Python if necessary."""
-    command = f'pip install "hexctl[{extra}]"'
+    command = f'pip install ".[{extra}]" in the repository'
     elsewhere = extra in SIMULATING_EXTRAS and sys.version_info >= NO_SIMULATION_FROM
     return f"{command} with Python 3.11 or 3.12" if elsewhere else command
 

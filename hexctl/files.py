@@ -2,6 +2,7 @@
 
 import errno
 import io
+import logging
 import math
 import os
 import shutil
@@ -9,13 +10,18 @@ import stat
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hexctl.errors import InputError
+from hexctl.errors import HexctlError, InputError
 from hexctl.scratch import scratch_folder
+
+_LOG = logging.getLogger(__name__)
+
+#: Called for each damaged part that a reader leaves out.
+OnDamage = Callable[[HexctlError], object]
 
 #: Allowed folders of recordings and sessions, and a next step.
 ALLOWED_FOLDER = "allowed: a folder; call hexctl from one that you can write to, or set HEXCTL_RUNS=FOLDER"
@@ -43,6 +49,11 @@ ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
     RuntimeError,  # zipfile, for a file marked as encrypted
     tokenize.TokenError,  # numpy, for a truncated array header
 )
+
+
+def log_damage(error: HexctlError) -> None:
+    """Log what is left out as damaged: the default `OnDamage`."""
+    _LOG.warning("left out: %s", error)
 
 
 def state_folder() -> Path:

@@ -242,7 +242,8 @@ class Adaptation:
 
     def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
         stack.enter_context(store.held(name))
-        session = self._resumed = load_session(name, store.folder)
+        # Loaded again under the lock: another process may have continued it. Damage is reported already.
+        session = self._resumed = load_session(name, store.folder, on_damage=lambda _: None)
         session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since
         left = remove_unfinished(store.folder_of(name), session)
         self._tell(None if left is None else f"removed {left}: its trial was killed and is walked again")

@@ -1,10 +1,13 @@
 """Suggestions in messages about an invalid command line."""
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from typer.exceptions import TyperException
+
+from hexctl.typed_names import nearest_name
 
 #: Commands of the program or of a group, by common synonyms.
 SYNONYMS = {
@@ -42,7 +45,8 @@ _EXTRA = re.compile(r"Got unexpected extra argument")
 def usage_text(error: TyperException) -> str:
     """Message about an invalid command line, with a suggestion."""
     if near := getattr(error, "possibilities", None):
-        vars(error)["possibilities"] = near[:1]  # best first; the message would sort them by name
+        vars(error)["possibilities"] = ()
+        return error.format_message() + _nearest_option(vars(error)["option_name"], near)
     text: str = error.format_message()
     context: Any = getattr(error, "ctx", None)
     if (found := _NO_COMMAND.match(text)) is not None:
@@ -52,6 +56,12 @@ def usage_text(error: TyperException) -> str:
     if _EXTRA.match(text):
         return text + _as_option(context, text.rpartition("(")[2].rstrip(")"))
     return text
+
+
+def _nearest_option(flag: str, flags: Iterable[str]) -> str:
+    """Suggestion of a similar option; its dashes do not count, since all flags have them."""
+    near = nearest_name(flag.lstrip("-"), [each.lstrip("-") for each in flags])
+    return "" if near is None else f"; did you mean --{near}?"
 
 
 def _as_option(context: Any, extra: str) -> str:

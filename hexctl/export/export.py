@@ -22,9 +22,8 @@ from hexctl.export.export_options import (
     PictureOptions,
 )
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
-from hexctl.files import file_instead
+from hexctl.files import OnDamage, file_instead, log_damage
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
-from hexctl.recording.rrd_reader import OnDamage, log_damage
 from hexctl.robot.configs import config_names
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of
@@ -122,7 +121,7 @@ def export(
         output: the new file or folder; None takes the name of the source.
         folder: of sessions.
         on_progress: takes the number of finished items and the total.
-        on_damage: takes the error of each missing or damaged recording of a session, which is skipped; logged
+        on_damage: takes the error of each missing or damaged part of a session, which is skipped; logged
             by default.
         options: further fields of `ExportOptions`, such as `fps`.
 
@@ -144,7 +143,7 @@ def export(
         if kind in ROBOT_FORMATS:
             _write_robot(sources, kind, path, ros2_control=asked.ros2_control)
         elif table:
-            export_session(str(sources[0]), path, folder)
+            export_session(str(sources[0]), path, folder, on_damage=on_damage)
         else:
             trials = recordings_to_export(sources, Path(folder), robot, on_damage)
             _write_trials(trials, kind, path, asked, on_progress or _silent)

@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 from hexctl.adapt.sessions.store import load_session
 from hexctl.errors import InputError, check_type
+from hexctl.files import OnDamage, log_damage
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
-from hexctl.recording.rrd_reader import OnDamage, log_damage
 from hexctl.robot.model import Robot
 
 #: Takes the number of finished items of an export, and the total.
@@ -92,7 +92,7 @@ def recordings_to_export(
     for source in sources:
         check_type(source, (str, Path), "export", "recordings (.rrd) or the name of a session")
         if is_session(source):
-            found += _of_session(str(source), runs)
+            found += _of_session(str(source), runs, on_damage)
         else:
             found.append(Path(str(source)))
             given.add(found[-1])
@@ -108,8 +108,8 @@ def title_of(trial: RecordedTrial) -> str:
     return ", ".join([str(told.get("title", trial.robot.name)), *legs])
 
 
-def _of_session(name: str, runs: Path) -> list[Path]:
-    session = load_session(name, runs)
+def _of_session(name: str, runs: Path, on_damage: OnDamage) -> list[Path]:
+    session = load_session(name, runs, on_damage=on_damage)
     named = [trial.recording_in(runs / name) for trial in session.trials]
     found = [path for path in named if path is not None]
     if not any(path.is_file() for path in found):

@@ -6,7 +6,7 @@ Messages of chunks are protobuf with an LZ4-compressed Arrow stream, in the vers
 import logging
 import os
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -15,9 +15,6 @@ from hexctl.errors import InputError, MissingExtraError, RecordingError
 from hexctl.recording.rrd import END, RERUN, check_there, reopen
 
 _LOG = logging.getLogger(__name__)
-
-#: Called with the error of each skipped recording.
-OnDamage = Callable[[InputError], object]
 
 #: Start of a file, length of the rest of its head, and the head of a message.
 MAGIC, HEAD_BYTES, MESSAGE_HEAD = b"RRF2", 12, struct.Struct("<QQ")
@@ -58,11 +55,6 @@ def rerun_chunks(path: Path) -> Iterator[Any]:
         except (RuntimeError, ValueError) as error:
             raise _damaged(path, error) from error
         yield from chunks
-
-
-def log_damage(error: InputError) -> None:
-    """Log the error of a skipped recording."""
-    _LOG.warning("left out: %s", error)
 
 
 def check_recording(path: Path) -> None:

@@ -218,7 +218,7 @@ class DriveSession:
             "source": decision.source,
             "velocity": [velocity.forward_m_s, velocity.left_m_s, velocity.turn_rad_s],
             "distance_m": self._travel.distance_m,
-            "speed_m_s": self._travel.speed_m_s,
+            "speed_m_s": None if latched else self._travel.speed_m_s,
             "heading_deg": self._travel.heading_deg,
             "gait": name_of(drive.gait_now.slots),
             "body_raise": round(drive.body_raise, 3),

@@ -208,7 +208,8 @@ def _command_of(velocity: Sequence[float]) -> str:
 
 def _travel_of(status: dict[str, Any]) -> list[str]:
     distance, speed, heading = (status[name] for name in ("distance_m", "speed_m_s", "heading_deg"))
-    moved = [] if distance is None or speed is None else [f"{distance:.1f} m at {speed:.2f} m/s"]
+    at_speed = "" if speed is None else f" at {speed:.2f} m/s"
+    moved = [] if distance is None else [f"{distance:.1f} m{at_speed}"]
     turned = [] if heading is None else [f"yaw {_signed(heading, 0)}°"]
     return [", ".join([*moved, *turned])] if moved or turned else []
 

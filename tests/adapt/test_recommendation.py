@@ -16,11 +16,12 @@ from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, StoreError, load_session
+from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial import Enough
+from hexctl.errors import HexctlError
 from hexctl.gait.encoding import Slots
 from tests.adapt.walking import result_of
 
@@ -228,7 +229,7 @@ def test_a_damaged_confirmation_is_named(store: SessionStore) -> None:
     name = search(store, Ends({2: 0.01}), target_m=NEVER_M).name
     path = store.folder / name / FILE_NAME
     path.write_text(path.read_text().replace('"time_step_s": 0.0005', '"time_step_s": -1.0'))
-    told: list[StoreError] = []
+    told: list[HexctlError] = []
     session = load_session(name, store.folder, on_damage=told.append)
     assert session.confirmations == []
     assert "time_step_s" in str(told[0])

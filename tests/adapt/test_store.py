@@ -32,7 +32,7 @@ from hexctl.adapt.sessions.store import (
 from hexctl.adapt.sessions.unfinished import NOTE, note_created, remove_unfinished, unfinished
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.main import exit_code
-from hexctl.errors import InputError
+from hexctl.errors import HexctlError, InputError
 from tests.adapt.walking import SPEC, record, result_of
 
 SPACE = GaitSpace((SPEC.broken.leg,))
@@ -230,7 +230,7 @@ def test_a_session_cut_off_at_any_byte_has_what_was_stored_before_and_goes_on(tm
     end = len(content)
     for size in (*range(begin, begin + 20), *range(begin + 20, end - 20, 13), *range(end - 20, end)):
         path.write_bytes(content[:size])
-        told: list[StoreError] = []
+        told: list[HexctlError] = []
         (session,) = list_sessions(tmp_path, on_damage=told.append)
         assert (len(session.trials), session.optimizer_state, told) == (2, {"after": 2}, [])
         SessionStore(tmp_path).add(session, record(3), {"after": 3})
@@ -284,7 +284,7 @@ def test_a_damaged_line_costs_that_line_alone(spoil: Callable[[str], str], tmp_p
     lines = lines_of(tmp_path, bad)
     lines[FIRST + 1] = spoil(lines[FIRST + 1])
     (tmp_path / bad / FILE_NAME).write_text("".join(lines))
-    told: list[StoreError] = []
+    told: list[HexctlError] = []
     sessions = list_sessions(tmp_path, on_damage=told.append)
     assert [session.name for session in sessions] == [bad, good]
     assert [trial.index for trial in sessions[0].trials] == [1, 3]
@@ -304,7 +304,7 @@ def test_a_damaged_first_line_costs_nothing_where_the_search_had_begun(tmp_path:
     lines = lines_of(tmp_path, name)
     lines[0] = "\0" * 50 + "\n"
     (tmp_path / name / FILE_NAME).write_text("".join(lines))
-    told: list[StoreError] = []
+    told: list[HexctlError] = []
     assert load_session(name, tmp_path, on_damage=told.append) == whole
     assert len(told) == 1
 
@@ -338,7 +338,7 @@ BAD_FILES: dict[str, Callable[[Path], object]] = {
 def test_a_file_that_is_no_session_costs_no_other(spoil: Callable[[Path], object], tmp_path: Path) -> None:
     bad, good = make_sessions(tmp_path)
     spoil(tmp_path / bad / FILE_NAME)
-    told: list[StoreError] = []
+    told: list[HexctlError] = []
     assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
     assert len(told) == 1
     with pytest.raises(StoreError, match=bad):
@@ -367,7 +367,7 @@ def test_a_session_whose_folder_was_renamed_goes_by_its_new_name(name: str, tmp_
 def test_a_name_that_cannot_be_typed_is_reported(name: bytes, tmp_path: Path) -> None:
     other, good = make_sessions(tmp_path)
     os.rename(os.fsencode(tmp_path / other), os.fsencode(tmp_path) + b"/" + name)
-    told: list[StoreError] = []
+    told: list[HexctlError] = []
     assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
     assert len(told) == 1
     assert "\n" not in str(told[0])
@@ -614,7 +614,7 @@ def test_a_session_larger_than_is_read_is_refused_and_costs_no_other(
     monkeypatch.setattr("hexctl.adapt.sessions.store.MOST_BYTES", path.stat().st_size)
     assert load_session(large, tmp_path).name == large
     path.write_bytes(path.read_bytes() + b"\n")
-    told: list[StoreError] = []
+    told: list[HexctlError] = []
     assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
     (error,) = told
     assert large in str(error)
@@ -646,7 +646,7 @@ def test_a_session_without_a_spec_is_named_and_the_others_are_listed(
         del spec["seed"]  # whose default may have changed since
     lines[:FIRST] = [changed(lines[0], session__spec=spec | (values or {}))] * FIRST
     (tmp_path / bad / FILE_NAME).write_text("".join(lines))
-    told: list[StoreError] = []
+    told: list[HexctlError] = []
     assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
     (error,) = told
     assert bad in str(error)

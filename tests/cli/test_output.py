@@ -54,6 +54,11 @@ SPOT = {
 #: A walk whose position is not known at its end.
 UNSEEN = {"distance_m": None, "yaw_change_deg": None, "hold_lost_s": 0.0, "limited_ticks": 0}
 LOST = {"received": 90, "lost": 2, "late": 0}
+LEG_5 = {
+    "noticed": [
+        {"at_s": 3.4, "leg": 5, "kind": "limp", "joint": None, "evidence": "following", "did": "stopped"}
+    ]
+}
 EVENTS = ["2:limp@8", "5:missing@14", "2@18"]
 
 
@@ -82,7 +87,8 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"status": "aborted", "stopped": "requested"}, "status", "stopped by Ctrl-C"),
         ({"status": "aborted", "stopped": "fault: battery"}, "status", "aborted (fault: battery)"),
         ({"servo_link": LOST}, "link", "90 messages came; 2 lost"),
-        ({"clipped_ticks": 7}, "guard", "7 commands clipped"),
+        ({"clipped_ticks": 7}, "guard", "7 commands clipped, too fast"),
+        ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --recover"),
         (SPOT, "walked", "10.0 s on the spot, ended 0.5 cm from the start"),
         (SPOT, "turned", "37.4 degrees, 75 % of ideal (50.0)"),
         ({**UNSEEN, "hold": "heading"}, "walked", "10.0 s; its position is not known"),
@@ -104,6 +110,12 @@ def test_a_row_of_a_walk(
     changes: dict[str, Any], label: str, text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert shown(capsys, **changes)[label].startswith(text)
+
+
+def test_a_walk_that_recovered_gets_no_advice_for_clipped_commands(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert shown(capsys, clipped_ticks=7, **LEG_5)["guard"] == "7 commands clipped"
 
 
 @pytest.mark.parametrize(

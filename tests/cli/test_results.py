@@ -81,6 +81,22 @@ def table_of(overview: Path) -> str:
     return text
 
 
+def test_a_damaged_trial_is_named_by_every_command_with_one_exit_code(
+    capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    name, other = session(3), session(2)
+    path = Path("runs", name, "session.jsonl")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:2], "broken", *lines[3:], ""]))
+    shown = ["list"], ["show", name], ["compare", name, other], ["export", name, "out.csv"]
+    for command in (*[["sessions", *words] for words in shown], ["export", name, "--to", "csv"]):
+        assert exit_code(command) == 3
+        (said,) = capsys.readouterr().err.splitlines()
+        assert said.startswith(f"hexctl: session {name}: damaged at line 3 of session.jsonl")
+    exit_code(["adapt", "--resume", name, "--budget", "3"])
+    assert [record.getMessage().count("line 3") for record in caplog.records] == [1]
+
+
 @pytest.mark.slow
 def test_without_a_name_the_newest_is_opened_session_or_recording() -> None:
     older, newer = session(1, age_s=30), session(1, age_s=20)

@@ -95,7 +95,7 @@ def test_a_session_is_exported_without_what_it_has_lost(
     kind: Format, damaged: tuple[str, Path], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     name, folder = damaged
-    lost: list[InputError] = []
+    lost: list[HexctlError] = []
     path = export(name, to=kind, output=tmp_path / "out", folder=folder, on_damage=lost.append)
     assert [re.findall(r"trial-\d+", str(one))[0] for one in lost] == ["trial-001", "trial-003"]
     if kind == "mcap":

@@ -245,6 +245,25 @@ def test_a_robot_that_is_told_to_stand_does_not_walk_off_at_the_speed_of_before(
         assert typed.speeds_m_s["www"] > 0.08
 
 
+def test_a_robot_with_a_latched_stop_shows_no_speed_of_before() -> None:
+    class Latch:
+        clear_command, trouble = "clear it", None
+
+        def press(self) -> None:
+            guard.stop("estop")
+
+    guard = Guard(SimServos("ant"))
+    with Drive(servos=guard, arbiter=Arbiter(lambda: guard.clock.now_s)) as drive:
+        session = DriveSession(drive, Latch())
+        drive.command(forward_m_s=0.1)
+        session.run([Script(session, {199: "quit"})])
+        state = guard.peek()
+        assert session.status(state)["speed_m_s"] > 0.05
+        session.ask("stop")
+        shown = session.status(state)
+        assert (shown["speed_m_s"], shown["velocity"]) == (None, [0, 0, 0])
+
+
 def test_an_interrupt_before_the_first_command_commands_nothing() -> None:
     guard = Guard(SimServos("ant"))
     with Drive(servos=guard) as drive:

@@ -154,6 +154,7 @@ def test_the_line_has_what_the_robot_does_in_80_columns() -> None:
     line = line_of({**status, "velocity": [0.071, 0.0, 0.0]})
     assert "12.3 m at 0.07 m/s, yaw -12°" in line
     assert len(line) < 80
+    assert "12.3 m, yaw" in line_of({**status, "speed_m_s": None})
     assert line_of({**status, "velocity": [-1e-5, -0.0, -1e-4]}).startswith("forward +0.000 m/s · tripod")
     said = line_of({**status, "said": "leg 3 limp", "stopped": "fell"})
     assert "leg 3 limp" in said

@@ -9,6 +9,7 @@ from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import BASELINE_GAITS
 from hexctl.control.trial_result import QUALITIES
 from hexctl.errors import InputError, MissingExtraError
+from hexctl.files import OnDamage, log_damage
 
 #: What was predicted for a trial, a column each.
 EXPECTED = ("signed_m", "low_m", "high_m", "chance")
@@ -76,13 +77,15 @@ def _baseline_columns(session: Session) -> dict[str, Any]:
     return columns
 
 
-def export_session(name: str, path: Path | str, folder: Path | str = RUNS) -> None:
-    """Write a session's trials to a new .csv or .parquet file.
+def export_session(
+    name: str, path: Path | str, folder: Path | str = RUNS, *, on_damage: OnDamage = log_damage
+) -> None:
+    """Write a session's trials to a new .csv or .parquet file, without damaged ones, as in `load_session`.
 
     Raises InputError for an unknown name, another ending, a file that exists or cannot be written, or a
     session without trials; StoreError for a session that is damaged.
     """
-    session, path = load_session(name, folder), Path(path)
+    session, path = load_session(name, folder, on_damage=on_damage), Path(path)
     if path.suffix not in FORMATS:
         raise InputError(f"export: got {path.name}; allowed: a name that ends in {' or '.join(FORMATS)}")
     if not session.trials:

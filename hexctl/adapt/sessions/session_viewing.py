@@ -14,7 +14,8 @@ from hexctl.adapt.sessions.search_steps import search_steps
 from hexctl.adapt.sessions.store import StoreError, load_session, stored_names
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, TrialRecord, WalkRecord
 from hexctl.errors import HexctlError, InputError, RecordingError
-from hexctl.recording.rrd_reader import OnDamage, check_viewable, log_damage
+from hexctl.files import OnDamage, log_damage
+from hexctl.recording.rrd_reader import check_viewable
 from hexctl.recording.sessions.session_figures import write_overview_file
 from hexctl.recording.sessions.session_overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.recording.side_by_side import write_together
@@ -159,14 +160,14 @@ def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_dam
     Args:
         names: paths of recordings, and names or folders of sessions; empty is the newest of either.
         runs: the folder of recordings and of the session store.
-        on_damage: called for each damaged recording of a session, which gets no link; by default it is
+        on_damage: called for damaged lines and recordings of a session, which are not shown; by default it is
             logged.
 
     Raises InputError for an unknown name and for a damaged recording in `names`, RecordingError for a viewer
     that cannot start, and MissingExtraError without Rerun.
     """
     with scratch_folder() as spare:
-        chosen = _find_runs(names, runs)
+        chosen = _find_runs(names, runs, on_damage)
         scene, alone = _common_scene(chosen, spare / "walks")
         paths = [
             one
@@ -194,7 +195,7 @@ def serve_runs(
 
     Raises the errors of `view_runs`.
     """
-    chosen = _find_runs(names, runs)
+    chosen = _find_runs(names, runs, on_damage)
     port = free_port()
     with FileServer(web_origin(port)) as files, scratch_folder() as folder:
         walks = folder / "walks"
@@ -255,23 +256,23 @@ def _sound_ones(recordings: RecordingPaths, on_damage: OnDamage) -> RecordingPat
     return sound
 
 
-def _find_runs(names: Sequence[str], runs: Path) -> list[Path | StoredSession]:
-    return [_find_run(name, runs) for name in names] if names else [_newest_run(runs)]
+def _find_runs(names: Sequence[str], runs: Path, on_damage: OnDamage) -> list[Path | StoredSession]:
+    return [_find_run(name, runs, on_damage) for name in names] if names else [_newest_run(runs, on_damage)]
 
 
-def _newest_run(runs: Path) -> Path | StoredSession:
+def _newest_run(runs: Path, on_damage: OnDamage) -> Path | StoredSession:
     # An overview is written whenever its session is viewed: its time says nothing.
     path = newest_recording(runs, leave_out=FILE_NAME)
     name = path.parent.name
     if name in stored_names(runs):
         with suppress(StoreError):  # a session that is damaged has recordings all the same
-            session = load_session(name, runs)
+            session = load_session(name, runs, on_damage=on_damage)
             if session.trials:
                 return session, runs / name
     return path
 
 
-def _find_run(name: str, runs: Path) -> Path | StoredSession:
+def _find_run(name: str, runs: Path, on_damage: OnDamage) -> Path | StoredSession:
     path = Path(name)
     above = path.absolute().parent
     if path.name == FILE_NAME and above.parent == runs.absolute() and above.name in stored_names(runs):
@@ -283,7 +284,7 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
     if session not in stored_names(runs):
         known = ", ".join(stored_names(runs)[-5:]) or "none yet, hexctl adapt makes one"
         raise InputError(f"view: got {name!r}; allowed: an .rrd file or a session (newest last): {known}")
-    loaded, folder = load_session(session, runs), runs / session
+    loaded, folder = load_session(session, runs, on_damage=on_damage), runs / session
     if not loaded.trials:
         raise InputError(
             f"session {session}: has no trial yet; hexctl adapt --resume {shlex.quote(session)} continues it"

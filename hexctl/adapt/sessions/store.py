@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from itertools import count
@@ -29,7 +29,16 @@ from hexctl.adapt.sessions.session_lines import (
 )
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.errors import HexctlError, InputError, argument, check_type, printable
-from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble, read_file, replacing, sync
+from hexctl.files import (
+    ALLOWED_FOLDER,
+    OnDamage,
+    check_writable,
+    folder_trouble,
+    log_damage,
+    read_file,
+    replacing,
+    sync,
+)
 
 _LOG = logging.getLogger(__name__)
 
@@ -310,15 +319,7 @@ def _lock(file: int) -> bool:
     return True
 
 
-def _log_damage(error: StoreError) -> None:
-    _LOG.warning("%s", error)
-
-
-#: Called for damage, which is left out.
-OnDamage = Callable[[StoreError], object]
-
-
-def list_sessions(folder: Path | str = RUNS, *, on_damage: OnDamage = _log_damage) -> list[Session]:
+def list_sessions(folder: Path | str = RUNS, *, on_damage: OnDamage = log_damage) -> list[Session]:
     """All sessions of a folder with their trials, newest last; nothing is written.
 
     Args:
@@ -336,7 +337,7 @@ def list_sessions(folder: Path | str = RUNS, *, on_damage: OnDamage = _log_damag
     return sessions
 
 
-def load_session(name: str, folder: Path | str = RUNS, *, on_damage: OnDamage = _log_damage) -> Session:
+def load_session(name: str, folder: Path | str = RUNS, *, on_damage: OnDamage = log_damage) -> Session:
     """Session of a folder with its trials; `on_damage` is called for damaged lines, which are left out.
 
     Raises InputError for an unknown name, StoreError for a session that cannot be read.
@@ -371,9 +372,9 @@ def _loaded(name: str, folder: Path, on_damage: OnDamage) -> Session:
             "and hexctl sessions delete removes it"
         ) from error
     if damaged:
-        lines = f"line{'s' * (len(damaged) > 1)} {', '.join(map(str, damaged))}"
+        lines = f"{'lines' if len(damaged) > 1 else 'line'} {', '.join(map(str, damaged))}"
         first = next(iter(damaged.values()))
-        on_damage(StoreError(f"session {name}: {lines} of {FILE_NAME} left out as damaged ({first})"))
+        on_damage(StoreError(f"session {name}: damaged at {lines} of {FILE_NAME} ({first})"))
     return session
 
 

@@ -48,15 +48,26 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
         return [f"next: {clearing}"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
     may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST
+    if outcome["status"] == "aborted" and _stopped_for_a_leg(outcome):
+        return ["next: the same with --recover, which walks on without the leg"]
     if outcome["status"] == "no_progress" and may_walk and outcome["gait"]["name"] != AUTO:
         return [f"next: the same with --gait {AUTO}, the most stable gait for the other legs"]
     return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []
 
 
+def _stopped_for_a_leg(outcome: dict[str, Any]) -> bool:
+    """Whether the policy `stop` ended a walk for legs without which a robot can walk."""
+    noticed = outcome.get("noticed", ())
+    failed = {each["leg"] for each in noticed} | {outcome["failed_leg"], *outcome.get("further_failures", ())}
+    return bool(noticed) and noticed[-1]["did"] == "stopped" and len(failed - {None}) <= MOST_LOST
+
+
 def _trouble_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     clipped, doubted = outcome["clipped_ticks"], outcome.get("positions_doubted", 0)
+    recovered = outcome["status"] == "ok" and outcome.get("noticed")
+    advice = "" if recovered else ", too fast for the joints: lower --pace"
     guarded = [
-        *([f"{clipped} commands clipped, too fast for the joints: lower --pace"] if clipped else []),
+        *([f"{clipped} commands clipped{advice}"] if clipped else []),
         *([f"{doubted} impossible joint angles ignored"] if doubted else []),
     ]
     link = outcome["servo_link"]

@@ -7,7 +7,7 @@ import typer
 from hexctl.cli import completion
 from hexctl.cli.console import make_bar, print_result
 from hexctl.cli.progress import WithBar
-from hexctl.cli.results.skipped_recordings import LeftOut
+from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.export.export_options import ExportOptions
@@ -28,8 +28,8 @@ def export(
 ) -> None:
     """Write a robot, recordings or a session in a format of other programs.
 
-    A recording of a session that is missing or damaged is named on stderr, with exit code 3; the others are
-    written all the same.
+    Recordings and trials of a session that are missing or damaged are named on stderr, with exit code 3; the
+    others are written.
     """
     from hexctl.export.export import export as write
 

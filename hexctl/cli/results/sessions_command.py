@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import FAULT, print_note, print_result
+from hexctl.cli.console import print_note, print_result
 from hexctl.cli.output_options import JsonOption
+from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.errors import InputError
 from hexctl.options import listed
 
 if TYPE_CHECKING:
     from hexctl.adapt.sessions.search_session import Session
-    from hexctl.adapt.sessions.store import StoreError
 
 sessions = Commands(help="List, compare, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
@@ -33,23 +33,20 @@ NameArgument = Annotated[
 def list_sessions(as_json: JsonOption = False) -> None:
     """List all sessions under runs/, newest last.
 
-    One that is damaged is named on stderr, with exit code 3; the others are listed all the same.
+    Damaged sessions and trials are named on stderr, with exit code 3; the others are listed.
     """
     from hexctl.adapt.sessions.store import list_sessions as all_sessions
     from hexctl.cli.render.sessions_output import sessions_table
 
-    damaged: list[StoreError] = []
-    found = all_sessions(runs_folder(), on_damage=damaged.append)
+    left_out = LeftOut()
+    found = all_sessions(runs_folder(), on_damage=left_out.name)
     if as_json:
         print_result(json.dumps([{**session.as_json(), "trials": len(session.trials)} for session in found]))
-    elif not found and not damaged:
+    elif not found and not left_out.count:
         print_result(f"no sessions under {runs_folder()}/ yet; hexctl adapt makes one")
     elif found:
         print_result(sessions_table(found))
-    for error in damaged:
-        print_note(f"hexctl: {error}")
-    if damaged:
-        raise typer.Exit(FAULT)
+    raise typer.Exit(left_out.code())
 
 
 @sessions.command()
@@ -66,15 +63,17 @@ def show(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a session's trials."""
+    """Show a session's trials; damaged ones are named on stderr, with exit code 3."""
     from hexctl.adapt.sessions.store import load_session
     from hexctl.cli.render.adapt_output import session_lines
 
-    session = load_session(name, runs_folder())
+    left_out = LeftOut()
+    session = load_session(name, runs_folder(), on_damage=left_out.name)
     if pareto is not None:
         print_result(_pareto_text(session, pareto, as_json=as_json))
-        return
-    print_result(*([json.dumps(session.as_json())] if as_json else session_lines(session)))
+    else:
+        print_result(*([json.dumps(session.as_json())] if as_json else session_lines(session)))
+    raise typer.Exit(left_out.code())
 
 
 def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
@@ -121,7 +120,8 @@ def compare(
     from hexctl.adapt.sessions.store import load_session
     from hexctl.cli.render.sessions_output import comparison_table
 
-    found = [load_session(name, runs_folder()) for name in names]
+    left_out = LeftOut()
+    found = [load_session(name, runs_folder(), on_damage=left_out.name) for name in names]
     check_comparable(found)
     if out is not None:
         draw_comparison(found, out)
@@ -137,10 +137,11 @@ def compare(
         ]
         written = {"out": None if out is None else str(out), "differences": differences(found)}
         print_result(json.dumps({"sessions": rows, **written}))
-        return
+        raise typer.Exit(left_out.code())
     print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
     if unlike := differences(found):
         print_note(f"hexctl: they differ in more than the search: {', '.join(unlike)}")
+    raise typer.Exit(left_out.code())
 
 
 @sessions.command()
@@ -151,8 +152,10 @@ def export(
     """Write a session's trials to a CSV or Parquet file."""
     from hexctl.adapt.sessions.session_tables import export_session
 
-    export_session(name, path, runs_folder())
+    left_out = LeftOut()
+    export_session(name, path, runs_folder(), on_damage=left_out.name)
     print_result(f"{path}")
+    raise typer.Exit(left_out.code())
 
 
 @sessions.command()

@@ -6,7 +6,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import DONE, StopOnInterrupt, note_refusal, print_note
-from hexctl.cli.results.skipped_recordings import LeftOut
+from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError
@@ -30,7 +30,7 @@ def view(
 ) -> None:
     """Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.
 
-    A damaged recording of a session is named on stderr, with exit code 3; the others are shown.
+    Damaged recordings and trials of a session are named on stderr, with exit code 3; the others are shown.
     """
     if place["connect"] is None and place["link"] is None:
         if place["credentials"] is not None or place["insecure"]:

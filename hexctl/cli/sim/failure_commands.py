@@ -30,7 +30,10 @@ def fail(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Let a leg of a simulated robot fail now; what walks it is not told."""
+    """Let a leg of a simulated robot fail now; its walk has to detect that.
+
+    The walk stops then, or changes gait if it was begun with --recover.
+    """
     _change(lambda robots: robots.fail(failure), place, as_json=as_json)
 
 

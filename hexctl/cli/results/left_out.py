@@ -1,4 +1,4 @@
-"""Skipped recordings of a session: named on stderr, with a separate exit code."""
+"""Damage that a command leaves out: named on stderr, with a separate exit code."""
 
 from typing import TYPE_CHECKING
 
@@ -9,16 +9,16 @@ if TYPE_CHECKING:
 
 
 class LeftOut:
-    """Names each recording that a command skips, and counts them; the command continues."""
+    """Names the damaged parts that a command leaves out, and counts them; the command continues."""
 
     def __init__(self) -> None:
         self.count = 0
 
     def name(self, error: "HexctlError") -> None:
-        """Print the error of a recording; this is an `on_damage`."""
+        """Print an error; this is an `on_damage`."""
         print_note(f"hexctl: {error}")
         self.count += 1
 
     def code(self, code: int = DONE) -> int:
-        """Exit code of a command that would end with `code` if nothing had been skipped."""
+        """Exit code of a command that would end with `code` if nothing had been left out."""
         return FAULT if self.count and code == DONE else code
