@@ -29,11 +29,8 @@ def test_a_missing_extra_travels_with_its_text() -> None:
     error = MissingExtraError("the simulation", "sim")
     there = pickle.loads(pickle.dumps(error))  # noqa: S301
     assert type(there) is MissingExtraError
-    assert (
-        str(there)
-        == str(error)
-        == 'the simulation needs the "sim" extra: pip install ".[sim]" in the repository'
-    )
+    assert str(there) == str(error)
+    assert str(error) == 'the simulation needs the "sim" extra: pip install ".[sim]" in the repository'
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -56,7 +56,15 @@ UNSEEN = {"distance_m": None, "yaw_change_deg": None, "hold_lost_s": 0.0, "limit
 LOST = {"received": 90, "lost": 2, "late": 0}
 LEG_5 = {
     "noticed": [
-        {"at_s": 3.4, "leg": 5, "kind": "limp", "joint": None, "evidence": "following", "did": "stopped"}
+        {
+            "at_s": 3.4,
+            "leg": 5,
+            "kind": "limp",
+            "joint": None,
+            "evidence": "following",
+            "did": "stopped",
+            "healed": False,
+        }
     ]
 }
 EVENTS = ["2:limp@8", "5:missing@14", "2@18"]
