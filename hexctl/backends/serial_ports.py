@@ -1,12 +1,12 @@
 """Serial ports of this computer, and the search for the port of a cable."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hexctl.errors import RobotFaultError
+from hexctl.time_source import WALL_TIME, TimeSource
 
 #: Folder with names of ports that stay, whichever socket an adapter is plugged into.
 BY_ID = Path("/dev/serial/by-id")
@@ -36,7 +36,7 @@ class SerialPort:
     serial_number: str | None
 
 
-def listed_ports() -> list[Any]:
+def listed_ports(time: TimeSource = WALL_TIME) -> list[Any]:
     """Ports as pyserial lists them, its `ListPortInfo`; none if they cannot be listed.
 
     An adapter that is unplugged meanwhile makes pyserial raise TypeError, and so does a name that is no text.
@@ -59,7 +59,7 @@ def _has_device(name: str) -> bool:
         return True  # only UARTs have a type
 
 
-def serial_ports() -> list[SerialPort]:
+def serial_ports(time: TimeSource = WALL_TIME) -> list[SerialPort]:
     """Ports with an adapter, and the computer's tty ports with hardware."""
     names = {link.resolve(): str(link) for link in BY_ID.glob("*")} if BY_ID.is_dir() else {}
     return [
@@ -70,21 +70,25 @@ def serial_ports() -> list[SerialPort]:
             vendor=None if each.vid is None else f"{each.vid:04x}:{each.pid:04x}",
             serial_number=each.serial_number,
         )
-        for each in sorted(listed_ports())
+        for each in sorted(listed_ports(time))
         if each.vid is not None or ("tty" in each.device and _has_device(Path(each.device).name))
     ]
 
 
 def unplugged_port(
-    before: list[SerialPort], *, timeout_s: float, stop_requested: Callable[[], bool] = lambda: False
+    before: list[SerialPort],
+    *,
+    timeout_s: float,
+    stop_requested: Callable[[], bool] = lambda: False,
+    time: TimeSource = WALL_TIME,
 ) -> SerialPort | None:
     """The port that disappears when a cable is pulled; None if a stop is requested first.
 
     Raises RobotFaultError if no port of `before` disappears in time, or more than one.
     """
-    until_s = time.monotonic() + timeout_s
+    until_s = time.now() + timeout_s
     while not stop_requested():
-        left = {each.port for each in serial_ports()}
+        left = {each.port for each in serial_ports(time)}
         gone = [each for each in before if each.port not in left]
         if len(gone) > 1:
             raise RobotFaultError(
@@ -92,7 +96,7 @@ def unplugged_port(
             )
         if gone:
             return gone[0]
-        if time.monotonic() > until_s:
+        if time.now() > until_s:
             raise RobotFaultError(
                 f"no port disappeared within {timeout_s:g} s; is it the cable of a serial adapter?"
             )

@@ -39,6 +39,7 @@ from hexctl.robot.model import Robot
 from hexctl.study.held_out import FAILURES, members
 from hexctl.study.plan import Plan, check_families
 from hexctl.study.priors.prior_building import TIME_STEP_S, begin_build, coarse_world
+from hexctl.study.priors.prior_options import CODES
 from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import WalkCache, Walked
@@ -50,9 +51,6 @@ FIRST_WORLD = 100
 
 #: Maximum number of worlds; no benchmark uses these.
 MOST_WORLDS = 16
-
-#: Maximum of next codes: two failed legs leave 24 codes, one is the safest, and as many are drawn.
-MOST_CODES = 11
 
 #: How both legs of a pair fail.
 PAIR_FAILURES = ("locked", "limp", "missing")
@@ -74,7 +72,7 @@ class RepertoirePlan(Plan):
     directions: Literal[1, 2, 4, 6, 8, 12] = 12
     failures: tuple[str, ...] = FAILURES
     pair_failures: tuple[str, ...] = PAIR_FAILURES
-    codes: Annotated[int, Range(low=0, high=MOST_CODES, whole=True)] = 2
+    codes: Annotated[int, CODES] = 2
 
     @property
     def gait(self) -> Gait:

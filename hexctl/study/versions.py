@@ -2,6 +2,8 @@
 
 import ast
 import hashlib
+import io
+import tokenize
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -33,11 +35,11 @@ def code_versions() -> dict[str, str]:
 
 
 def source_digest(entry: str = ENTRY, root: Path = ROOT) -> str:
-    """Digest of the names and contents of `simulating_sources`."""
+    """Digest of the names and code of `simulating_sources`, without docstrings and comments."""
     digest = hashlib.sha256()
     for file in simulating_sources(entry, root):
         digest.update(file.relative_to(root).as_posix().encode())
-        digest.update(file.read_bytes())
+        digest.update(_code_of(file.read_text(encoding="utf-8")).encode())
     return digest.hexdigest()[:16]
 
 
@@ -55,6 +57,18 @@ def simulating_sources(entry: str = ENTRY, root: Path = ROOT) -> list[Path]:
             files[module] = file
             modules += _imported(ast.parse(file.read_bytes()))
     return sorted(files.values())
+
+
+def _code_of(source: str) -> str:
+    """Lines of a module without docstrings, comments and blank lines; the same in every version of Python."""
+    lines = source.splitlines()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            lines[token.start[0] - 1] = lines[token.start[0] - 1][: token.start[1]]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            lines[node.lineno - 1 : node.end_lineno] = [""] * ((node.end_lineno or 0) - node.lineno + 1)
+    return "\n".join(line.rstrip() for line in lines if line.strip())
 
 
 def _file_of(module: str, root: Path) -> Path | None:

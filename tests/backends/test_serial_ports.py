@@ -9,6 +9,7 @@ import pytest
 from hexctl.backends import serial_ports as module
 from hexctl.backends.serial_ports import serial_ports, unplugged_port
 from hexctl.errors import RobotFaultError
+from tests.backends.fake_time import FakeTime
 
 
 class _Port(SimpleNamespace):
@@ -26,7 +27,6 @@ def plugged(monkeypatch: pytest.MonkeyPatch) -> list[_Port]:
     monkeypatch.setattr(module, "TERMINALS", Path("/nowhere"))
     ports = [_port("/dev/ttyUSB1"), _port("/dev/ttyUSB0"), _port("/dev/ttyS0", None), _port("/dev/x", None)]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: list(ports))
-    monkeypatch.setattr(module, "POLL_S", 0.0)
     return ports
 
 
@@ -90,7 +90,7 @@ def test_the_port_whose_cable_is_pulled_is_found(plugged: list[_Port]) -> None:
             del plugged[1]
         return False
 
-    found = unplugged_port(before, timeout_s=10.0, stop_requested=pulls_after_three_polls)
+    found = unplugged_port(before, timeout_s=10.0, time=FakeTime(), stop_requested=pulls_after_three_polls)
     assert found is not None
     assert found.port == "/dev/ttyUSB0"
 

@@ -14,7 +14,6 @@ Sources may be used from any thread, `decide` only from the control loop.
 """
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Lock
@@ -22,6 +21,7 @@ from threading import Lock
 import numpy as np
 
 from hexctl.errors import InputError, check_type
+from hexctl.time_source import WALL_TIME
 from hexctl.types import FloatArray
 
 #: Sources, lowest priority first; a stop outweighs them all. `motion` is for programs and trials.
@@ -104,7 +104,7 @@ class Arbiter:
     """Decides which source the robot follows; commands expire on the monotonic clock, except `motion`."""
 
     def __init__(
-        self, now_s: Callable[[], float] = time.monotonic, *, expiry_s: float = COMMAND_EXPIRY_S
+        self, now_s: Callable[[], float] = WALL_TIME.now, *, expiry_s: float = COMMAND_EXPIRY_S
     ) -> None:
         check_type(expiry_s, float, "expiry_s")
         if not 0 < expiry_s <= COMMAND_EXPIRY_S:

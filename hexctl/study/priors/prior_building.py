@@ -18,14 +18,14 @@ from hexctl.control.guard import Guard
 from hexctl.control.trial_plan import SelfRotation, TrialPlan
 from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument
 from hexctl.gait.gait import make_gait
-from hexctl.options import Range, options_of
+from hexctl.options import options_of
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import LandscapePlan, Plan, check_families, check_legs, check_setting, check_walks
-from hexctl.study.priors.prior_options import PRIOR_DURATION_S, PriorHold, PriorOptions
+from hexctl.study.priors.prior_options import PRIOR_DURATION_S, WORLDS, PriorHold, PriorOptions
 from hexctl.study.study_options import ALL_LEGS
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import WalkCache
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from hexctl.adapt.sessions.session_spec import SessionSpec
 
 #: Size of each leg's own block of worlds. Six legs see six times as many; each block is evenly spread.
-WORLDS_PER_LEG = 1024
+WORLDS_PER_LEG = int(WORLDS.high)
 
 #: By how much self-rotations miss their goal, in degrees. In simulation that is below 0.1; the yaw that a
 #: real robot estimates over a turn is good to about half a degree.
@@ -63,7 +63,7 @@ class PriorPlan(LandscapePlan):
 
     robot: Robot
     family: DomainRandomization
-    worlds: Annotated[int, Range(low=2, high=WORLDS_PER_LEG, whole=True)] = 16
+    worlds: Annotated[int, WORLDS] = 16
     legs: tuple[int, ...] = ALL_LEGS
     failure: str = "locked"
     self_rotation: SelfRotation = "rear"

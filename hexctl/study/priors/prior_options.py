@@ -15,6 +15,8 @@ PriorHold = Literal["none", "heading", "line"]
 
 WORLDS = Range(low=2, high=1024, whole=True)
 DIRECTIONS = Range(low=1, high=12, whole=True)
+
+#: Next codes of a repertoire: two failed legs leave 24 codes, one is the safest, and as many are drawn.
 CODES = Range(low=0, high=11, whole=True)
 
 #: A shorter walk consists mostly of the soft start.

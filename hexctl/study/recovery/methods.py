@@ -18,12 +18,12 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
-from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure
+from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure, in_words
 from hexctl.robot.plugins import made_of
 from hexctl.study.recovery.decentralised import DecentralisedWalk
 from hexctl.study.recovery.open_loop import TRIES, OpenLoopFromFailure, Rehearsal, rehearse
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import BoolArray, FloatArray, RobotState
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,6 +140,7 @@ class ToldWalk(Controller):
             policy.prepare(start.robot, plan, heading_rad)
         self._to_come = [list(events) for events in to_come]
         self._failures: list[dict[int, Failure]] = [{} for _ in start.plans]
+        self._stopped: dict[int, str] = {}
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (n, 18)."""
@@ -158,12 +159,23 @@ class ToldWalk(Controller):
                     known[event.leg] = event.failure
             plan, heading_rad = self._start.plans[index], self._headings_rad[index]
             response = self._policy.respond(self._start.robot, plan, heading_rad, list(known.values()))
-            if response.gait is not None:
+            if response.stop:
+                self._stopped[index] = ", ".join(f"leg {one.leg} {in_words(one)}" for one in known.values())
+            elif response.gait is not None:
                 gaits[index], told[index] = response.gait, True
         if told.any():
             self.walk.glide_to(gaits, told)
         self.limited_steps = self.walk.limited_steps
         return self.walk.targets_rad(step, state)
+
+    def done(self, step: int, state: RobotState) -> bool | BoolArray:
+        """Whether a walk has ended, or the policy stops it, (n,)."""
+        by_policy = np.isin(np.arange(len(self._to_come)), list(self._stopped))
+        return np.asarray(by_policy | self.walk.done(step, state))
+
+    def why_stopped(self, index: int = 0) -> str | None:
+        """The failures for which the policy has stopped a walk, or None."""
+        return self._stopped.get(index)
 
 
 class StopDiagnose(RecoveryMethod):
