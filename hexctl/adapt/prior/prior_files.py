@@ -115,17 +115,3 @@ def describe_prior(path: Path) -> dict[str, Any]:
         "worlds": prior.worlds,
         "bytes": path.stat().st_size,
     }
-
-
-def list_priors(
-    folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
-) -> list[dict[str, Any]]:
-    """Describe the priors that `hexctl adapt` searches, with paths as `prior`; `on_damaged` gets others."""
-    described = []
-    for path in prior_files(prior_folders(Path(folder))):
-        try:
-            described.append({"prior": str(path), **describe_prior(path)})
-        except InputError as error:
-            if on_damaged is not None:
-                on_damaged(error)
-    return described

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hexctl.adapt.adapt_options import BUDGET
 from hexctl.cli.console import (
     DONE,
     FAULT,
@@ -24,7 +25,6 @@ from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number
 from hexctl.files import check_writable
-from hexctl.options import Range
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from hexctl.adapt.sessions.search_session import Session
     from hexctl.demo.rescue import DemoResult
     from hexctl.runs.run import RunResult
-
-BUDGET = Range(low=1, high=100_000, whole=True)
 
 
 def demo(

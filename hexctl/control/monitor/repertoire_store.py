@@ -1,6 +1,5 @@
 """Repertoires on disk, custom and shipped: save, check, load and find."""
 
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -92,20 +91,6 @@ def named_repertoire(text: str, folder: Path | str = "runs") -> Path:
         return Path(text)
     named = (path for path in repertoire_files(folder) if text in (path.name, path.stem))
     return next(named, Path(text))
-
-
-def list_repertoires(
-    folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
-) -> list[dict[str, Any]]:
-    """Describe the repertoires of a walk's search; damaged files are reported to `on_damaged`."""
-    described = []
-    for path in repertoire_files(folder):
-        try:
-            described.append({"repertoire": str(path), **describe_repertoire(path)})
-        except InputError as error:
-            if on_damaged is not None:
-                on_damaged(error)
-    return described
 
 
 def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") -> Repertoire | None:
