@@ -7,6 +7,7 @@ from typing import Any
 
 from hexctl.adapt.prior.prior import KIND, SCORES, PriorKey, ScorePrior, open_prior
 from hexctl.errors import InputError
+from hexctl.files import OnDamage, log_damage
 from hexctl.robot.configs import config_root
 
 SUFFIX = ".npz"
@@ -115,3 +116,8 @@ def describe_prior(path: Path) -> dict[str, Any]:
         "worlds": prior.worlds,
         "bytes": path.stat().st_size,
     }
+
+
+def list_priors(folder: Path | str = "runs", *, on_damage: OnDamage = log_damage) -> list[dict[str, Any]]:
+    """Describe the priors that `hexctl adapt` searches, with paths as `prior`, without damaged ones."""
+    return KIND.described(prior_files(prior_folders(Path(folder))), describe_prior, on_damage)

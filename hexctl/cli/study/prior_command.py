@@ -1,8 +1,6 @@
 """`hexctl prior`: build and show the priors of bayes."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -14,11 +12,7 @@ from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_typed
-from hexctl.errors import InputError
 from hexctl.study.priors.prior_options import OF_PRIOR, PriorOptions
-
-#: Describes a file as JSON values; raises InputError for a damaged one.
-Describe = Callable[[Path], dict[str, Any]]
 
 prior = Commands(
     help="Make and show priors: what hexctl adapt believes before its first trial.", no_args_is_help=True
@@ -60,42 +54,32 @@ def show(
     Damaged files are named on stderr, with exit code 3; the others are shown.
     """
     left_out = LeftOut()
-    paths, describe = (_repertoires if repertoire else _priors)(file)
-    shown = list(_described("repertoire" if repertoire else "prior", paths, describe, file, left_out))
+    shown = (_repertoires if repertoire else _priors)(file, left_out)
     line, none = (repertoire_line, "no repertoires yet") if repertoire else (prior_line, "no priors yet")
     print_result(json.dumps(shown) if as_json else "\n".join(map(line, shown)) or none)
     raise typer.Exit(left_out.code())
 
 
-def _described(
-    kind: str, paths: Iterable[Path], describe: Describe, named: str | None, left_out: LeftOut
-) -> Iterator[dict[str, Any]]:
-    """Descriptions of files; damaged ones are left out, but one that was named raises InputError."""
-    for path in paths:
-        try:
-            yield {kind: str(path), **describe(path)}
-        except InputError as error:
-            if named is not None:
-                raise
-            left_out.name(error)
+def _priors(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
+    from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
+
+    if file is None:
+        return list_priors(runs_folder(), on_damage=left_out.name)
+    path = named_prior(file, prior_folders(runs_folder()))
+    return [{"prior": str(path), **describe_prior(path)}]
 
 
-def _priors(file: str | None) -> tuple[Sequence[Path], Describe]:
-    from hexctl.adapt.prior.prior_files import describe_prior, named_prior, prior_files, prior_folders
-
-    folders = prior_folders(runs_folder())
-    return prior_files(folders) if file is None else [named_prior(file, folders)], describe_prior
-
-
-def _repertoires(file: str | None) -> tuple[Sequence[Path], Describe]:
+def _repertoires(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
     from hexctl.control.monitor.repertoire_store import (
         describe_repertoire,
+        list_repertoires,
         named_repertoire,
-        repertoire_files,
     )
 
-    folder = runs_folder()
-    return repertoire_files(folder) if file is None else [named_repertoire(file, folder)], describe_repertoire
+    if file is None:
+        return list_repertoires(runs_folder(), on_damage=left_out.name)
+    path = named_repertoire(file, runs_folder())
+    return [{"repertoire": str(path), **describe_repertoire(path)}]
 
 
 def prior_line(described: dict[str, Any]) -> str:

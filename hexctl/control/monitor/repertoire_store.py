@@ -13,6 +13,7 @@ from hexctl.control.body_symmetry import BodySymmetry
 from hexctl.control.monitor.repertoire import PLAIN, Candidate, Repertoire, Situation
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
+from hexctl.files import OnDamage, log_damage
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 
@@ -91,6 +92,13 @@ def named_repertoire(text: str, folder: Path | str = "runs") -> Path:
         return Path(text)
     named = (path for path in repertoire_files(folder) if text in (path.name, path.stem))
     return next(named, Path(text))
+
+
+def list_repertoires(
+    folder: Path | str = "runs", *, on_damage: OnDamage = log_damage
+) -> list[dict[str, Any]]:
+    """Describe the repertoires of a walk's search, with paths as `repertoire`, without damaged ones."""
+    return KIND.described(repertoire_files(folder), describe_repertoire, on_damage)
 
 
 def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") -> Repertoire | None:
