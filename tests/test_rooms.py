@@ -6,10 +6,10 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_050,
-    "adapt": 7_820,
+    "": 2_060,
+    "adapt": 7_810,
     "backends": 10_180,
-    "cli": 6_940,
+    "cli": 6_930,
     "client": 1_100,
     "control": 11_720,
     "demo": 260,
@@ -21,7 +21,7 @@ CEILINGS = {
     "recording": 4_430,
     "robot": 6_110,
     "runs": 1_020,
-    "server": 4_030,
+    "server": 4_050,
     "simulators": 2_310,
     "study": 8_380,
     "teleop": 1_890,

@@ -139,8 +139,9 @@ def test_the_programs_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pyt
         MADE[page.name](tmp_path)
     save_programs(page, tmp_path)
     for block in blocks(page, "python"):
+        (tmp_path / "block.py").write_text(block.text)  # a file: docstrings of options are read from source
         done = subprocess.run(
-            [sys.executable, "-c", block.text],
+            [sys.executable, "block.py"],
             cwd=tmp_path,
             capture_output=True,
             text=True,

@@ -1,7 +1,6 @@
 """The ROS 2 node of a served robot, on its own thread: network trouble does not delay the robot."""
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from types import TracebackType
@@ -16,6 +15,7 @@ from hexctl.server.inbox import Inbox
 from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages, RobotTopics
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
 from hexctl.wire.links import Endpoint
 from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
@@ -79,8 +79,16 @@ class RosBridge:
     """
 
     def __init__(
-        self, robot: Robot, node: RosNode, *, router: str, drive: bool = False, insecure: bool = False
+        self,
+        robot: Robot,
+        node: RosNode,
+        *,
+        router: str,
+        drive: bool = False,
+        insecure: bool = False,
+        time: TimeSource = WALL_TIME,
     ) -> None:
+        self._time = time
         self.node, self.drive = node, drive
         self.counters = RosCounters()
         self._router: Endpoint = check_router(router, insecure=insecure)
@@ -133,16 +141,16 @@ class RosBridge:
                     self._serve(session)
             except Exception as error:  # noqa: BLE001  whatever it is, the robot works on, and ROS is tried again
                 self._connected, self._trouble = False, f"{type(error).__name__}: {error}"
-                self._closing.wait(REOPEN_S)
+                self._time.wait(self._closing, REOPEN_S)
 
     def _serve(self, session: zenoh.Session) -> None:
         token = session.liveliness().declare_token(self.node.token(str(session.info.zid())))
         topics = RobotTopics(session, self.node, self._messages)
         commands = _Commands(session, self.node, self)
-        heard_at_s = looked_at_s = time.monotonic()
+        heard_at_s = looked_at_s = self._time.now()
         while not self._closing.is_set():
             arrival = self._states.take(LONGEST_WAIT_S)
-            now_s = time.monotonic()
+            now_s = self._time.now()
             commands.take()
             if arrival is not None:
                 heard_at_s = now_s
