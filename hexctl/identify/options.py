@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from hexctl.backends.robot_options import RecordedOptions
 from hexctl.errors import InputError, argument
-from hexctl.options import Range
+from hexctl.options import Range, Typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,7 +15,7 @@ class IdentifyOptions(RecordedOptions):
 
     PANEL: ClassVar = "Result"
 
-    output: str | Path | None = None
+    output: Annotated[str | Path | None, Typed(short="o")] = None
     """Robot file to write, new, .yaml: the robot's with the servos found, and a picture beside it. (default:
     none)
     """

@@ -103,7 +103,12 @@ class RobotService(ServeOptions):
             on_tick=_ticks_of(keeper),
             ros=None
             if ros is None
-            else ros.bridge(servos.robot, insecure=self.insecure, time=servos.clock.time),
+            else ros.bridge(
+                servos.robot,
+                sit_after_s=self.sit_after_s,
+                insecure=self.insecure,
+                time=servos.clock.time,
+            ),
             stop_file=stop_file,
             clear=clear,
         )

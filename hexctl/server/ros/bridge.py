@@ -12,7 +12,17 @@ from hexctl.errors import MessageError
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from hexctl.server.inbox import Inbox
-from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.server.ros.parameter_services import ParameterServices
+from hexctl.server.ros.ros_commands import (
+    OFF,
+    Called,
+    RosCommand,
+    Service,
+    Stopped,
+    WantedJoints,
+    WantedVelocity,
+)
+from hexctl.server.ros.settings import LiveSettings, RosSettings
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages, RobotTopics
 from hexctl.time_source import WALL_TIME, TimeSource
@@ -43,9 +53,6 @@ TRIGGER = "std_srvs/srv/Trigger"
 
 _FIRST_SUBSCRIPTION, _FIRST_SERVICE = 30, 40
 
-#: Answer of a service while driving is off.
-OFF = "commands from ROS are off; start hexctl serve with --ros-drive"
-
 
 class ServiceRequest:
     """A service call, to be answered once."""
@@ -73,6 +80,7 @@ class RosBridge:
 
     Args:
         router: address of the ROS router, `tcp/HOST:PORT`.
+        settings: initial parameters; whether ROS may move the robot is one of them.
         insecure: whether the router may be on another computer.
 
     Raises InputError if the router is not allowed.
@@ -84,16 +92,17 @@ class RosBridge:
         node: RosNode,
         *,
         router: str,
-        drive: bool = False,
+        settings: RosSettings,
         insecure: bool = False,
         time: TimeSource = WALL_TIME,
     ) -> None:
         self._time = time
-        self.node, self.drive = node, drive
+        self.node, self.drive = node, settings.ros_drive
+        self.live = LiveSettings(robot, settings)
         self.counters = RosCounters()
         self._router: Endpoint = check_router(router, insecure=insecure)
         self._watch = RouterWatch(self._router)
-        described = _described(robot, node, ros2_control=drive)
+        described = _described(robot, node, ros2_control=self.drive)
         self._messages = RobotMessages(robot, described, node.full_name)
         self._states = Inbox(capacity=1)
         self._inbox: Inbox | None = None
@@ -147,11 +156,13 @@ class RosBridge:
         token = session.liveliness().declare_token(self.node.token(str(session.info.zid())))
         topics = RobotTopics(session, self.node, self._messages)
         commands = _Commands(session, self.node, self)
+        parameters = ParameterServices(session, self.node, self.live)
         heard_at_s = looked_at_s = self._time.now()
         while not self._closing.is_set():
             arrival = self._states.take(LONGEST_WAIT_S)
             now_s = self._time.now()
             commands.take()
+            self.counters.malformed += parameters.answer()
             if arrival is not None:
                 heard_at_s = now_s
                 topics.publish(arrival.item, now_s)
