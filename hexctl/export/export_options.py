@@ -66,7 +66,8 @@ class ExportOptions(PictureOptions):
 
     to: Format | None = None
     """Format: of a robot urdf, mjcf or ros2 (launch file, layouts of RViz and Foxglove); of recordings mcap
-    (ROS 2, Foxglove), csv, parquet, lerobot, gif or mp4; of a session csv, parquet, lerobot or mcap. (default: by the ending of --output)
+    (ROS 2, Foxglove), csv, parquet, lerobot, gif or mp4; of a session csv, parquet, lerobot or mcap.
+    (default: by the ending of --output)
     """
 
     output: Annotated[str | Path | None, Typed(short="o")] = None
