@@ -3,7 +3,7 @@
 import hashlib
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archive
+from hexctl.files import ARCHIVE_DAMAGE, OnDamage, atomic_write, damage_reason, open_archive
 
 #: Name of the head among the arrays of a file.
 _HEAD = "head"
@@ -82,6 +82,18 @@ class ArchiveKind:
         if not intact:
             raise self.refused(path, "it was altered after it was built")
         return made
+
+    def described(
+        self, paths: Iterable[Path], describe: Callable[[Path], dict[str, Any]], on_damage: OnDamage
+    ) -> list[dict[str, Any]]:
+        """Descriptions of files, with their paths by the name of the kind; damaged files are left out."""
+        found = []
+        for path in paths:
+            try:
+                found.append({self.name: str(path), **describe(path)})
+            except InputError as error:
+                on_damage(error)
+        return found
 
     def refused(self, path: Path | str, why: str) -> InputError:
         """Error for an unusable file."""

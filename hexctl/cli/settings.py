@@ -35,9 +35,9 @@ UNSTOPPABLE = (("estop",), ("doctor",))
 FOLLOWERS: Mapping[str, tuple[tuple[str, ...], ...] | None] = {
     "robot": (
         *(("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",), ("sim", "board"), ("check",)),
-        ("prior", "build"),
+        *(("identify",), ("prior", "build")),
     ),
-    "backend": (("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",)),
+    "backend": (("run",), ("adapt",), ("drive",), ("diagnose",), ("identify",), ("serve",)),
     "world": (("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",)),
     "listen": None,
     "connect": None,

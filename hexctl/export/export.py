@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,7 +25,7 @@ from hexctl.export.export_options import (
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
 from hexctl.files import OnDamage, file_instead, log_damage
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
-from hexctl.robot.configs import config_names
+from hexctl.robot.configs import config_names, config_root
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
@@ -98,9 +99,12 @@ def _texts(column: Any) -> list[Any]:
 
 
 #: File suffixes of formats.
-SUFFIXES = {".xml": "mjcf", **{f".{name}": name for name in FORMATS if name not in ("mjcf", "lerobot")}}
-#: Suffixes of default output names; datasets and bags are folders.
-ENDINGS = {"mjcf": ".xml", "mcap": "-mcap", "lerobot": "-lerobot"}
+SUFFIXES = {
+    ".xml": "mjcf",
+    **{f".{name}": name for name in FORMATS if name not in ("mjcf", "lerobot", "ros2")},
+}
+#: Suffixes of default output names; datasets, bags and files for ROS are folders.
+ENDINGS = {"mjcf": ".xml", "mcap": "-mcap", "lerobot": "-lerobot", "ros2": "-ros2"}
 
 
 def export(
@@ -216,9 +220,19 @@ def _write_robot(sources: Sequence[str | Path | Robot], kind: str, path: Path, *
         robot = read_trial(source).robot
     else:
         robot = source if isinstance(source, Robot) else load_robot(source)
+    if kind == "ros2":
+        with _draft(path) as draft:
+            write_ros2(robot, draft)
+        return
     text = urdf_of(robot, ros2_control=ros2_control) if kind == "urdf" else mjcf_of(robot)
     with _draft(path) as draft:
         draft.write_text(text, encoding="utf-8")
+
+
+def write_ros2(robot: Robot, folder: Path) -> None:
+    """Write a launch file, layouts of RViz and Foxglove, and the URDF of a robot into a new folder."""
+    shutil.copytree(config_root() / "ros", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / f"{robot.name}.urdf").write_text(urdf_of(robot), encoding="utf-8")
 
 
 def _write_trials(

@@ -9,7 +9,7 @@ from hexctl.control.trial_plan import DURATION_S
 from hexctl.options import RARE, Range, Typed, check_fields
 from hexctl.robot.model import Robot
 
-RobotFormat = Literal["urdf", "mjcf"]
+RobotFormat = Literal["urdf", "mjcf", "ros2"]
 TrialFormat = Literal["mcap", "csv", "parquet", "lerobot", "gif", "mp4"]
 Format = Literal[RobotFormat, TrialFormat]
 Camera = Literal["side", "top", "follow"]
@@ -65,13 +65,14 @@ class ExportOptions(PictureOptions):
     PANEL: ClassVar = "Format"
 
     to: Format | None = None
-    """Format: of a robot urdf or mjcf; of recordings mcap (ROS 2, Foxglove), csv, parquet, lerobot, gif or
-    mp4; of a session csv, parquet, lerobot or mcap. (default: by the ending of --output)
+    """Format: of a robot urdf, mjcf or ros2 (launch file, layouts of RViz and Foxglove); of recordings mcap
+    (ROS 2, Foxglove), csv, parquet, lerobot, gif or mp4; of a session csv, parquet, lerobot or mcap.
+    (default: by the ending of --output)
     """
 
     output: Annotated[str | Path | None, Typed(short="o")] = None
-    """New file, or new folder for mcap and lerobot; nothing is replaced, its folder is made. (default: named
-    after the source)
+    """New file, or new folder for mcap, lerobot and ros2; nothing is replaced, its folder is made. (default:
+    named after the source)
     """
 
     robot: Annotated[str | Path | Robot | None, Typed(words="robots"), RARE] = None

@@ -23,7 +23,7 @@ PARTS = 8
 MOST_STEPS = 15
 
 #: The search ends where a step gains less than this share, or the error is below what any sensor shows.
-ENOUGH_GAIN, SMALL_RAD = 1e-4, np.radians(0.003)
+ENOUGH_GAIN, SMALL_RAD = 1e-3, np.radians(0.003)
 
 
 #: Called with the number of a step and the error in rad, a root of the mean robust square.

@@ -6,24 +6,27 @@ from typing import Annotated, ClassVar
 
 from hexctl.backends.robot_options import RecordedOptions
 from hexctl.errors import InputError, argument
-from hexctl.options import Range
+from hexctl.options import Range, Typed, check_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifyOptions(RecordedOptions):
-    """Options of an identification."""
+    """Options of an identification; raises InputError for values that are not allowed."""
 
     PANEL: ClassVar = "Result"
 
-    output: str | Path | None = None
+    output: Annotated[str | Path | None, Typed(short="o")] = None
     """Robot file to write, new, .yaml: the robot's with the servos found, and a picture beside it. (default:
     none)
     """
 
-    p_gain: Annotated[float | None, Range(above=0)] = None
+    p_gain: Annotated[float | None, Range(low=0, above=True)] = None
     """P gain of the firmware on the robot, for runs of a servo on a bench, {}. (default: the largest of the
     runs)
     """
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def check_output(self) -> None:
         """Raise InputError for an output that exists or is no .yaml."""

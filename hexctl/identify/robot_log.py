@@ -48,6 +48,15 @@ class RobotLog(ArrayFields):
         return make_simulation(self.robot, World(on_stand=self.on_stand, servo_delay_s=MOST_DEAD_S))
 
     @cached_property
+    def _asked_rad(self) -> FloatArray:
+        """Commands behind the play of the joints, (T, 18): the hysteresis of a loose gear."""
+        half_rad, asked_rad = self.robot.play_rad / 2, self.commanded_rad.copy()
+        for row in range(1, len(asked_rad)):
+            command_rad = self.commanded_rad[row]
+            asked_rad[row] = np.clip(asked_rad[row - 1], command_rad - half_rad, command_rad + half_rad)
+        return asked_rad
+
+    @cached_property
     def _own(self) -> local:
         """Models of threads that search beside each other."""
         return local()
@@ -71,17 +80,17 @@ class RobotLog(ArrayFields):
         share = values.stiffness_nm_per_rad / self.robot.stiffness_nm_per_rad.mean()
         servos = PoweredServos(model, slice(FIRST_SPEED, FIRST_SPEED + N_JOINTS))
         servos.set(values, share * self.robot.stiffness_nm_per_rad, dead_steps)
-        start = self._simulation.physics.data
+        start, asked_rad = self._simulation.physics.data, self._asked_rad
         data.qpos[:FIRST_JOINT] = start.qpos[:FIRST_JOINT]
         data.qpos[FIRST_JOINT:] = self.measured_rad[0]
-        data.ctrl[:] = self.commanded_rad[0]
+        data.ctrl[:] = asked_rad[0]
         data.history[:] = start.history
-        waiting_commands(model, data.history)[:] = self.commanded_rad[0][:, np.newaxis]
+        waiting_commands(model, data.history)[:] = asked_rad[0][:, np.newaxis]
         found_rad = np.empty_like(self.measured_rad)
         at_step = np.rint((self.time_s - self.time_s[0]) / step_s).astype(int)
         for row, steps in enumerate(np.diff(at_step, append=at_step[-1]).tolist()):
             found_rad[row] = data.qpos[FIRST_JOINT:]
-            data.ctrl[:] = self.commanded_rad[row]
+            data.ctrl[:] = asked_rad[row]
             if steps:
                 mujoco.mj_step(model, data, steps)
         return found_rad

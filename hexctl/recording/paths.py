@@ -23,6 +23,9 @@ DEVIATION = "deviation"
 MARGIN = "stability_margin"
 #: 18 scalars at 10 Hz: the torque of each joint in N m.
 TORQUES = "joint_torques"
+#: 18 scalars each at every tick, the commanded and the measured angle of each joint in rad, rounded: the
+#: vectors that converters to LeRobot look for. The exact angles are those of the links.
+ACTION, OBSERVATION = "action", "observation/state"
 #: 18 scalars each, at 1 Hz: the servos' degrees Celsius, V and A, and ages of angles.
 TEMPERATURES, VOLTAGES, CURRENTS = "servos/temperatures", "servos/voltages", "servos/currents"
 AGES = "servos/ages"

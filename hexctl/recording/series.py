@@ -68,6 +68,15 @@ SUSPICION = Series(
 TEMPERATURES = _of_joints(paths.TEMPERATURES, "servos (°C)", "temperatures_c")
 VOLTAGES = _of_joints(paths.VOLTAGES, "servos (V)", "voltages_v")
 
+#: Binary places of joint angles in vectors: 0.014 degrees, a sixth of what servos resolve.
+ANGLE_BITS = 12
+
+#: Series at every tick.
+VECTORS = (
+    _of_joints(paths.ACTION, "commanded angles (rad)", "commanded_rad")._replace(bits=ANGLE_BITS),
+    _of_joints(paths.OBSERVATION, "measured angles (rad)", "measured_rad")._replace(bits=ANGLE_BITS),
+)
+
 #: Series at 10 Hz of the log, if all of it is known.
 SAMPLED = (TORQUES, VELOCITY)
 

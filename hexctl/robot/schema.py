@@ -317,6 +317,10 @@ class StanceSection(Section):
     up_m: Coordinate
 
 
+#: Viscous friction of the gears of a small servo, where it is not known.
+USUAL_GEAR_DAMPING_NM_S_PER_RAD = 0.02
+
+
 @file_part("servo")
 class ServoModel:
     """Position control of the simulated servos: torque = stiffness * error - damping * speed.
@@ -333,7 +337,9 @@ class ServoModel:
     damping_nm_s_per_rad: Positive
     rotor_inertia_kg_m2: Positive
     dead_time_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
-    gear_damping_nm_s_per_rad: Annotated[Number, Field(ge=0, le=10, allow_inf_nan=False)] = 0.02
+    gear_damping_nm_s_per_rad: Annotated[Number, Field(ge=0, le=10, allow_inf_nan=False)] = (
+        USUAL_GEAR_DAMPING_NM_S_PER_RAD
+    )
 
 
 @file_part("gait")

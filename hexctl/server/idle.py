@@ -13,13 +13,17 @@ class IdleSupervisor:
 
     With hot servos or a low battery it sits down immediately. After any stop except for an expired command it
     holds its pose until the next command, even if the stop is cleared: the operator may be touching the
-    robot. `name` is `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
+    robot.
+
+    Attributes:
+        name: `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
+        sit_after_s: time without commands until it sits down; may be set.
     """
 
     def __init__(self, guard: Guard, *, sit_after_s: float = SIT_AFTER_S) -> None:
         self.name = "idle"
         self._guard = guard
-        self._sit_after_s = sit_after_s
+        self.sit_after_s = sit_after_s
         self._motion: SittingMotion | None = None
         self._commanded_at_s = 0.0
         self._held = False
@@ -46,7 +50,7 @@ class IdleSupervisor:
             self.name = "idle"
         elif self.name == "sitting":
             self._sit(now_s)
-        elif now_s - self._commanded_at_s > self._sit_after_s:
+        elif now_s - self._commanded_at_s > self.sit_after_s:
             self._begin_to_sit(now_s)
         elif self._guard.stopped is not None:
             self.name = "holding"

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
 
-SIT_AFTER_S = Range(low=1, high=3600, unit="s")
+SIT_AFTER_RANGE_S = Range(low=1, high=3600, unit="s")
 ROS_DOMAIN = Range(low=0, high=MAX_DOMAIN, whole=True)
 
 ROS, CONNECTION = Panel("ROS"), Panel("Connection")
@@ -121,7 +121,7 @@ class ServeOptions(ServedOptions):
     none)
     """
 
-    sit_after_s: Annotated[float, SIT_AFTER_S, CONNECTION, RARE] = 10.0
+    sit_after_s: Annotated[float, SIT_AFTER_RANGE_S, CONNECTION, RARE] = 10.0
     """Seconds without a command until the robot sits and relaxes, {}."""
 
     ros: Annotated[str | None, ROS] = None

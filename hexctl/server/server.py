@@ -34,6 +34,7 @@ from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_posi
 if TYPE_CHECKING:
     from hexctl.server.ros.bridge import RosBridge
     from hexctl.server.ros.driver import RosDriver
+    from hexctl.server.ros.settings import LiveSettings
 
 #: Period of the status and of the battery, in ticks.
 STATUS_TICKS = 10
@@ -103,7 +104,7 @@ class RobotServer:
         self._ticked_s = math.inf
         self._malformed_poses = 0
         self._ros = None if ros is None else ros.connect(self._inbox, self._stop_over_ros)
-        self._driver = None if ros is None or not ros.drive else self._made_driver()
+        self._driver = None if ros is None or not ros.drive else self._made_driver(ros.live)
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until `until` returns True; `ready` is called once clients can connect.
@@ -234,13 +235,13 @@ class RobotServer:
         self._good_until_s = good_until_s
         self._idle.commanded(servo_s)
 
-    def _made_driver(self) -> "RosDriver":
+    def _made_driver(self, live: "LiveSettings") -> "RosDriver":
         from hexctl.server.ros.driver import RosDriver
 
         def write(joint_positions_rad: FloatArray, at_s: float) -> None:
             self._write(joint_positions_rad, max(0.0, self._time.now() - at_s), at_s + EXPIRY_S)
 
-        return RosDriver(self._guard, self._requests, self._idle, write)
+        return RosDriver(self._guard, self._requests, self._idle, write, live)
 
     def _set_pose(self, payload: bytes, at_s: float) -> None:
         try:

@@ -101,7 +101,14 @@ class RobotService(ServeOptions):
             sit_after_s=self.sit_after_s,
             on_event=on_event,
             on_tick=_ticks_of(keeper),
-            ros=None if ros is None else ros.bridge(servos.robot, insecure=self.insecure),
+            ros=None
+            if ros is None
+            else ros.bridge(
+                servos.robot,
+                sit_after_s=self.sit_after_s,
+                insecure=self.insecure,
+                time=servos.clock.time,
+            ),
             stop_file=stop_file,
             clear=clear,
         )

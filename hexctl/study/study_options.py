@@ -20,6 +20,9 @@ RUNS = Range(low=1, high=999, whole=True)
 BUDGET = Range(low=1, high=10_000, whole=True)
 WORLDS = Range(low=1, high=1000, whole=True)
 
+#: Seeds of studies with searches, which make seeds of their own from it.
+STUDY_SEED = Range(low=0, high=10_000, whole=True)
+
 TIME_STEP_MS = Range(low=0.5, high=5, unit="ms")
 
 #: Length of a tick; a whole number of physics steps.

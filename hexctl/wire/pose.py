@@ -39,8 +39,8 @@ _JUDGED_POSITION, _JUDGED_ORIENTATION = [0, 7], [35]
 def odometry() -> FixedMessage:
     """Encoder of a nav_msgs/Odometry: a pose in `odom`, and a twist in `base_link`.
 
-    Its numbers, (49,): position in m, quaternion (x, y, z, w), velocity in m/s, angular velocity in rad/s,
-    and the covariance of the pose, row by row (`NO_COVARIANCE` if unknown).
+    Its numbers, (85,): position in m, quaternion (x, y, z, w), velocity in m/s, angular velocity in rad/s,
+    and the covariances of pose and twist, row by row (`NO_COVARIANCE` if unknown).
     """
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
@@ -59,11 +59,11 @@ def odometry() -> FixedMessage:
             ros_cdr.ODOMETRY,
             header=ros_cdr.header(stamp_ns, WORLD_FRAME),
             child_frame_id=BODY_FRAME,
-            pose=ros_cdr.make(f"{kind}/PoseWithCovariance", pose=pose, covariance=numbers[13:]),
-            twist=ros_cdr.make(f"{kind}/TwistWithCovariance", twist=twist, covariance=NO_COVARIANCE),
+            pose=ros_cdr.make(f"{kind}/PoseWithCovariance", pose=pose, covariance=numbers[13:49]),
+            twist=ros_cdr.make(f"{kind}/TwistWithCovariance", twist=twist, covariance=numbers[49:]),
         )
 
-    return FixedMessage(make, 13 + len(NO_COVARIANCE))
+    return FixedMessage(make, 13 + 2 * len(NO_COVARIANCE))
 
 
 def encode_pose(
@@ -96,6 +96,7 @@ def encode_pose(
             np.array([0.0, 0.0, 0.0, 1.0]) if quaternion_world is None else xyzw(quaternion_world),
             np.zeros(6),
             variances,
+            NO_COVARIANCE,
         ]
     )
     return odometry().encode(time.time_ns() if stamp_ns is None else stamp_ns, numbers)

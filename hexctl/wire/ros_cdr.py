@@ -28,6 +28,13 @@ def make(kind: str, **fields: Any) -> Any:
     return _store().types[kind](**fields)
 
 
+def declare(kind: str, definition: str) -> None:
+    """Add a message type by its definition, as in a `.msg` file; types within it must be known."""
+    from rosbags.typesys import get_types_from_msg
+
+    _store().register(get_types_from_msg(definition, kind))
+
+
 def header(stamp_ns: int, frame: str = "") -> Any:
     """A std_msgs/Header; `stamp_ns` is nanoseconds since 1970."""
     seconds, rest = divmod(stamp_ns, NANOSECONDS)

@@ -303,3 +303,22 @@ def test_without_a_prior_that_fits_it_says_so_and_searches_at_random(
     (line,) = err.splitlines()
     assert reason in line
     assert line.partition("hexctl prior build ")[2] == (advice or "")
+
+
+@pytest.mark.parametrize(("folder", "option"), [("priors", ()), ("repertoires", ("--repertoire",))])
+def test_a_damaged_file_is_named_with_an_exit_code_of_its_own(
+    folder: str,
+    option: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = Path("runs", folder, "bad.npz")
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"broken")
+    assert exit_code(["prior", "show", *option]) == 3
+    shown = capsys.readouterr()
+    assert str(path) in shown.err
+    assert "ant" in shown.out
+    assert exit_code(["prior", "show", *option, str(path)]) == 2

@@ -14,12 +14,11 @@ import yaml
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import exit_code
 from hexctl.control.drive.velocity_limits import VelocityLimits
-from hexctl.gait.gait import make_gait
+from hexctl.gait.gait import DEFAULT_GAIT, make_gait
 from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
 from hexctl.robot.schema import MountSection, RobotSchema
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.server.ros.driver import GAIT
 from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link
@@ -81,7 +80,8 @@ def ros_parameters(content: dict[str, Any], _folder: Path) -> None:
         return
     assert {nodes[node]["base_frame_id"] for node in ("amcl", "collision_monitor")} == {BODY_FRAME}
     robot = load_robot("ant")
-    limits, pace = VelocityLimits.of(robot, make_gait(robot, GAIT)), nodes["controller_server"]["FollowPath"]
+    limits = VelocityLimits.of(robot, make_gait(robot, DEFAULT_GAIT))
+    pace = nodes["controller_server"]["FollowPath"]
     for greatest in ([pace["vx_max"], 0, 0], [0, pace["vy_max"], 0], [0, 0, pace["wz_max"]]):
         assert limits.limited(np.array(greatest)).tolist() == greatest
     smoother = nodes["velocity_smoother"]
@@ -139,8 +139,9 @@ def test_the_programs_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pyt
         MADE[page.name](tmp_path)
     save_programs(page, tmp_path)
     for block in blocks(page, "python"):
+        (tmp_path / "block.py").write_text(block.text)  # a file: docstrings of options are read from source
         done = subprocess.run(
-            [sys.executable, "-c", block.text],
+            [sys.executable, "block.py"],
             cwd=tmp_path,
             capture_output=True,
             text=True,

@@ -313,7 +313,7 @@ def test_without_rerun_the_extra_is_named(
     trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(HexctlError, match=r"hexctl\[view\]"):
+    with pytest.raises(HexctlError, match=r"\.\[view\]"):
         Recording(tmp_path / "trial.rrd", trial.robot, trial.plan, title="none")
     assert not (tmp_path / "trial.rrd").exists()
 

@@ -21,7 +21,6 @@ from hexctl.study.landscape import (
 )
 from hexctl.study.priors.prior_building import (
     TIME_STEP_S,
-    WORLDS_PER_LEG,
     PriorPlan,
     deflection_of,
     deflections_of,
@@ -29,6 +28,7 @@ from hexctl.study.priors.prior_building import (
     prior_of,
     score_prior_of,
 )
+from hexctl.study.priors.prior_options import WORLDS_PER_LEG
 from hexctl.study.transfer.transfer_searches import walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import key_of, plan_of

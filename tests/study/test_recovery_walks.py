@@ -21,7 +21,7 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_result import TrialResult
 from hexctl.study.recovery import open_loop
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryPlace
-from hexctl.study.recovery.methods import OpenLoopBest, RecoveryMethod, method_of
+from hexctl.study.recovery.methods import OpenLoopBest, RecoveryMethod, ToldWalk, method_of
 from hexctl.study.recovery.open_loop import Rehearsal, rehearse
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
 from hexctl.study.walk_cache import WalkCache
@@ -171,6 +171,17 @@ def test_a_policy_that_stops_ends_the_walk_after_the_test() -> None:
     (result,) = run_sim_trials([LONG.trial(stopping_case(2))], 1, make, apart=True)
     assert (result.status, result.stopped) == ("aborted", "leg 2 limp")
     assert result.duration_s < 12
+
+
+def test_a_policy_that_stops_ends_the_walk_of_the_oracle_in_the_tick_of_the_failure() -> None:
+    trial = LONG.trial(stopping_case(2))
+
+    def make(start: WalkStart) -> ToldWalk:
+        return ToldWalk(start, StopWalking(), [trial.events])
+
+    (result,) = run_sim_trials([trial], 1, make, apart=True)
+    assert (result.status, result.stopped) == ("aborted", "leg 2 limp")
+    assert result.duration_s == pytest.approx(trial.events[0].at_s, abs=0.03)
 
 
 def _checked(start: WalkStart) -> WalkStart:

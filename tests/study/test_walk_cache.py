@@ -382,5 +382,8 @@ def test_the_digest_changes_with_these_sources_alone(root: Path) -> None:
     (root / "hexctl" / "other.py").write_text("y = 2\n")
     (root / "hexctl" / "late.py").write_text('"""A text."""\n' + (root / "hexctl" / "late.py").read_text())
     assert source_digest("hexctl.start", root) == before
-    (root / "hexctl" / "late.py").write_text("x = 2\n")
+    late = root / "hexctl" / "late.py"
+    late.write_text(f'"""What it is."""\n\n# why\n{late.read_text()}')
+    assert source_digest("hexctl.start", root) == before
+    late.write_text("x = 2\n")
     assert source_digest("hexctl.start", root) != before

@@ -106,7 +106,7 @@ def test_a_variance_that_is_none_is_refused() -> None:
 
 
 def test_odometry() -> None:
-    numbers = np.linspace(0.5, 48.5, 49)
+    numbers = np.linspace(0.5, 84.5, 85)
     message = decoded(ros_cdr.ODOMETRY, odometry().encode(STAMP_NS, numbers))
     assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_001, 2)
@@ -114,8 +114,8 @@ def test_odometry() -> None:
     assert [place.x, place.y, place.z, turned.x, turned.y, turned.z, turned.w] == numbers[:7].tolist()
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
     assert [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z] == numbers[7:13].tolist()
-    assert list(message.pose.covariance) == numbers[13:].tolist()
-    assert list(message.twist.covariance) == [0.0] * 36
+    assert list(message.pose.covariance) == numbers[13:49].tolist()
+    assert list(message.twist.covariance) == numbers[49:].tolist()
     payload = odometry().encode(STAMP_NS, numbers)
     np.testing.assert_array_equal(odometry().decode(payload), numbers)
     assert odometry().decode(payload.replace(b"base_link", b"base_lynk")) is None

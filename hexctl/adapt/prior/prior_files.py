@@ -7,6 +7,7 @@ from typing import Any
 
 from hexctl.adapt.prior.prior import KIND, SCORES, PriorKey, ScorePrior, open_prior
 from hexctl.errors import InputError
+from hexctl.files import OnDamage, log_damage
 from hexctl.robot.configs import config_root
 
 SUFFIX = ".npz"
@@ -117,15 +118,6 @@ def describe_prior(path: Path) -> dict[str, Any]:
     }
 
 
-def list_priors(
-    folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
-) -> list[dict[str, Any]]:
-    """Describe the priors that `hexctl adapt` searches, with paths as `prior`; `on_damaged` gets others."""
-    described = []
-    for path in prior_files(prior_folders(Path(folder))):
-        try:
-            described.append({"prior": str(path), **describe_prior(path)})
-        except InputError as error:
-            if on_damaged is not None:
-                on_damaged(error)
-    return described
+def list_priors(folder: Path | str = "runs", *, on_damage: OnDamage = log_damage) -> list[dict[str, Any]]:
+    """Describe the priors that `hexctl adapt` searches, with paths as `prior`, without damaged ones."""
+    return KIND.described(prior_files(prior_folders(Path(folder))), describe_prior, on_damage)

@@ -34,7 +34,7 @@ def identify(
     logs: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[LOG]...",
+            metavar="[LOG...]",
             help="Recordings (.rrd) of the robot, or runs (.json) of one servo that swings a mass. Without "
             "any, the robot moves its legs on a stand, after a question.",
         ),
@@ -45,8 +45,8 @@ def identify(
     """Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.
 
     Simulated servos are changed until their joints move as those of the log did. The geometry and the masses
-    of the robot file are taken as right. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4
-    stopped, 130 interrupted.
+    of the robot file are taken as right. A simulated robot is in the world stand. Exit codes: 0 done, 2 bad
+    input, 3 fault of robot or link, 4 stopped, 130 interrupted.
     """
     from hexctl.cli.values import is_said
 

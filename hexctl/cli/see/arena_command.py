@@ -31,28 +31,24 @@ def arena_of(text: str | float | Path) -> float | Path:
     return METRES.parse(text)
 
 
-def _arena(text: str, around: str, default: str) -> Any:
-    return typer.Option(
-        "--arena",
-        hidden=True,
-        parser=checked(arena_of),
-        metavar="METRES|FILE",
-        help=f"{text}: the radius in metres, {METRES}, around {around}; or the place file of hexctl see, for "
-        f"the largest circle that its camera sees. (default: {default})",
-    )
+def _option(text: str) -> Any:
+    return typer.Option("--arena", hidden=True, parser=checked(arena_of), metavar="METRES|FILE", help=text)
 
 
 ArenaOption = Annotated[
     Any,
-    _arena(
-        "On a robot that stays where a walk ends, keep it in a circle",
-        "its place at the session's start",
-        "none, it wanders",
+    _option(
+        f"On a robot that stays where a walk ends: the radius in metres, {METRES}, around its place at the "
+        "session's start that it is kept in; or the place file of hexctl see, for the largest circle that "
+        "its camera sees. (default: none, it wanders)"
     ),
 ]
-
 WalkArenaOption = Annotated[
-    Any, _arena("Stop softly before leaving a circle", "where the walk begins", "none")
+    Any,
+    _option(
+        f"Stop softly before leaving a circle: the radius in metres, {METRES}, around where the walk begins; "
+        "or the place file of hexctl see, for the largest circle that its camera sees. (default: none)"
+    ),
 ]
 
 

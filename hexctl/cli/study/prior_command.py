@@ -5,13 +5,13 @@ from typing import Annotated, Any
 
 import typer
 
-from hexctl.cli.console import print_note, print_result
+from hexctl.cli.console import print_result
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import finish
+from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_typed
-from hexctl.errors import InputError
 from hexctl.study.priors.prior_options import OF_PRIOR, PriorOptions
 
 prior = Commands(
@@ -49,22 +49,27 @@ def show(
     repertoire: Annotated[bool, typer.Option("--repertoire", help="Show repertoires instead.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what priors are for: robot, failure, trial, worlds."""
-    shown = _repertoires(file) if repertoire else _priors(file)
+    """Say what priors are for: robot, failure, trial, worlds.
+
+    Damaged files are named on stderr, with exit code 3; the others are shown.
+    """
+    left_out = LeftOut()
+    shown = (_repertoires if repertoire else _priors)(file, left_out)
     line, none = (repertoire_line, "no repertoires yet") if repertoire else (prior_line, "no priors yet")
     print_result(json.dumps(shown) if as_json else "\n".join(map(line, shown)) or none)
+    raise typer.Exit(left_out.code())
 
 
-def _priors(file: str | None) -> list[dict[str, Any]]:
+def _priors(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
     from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
 
     if file is None:
-        return list_priors(runs_folder(), on_damaged=_note_damaged)
+        return list_priors(runs_folder(), on_damage=left_out.name)
     path = named_prior(file, prior_folders(runs_folder()))
     return [{"prior": str(path), **describe_prior(path)}]
 
 
-def _repertoires(file: str | None) -> list[dict[str, Any]]:
+def _repertoires(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
     from hexctl.control.monitor.repertoire_store import (
         describe_repertoire,
         list_repertoires,
@@ -72,13 +77,9 @@ def _repertoires(file: str | None) -> list[dict[str, Any]]:
     )
 
     if file is None:
-        return list_repertoires(runs_folder(), on_damaged=_note_damaged)
+        return list_repertoires(runs_folder(), on_damage=left_out.name)
     path = named_repertoire(file, runs_folder())
     return [{"repertoire": str(path), **describe_repertoire(path)}]
-
-
-def _note_damaged(error: InputError) -> None:
-    print_note(f"hexctl: passed over: {error}")
 
 
 def prior_line(described: dict[str, Any]) -> str:

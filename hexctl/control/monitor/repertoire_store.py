@@ -1,6 +1,5 @@
 """Repertoires on disk, custom and shipped: save, check, load and find."""
 
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from hexctl.control.body_symmetry import BodySymmetry
 from hexctl.control.monitor.repertoire import PLAIN, Candidate, Repertoire, Situation
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
+from hexctl.files import OnDamage, log_damage
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 
@@ -95,17 +95,10 @@ def named_repertoire(text: str, folder: Path | str = "runs") -> Path:
 
 
 def list_repertoires(
-    folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
+    folder: Path | str = "runs", *, on_damage: OnDamage = log_damage
 ) -> list[dict[str, Any]]:
-    """Describe the repertoires of a walk's search; damaged files are reported to `on_damaged`."""
-    described = []
-    for path in repertoire_files(folder):
-        try:
-            described.append({"repertoire": str(path), **describe_repertoire(path)})
-        except InputError as error:
-            if on_damaged is not None:
-                on_damaged(error)
-    return described
+    """Describe the repertoires of a walk's search, with paths as `repertoire`, without damaged ones."""
+    return KIND.described(repertoire_files(folder), describe_repertoire, on_damage)
 
 
 def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") -> Repertoire | None:

@@ -133,6 +133,12 @@ class Block:
             scalars = self._rr.Scalars.columns(scalars=rounded(values, series.bits).ravel())
             self.send(series.path, rows, scalars.partition(np.full(rows.size, len(series.names))))
 
+    def send_vectors(self, series: Series, rows: NDArray[np.int64], values: FloatArray) -> None:
+        """Send numbers of a series like `plot`, with the time of day of each tick to the nanosecond."""
+        times = self._time_columns(self.column("time_s")[rows], wall_step_ns=1)
+        scalars = self._rr.Scalars.columns(scalars=rounded(values, series.bits).ravel())
+        self._send(series.path, times, scalars.partition(np.full(rows.size, len(series.names))))
+
     def send_at(self, path: str, log_rows: Sequence[int], columns: Any) -> None:
         """Send columns for rows counted from the start of the log, even before the block."""
         times_s = np.array([self.log.rows("time_s", row, row + 1)[0] for row in log_rows])
@@ -147,14 +153,14 @@ class Block:
         ]
         self._stream.send_columns(path, indexes, columns, strict=True)
 
-    def _time_columns(self, times_s: FloatArray) -> dict[str, Any]:
+    def _time_columns(self, times_s: FloatArray, wall_step_ns: int = WALL_STEP_NS) -> dict[str, Any]:
         """Times of the log's clock, (rows,), on all timelines; the walk's time is 0 before it."""
         log = self.log
         elapsed_ns = _ns(times_s - log.rows("time_s", 0, 1))
         walk_ns = np.zeros_like(elapsed_ns)
         if log.walk_from is not None:
             walk_ns = np.maximum(0, _ns(times_s - log.rows("time_s", log.walk_from, log.walk_from + 1)))
-        wall_ns = (elapsed_ns + round(self._began_at_s * 1e9)) // WALL_STEP_NS * WALL_STEP_NS
+        wall_ns = (elapsed_ns + round(self._began_at_s * 1e9)) // wall_step_ns * wall_step_ns
         return {
             paths.WALK_TIMELINE: walk_ns.astype("timedelta64[ns]"),
             paths.TIMELINE: elapsed_ns.astype("timedelta64[ns]"),

@@ -12,7 +12,7 @@ from hexctl.recording.tracks.course import send_course, send_deviation, send_rib
 from hexctl.recording.tracks.events import send_events
 from hexctl.recording.tracks.failures import send_lanes, send_looks, send_suspicion
 from hexctl.recording.tracks.gait_tracks import send_feet, send_gait, send_guard, send_phases
-from hexctl.recording.tracks.servo_tracks import send_samples, send_servos
+from hexctl.recording.tracks.servo_tracks import send_samples, send_servos, send_vectors
 from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
@@ -78,6 +78,7 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_course,
     send_ribbon,
     send_deviation,
+    send_vectors,
     send_samples,
     send_velocity,
     send_suspicion,

@@ -1,9 +1,18 @@
-"""Tracks of sampled values: torques, the commanded velocity, and reports of servos."""
+"""Tracks of vectors: joint angles, torques, the commanded velocity, and reports of servos."""
 
 import numpy as np
 
-from hexctl.recording.series import SAMPLED, SERVOS
+from hexctl.recording.series import SAMPLED, SERVOS, VECTORS
 from hexctl.recording.tracks.columns import Block
+
+
+def send_vectors(block: Block) -> None:
+    """Send the angles of all joints at every tick, in which both are known."""
+    both = [block.column(str(series.source)) for series in VECTORS]
+    rows = np.flatnonzero(np.isfinite(both).all(axis=(0, 2)))
+    if rows.size:
+        for series, values in zip(VECTORS, both, strict=True):
+            block.send_vectors(series, rows, values[rows])
 
 
 def send_samples(block: Block) -> None:

@@ -26,6 +26,7 @@ from hexctl.robot.formats.import_values import (
     rounded,
 )
 from hexctl.robot.formats.link_tree import LinkTree, TreeJoint, joined_mass
+from hexctl.robot.formats.mjcf import GEAR_KEY, PLAY_KEY
 from hexctl.robot.formats.tree_legs import TreeLeg
 from hexctl.robot.schema import possible_link_inertia
 from hexctl.types import JOINT_KINDS, FloatArray
@@ -287,6 +288,12 @@ class LegImport:
                 self._findings.unknown(f"servo.{key}", reason)
                 known = None
             servo[key] = rounded(guess if known is None else known)
+        if (dead_time_s := self._known(-1, "dead_time_s")) is not None:
+            servo["dead_time_s"] = rounded(dead_time_s)
+        if gear_damping := self._tree.numbers.get(GEAR_KEY):
+            servo["gear_damping_nm_s_per_rad"] = rounded(gear_damping[0])
+        for joint, play_rad in zip(joints.values(), self._tree.numbers.get(PLAY_KEY, ()), strict=False):
+            joint["play_deg"] = rounded(math.degrees(play_rad))
         return servo
 
     def _known(self, index: int, name: str) -> float | None:

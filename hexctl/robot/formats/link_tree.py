@@ -132,6 +132,7 @@ class TreeJoint:
         damping_nm_s_per_rad: torque lost per speed.
         stiffness_nm_per_rad: of the position control that drives it.
         control_nm_s_per_rad: damping of that control.
+        dead_time_s: from a command to its effect.
         follows: joint whose angle it copies.
     """
 
@@ -149,6 +150,7 @@ class TreeJoint:
     stiffness_nm_per_rad: float | None = None
     control_nm_s_per_rad: float | None = None
     rotor_inertia_kg_m2: float | None = None
+    dead_time_s: float | None = None
     follows: str | None = None
 
     @property

@@ -10,8 +10,11 @@ from hexctl.robot.formats.xml_text import add, color_text, number, numbers, text
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS
 
-#: Passive damping of a gearbox without power, in N m s/rad.
-GEAR_DAMPING = 0.02
+#: Numbers of hexctl in a file: viscous friction of the servos, and play of coxa, femur and tibia.
+GEAR_KEY, PLAY_KEY = "gear_damping_nm_s_per_rad", "play_rad"
+
+#: Step of the physics in a file.
+STEP_S = 0.002
 
 #: Impedance of dry friction. With MuJoCo's 0.9 a joint creeps at degrees per second under half its breakaway
 #: torque; with this, at hundredths.
@@ -36,7 +39,7 @@ def mjcf_of(robot: Robot) -> str:
     """
     root = Element("mujoco", model=robot.name)
     add(root, "compiler", angle="radian")
-    add(root, "option", timestep="0.002", integrator="implicitfast", cone="elliptic")
+    add(root, "option", timestep=number(STEP_S), integrator="implicitfast", cone="elliptic")
     _add_looks(root)
     world = add(root, "worldbody")
     _add_surroundings(world)
@@ -56,7 +59,10 @@ def _add_numbers(root: Element, robot: Robot) -> None:
     speeds = robot.joint_max_speed_rad_s[:JOINTS_PER_LEG]
     values = {"size_m": [robot.size_m], "gait": [gait.pace_hz, gait.amplitude, gait.height]}
     custom = add(root, "custom")
-    for name, data in {**values, "max_speed_rad_s": speeds.tolist()}.items():
+    values |= {"max_speed_rad_s": speeds.tolist(), GEAR_KEY: [robot.servo.gear_damping_nm_s_per_rad]}
+    if robot.joint_play_rad is not None:
+        values[PLAY_KEY] = robot.joint_play_rad[:JOINTS_PER_LEG].tolist()
+    for name, data in values.items():
         add(custom, "numeric", name=name, data=numbers(*data))
 
 
@@ -109,6 +115,8 @@ def _add_surroundings(world: Element) -> None:
 
 def _add_servos(root: Element, robot: Robot) -> None:
     actuators = add(root, "actuator")
+    steps = round(robot.servo.dead_time_s / STEP_S)
+    delay = {"delay": number(robot.servo.dead_time_s), "nsample": str(steps + 1)} if steps else {}
     for joint, name in enumerate(JOINT_NAMES):
         torque_nm = number(robot.joint_max_torque_nm[joint])
         add(
@@ -120,6 +128,7 @@ def _add_servos(root: Element, robot: Robot) -> None:
             kv=number(robot.servo.damping_nm_s_per_rad),
             forcerange=f"-{torque_nm} {torque_nm}",
             ctrlrange=numbers(robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]),
+            **delay,
         )
 
 

@@ -18,7 +18,8 @@ from hexctl.robot.formats.link_tree import (
     TreeLink,
     tree_of,
 )
-from hexctl.robot.formats.mjcf import GEAR_DAMPING
+from hexctl.robot.formats.mjcf import GEAR_KEY
+from hexctl.robot.schema import USUAL_GEAR_DAMPING_NM_S_PER_RAD
 from hexctl.types import N_JOINTS, FloatArray
 
 #: Keyframes in which a robot stands; else the first one counts.
@@ -197,10 +198,15 @@ class _Reader:
             limits_rad=tuple((model.jnt_range[joint] - zero_rad).tolist()) if limited else None,
             friction_nm=float(model.dof_frictionloss[dof]),
             # The simulation adds that of gears to every joint.
-            damping_nm_s_per_rad=max(0.0, float(model.dof_damping[dof]) - GEAR_DAMPING),
+            damping_nm_s_per_rad=max(0.0, float(model.dof_damping[dof]) - self._gear_damping),
             rotor_inertia_kg_m2=float(model.dof_armature[dof]) or None,
             **self._actuator(joint),
         )
+
+    @property
+    def _gear_damping(self) -> float:
+        usual = (USUAL_GEAR_DAMPING_NM_S_PER_RAD,)
+        return self._numbers().get(GEAR_KEY, usual)[0]
 
     def _actuator(self, joint: int) -> dict[str, Any]:
         """Torque limit, and stiffness and damping of a position control."""
@@ -210,6 +216,7 @@ class _Reader:
         if model.jnt_actfrclimited[joint]:
             found["torque_nm"] = float(np.abs(model.jnt_actfrcrange[joint]).max())
         for one in np.flatnonzero(drives):
+            found["dead_time_s"] = float(model.actuator_delay[one]) or None
             gear, gain = abs(float(model.actuator_gear[one, 0])), float(model.actuator_gainprm[one, 0])
             if model.actuator_forcelimited[one]:
                 limit_nm = gear * float(np.abs(model.actuator_forcerange[one]).max())

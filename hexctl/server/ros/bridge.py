@@ -1,7 +1,6 @@
 """The ROS 2 node of a served robot, on its own thread: network trouble does not delay the robot."""
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from types import TracebackType
@@ -13,9 +12,20 @@ from hexctl.errors import MessageError
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from hexctl.server.inbox import Inbox
-from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.server.ros.parameter_services import ParameterServices
+from hexctl.server.ros.ros_commands import (
+    OFF,
+    Called,
+    RosCommand,
+    Service,
+    Stopped,
+    WantedJoints,
+    WantedVelocity,
+)
+from hexctl.server.ros.settings import LiveSettings, RosSettings
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages, RobotTopics
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
 from hexctl.wire.links import Endpoint
 from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
@@ -42,9 +52,6 @@ STOP_MESSAGE = "std_msgs/msg/Empty"
 TRIGGER = "std_srvs/srv/Trigger"
 
 _FIRST_SUBSCRIPTION, _FIRST_SERVICE = 30, 40
-
-#: Answer of a service while driving is off.
-OFF = "commands from ROS are off; start hexctl serve with --ros-drive"
 
 
 class ServiceRequest:
@@ -73,19 +80,29 @@ class RosBridge:
 
     Args:
         router: address of the ROS router, `tcp/HOST:PORT`.
+        settings: initial parameters; whether ROS may move the robot is one of them.
         insecure: whether the router may be on another computer.
 
     Raises InputError if the router is not allowed.
     """
 
     def __init__(
-        self, robot: Robot, node: RosNode, *, router: str, drive: bool = False, insecure: bool = False
+        self,
+        robot: Robot,
+        node: RosNode,
+        *,
+        router: str,
+        settings: RosSettings,
+        insecure: bool = False,
+        time: TimeSource = WALL_TIME,
     ) -> None:
-        self.node, self.drive = node, drive
+        self._time = time
+        self.node, self.drive = node, settings.ros_drive
+        self.live = LiveSettings(robot, settings)
         self.counters = RosCounters()
         self._router: Endpoint = check_router(router, insecure=insecure)
         self._watch = RouterWatch(self._router)
-        described = _described(robot, node, ros2_control=drive)
+        described = _described(robot, node, ros2_control=self.drive)
         self._messages = RobotMessages(robot, described, node.full_name)
         self._states = Inbox(capacity=1)
         self._inbox: Inbox | None = None
@@ -133,17 +150,19 @@ class RosBridge:
                     self._serve(session)
             except Exception as error:  # noqa: BLE001  whatever it is, the robot works on, and ROS is tried again
                 self._connected, self._trouble = False, f"{type(error).__name__}: {error}"
-                self._closing.wait(REOPEN_S)
+                self._time.wait(self._closing, REOPEN_S)
 
     def _serve(self, session: zenoh.Session) -> None:
         token = session.liveliness().declare_token(self.node.token(str(session.info.zid())))
         topics = RobotTopics(session, self.node, self._messages)
         commands = _Commands(session, self.node, self)
-        heard_at_s = looked_at_s = time.monotonic()
+        parameters = ParameterServices(session, self.node, self.live)
+        heard_at_s = looked_at_s = self._time.now()
         while not self._closing.is_set():
             arrival = self._states.take(LONGEST_WAIT_S)
-            now_s = time.monotonic()
+            now_s = self._time.now()
             commands.take()
+            self.counters.malformed += parameters.answer()
             if arrival is not None:
                 heard_at_s = now_s
                 topics.publish(arrival.item, now_s)

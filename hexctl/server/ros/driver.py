@@ -9,11 +9,11 @@ from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.guard import Guard
 from hexctl.control.monitor.recovery import default_policy, make_policy
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, RobotFaultError
-from hexctl.gait.gait import make_gait
 from hexctl.server.idle import IdleSupervisor
 from hexctl.server.leases import Lease
 from hexctl.server.requests import RequestHandler
 from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.server.ros.settings import LiveSettings
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire.stop import OVER_ROS
 
@@ -26,8 +26,6 @@ SAME_RAD = 1e-6
 #: Velocities in m/s and rad/s are clipped to these, and smaller ones are zero, to keep squares finite.
 FASTEST, SLOWEST = 100.0, 1e-6
 
-GAIT = "tripod"
-
 #: Writes joint angles (18,) through the guard; the second argument is the time of the request.
 Write = Callable[[FloatArray, float], None]
 
@@ -37,11 +35,16 @@ class RosDriver:
 
     A velocity makes the robot stand up, if necessary, and walk. After `EXPIRY_OF_ROS_S` without one it stops
     walking and gives its lease back; a zero velocity stops it sooner. Joint angles are passed on; while they
-    come, velocities are refused. Another controller's lease, and a stop, refuse both.
+    come, velocities are refused. Another controller's lease, and a stop, refuse both. Changed settings hold
+    from the next control period on.
     """
 
-    def __init__(self, guard: Guard, requests: RequestHandler, idle: IdleSupervisor, write: Write) -> None:
+    def __init__(
+        self, guard: Guard, requests: RequestHandler, idle: IdleSupervisor, write: Write, live: LiveSettings
+    ) -> None:
         self._guard, self._requests, self._idle, self._write = guard, requests, idle, write
+        self._live, self._applied = live, live.now
+        self._gait = live.now.gait_of(guard.robot)
         self._time = guard.clock.time
         self._arbiter = Arbiter(self._time.now, expiry_s=EXPIRY_OF_ROS_S)
         self._source = self._arbiter.source("cmd_vel")
@@ -81,6 +84,8 @@ class RosDriver:
 
     def tick(self, index: int, state: RobotState) -> None:
         """Write the targets of control period `index` of the guard's clock, if ROS moves the robot."""
+        if self._live.now is not self._applied:
+            self._apply()
         if self._lease is None or self._pilot is None:
             return
         now_s = self._time.now()
@@ -106,6 +111,13 @@ class RosDriver:
             self._release()
         else:
             self._lease = self._requests.leases.renew(self._lease.lease_id, now_s, EXPIRY_OF_ROS_S)
+
+    def _apply(self) -> None:
+        settings = self._applied = self._live.now
+        self._idle.sit_after_s = settings.sit_after_s
+        self._gait = settings.gait_of(self._guard.robot)
+        if self._pilot is not None:
+            self._pilot.change_gait(self._gait)
 
     def _follow(self, velocity: FloatArray, at_s: float) -> None:
         if at_s <= self._joints_until_s:
@@ -199,7 +211,7 @@ class RosDriver:
         self._next_step, self._zero_index = 0, None
         self._pilot = DriveController(
             guard.robot,
-            make_gait(guard.robot, GAIT),
+            self._gait,
             start_rad,
             period_s=guard.clock.period_s,
             arbiter=self._arbiter,

@@ -9,6 +9,7 @@ import numpy as np
 from hexctl.ik.leg_odometer import LegOdometer
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, inverse, product, turned, yaw_rad
+from hexctl.server.ros.odometry_error import ReckoningError, own_pose_covariance
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.types import ArrayFields, FloatArray, RobotState
 
@@ -47,6 +48,9 @@ class DeadReckoning:
 
     Legs measure motion and height, the IMU turn and tilt. Without an IMU the legs measure the turn too, and
     the body counts as level: the tilt by the legs jumps when other feet begin to carry.
+
+    Attributes:
+        error: how far it may be off.
     """
 
     def __init__(self, robot: Robot, start: BodyPose | None = None) -> None:
@@ -55,6 +59,8 @@ class DeadReckoning:
         self._position_m = begun.position_m.copy()
         self._yaw_rad, self._tilt = _parted(begun.quaternion)
         self._own_yaw_rad: float | None = None
+        self._at_s: float | None = None
+        self.error = ReckoningError()
         self._has_height = start is not None
 
     def update(self, state: RobotState, orientation: FloatArray | None) -> BodyPose:
@@ -67,12 +73,19 @@ class DeadReckoning:
             self._position_m[:2] += (cos * forward_m - sin * left_m, sin * forward_m + cos * left_m)
             turn_rad = legs_turn_rad if turn_rad is None else turn_rad
         self._yaw_rad += turn_rad or 0.0
+        self._grow(state, motion, turn_rad or 0.0, imu=self._own_yaw_rad is not None)
         return BodyPose(self._position_m.copy(), product(about_z(self._yaw_rad), self._tilt))
 
     def see(self, at_s: float, pose: BodyPose) -> None:
         """Take in an external pose, on the clock of the states: it only reveals unloaded legs."""
         place = np.array([*pose.position_m[:2], float(yaw_rad(pose.quaternion))])
         self._odometer.see(at_s, place)
+
+    def _grow(self, state: RobotState, motion: FloatArray | None, turn_rad: float, *, imu: bool) -> None:
+        passed_s = 0.0 if self._at_s is None else max(0.0, state.stamp_s - self._at_s)
+        self._at_s = state.stamp_s
+        moved_m = 0.0 if motion is None else math.hypot(motion[0], motion[1])
+        self.error.grow(moved_m, turn_rad, passed_s, measured=state.measured, imu=imu)
 
     def _turn_rad(self, orientation: FloatArray | None) -> float | None:
         """Turn since the last state by the IMU, or None; stores its tilt."""
@@ -138,6 +151,12 @@ class Frames:
     def body_in_odom(self, snapshot: RobotSnapshot) -> BodyPose | None:
         """Pose of `base_link` in `odom`, or None if unknown."""
         return BodyPose.of(snapshot.state) if snapshot.posed_at_s is None else self._body
+
+    def covariance(self, snapshot: RobotSnapshot) -> FloatArray:
+        """Covariance of that pose, (36,)."""
+        if self._reckoning is None or snapshot.posed_at_s is None:
+            return own_pose_covariance()
+        return self._reckoning.error.covariance(imu=snapshot.orientation is not None)
 
     def odom_in_map(self, snapshot: RobotSnapshot) -> BodyPose | None:
         """Pose of `odom` in `map`, of the last external pose; None without `map`."""

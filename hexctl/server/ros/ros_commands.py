@@ -6,6 +6,9 @@ from typing import Protocol
 
 from hexctl.types import FloatArray
 
+#: Answer of a service while driving is off.
+OFF = "commands from ROS are off; start hexctl serve with --ros-drive"
+
 
 class Service(Enum):
     """Services of the node."""

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.model import Robot
+from hexctl.time_source import TimeSource
 from hexctl.wire.links import Endpoint, Link
 from hexctl.wire.ros.ros_names import RosNode
 
@@ -62,11 +63,15 @@ class RosOptions:
             )
         return replace(link, endpoint=ENDPOINT_BESIDE_ROUTER, named=True)
 
-    def bridge(self, robot: Robot, *, insecure: bool) -> "RosBridge":
+    def bridge(self, robot: Robot, *, sit_after_s: float, insecure: bool, time: TimeSource) -> "RosBridge":
         """Node of a robot, not started; `insecure` allows a router on another computer."""
         from hexctl.server.ros.bridge import RosBridge
+        from hexctl.server.ros.settings import RosSettings
 
-        return RosBridge(robot, self.node, router=self.router, drive=self.drive, insecure=insecure)
+        settings = RosSettings(sit_after_s=sit_after_s, ros_drive=self.drive)
+        return RosBridge(
+            robot, self.node, router=self.router, settings=settings, insecure=insecure, time=time
+        )
 
     def warnings(self, link: Link) -> tuple[str, ...]:
         """Warnings for the operator before anything moves."""

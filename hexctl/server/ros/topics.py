@@ -12,10 +12,11 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
 from hexctl.server.ros import diagnostics
 from hexctl.server.ros.frames import MAP_FRAME, Frames
+from hexctl.server.ros.odometry_error import twist_covariance
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.pose import BODY_FRAME, NO_COVARIANCE, WORLD_FRAME, odometry
+from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME, odometry
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.endpoints import RosPublisher
 from hexctl.wire.ros.ros_names import Kind, Qos, RosEndpoint, RosNode
@@ -100,7 +101,9 @@ class RobotMessages:
         if pose is None:
             return None
         twist = self._twist.of(snapshot.state.stamp_s, pose.position_m, pose.quaternion)
-        return odometry().encode(measured_ns(snapshot), np.concatenate([pose.numbers, twist, NO_COVARIANCE]))
+        covariance, reckoned = self._frames.covariance(snapshot), snapshot.posed_at_s is not None
+        numbers = [pose.numbers, twist, covariance, twist_covariance(twist, reckoned=reckoned)]
+        return odometry().encode(measured_ns(snapshot), np.concatenate(numbers))
 
     def imu(self, snapshot: RobotSnapshot) -> bytes | None:
         """Orientation, or None if unknown."""

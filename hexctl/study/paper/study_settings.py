@@ -19,7 +19,7 @@ from hexctl.robot.model import Robot
 from hexctl.study.landscape import N_CODES, LandscapeSpec
 from hexctl.study.paper.leg_groups import experiments_of
 from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
-from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS
+from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, STUDY_SEED
 
 #: The five optimizers of the paper, and the baseline.
 HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
@@ -32,7 +32,7 @@ WITHOUT = "none"
 WITH: SelfRotation = "rear"
 
 #: A seed shows leg and run as decimal digits, which limits their numbers.
-MAX_SEED = 10_000
+MAX_SEED = int(STUDY_SEED.high)
 
 
 #: Factors on the world's own values that the paper leaves open. Joint offsets and a shifted trunk are not
@@ -72,7 +72,7 @@ class StudySettings(LandscapePlan):
     runs: Annotated[int, RUNS] = 30
     budget: Annotated[int, BUDGET] = 120
     duration_s: Annotated[float, DURATION_S] = 30.0
-    seed: Annotated[int, Range(low=0, high=MAX_SEED, whole=True)] = 0
+    seed: Annotated[int, STUDY_SEED] = 0
     failure: str = "locked"
     self_rotation: SelfRotation = WITH
     worlds: Annotated[int, WORLDS] = 1

@@ -15,14 +15,13 @@ from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.trial_plan import DURATION_S, TrialPlan
 from hexctl.errors import InputError, argument
 from hexctl.gait.gait import make_gait
-from hexctl.options import Range
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.paper.study_settings import BASELINE, HEURISTICS
 from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
 from hexctl.study.priors.prior_building import WHOLE_S, in_whole_steps
-from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, WORLDS
+from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, STUDY_SEED, WORLDS
 from hexctl.types import N_LEGS
 
 #: The default family of worlds.
@@ -64,7 +63,7 @@ class TransferSettings(LandscapePlan):
     budget: Annotated[int, BUDGET] = 60
     duration_s: Annotated[float, DURATION_S] = 30.0
     target_m: float = 0.025
-    seed: Annotated[int, Range(low=0, high=10_000, whole=True)] = 0
+    seed: Annotated[int, STUDY_SEED] = 0
     failure: str = "locked"
     one_leg: bool = False
 

@@ -110,6 +110,15 @@ class RosRequest:
     def __init__(self, query: zenoh.Query, attachment: Attachment) -> None:
         self._query, self._attachment = query, attachment
 
+    @property
+    def payload(self) -> bytes:
+        """The request in CDR; empty without one."""
+        return b"" if self._query.payload is None else bytes(self._query.payload)
+
+    def refuse(self) -> None:
+        """Release it without an answer, as ROS does with a request that it cannot read."""
+        self._query.drop()  # type: ignore[no-untyped-call]
+
     def answer(self, payload: bytes) -> None:
         """Answer it, under its number and its sender's identifier, and release it."""
         attachment = Attachment(self._attachment.sequence, time.time_ns(), self._attachment.gid)

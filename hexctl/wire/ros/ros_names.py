@@ -30,7 +30,25 @@ NO_HASH = "TypeHashNotSupported"
 
 #: Hashes (REP 2016) of service types, which ros_cdr's store lacks.
 SERVICE_HASHES = {
-    "std_srvs/srv/Trigger": "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+    "std_srvs/srv/Trigger": "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
+    "rcl_interfaces/srv/DescribeParameters": (
+        "RIHS01_845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff"
+    ),
+    "rcl_interfaces/srv/GetParameters": (
+        "RIHS01_bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc"
+    ),
+    "rcl_interfaces/srv/GetParameterTypes": (
+        "RIHS01_da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca"
+    ),
+    "rcl_interfaces/srv/ListParameters": (
+        "RIHS01_3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d"
+    ),
+    "rcl_interfaces/srv/SetParameters": (
+        "RIHS01_56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0"
+    ),
+    "rcl_interfaces/srv/SetParametersAtomically": (
+        "RIHS01_0e192ef259c07fc3c07a13191d27002222e65e00ccec653ca05e856f79285fcd"
+    ),
 }
 
 GID_BYTES = 16

@@ -107,7 +107,7 @@ def test_a_world_whose_values_contradict_is_refused(text: str, named: str, tmp_p
 
 
 def test_an_unknown_world_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r"'mars'; allowed: flat, .*slope, failing:N, .*transfer:N"):
+    with pytest.raises(InputError, match=r"'mars'; allowed: flat, .*slope, stand, failing:N, .*transfer:N"):
         load_world("mars")
 
 

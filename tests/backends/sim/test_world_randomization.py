@@ -19,7 +19,7 @@ from hexctl.backends.sim.world import (
     load_world,
 )
 from hexctl.errors import InputError
-from hexctl.study.priors.prior_building import WORLDS_PER_LEG
+from hexctl.study.priors.prior_options import WORLDS_PER_LEG
 from hexctl.types import JOINT_KINDS, FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 

@@ -13,14 +13,17 @@ import yourdfpy
 import zenoh
 import zenoh.ext
 
+from hexctl.server.ros.parameter_services import parameter_endpoint
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.endpoints import SIZE, Attachment
+from hexctl.wire.ros.parameters import ParameterService
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode, type_hash
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED
 from tests.server.processes import Served, free_port, served, wait_until
 from tests.server.ros.peer import Peer, peer, router
+from tests.server.ros.test_settings import decoded_answer, named, request, wishes
 from tests.wire.ros.decoding import decoded
 
 pytestmark = pytest.mark.realtime
@@ -159,16 +162,44 @@ class Wheel:
         wait_until(said, what)
 
 
+def answers(session: zenoh.Session, key: str, payload: bytes) -> list[bytes]:
+    """Payloads of the answers of a service, each under the request's number and identifier."""
+    asked = Attachment(7, time.time_ns(), bytes(range(16))).packed()
+    samples = [reply.ok for reply in session.get(key, payload=payload, attachment=asked) if reply.ok]
+    for sample in samples:
+        answered = Attachment.unpacked(bytes(sample.attachment or b""))
+        assert (answered.sequence, answered.gid) == (7, bytes(range(16)))
+    return [bytes(sample.payload) for sample in samples]
+
+
 def call(session: zenoh.Session, service: str) -> tuple[bool, str]:
     """Answer of a service without fields."""
     key = RosEndpoint(RosNode(), Kind.SERVICE, f"~/{service}", "std_srvs/srv/Trigger", 0).key
-    asked = Attachment(7, time.time_ns(), bytes(range(16))).packed()
-    replies = list(session.get(key, payload=b"\0\1\0\0\0", attachment=asked))
-    (sample,) = [reply.ok for reply in replies if reply.ok is not None]
-    answered = Attachment.unpacked(bytes(sample.attachment or b""))
-    assert (answered.sequence, answered.gid) == (7, bytes(range(16)))
-    payload = bytes(sample.payload)
+    (payload,) = answers(session, key, b"\0\1\0\0\0")
     return bool(payload[4]), payload[12:-1].decode()
+
+
+def test_parameters_are_listed_set_and_read_back(network: tuple[Served, Peer]) -> None:
+    session = network[1].session
+    for service in ParameterService:
+        token = f"@ros2_lv/0/*/0/*/SS/%/%/hexctl/%hexctl%{service.value}/**"
+        assert network[1].tokens(token)[0].endswith("/::,1000:,:,:,,")
+
+    def asked(service: ParameterService, payload: bytes) -> bytes:
+        (answer,) = answers(session, parameter_endpoint(RosNode(), service).key, payload)
+        return answer
+
+    wish = request(ParameterService.SET, **wishes(sit_after=60.0, gait="gallop"))
+    (done, refused) = decoded_answer(ParameterService.SET, asked(ParameterService.SET, wish))
+    assert (done.successful, refused.successful) == (True, False)
+    assert "allowed: demo, tripod" in refused.reason
+    read = request(ParameterService.GET, **named("sit_after", "gait"))
+    values = decoded_answer(ParameterService.GET, asked(ParameterService.GET, read))
+    assert (values[0].double_value, values[1].string_value) == (60.0, "tripod")
+    key = parameter_endpoint(RosNode(), ParameterService.GET).key
+    before = network[0].status()["ros"]["malformed"]
+    assert answers(session, key, b"\0\1\0\0garbage") == []
+    wait_until(lambda: network[0].status()["ros"]["malformed"] > before, "the count")
 
 
 @pytest.mark.parametrize("kind", [TWIST, TWIST_STAMPED])

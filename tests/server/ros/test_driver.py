@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 from hexctl.errors import MessageError
+from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.robot.loader import load_robot
 from hexctl.server.inbox import Arrival
 from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.server.ros.settings import LiveSettings, RosSettings
 from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
 from hexctl.types import FloatArray
 from hexctl.wire.links import Link
+from hexctl.wire.ros.parameters import Assignment, ParameterType
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
@@ -29,6 +33,9 @@ class Node:
 
     drive = True
     condition = None
+
+    def __init__(self) -> None:
+        self.live = LiveSettings(load_robot("ant"), RosSettings(ros_drive=True))
 
     def connect(self, *_: object) -> "Node":
         return self
@@ -54,6 +61,7 @@ class Bench:
         self.servos = PosedMock()
         monkeypatch.setattr(Transport, "publish", lambda *_: None)
         node: Any = Node()
+        self.live: LiveSettings = node.live
         self.server = RobotServer(self.servos, Link(), backend="mock", ros=node)
         self.servos.connect()
         self.servos.clock.tick()
@@ -263,3 +271,23 @@ def test_spoiled_messages_never_leave_the_limits(bench: Bench, kind: str, times:
                 before = now
     assert times / 3 < refused < times
     assert bench.status()["stopped"] in (None, "expired")
+
+
+def test_settings_hold_from_the_next_control_period_on_and_the_gait_changes_in_stride(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS + 50, FORWARD)
+    for name, kind, value in (
+        ("gait", ParameterType.STRING, "wave"),
+        ("sit_after", ParameterType.DOUBLE, 2.0),
+        ("body_raise", ParameterType.DOUBLE, 0.05),
+    ):
+        assert bench.live.set([Assignment(name, kind, value)]).successful
+    steps = [bench.joints()]
+    for _ in range(100):
+        bench.ticks(1, FORWARD)
+        steps.append(bench.joints())
+    driver: Any = bench.server._driver
+    assert driver._pilot.gait_now.slots == NAMED_SLOTS["wave"]
+    assert driver._pilot.gait_now.posture.body_raise == 0.05
+    assert np.abs(np.diff(steps, axis=0)).max() < 0.15, "no jump"
+    bench.ticks(50 * 4)
+    assert bench.status()["posture"] in ("sitting", "limp")

@@ -1,6 +1,6 @@
 """Dead reckoning, and the frames of a pose from outside: map -> odom -> base_link."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -227,3 +227,59 @@ def test_odometry_is_that_of_dead_reckoning() -> None:
     np.testing.assert_array_equal([at.x, at.y, at.z], found["base_link"][1].position_m)
     assert 0.03 < told.twist.twist.linear.x < 0.3
     assert abs(told.twist.twist.linear.y) < 0.1
+
+
+def errors(message: bytes | None) -> FloatArray:
+    """Standard deviations of a pose: x, y, z in m, roll, pitch, yaw in rad."""
+    assert message is not None
+    told = decoded(ros_cdr.ODOMETRY, message)
+    matrix = np.array(told.pose.covariance).reshape(6, 6)
+    twist = np.diag(np.array(told.twist.covariance).reshape(6, 6))
+    assert (np.diag(matrix) > 0).all()
+    assert (twist > 0).all()
+    assert not (matrix - np.diag(np.diag(matrix))).any()
+    return np.sqrt(np.diag(matrix))
+
+
+@pytest.mark.parametrize("has_imu", [True, False])
+def test_the_covariance_of_dead_reckoning_grows_and_covers_its_error(has_imu: bool) -> None:
+    walker = Walker(index=60, has_imu=has_imu)
+    walker.own()
+    assert walker.last is not None
+    own = errors(walker.messages.odometry(walker.last))
+    assert own[0] == pytest.approx(0.003)
+    found: list[FloatArray] = []
+    for _ in range(100):
+        walker.posed(walker.outside())
+        found.append(errors(walker.messages.odometry(walker.last)))
+    way = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4))).poses[60:160, :2]
+    moved_m = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
+    assert (np.diff(found, axis=0) >= 0).all()
+    assert 0.08 * moved_m < found[-1][0] < 0.3 * moved_m
+    assert found[-1][5] < 0.02 if has_imu else found[-1][5] > 0.02
+
+
+@pytest.mark.parametrize(
+    ("world", "share"),
+    [("flat", (0, 0, 1)), ("flat", (1, 0, 0)), ("rough", (1, 0, 0)), ("real:2", (0, 1, 0))],
+)
+def test_walks_are_off_by_no_more_than_three_deviations(world: str, share: tuple[int, int, int]) -> None:
+    walk = driven("ant", ((1, 0, 0, 0), (4, *share)), world=world)
+    reckoning = DeadReckoning(shipped())
+    for index in range(len(walk.times_s)):
+        pose = reckoning.update(state(walk, index), None)
+    off_m = abs(complex(*pose.position_m[:2])) - abs(away(walk))
+    off_rad = float(yaw_rad(pose.quaternion)) - (walk.poses[-1, 2] - walk.poses[0, 2])
+    sigma = np.sqrt(np.diag(reckoning.error.covariance(imu=False).reshape(6, 6)))
+    assert abs(off_m) < 3 * sigma[0]
+    assert abs(np.remainder(off_rad + np.pi, 2 * np.pi) - np.pi) < 3 * sigma[5]
+
+
+def test_echoed_joints_are_twice_as_far_off(walk: Driven) -> None:
+    deviations = []
+    for measured in (True, False):
+        reckoning = DeadReckoning(shipped())
+        for index in range(len(walk.times_s)):
+            reckoning.update(replace(state(walk, index), measured=measured), None)
+        deviations.append(reckoning.error.position_m)
+    assert deviations[1] == pytest.approx(2 * deviations[0])

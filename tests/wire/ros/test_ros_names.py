@@ -7,11 +7,12 @@ import pytest
 import xxhash
 import zenoh.ext
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hexctl.errors import InputError, MessageError
 from hexctl.wire.links import Endpoint
 from hexctl.wire.ros.endpoints import SIZE, Attachment
+from hexctl.wire.ros.parameters import DEFINITIONS, ParameterService, request_and_answer
 from hexctl.wire.ros.ros_names import SERVICE_HASHES, Kind, Qos, RosEndpoint, RosNode, type_hash
 from hexctl.wire.ros.ros_session import GREETING_S, RouterWatch, check_router
 
@@ -90,6 +91,16 @@ def test_hashes_of_services_follow_from_their_descriptions() -> None:
     assert add == ADD_HASH  # the description is right: this one stands in the design document
     trigger = service_hash("std_srvs/srv/Trigger", [], [("success", flag), ("message", text)])
     assert SERVICE_HASHES["std_srvs/srv/Trigger"] == trigger
+
+
+@pytest.mark.parametrize("service", ParameterService)
+def test_hashes_of_parameter_services_follow_from_their_definitions(service: ParameterService) -> None:
+    ends = request_and_answer(service)
+    types: dict[str, Any] = {}
+    for name, definition in zip(ends, DEFINITIONS[service], strict=True):
+        types |= get_types_from_msg(definition, name)
+    request, answer = (types[name][1] for name in ends)
+    assert SERVICE_HASHES[service.kind] == service_hash(service.kind, request, answer)
 
 
 def test_hashes_are_those_of_later_distributions_too() -> None:

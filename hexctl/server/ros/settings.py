@@ -1,0 +1,150 @@
+"""Settings of a served robot that ROS may read, and set while it runs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+from hexctl.control.drive.velocity_limits import VelocityLimits
+from hexctl.errors import HexctlError, InputError
+from hexctl.gait.gait import DEFAULT_GAIT, Gait, gait_text, make_gait
+from hexctl.gait.posture import POSTURE, Posture
+from hexctl.options import Option, Typed, check_fields, options_of
+from hexctl.robot.model import Robot
+from hexctl.server.idle import SIT_AFTER_S
+from hexctl.server.ros.ros_commands import OFF
+from hexctl.server.serve_options import SIT_AFTER_RANGE_S
+from hexctl.wire.ros.parameters import Assignment, Descriptor, Outcome, ParameterType, Value
+
+#: Name of the setting that every ROS node has.
+SIM_TIME = "use_sim_time"
+
+#: Why the fixed settings are fixed.
+_FIXED = {
+    SIM_TIME: "stamps are the computer's clock, of a simulation too",
+    "ros_drive": "it is given at the start: hexctl serve --ros-drive",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosSettings:
+    """Parameters of the node, with the ranges of the options of `hexctl serve` and `hexctl drive`.
+
+    Raises InputError for a value that is not allowed.
+    """
+
+    sit_after_s: Annotated[float, SIT_AFTER_RANGE_S] = SIT_AFTER_S
+    """Seconds without a command until the robot sits and relaxes, {}."""
+
+    gait: Annotated[str, Typed(parse=gait_text)] = DEFAULT_GAIT
+    """Gait of velocities: demo, tripod, wave, ripple; a code, 1..720; or six slots such as 5,1,2,4,3,6. It
+    changes in stride.
+    """
+
+    body_raise: Annotated[float, POSTURE] = 0.0
+    """How much higher the body stands while it walks, as a fraction of the robot's size, {}."""
+
+    ros_drive: bool = False
+    """Whether ROS may move the robot, and set parameters."""
+
+    use_sim_time: bool = False
+    """Whether stamps are simulated time."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        object.__setattr__(self, "gait", gait_text(self.gait))
+
+    def gait_of(self, robot: Robot) -> Gait:
+        """Gait and posture of the walk; raises InputError unless it is a gait of the robot."""
+        return replace(make_gait(robot, self.gait), posture=Posture(body_raise=self.body_raise))
+
+    def check_walk(self, robot: Robot) -> None:
+        """Raise InputError unless the robot can walk like this; caches the velocity limits, in 0.1 s."""
+        limits = VelocityLimits.of(robot, self.gait_of(robot))
+        if min(limits.speeds_m_s[0].min(), limits.turn_rates_rad_s[0]) <= 0:
+            raise InputError(
+                f"body_raise: got {self.body_raise:g}; allowed: a height at which {robot.name} can walk, "
+                "such as 0.0"
+            )
+
+
+class LiveSettings:
+    """The settings in force; read from any thread, set by the node's.
+
+    Attributes:
+        now: replaced as a whole; the robot's thread applies it in its next control period.
+    """
+
+    def __init__(self, robot: Robot, settings: RosSettings) -> None:
+        self._robot = robot
+        self.now = settings
+        self._options = {one.flag.replace("-", "_"): one for one in options_of(RosSettings)}
+
+    def names(self, prefixes: Sequence[str] = ()) -> list[str]:
+        """Names, sorted, of all settings or of those under prefixes: none contains a dot."""
+        return sorted(name for name in self._options if not prefixes or name in prefixes)
+
+    def value(self, name: str) -> Value | None:
+        """Value of a setting; None for an unknown name."""
+        option = self._options.get(name)
+        if option is None:
+            return None
+        value: Value = getattr(self.now, option.name)
+        return value
+
+    def descriptor(self, name: str) -> Descriptor | None:
+        """Description of a setting; None for an unknown name."""
+        option = self._options.get(name)
+        if option is None:
+            return None
+        fixed = not self.now.ros_drive or name in _FIXED
+        return Descriptor(name, _type_of(option), option.text, fixed, option.range)
+
+    def set(self, wishes: Sequence[Assignment]) -> Outcome:
+        """Set all values, or none with the reason, in the words of rclcpp and rclpy."""
+        try:
+            self.now = self._changed(wishes)
+        except HexctlError as error:
+            return Outcome(str(error))
+        return Outcome()
+
+    def _changed(self, wishes: Sequence[Assignment]) -> RosSettings:
+        changes: dict[str, Any] = {}
+        for wish in wishes:
+            option = self._checked(wish)
+            if option.range is not None:
+                option.range.check(wish.name, float(wish.value or 0))
+            changes[option.name] = wish.value
+        changed = replace(self.now, **changes)
+        if changed.gait_of(self._robot) != self.now.gait_of(self._robot):
+            changed.check_walk(self._robot)
+        return changed
+
+    def _checked(self, wish: Assignment) -> Option:
+        """Option of an assignment; raises InputError for an unknown or fixed one and for another type."""
+        name, option = wish.name, self._options.get(wish.name)
+        if option is None:
+            known = ", ".join(self.names())
+            raise InputError(
+                f"parameter '{name}' cannot be set because it was not declared; allowed: {known}"
+            )
+        if name in _FIXED:
+            raise InputError(f"parameter '{name}' cannot be set because it is read-only: {_FIXED[name]}")
+        if not self.now.ros_drive:
+            raise InputError(f"parameter '{name}' cannot be set because it is read-only: {OFF}")
+        kind = _type_of(option)
+        if wish.type != kind:
+            hint = " Write a point: 30.0." if kind is ParameterType.DOUBLE else ""
+            raise InputError(
+                f"Wrong parameter type, parameter {{{name}}} is of type {{{kind.words}}}, setting it to "
+                f"{{{_words(wish.type)}}} is not allowed.{hint}"
+            )
+        return option
+
+
+def _type_of(option: Option) -> ParameterType:
+    return ParameterType.of(option.default)
+
+
+def _words(code: int) -> str:
+    known = code in ParameterType.__members__.values()
+    return ParameterType(code).words if known else f"unknown type {code}"

@@ -1,0 +1,154 @@
+"""Runs of one servo on a bench: the servo that made them is found again, and damaged files are refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
+from hexctl.identify.fit import fit_servo
+from hexctl.identify.identification import identify
+from hexctl.identify.servo_parameters import ServoValues, between_steps
+
+TRUTH = ServoValues(
+    stiffness_nm_per_rad=0.8,
+    damping_nm_s_per_rad=0.5,
+    rotor_inertia_kg_m2=0.02,
+    dry_friction_nm=0.12,
+    gear_damping_nm_s_per_rad=0.03,
+    max_torque_nm=3.0,
+    no_load_speed_rad_s=5.0,
+    dead_time_s=0.014,
+)
+
+SEARCHED = ("stiffness_nm_per_rad", "rotor_inertia_kg_m2", "dry_friction_nm", "dead_time_s")
+
+
+def bench_run(seed: int, *, p_gain: float = 16.0, duration_s: float = 4.0) -> BenchRun:
+    """A run of the true servo: waves and steps, read with the counts of an encoder."""
+    draw = np.random.default_rng(seed)
+    time_s = np.arange(0.0, duration_s, 0.01)
+    wave = 0.6 * np.sin(2 * np.pi * draw.uniform(0.4, 1.2) * time_s)
+    goal_rad = wave + 0.4 * np.sign(np.sin(2 * np.pi * draw.uniform(0.3, 0.6) * time_s))
+    made = BenchRun(
+        name=f"run{seed}",
+        mass_kg=float(draw.uniform(0.5, 1.2)),
+        length_m=0.12,
+        bar_kg=0.05,
+        p_gain=p_gain,
+        time_s=time_s,
+        goal_rad=goal_rad,
+        measured_rad=np.zeros_like(time_s),
+        powered=time_s < duration_s - 0.5,
+    )
+    count_rad = 2 * np.pi / 4096
+    return replace(made, measured_rad=np.round(made.errors_rad(TRUTH) / count_rad) * count_rad)
+
+
+def entries(run: BenchRun) -> list[dict[str, Any]]:
+    rows = zip(run.time_s, run.goal_rad, run.measured_rad, run.powered, strict=True)
+    return [
+        {"timestamp": t, "goal_position": goal, "position": at, "torque_enable": bool(on)}
+        for t, goal, at, on in rows
+    ]
+
+
+def write_run(path: Path, run: BenchRun, **changed: Any) -> Path:
+    whole = {"mass": run.mass_kg, "length": run.length_m, "arm_mass": run.bar_kg, "kp": run.p_gain}
+    path.write_text(json.dumps(whole | {"motor": "mine", "entries": entries(run)} | changed))
+    return path
+
+
+@pytest.mark.slow
+def test_the_servo_that_made_the_runs_is_found() -> None:
+    runs = [bench_run(1), bench_run(2, p_gain=32.0)]
+    start = replace(
+        plain_start(runs),
+        **{
+            name: getattr(TRUTH, name)
+            for name in (
+                "damping_nm_s_per_rad",
+                "gear_damping_nm_s_per_rad",
+                "max_torque_nm",
+                "no_load_speed_rad_s",
+            )
+        },
+    )
+    fit = fit_servo(runs, start, SEARCHED)
+    for name in SEARCHED:
+        found, true = fit.estimates[name], getattr(TRUTH, name)
+        assert found.known
+        assert abs(found.value - true) < (0.001 if name == "dead_time_s" else 0.06 * true)
+    assert max(fit.after_rad.values()) < np.radians(0.1)
+    assert max(fit.before_rad.values()) > np.radians(0.5)
+
+
+def test_another_servo_does_not_explain_the_runs() -> None:
+    run = bench_run(3)
+    wrong = replace(TRUTH, stiffness_nm_per_rad=0.4, rotor_inertia_kg_m2=0.002)
+    assert np.abs(run.errors_rad(wrong)).mean() > 20 * np.abs(run.errors_rad(TRUTH)).mean()
+
+
+def test_a_servo_without_power_swings_freely() -> None:
+    run = replace(bench_run(4), powered=np.zeros(400, dtype=bool), goal_rad=np.zeros(400))
+    raised = replace(run, measured_rad=np.full(400, 1.0))
+    angles_rad = raised.errors_rad(replace(TRUTH, dry_friction_nm=1e-4)) + 1.0
+    assert angles_rad.min() < -0.5
+
+
+def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
+    run = bench_run(5, duration_s=1.0)
+    read = read_bench_run(write_run(tmp_path / "run5.json", run))
+    assert (read.mass_kg, read.bar_kg, read.p_gain) == (run.mass_kg, run.bar_kg, run.p_gain)
+    np.testing.assert_allclose(read.measured_rad, run.measured_rad)
+    np.testing.assert_array_equal(read.powered, run.powered)
+
+
+@pytest.mark.parametrize(
+    ("changed", "key"),
+    [
+        ({"mass": -1}, "mass"),
+        ({"length": None}, "length"),
+        ({"kp": "soft"}, "kp"),
+        ({"entries": []}, "entries"),
+        ({"entries": [{"timestamp": 0.0}] * 20}, "entries"),
+        ({"arm_mass": float("nan")}, "arm_mass"),
+    ],
+)
+def test_a_damaged_run_is_refused(changed: dict[str, Any], key: str, tmp_path: Path) -> None:
+    path = write_run(tmp_path / "bad.json", bench_run(6, duration_s=0.5), **changed)
+    with pytest.raises(InputError, match=key):
+        read_bench_run(path)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1, 2]", "null", '{"mass": 1'])
+def test_what_is_no_run_is_refused(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"run\.json"):
+        read_bench_run(path)
+
+
+def test_times_that_stand_still_are_refused(tmp_path: Path) -> None:
+    run = bench_run(7, duration_s=0.5)
+    with pytest.raises(InputError, match="timestamp"):
+        read_bench_run(write_run(tmp_path / "run.json", replace(run, time_s=np.zeros_like(run.time_s))))
+
+
+@pytest.mark.parametrize("names", [[], ["a.json", "b.rrd"], ["a.txt"]])
+def test_logs_of_other_kinds_are_refused(names: list[str]) -> None:
+    with pytest.raises(InputError, match="LOG"):
+        identify(names)
+
+
+@pytest.mark.parametrize(
+    ("dead_s", "parts"), [(0.0, [(0, 1.0)]), (0.01, [(5, 1.0)]), (0.011, [(5, 0.5), (6, 0.5)])]
+)
+def test_a_dead_time_lies_between_steps(dead_s: float, parts: list[tuple[int, float]]) -> None:
+    found = between_steps(dead_s, 0.002)
+    assert [steps for steps, _ in found] == [steps for steps, _ in parts]
+    assert [share for _, share in found] == pytest.approx([share for _, share in parts])

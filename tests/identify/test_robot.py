@@ -1,0 +1,100 @@
+"""Identification of a robot: motions on the stand, the replay of logs, and the file that is written."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.world import World
+from hexctl.errors import InputError
+from hexctl.identify.fit import Estimate, Fit, fit_servo
+from hexctl.identify.identification import Identification, IdentificationRun, move_on_stand
+from hexctl.identify.identified_file import write_identified
+from hexctl.identify.robot_log import read_robot_log
+from hexctl.identify.servo_parameters import ServoValues
+from hexctl.identify.stand_motions import StandMotions
+from hexctl.robot.configs import config_names
+from hexctl.robot.loader import load_robot, load_robot_file
+from hexctl.runs.run_spec import RunSpec
+from hexctl.types import RobotState
+from tests.robots import shipped
+
+
+@pytest.mark.parametrize("name", config_names("robots"))
+def test_motions_keep_angles_and_speeds_of_every_robot(name: str) -> None:
+    robot, period_s = shipped(name), 0.02
+    motions = StandMotions(robot, period_s)
+    state = RobotState(robot.stance_angles_rad, 0.0, True)
+    steps = round(motions.duration_s / period_s)
+    targets = np.array([motions.targets_rad(step, state) for step in range(steps + 1)])
+    assert (targets > robot.joint_lower_rad).all()
+    assert (targets < robot.joint_upper_rad).all()
+    assert (np.abs(np.diff(targets, axis=0)) <= robot.joint_max_speed_rad_s * period_s).all()
+    assert (np.ptp(targets, axis=0) > 0.1).all()
+    np.testing.assert_allclose(targets[-1], robot.stance_angles_rad, atol=0.05)
+    assert motions.done(steps, state)
+
+
+@pytest.mark.slow
+def test_drawn_servos_are_found_on_the_stand(tmp_path: Path) -> None:
+    """By the fast waves; of a robot whose legs weigh enough that the stand alone sets the scale."""
+    robot = shipped("lukas")
+    world = World(on_stand=True, servo_stiffness=0.8, rotor_inertia_kg_m2=0.012, servo_delay_s=0.006)
+    move_on_stand(robot=robot, world=world, record=tmp_path / "stand.rrd")
+    whole = read_robot_log(tmp_path / "stand.rrd")
+    assert whole.on_stand
+    part = slice(600, 1100)
+    log = replace(
+        whole,
+        time_s=whole.time_s[part],
+        commanded_rad=whole.commanded_rad[part],
+        measured_rad=whole.measured_rad[part],
+    )
+    fit = fit_servo(
+        [log], ServoValues.of(robot), ("stiffness_nm_per_rad", "rotor_inertia_kg_m2", "dead_time_s")
+    )
+    stiffness = 0.8 * robot.servo.stiffness_nm_per_rad
+    assert fit.values.stiffness_nm_per_rad == pytest.approx(stiffness, rel=0.1)
+    assert fit.values.rotor_inertia_kg_m2 == pytest.approx(0.012, rel=0.15)
+    assert fit.values.dead_time_s == pytest.approx(0.026, abs=0.003)
+    assert fit.after_rad["stand.rrd"] < 0.5 * fit.before_rad["stand.rrd"]
+
+
+def test_a_world_without_a_stand_is_refused() -> None:
+    with pytest.raises(InputError, match="world"):
+        IdentificationRun(RunSpec(world="slope"))
+
+
+def found(**known: Estimate) -> Identification:
+    values = ServoValues.of(shipped("lukas"))
+    return Identification(Fit(values, known, {"log": 0.02}, {"log": 0.01}), {}, ())
+
+
+def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
+    result = found(
+        stiffness_nm_per_rad=Estimate(20.0, 0.5, "N m/rad"),
+        rotor_inertia_kg_m2=Estimate(0.01, 0.001, "kg m2"),
+        dry_friction_nm=Estimate(0.2, 0.15, "N m"),
+        dead_time_s=Estimate(0.012, 0.001, "s"),
+    )
+    path = tmp_path / "mine.yaml"
+    write_identified("lukas", result, path)
+    before, robot = load_robot("lukas"), load_robot(path)
+    assert robot.servo.stiffness_nm_per_rad == 20.0
+    assert robot.servo.rotor_inertia_kg_m2 == 0.01
+    assert robot.servo.dead_time_s == 0.012
+    assert robot.servo.damping_nm_s_per_rad == before.servo.damping_nm_s_per_rad
+    np.testing.assert_array_equal(robot.dry_friction_nm, before.dry_friction_nm)
+    np.testing.assert_array_equal(robot.mount_positions_body, before.mount_positions_body)
+    assert load_robot_file(path).content.servos == load_robot_file("lukas").content.servos
+    assert "# front left, middle left" in path.read_text()
+
+
+@pytest.mark.parametrize("name", ["mine.txt", "there.yaml"])
+def test_an_output_that_cannot_be_is_refused(name: str, tmp_path: Path) -> None:
+    from hexctl.identify.options import IdentifyOptions
+
+    (tmp_path / "there.yaml").touch()
+    with pytest.raises(InputError, match="output"):
+        IdentifyOptions(output=tmp_path / name).check_output()
