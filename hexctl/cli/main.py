@@ -65,7 +65,7 @@ COMMANDS = {
     "sessions": Command(
         "hexctl.cli.results.sessions_command",
         WALK,
-        "List, compare, export and delete sessions of hexctl adapt.",
+        "List, compare and delete sessions of hexctl adapt.",
     ),
     "export": Command(
         "hexctl.cli.results.export_command",

@@ -1,4 +1,4 @@
-"""`hexctl sessions`: list, show, compare, export and delete recorded sessions."""
+"""`hexctl sessions`: list, show, compare and delete recorded sessions."""
 
 import json
 from pathlib import Path
