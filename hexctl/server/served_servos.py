@@ -7,6 +7,7 @@ from typing import TypeVar
 from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.server.ros.odometry_error import own_pose_covariance
 from hexctl.types import FloatArray, JointTargets, RobotState
 
 Answer = TypeVar("Answer")
@@ -27,6 +28,7 @@ class ServedServos(ServosWrapper):
         super().__init__(servos)
         self._pose: tuple[FloatArray | None, FloatArray | None] | None = None
         self._pose_at_s = 0.0
+        self._covariance = own_pose_covariance()
         self._own_quaternion: FloatArray | None = None
 
     @property
@@ -40,6 +42,11 @@ class ServedServos(ServosWrapper):
         return None if self._pose is None else self._pose_at_s
 
     @property
+    def pose_covariance(self) -> FloatArray:
+        """Covariance (36,) of the pose: that of the source, as it came, or of the robot's own."""
+        return self._covariance
+
+    @property
     def own_orientation(self) -> FloatArray | None:
         """Orientation (4,) that the robot itself measured in the last state, or None."""
         return self._own_quaternion
@@ -49,10 +56,15 @@ class ServedServos(ServosWrapper):
         return state.base_quaternion_world if self._own_quaternion is None else self._own_quaternion
 
     def set_pose(
-        self, position_world: FloatArray | None, quaternion_world: FloatArray | None, at_s: float
+        self,
+        position_world: FloatArray | None,
+        quaternion_world: FloatArray | None,
+        covariance: FloatArray,
+        at_s: float,
     ) -> None:
-        """Set the external pose in m and (w, x, y, z); `at_s` is by the robot's time source."""
+        """Set the external pose in m and (w, x, y, z), its covariance (36,), and its time by the robot's."""
         self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
+        self._covariance = covariance
 
     def connect(self) -> None:
         """Connect the servos."""

@@ -27,7 +27,7 @@ from hexctl.server.stops.stop_socket import StopSocket
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import CLEAR_COMMAND, Link
-from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.pose import decode_estimate, encode_pose
 from hexctl.wire.stop import ESTOP, OVER_ROS
 from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 
@@ -245,7 +245,7 @@ class RobotServer:
 
     def _set_pose(self, payload: bytes, at_s: float) -> None:
         try:
-            position, quaternion = decode_pose(payload)
+            position, quaternion, covariance = decode_estimate(payload)
         except MessageError:
             self._malformed_poses += 1
             return
@@ -253,7 +253,7 @@ class RobotServer:
             if position is None and quaternion is None:
                 return  # no state yet
             self._guard.forget_pose()
-        self._servos.set_pose(position, quaternion, at_s)
+        self._servos.set_pose(position, quaternion, covariance, at_s)
 
     def _tick(self) -> None:
         index = self._guard.clock.tick().index
@@ -320,7 +320,11 @@ class RobotServer:
             command_sequence=self._commands.newest_sequence,
         ).packed()
         if state.base_position_world is not None or state.base_quaternion_world is not None:
-            pose = encode_pose(state.base_position_world, state.base_quaternion_world)
+            pose = encode_pose(
+                state.base_position_world,
+                state.base_quaternion_world,
+                covariance=self._servos.pose_covariance,
+            )
             self._transport.publish("odom", pose, tag)
         joints = encode_positions(state.joint_positions_rad, torques_nm=state.joint_torques_nm)
         self._transport.publish("joint_states", joints, tag)

@@ -72,6 +72,7 @@ def encode_pose(
     *,
     position_variance_m2: float = 0.0,
     yaw_variance_rad2: float | None = None,
+    covariance: FloatArray | None = None,
     stamp_ns: int | None = None,
 ) -> bytes:
     """Pose as nav_msgs/Odometry without a twist.
@@ -83,13 +84,16 @@ def encode_pose(
         quaternion_world: (w, x, y, z), or None.
         position_variance_m2: of each coordinate; 0 for unknown.
         yaw_variance_rad2: of an orientation whose roll and pitch are not measured; None if all are.
+        covariance: of a pose with both halves, (36,), in place of the variances.
         stamp_ns: nanoseconds since 1970; now unless given.
 
     Raises InputError for a variance of an unmeasured half (`MOST_VARIANCE`).
     """
-    variances = _variances(
-        position_world is not None, quaternion_world is not None, position_variance_m2, yaw_variance_rad2
-    )
+    positioned, oriented = position_world is not None, quaternion_world is not None
+    if covariance is not None and positioned and oriented:
+        variances = covariance
+    else:
+        variances = _variances(positioned, oriented, position_variance_m2, yaw_variance_rad2)
     numbers = np.concatenate(
         [
             np.zeros(3) if position_world is None else position_world,
@@ -122,6 +126,11 @@ def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
     Each is None, and its values are ignored, if the variance of x, y or the yaw exceeds `MOST_VARIANCE`.
     z, roll and pitch are returned whatever their variances. Raises MessageError for anything else.
     """
+    return decode_estimate(payload)[:2]
+
+
+def decode_estimate(payload: bytes) -> tuple[FloatArray | None, FloatArray | None, FloatArray]:
+    """Return what `decode_pose` does, and the covariance, (36,); `NO_COVARIANCE` unless it is finite."""
     estimate = ros_cdr.decode(ros_cdr.ODOMETRY, payload).pose
     pose, variances = estimate.pose, np.asarray(estimate.covariance)
     position = quaternion = None
@@ -129,7 +138,7 @@ def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
         position = _checked_position(pose.position)
     if not (variances[_JUDGED_ORIENTATION] > MOST_VARIANCE).any():
         quaternion = _checked_quaternion(pose.orientation)
-    return position, quaternion
+    return position, quaternion, variances if np.isfinite(variances).all() else NO_COVARIANCE
 
 
 def decode_orientation(payload: bytes) -> FloatArray | None:

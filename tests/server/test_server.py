@@ -16,9 +16,10 @@ from hexctl.errors import RobotFaultError
 from hexctl.server.inbox import Arrival
 from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
+from hexctl.types import FloatArray
 from hexctl.wire.description import user_name
 from hexctl.wire.links import Link
-from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose
+from hexctl.wire.pose import decode_estimate, decode_orientation, decode_pose, encode_pose
 from hexctl.wire.stop import UNNAMED
 from hexctl.wire.zenoh_messages import (
     SERVER_ENDED,
@@ -347,6 +348,23 @@ def test_a_position_that_jumps_is_not_published_but_counted(bench: Bench) -> Non
     assert [position for position, _ in poses] == [None, None]
     status = bench.server.status()
     assert (status["positions_doubted"], status["stopped"], status["pose"]) == (1, None, False)
+
+
+def test_a_pose_is_published_with_the_deviation_of_its_source(bench: Bench) -> None:
+    def published() -> FloatArray:
+        bench.said.clear()
+        bench.ticks(1)
+        (payload,) = [payload for kind, payload, _ in bench.said if kind == "odom"]
+        variances: FloatArray = np.diag(decode_estimate(payload)[2].reshape(6, 6))
+        return variances
+
+    bench.ticks(2)
+
+    assert (published() > 0).all(), "its own"
+    for deviation_m in (0.002, 0.03):
+        payload = encode_pose(HERE, UPRIGHT, position_variance_m2=deviation_m**2, yaw_variance_rad2=0.01**2)
+        bench.server._set_pose(payload, bench.servos.time.now_s)
+        assert np.sqrt(published())[[0, 1, 2, 5]] == pytest.approx([*3 * [deviation_m], 0.01])
 
 
 @pytest.mark.parametrize("quaternion", [None, UPRIGHT])
