@@ -9,7 +9,7 @@ CEILINGS = {
     "": 2_060,
     "adapt": 7_810,
     "backends": 10_180,
-    "cli": 6_930,
+    "cli": 6_910,
     "client": 1_100,
     "control": 11_720,
     "demo": 260,
@@ -21,13 +21,13 @@ CEILINGS = {
     "recording": 4_450,
     "robot": 6_110,
     "runs": 1_020,
-    "server": 4_416,
+    "server": 4_420,
     "simulators": 2_310,
     "study": 8_380,
     "teleop": 1_890,
     "testing": 560,
     "vision": 6_580,
-    "wire": 3_151,
+    "wire": 3_160,
 }
 
 

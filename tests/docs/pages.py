@@ -12,7 +12,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").g
 REFERENCE = sorted((ROOT / "docs" / "api").glob("*.md"))
 
 #: Commands are in `sh` blocks only; `hex` are bytes, `diagram` is drawn.
-LANGUAGES = ("sh", "python", "yaml", "toml", "bibtex", "hex", "diagram", "nft")
+LANGUAGES = ("sh", "python", "yaml", "json", "toml", "bibtex", "hex", "diagram", "nft")
 
 FENCED = re.compile(r"^```(\S*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r"`([^`\n]+)`")

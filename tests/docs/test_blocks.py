@@ -47,7 +47,7 @@ def parts(values: Any, _folder: Path) -> None:
             MountSection.model_validate(value)
         return
     robot = yaml.safe_load((ROOT / "configs" / "robots" / "phantomx.yaml").read_text())
-    RobotSchema.model_validate({**robot, **values, "joints": robot["joints"] | values["joints"]})
+    RobotSchema.model_validate({**robot, **values, "joints": robot["joints"] | values.get("joints", {})})
 
 
 def meshes(values: dict[str, Any], folder: Path) -> None:
@@ -94,6 +94,7 @@ def ros_parameters(content: dict[str, Any], _folder: Path) -> None:
 FILES: dict[str, Callable[[Any, Path], object]] = {
     "walking.md": worlds,
     "robots.md": parts,
+    "identify.md": parts,
     "recordings.md": meshes,
     "firmware.md": servos,
     "bus-servos.md": bus_servos,

@@ -136,6 +136,7 @@ def _verdict(report: dict[str, Any]) -> list[str]:
         *_servo_verdicts(report),
         *([f"feet: {spacing:g} m apart or more"] if report["feet_stay_apart"] else []),
         *_load_verdicts(report),
+        *_to_measure(report),
     ]
 
 
@@ -199,9 +200,12 @@ def _servo_verdicts(report: dict[str, Any]) -> list[str]:
     else:
         what = "pulse limits" if unit == "pulses" else f"counts of its servo ({limits})"
         lines = [f"servos: every range fits into the {what}"]
-    if unknown := report["to_measure"]:
-        lines.append(f"to measure: {', '.join(unknown)}; the values in the file are plausible, not known")
     return lines
+
+
+def _to_measure(report: dict[str, Any]) -> list[str]:
+    unknown = ", ".join(report["to_measure"])
+    return [f"to measure: {unknown}; the values in the file are plausible, not known"] if unknown else []
 
 
 def _joints(names: list[str]) -> str:
