@@ -42,7 +42,6 @@ class _BenchFile(BaseModel):
     length: Above0
     kp: Above0
     arm_mass: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    trajectory: str = ""
     entries: Annotated[list[_Entry], Field(min_length=10)]
 
 
@@ -68,7 +67,10 @@ class BenchRun(ArrayFields):
 
     def errors_rad(self, values: ServoValues) -> FloatArray:
         """Simulated less measured angles, (T,); `values` have the stiffness per unit of P gain."""
-        angles = [share * self._angles_rad(values, steps) for steps, share in _steps(values)]
+        angles = [
+            share * self._angles_rad(values, steps)
+            for steps, share in between_steps(values.dead_time_s, STEP_S)
+        ]
         return np.asarray(np.sum(angles, axis=0) - self.measured_rad)
 
     def _angles_rad(self, values: ServoValues, dead_steps: int) -> FloatArray:
@@ -109,10 +111,6 @@ class BenchRun(ArrayFields):
         centre_m = (self.mass_kg + self.bar_kg / 2) * self.length_m / kg
         about_axis = (self.mass_kg + self.bar_kg / 3) * self.length_m**2
         return kg, centre_m, max(about_axis - kg * centre_m**2, 1e-6)
-
-
-def _steps(values: ServoValues) -> list[tuple[int, float]]:
-    return between_steps(values.dead_time_s, STEP_S)
 
 
 def read_bench_run(path: Path) -> BenchRun:
