@@ -2,7 +2,7 @@
 
 All gaits walk once in worlds outside every prior, and searches are replayed on what they did, so that each of
 them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table
-of `docs/steering.md`.
+of `docs/explanation/holding-a-line.md`.
 """
 
 import sys

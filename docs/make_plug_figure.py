@@ -1,4 +1,4 @@
-"""Make the picture of servo plugs of docs/which-servos.md.
+"""Make the picture of servo plugs of docs/how-to/which-servos.md.
 
     .venv/bin/python docs/make_plug_figure.py [FOLDER]
 

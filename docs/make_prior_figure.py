@@ -1,4 +1,4 @@
-"""Make the figure of docs/priors.md: what is believed of all gaits before, and after some trials.
+"""Make the figure of docs/explanation/priors.md: what is believed of all gaits before, and after some trials.
 
     .venv/bin/python docs/make_prior_figure.py OUT.png
 

@@ -7,7 +7,8 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
-LINK = re.compile(r"\]\(\.\./(configs/[^)#]+)\)")
+#: A link out of docs/, by its way up and what follows.
+LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
 
 #: A figure that is no link yet.
 FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
@@ -16,7 +17,9 @@ FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
 def on_files(files: Files, config: Any) -> Files:
     """Put every file under configs/ that a page links to into the site."""
     linked = {
-        name for page in ROOT.glob("docs/*.md") for name in LINK.findall(page.read_text(encoding="utf-8"))
+        name
+        for page in ROOT.glob("docs/**/*.md")
+        for _, name in LINK.findall(page.read_text(encoding="utf-8"))
     }
     for name in sorted(linked):
         if (ROOT / name).is_file():
@@ -26,7 +29,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Point links to such files at their place in the site."""
-    return LINK.sub(r"](\1)", markdown)
+    return LINK.sub(r"](\1\2)", markdown)
 
 
 def on_page_content(html: str, **_: Any) -> str:

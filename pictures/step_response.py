@@ -1,6 +1,6 @@
 """Step responses of a walk that holds its line: the line moved to the side, and line and body turned.
 
-`python -m pictures.step_response` prints the figures that docs/steering.md has of them.
+`python -m pictures.step_response` prints the figures that docs/explanation/holding-a-line.md has of them.
 """
 
 import io

@@ -33,7 +33,7 @@ class RemoteRobots:
         return self._link
 
     def statuses(self) -> list[dict[str, Any]]:
-        """Status of each robot that answers (docs/protocol.md), possibly none."""
+        """Status of each robot that answers (docs/reference/zenoh.md), possibly none."""
         answers = ask(self._session, self._keys.describe, timeout_s=ANSWER_TIMEOUT_S)
         return [status_of(answer) for answer in answers]
 

@@ -268,7 +268,7 @@ class LinkOptions:
 
     link: Annotated[str | None, RARE] = None
     """YAML file that says where a robot is, its certificates and the names of its messages
-    (docs/protocol.md). (default: none)
+    (docs/reference/zenoh.md). (default: none)
     """
 
 

@@ -1,6 +1,6 @@
 """Messages between a robot and its controllers: commands and states as ROS 2 payloads with a tag.
 
-A tag is a Zenoh attachment with what the ROS 2 message lacks; docs/protocol.md lists its bytes.
+A tag is a Zenoh attachment with what the ROS 2 message lacks; docs/reference/zenoh.md lists its bytes.
 """
 
 import math

@@ -15,7 +15,7 @@ from hexctl.settings import COMMON
 from tests.cli.test_options import commands
 from tests.server.processes import free_port, program
 
-PAGE = Path(__file__).parents[2] / "docs" / "settings.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "command-line.md"
 
 
 @pytest.fixture(autouse=True)

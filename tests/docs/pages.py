@@ -6,10 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 #: The reference, made from docstrings.
 REFERENCE = sorted((ROOT / "docs" / "api").glob("*.md"))
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page not in REFERENCE),
+]
 
 #: Commands are in `sh` blocks only; `hex` are bytes, `diagram` is drawn.
 LANGUAGES = ("sh", "python", "yaml", "json", "toml", "bibtex", "hex", "diagram", "nft")

@@ -90,26 +90,34 @@ def ros_parameters(content: dict[str, Any], _folder: Path) -> None:
     assert nodes["behavior_server"]["max_rotational_vel"] == pace["wz_max"]
 
 
-#: What a page's YAML is.
-FILES: dict[str, Callable[[Any, Path], object]] = {
-    "walking.md": worlds,
-    "robots.md": parts,
-    "identify.md": parts,
-    "recordings.md": meshes,
-    "firmware.md": servos,
-    "bus-servos.md": bus_servos,
-    "dynamixel.md": bus_servos,
-    "pwm-servos.md": pwm_servos,
-    "protocol.md": a_link,
-    "ros2.md": ros_parameters,
+#: Readers of YAML, by a key or a driver that only their files have; all else are parts of a robot file.
+READERS: dict[str, Callable[[Any, Path], object]] = {
+    "friction": worlds,
+    "ranges": worlds,
+    "meshes": meshes,
+    "endpoint": a_link,
+    "amcl": ros_parameters,
+    "controller_manager": ros_parameters,
+    "servo2040": pwm_servos,
+    "pca9685": pwm_servos,
+    "dynamixel": bus_servos,
+    "feetech": bus_servos,
+    "lx16a": bus_servos,
+    "servos": servos,
 }
+
+
+def reader_of(content: Any) -> Callable[[Any, Path], object]:
+    names = {*content} | {content["servos"].get("driver")} if "servos" in content else {*map(str, content)}
+    return next((reader for name, reader in READERS.items() if name in names), parts)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "yaml")], ids=lambda page: page.name)
 def test_the_files_of_a_page_are_accepted(page: Path, tmp_path: Path) -> None:
     for block in blocks(page, "yaml"):
-        FILES[page.name](yaml.safe_load(block.text), tmp_path)
+        content = yaml.safe_load(block.text)
+        reader_of(content)(content, tmp_path)
 
 
 #: What the programs of a page need: a command of hexctl that makes it.
@@ -123,7 +131,7 @@ NEEDED = {
 
 
 #: What the programs of a page need besides: a file that no command makes.
-MADE: dict[str, Callable[[Path], None]] = {"see.md": film_walk}
+MADE: dict[str, Callable[[Path], None]] = {"camera.md": film_walk}
 
 #: What the README's program prints, and how many lines it has at most.
 README = (r"\(18,\)\n", 12)

@@ -1,4 +1,4 @@
-"""The example of docs/own-servos.md passes the conformance suite, and gets the options of its page."""
+"""The example of docs/how-to/extend.md passes the conformance suite, and gets the options of its page."""
 
 import sys
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ NAME = "mykit:KitServos"
 def kit_in_this_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Save `mykit.py` of the page in a folder of the path."""
     folder = tmp_path_factory.mktemp("kit")
-    save_programs(ROOT / "docs" / "own-servos.md", folder)
+    save_programs(ROOT / "docs" / "how-to" / "extend.md", folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         yield

@@ -127,8 +127,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def test_the_page_has_the_table_of_the_report() -> None:
     table = "\n".join(markdown(assumptions())) + "\n"
-    assert table in (DOCS / "assumptions.md").read_text(encoding="utf-8"), (
-        "docs/assumptions.md differs from hexctl/study/templates/texts.yaml: replace its table with\n" + table
+    assert table in (DOCS / "results" / "assumptions.md").read_text(encoding="utf-8"), (
+        "docs/results/assumptions.md differs from hexctl/study/templates/texts.yaml: replace its table with\n"
+        + table
     )
 
 

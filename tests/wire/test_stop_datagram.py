@@ -81,7 +81,7 @@ def test_garbage_is_refused() -> None:
 
 
 def test_the_layout_is_that_of_the_documentation() -> None:
-    """The example of docs/protocol.md."""
+    """The example of docs/reference/zenoh.md."""
     data = ANSWER.packed(SECRET)
     assert data[:8] == mark_of(SECRET)
     assert data[8:10] == bytes([3, 7])

@@ -32,7 +32,7 @@ from hexctl.wire.zenoh_messages import (
 COMMAND = CommandTag(
     sequence=7, stamp_ns=1_500_000_000, time_to_live_ms=200, lease_id=bytes(range(16)), lease_sequence=3
 )
-#: The example of docs/protocol.md.
+#: The example of docs/reference/zenoh.md.
 COMMAND_BYTES = bytes.fromhex(
     "48584363010700000000000000002f685900000000c8000000000102030405060708090a0b0c0d0e0f03000000"
 )

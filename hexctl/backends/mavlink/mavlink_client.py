@@ -1,4 +1,4 @@
-"""A MAVLink servo board as LegServos; docs/firmware.md specifies the board's side."""
+"""A MAVLink servo board as LegServos; docs/reference/mavlink.md specifies the board's side."""
 
 import math
 from contextlib import ExitStack
@@ -136,7 +136,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         if self._receiver.wrong_type is not None:
             return (
                 f"a MAVLink system of type {self._receiver.wrong_type} is at {self._port_text}, no servo "
-                "board; allowed: MAV_TYPE 0 or 18, see docs/firmware.md"
+                "board; allowed: MAV_TYPE 0 or 18, see docs/reference/mavlink.md"
             )
         heard = f"{self._link.received_bytes} bytes came, {self.counters.malformed} runs of them no MAVLink 2"
         return (
@@ -153,7 +153,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
 
         message = (
             f"the servo board at {self._port_text} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
-            "microseconds; see docs/firmware.md"
+            "microseconds; see docs/reference/mavlink.md"
         )
         outputs = wait_for(first_outputs, CONNECT_TIMEOUT_S, message, poll_s=0.002, time=self._clock.time)
         if self._wall is not None:

@@ -18,7 +18,7 @@ from hexctl.types import N_LEGS
 
 #: A crawl is expected to walk if it leans out of its support by at most this share of the stance radius. Limp
 #: and missing pairs made 0.6 of the speed up to 0.40 (`ant`), and 0.4 and 0.3 at 0.43 (`phantomx`) and 0.57
-#: (`pexod`), see docs/gait.md.
+#: (`pexod`), see docs/explanation/gaits.md.
 CRAWL_LEAN = 0.42
 
 #: Limp neighbours drag if the mean of their unit vectors is at least this long, and this near to the

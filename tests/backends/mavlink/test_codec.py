@@ -16,7 +16,7 @@ from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.errors import InputError
 
-FIRMWARE = Path(__file__).resolve().parents[3] / "docs" / "firmware.md"
+FIRMWARE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "mavlink.md"
 KEY = bytes(range(32))
 PULSES = np.arange(1500.0, 1518.0)
 
@@ -35,7 +35,7 @@ def crc_mcrf4xx(data: bytes) -> int:
 
 
 def hand_made_override(sequence: int) -> bytes:
-    """The frame of the example in docs/firmware.md, put together without pymavlink."""
+    """The frame of the example in docs/reference/mavlink.md, put together without pymavlink."""
     first, last = list(range(1500, 1508)), list(range(1508, 1518))
     payload = struct.pack("<8HBB10H", *first, 1, 1, *last)
     header = struct.pack("<BBBBBB", len(payload), 0, 0, sequence, 255, 191) + OVERRIDE_ID.to_bytes(
