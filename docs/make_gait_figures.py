@@ -1,4 +1,4 @@
-"""Make the figures of docs/explanation/gaits.md and docs/how-to/robot-file.md from hexctl's own gaits, robots and kinematics.
+"""Make the figures of docs/explanation/gaits.md and docs/how-to/robot-file.md from hexctl itself.
 
     .venv/bin/python docs/make_gait_figures.py [FOLDER]
 
