@@ -1,6 +1,6 @@
-"""A camera over the floor, and tags on robot and floor: where the robot is.
+"""Locate a robot with a camera and printed tags on robot and floor.
 
-What `hexctl see` does is one class for each of its commands, whose `run` neither prints nor exits:
+Each command of `hexctl see` is one class, whose `run` neither prints nor exits:
 
     camera = hexctl.vision.RobotCamera(camera="0", connect="tcp/127.0.0.1:7447")
     report = camera.run(stop_requested)

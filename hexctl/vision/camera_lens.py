@@ -62,13 +62,13 @@ class CameraLens(VideoOptions):
         """Calibrate the lens and write its file.
 
         Args:
-            stop_requested: asked between frames of a camera; the lens is that of the pictures until then.
-            on_kept: called with each picture of a camera that counts.
-            on_event: called with a line for each picture file that is left out, and when the camera is lost
-                or found.
+            stop_requested: called between frames; if True, the pictures so far are used.
+            on_kept: called with each kept picture of a camera.
+            on_event: called with a line for each rejected picture file, and when the camera is lost or
+                found.
 
-        Raises InputError for pictures and files that are not allowed, too few pictures, and a lens that does
-        not fit; RobotFaultError for a camera that is not there.
+        Raises InputError for invalid pictures or files, too few pictures, and a lens without a fit;
+        RobotFaultError for a missing camera.
         """
         from hexctl.vision.detection.lens import save_lens
         from hexctl.vision.detection.lens_calibration import LensCalibration, add_video, read_picture

@@ -51,7 +51,7 @@ class LinkedRobotOptions(LinkOptions):
         check_fields(self)
 
     def load_link(self) -> Link:
-        """The link; raises InputError for one that is not allowed."""
+        """The link; raises InputError for an invalid one."""
         credentials = None if self.credentials is None else Path(self.credentials)
         return link_of(connect=self.connect, credentials=credentials, insecure=self.insecure, link=self.link)
 
@@ -59,7 +59,7 @@ class LinkedRobotOptions(LinkOptions):
 # Without slots: a class has one base with slots, and cameras with a robot have those of the link.
 @dataclass(frozen=True, kw_only=True)
 class VideoOptions:
-    """Which camera, and what it is asked for."""
+    """The camera and its requested picture size and rate."""
 
     PANEL: ClassVar = "Camera"
 

@@ -46,10 +46,10 @@ class LatencyTrial:
     """The result of a trial.
 
     Attributes:
-        latency: of the camera.
-        stored_s: what the place file says now.
-        pictures: during the trial.
-        seen: in how many of them the robot's tag was found.
+        latency: latency of the camera.
+        stored_s: value in the place file.
+        pictures: number of pictures during the trial.
+        seen: number of pictures with the robot's tag.
     """
 
     latency: Latency
@@ -89,15 +89,15 @@ class CameraLatency(CameraOptions):
         on_moving: Callable[[TwistAhead], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
     ) -> LatencyTrial | None:
-        """Measure the latency and store it in the place file; None where a stop was requested.
+        """Measure the latency and store it in the place file; None after a requested stop.
 
         Args:
-            stop_requested: asked at each tick; the robot then goes back to its stance within half a second.
+            stop_requested: called at each tick; if True, the robot returns to its stance within 0.5 s.
             on_moving: called before the robot moves.
             on_event: called with a line when the camera is lost or found again.
 
-        Raises InputError for files that are not allowed, a tag that is not seen and too little motion, then
-        nothing is stored; RobotFaultError and EStopError for a robot or camera that fails.
+        Raises InputError for invalid files, an invisible tag and too little motion, and then stores nothing;
+        RobotFaultError and EStopError if the robot or the camera fails.
         """
         path = Path(self.place)
         if not path.exists():
@@ -152,14 +152,14 @@ class _Watch:
         self._thread.join()
 
     def check(self) -> None:
-        """Raise what went wrong on the thread, and InputError for a camera that was moved meanwhile."""
+        """Raise the error of the thread, and InputError if the camera was moved meanwhile."""
         if self._error is not None:
             raise self._error
         if self._moved:
             raise InputError(f"{argument('camera')}: it was moved meanwhile; allowed: one that stands still")
 
     def measured(self, robot: Robot) -> Latency:
-        """The latency, by all that was seen and felt; raises InputError where it does not show."""
+        """Latency from all sightings and states; raises InputError if the motion does not reveal it."""
         times_s = np.array([state.at_s for state in self._states])
         arrivals_s = np.array([at_s for at_s, _ in self.seen])
         if len(times_s) < 2 or not len(arrivals_s):
@@ -171,7 +171,7 @@ class _Watch:
         try:
             while not self._end.is_set():
                 self._step()
-        except Exception as error:  # noqa: BLE001  told on the thread that asked for the watch
+        except Exception as error:  # noqa: BLE001  raised again on the caller's thread
             self._error = error
 
     def _step(self) -> None:
@@ -206,7 +206,7 @@ def course(robot: Robot, states: Sequence[LegState]) -> FloatArray:
 
 
 def _waited(stop_requested: Callable[[], bool]) -> bool:
-    """Wait while a watch looks at a robot that stands still; False where a stop was requested."""
+    """Wait while the camera watches a resting robot; False if a stop was requested."""
     until_s = time.monotonic() + LOOKING_S
     while time.monotonic() < until_s and not stop_requested():
         time.sleep(0.02)
@@ -233,9 +233,9 @@ def _ahead(robot: Robot) -> TwistAhead:
 
 
 def _twisted(robot: Robot, link: Link, stop_requested: Callable[[], bool]) -> bool:
-    """Take the lease, stand, twist and rest, give the lease back; False where a stop was requested.
+    """Take the lease, stand, twist, rest and return the lease; False if a stop was requested.
 
-    Raises ReachError or LimitError for a robot that cannot twist so, and what `run_controller` raises.
+    Raises ReachError or LimitError if the robot cannot twist so far, and the errors of `run_controller`.
     """
     with Guard(ZenohServos(robot, link=link)) as servos:
         period_s = servos.clock.period_s

@@ -20,19 +20,19 @@ from hexctl.vision.estimation.pose_filter import PoseEstimate, PoseFilter
 from hexctl.vision.place import Place
 from hexctl.vision.robot_link import LegState
 
-#: While no tag on the floor is seen, the robot is believed within this distance of where it should be: its
-#: body may cover the tags, but the camera may also have been turned away.
+#: Accepted distance from the expected position while no floor tag is visible. The body may cover the tags,
+#: but the camera may also have been turned.
 NEAR_M = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation(ArrayFields):
-    """What one picture showed.
+    """Result of one picture.
 
     Attributes:
-        robot: as it was seen in it, or None.
-        believed: whether that was taken for true.
-        change: what was found to have moved, or None.
+        robot: sighting of the robot, or None.
+        believed: whether the filter accepted the sighting.
+        change: detected change of camera or tags, or None.
     """
 
     robot: SeenRobot | None
@@ -41,22 +41,22 @@ class Observation(ArrayFields):
 
 
 class Observer:
-    """Looks at pictures, listens to the legs, and knows where the robot is. All times are on one clock.
+    """Estimates the robot's pose from pictures and leg states. All times are on one clock.
 
     Args:
-        robot: whose tag it is.
-        camera: as it stands.
+        robot: robot with the tag.
+        camera: current pose of the camera.
         floor_corners: corners (4, 2) of the tags on the floor in m, by number.
-        tag: on the robot.
-        latency_s: age of a picture when it comes.
-        lost_after_s: how long a robot that is not seen is followed by its legs.
-        finder: of the tags; a new one unless given.
+        tag: tag on the robot.
+        latency_s: age of a picture on arrival.
+        lost_after_s: how long odometry continues without sightings.
+        finder: tag detector; a new one by default.
 
     Attributes:
-        latency_s: age of a picture when it comes.
-        tag: on the robot.
-        watch: of the camera.
-        height_m: of the robot's base above the floor, by its legs.
+        latency_s: age of a picture on arrival.
+        tag: tag on the robot.
+        watch: check of the camera's pose.
+        height_m: height of the robot's base above the floor from its legs.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Observer:
         return cls(robot, camera, corners, place.tag, latency_s=latency_s, finder=finder)
 
     def listen(self, state: LegState) -> None:
-        """Take in a state of the legs; one that is no later than the one before is left out."""
+        """Add a state of the legs; states out of order are ignored."""
         step = self._odometer.update(state.at_s, state.joint_positions_rad, state.foot_contacts)
         if step is None:
             return

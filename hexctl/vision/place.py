@@ -1,4 +1,4 @@
-"""A place where a camera looks at a floor, as its file has it: lens, tags, where the camera stands."""
+"""A place file: lens, tags on the floor and the robot, and the pose of the camera."""
 
 import math
 import re
@@ -54,12 +54,12 @@ _Pixels = Annotated[int, Field(ge=16, le=20000)]
 
 @file_part("floor_tag")
 class FloorTag:
-    """A tag that lies on the floor, in the frame of the home tag: the middle of it, x along its arrow.
+    """A tag on the floor. The frame has its origin in the middle of the home tag, x along its arrow.
 
     Attributes:
-        edge_mm: of its black square, as the sheet names it.
-        x_m: of its middle.
-        y_m: of its middle.
+        edge_mm: nominal edge of its black square.
+        x_m: x of its middle.
+        y_m: y of its middle.
         yaw_deg: counter-clockwise seen from above.
     """
 
@@ -79,12 +79,12 @@ class RobotTag:
     """The tag on a robot, in the frame of the robot's base.
 
     Attributes:
-        id: its number.
-        edge_mm: of its black square, as the sheet names it.
-        x_m: of its middle.
-        y_m: of its middle.
+        id: number of the tag.
+        edge_mm: nominal edge of its black square.
+        x_m: x of its middle.
+        y_m: y of its middle.
         yaw_deg: counter-clockwise seen from above.
-        height_m: above the origin of the base.
+        height_m: height above the origin of the base.
     """
 
     id: _TagId
@@ -116,12 +116,12 @@ class AssumedLens:
 
 @file_part("camera")
 class CameraPose:
-    """Where a camera stands over the floor, and how it looks.
+    """Pose of a camera over the floor, and its picture size.
 
     Attributes:
-        position_m: of the lens: x, y, z.
+        position_m: position of the lens: x, y, z.
         orientation: quaternion w, x, y, z, from the camera's frame to the floor's.
-        picture_px: width and height of its pictures; those of the lens's calibration unless given.
+        picture_px: width and height of its pictures; by default those of the calibration.
     """
 
     position_m: Annotated[tuple[_Metres, _Metres, _Metres], AfterValidator(_above_floor)]
@@ -138,20 +138,20 @@ class CameraPose:
 
 @file_part("place")
 class Place:
-    """A camera over a floor with tags, and the tag of the robot there: what its file says.
+    """Contents of a place file: a camera over a floor with tags, and the robot's tag.
 
-    Edges are those that the sheet names; `floor_corners` and `tag` are true ones, by the measured bar.
+    Edges are nominal. `floor_corners` and `tag` are scaled by the measured bar.
 
     Attributes:
-        lens: file of its calibration; None for one that is only assumed.
-        assumed_lens: that one, or None.
-        bar_mm: as the 100 mm bar of the sheet was measured.
-        floor_tags: by number.
-        robot_tag: on the robot.
-        camera: where it stands.
-        latency_s: from a motion to the time stamp of its picture, None where it was not measured.
+        lens: calibration file; None for an assumed lens.
+        assumed_lens: the assumed lens, or None.
+        bar_mm: measured length of the sheet's 100 mm bar.
+        floor_tags: tags on the floor, by number.
+        robot_tag: tag on the robot.
+        camera: pose of the camera.
+        latency_s: time from a motion to the time stamp of its picture; None if unknown.
 
-    Raises InputError for a value that is not allowed.
+    Raises InputError for an invalid value.
     """
 
     lens: Path | None = None
@@ -211,9 +211,9 @@ class Place:
 
     @cached_property
     def viewpoint(self) -> Camera:
-        """The camera where it stands, its lens scaled to its pictures.
+        """The camera with its pose and its lens scaled to the picture size.
 
-        Raises InputError for a lens that cannot be read, and for pictures of another shape.
+        Raises InputError for an unreadable lens file and for another aspect ratio.
         """
         lens, rotation = self.source_lens, Rotation.from_quat(self.camera.orientation, scalar_first=True)
         if self.camera.picture_px is not None:
@@ -221,9 +221,9 @@ class Place:
         return Camera(lens, rotation.as_matrix(), np.array(self.camera.position_m))
 
     def printed(self, bar_mm: float) -> "Place":
-        """The same place by another length of the bar: all that was learned by the edges is scaled.
+        """The same place with another length of the bar, which scales the positions of floor tags and camera.
 
-        Where the tag is on the robot was not learned, and stays. Raises InputError for an impossible length.
+        The tag's position on the robot does not change. Raises InputError for an impossible length.
         """
         BAR_LENGTH_MM.check(argument("bar_mm"), bar_mm)
         scale = bar_mm / self.bar_mm
@@ -311,7 +311,7 @@ def _with_value(text: str, key: str, value: object) -> str:
     # A mapping of one number alone would be written in braces.
     lines = _yaml({key: value}) if isinstance(value, Mapping) else f"{key}: {value}"
     first, *more = lines.rstrip().splitlines()
-    # Its line without the comment, which is kept, and the lines below it that are indented.
+    # The key's line, whose comment is kept, and the indented lines below it.
     pattern = re.compile(rf"^{key}[ \t]*:[^#\n]*?([ \t]*(?:#.*)?)$(?:\n[ \t]+.*)*", re.MULTILINE)
     changed, count = pattern.subn(lambda found: "\n".join([f"{first}{found[1]}", *more]), text)
     return changed if count else "\n".join([text.rstrip(), first, *more, ""])

@@ -1,7 +1,7 @@
-"""A place found by looking: learned, or known and its camera where it stands now.
+"""Learn a place from pictures, or update the pose of the camera in a known place.
 
-No picture shows the calibration of the lens, the scale of the print and the height of the robot's tag: these
-are given.
+Pictures do not show the lens calibration, the print scale and the height of the robot's tag. The user gives
+these.
 """
 
 import math
@@ -37,7 +37,7 @@ from hexctl.vision.video.video_source import VideoSource
 #: Field of view of a lens of which nothing is known: that of many webcams.
 USUAL_FOV_DEG = 67.0
 
-#: What is said where the length of the sheet's bar is not given: no picture shows it.
+#: Doubt if the length of the sheet's bar is not given.
 BAR_DOUBT = (
     "the bar of the sheet is taken for 100 mm long: measure it; --bar-mm with another length corrects this "
     "place at any time"
@@ -55,7 +55,7 @@ SEARCHED_EVERY = 15
 #: Pictures by which the camera is placed at a known floor.
 PLACING_PICTURES = 8
 
-#: A camera that stands this far from where its file says, or is turned by this much, is stored again.
+#: Change of position or angle from which the camera's pose is stored again.
 ELSEWHERE_M, ELSEWHERE_RAD = 0.02, math.radians(0.5)
 
 
@@ -66,7 +66,7 @@ def known_place(given: RobotCameraOptions) -> Place | None:
     if known is not None and not given.relearn:
         check_known(given, known, path)
     elif given.lens is not None:
-        load_lens(given.lens)  # a bad one is told before anything is opened
+        load_lens(given.lens)  # report a bad file before opening anything
     return known
 
 
@@ -78,10 +78,10 @@ def found_place(
     finder: TagFinder,
     stop_requested: Callable[[], bool],
 ) -> tuple[Place, bool, tuple[str, ...]] | None:
-    """The place, whether it was learned, and doubts, a sentence each; None where a stop was requested.
+    """The place, whether it was learned, and doubts, one sentence each; None after a requested stop.
 
-    It is the known one with the camera where it stands now, or learned. What is new of it is stored. Raises
-    what `learned_place` and `seen_place` raise.
+    A known place gets the current pose of the camera. Changes are stored. Raises the errors of
+    `learned_place` and `seen_place`.
     """
     path = Path(given.place)
     if known is not None and not given.relearn:
@@ -105,9 +105,9 @@ def found_place(
 def seen_place(
     place: Place, video: VideoSource, finder: TagFinder, stop_requested: Callable[[], bool]
 ) -> Place | None:
-    """A known place with its camera where the tags say that it stands now; None where a stop was requested.
+    """A known place with the camera's current pose from the tags; None after a requested stop.
 
-    Raises InputError for pictures that do not fit the lens, and RobotFaultError for a video without pictures.
+    Raises InputError if the pictures do not fit the lens, and RobotFaultError for a video without pictures.
     """
     pictures = list(_searched(video, finder, PLACING_PICTURES, stop_requested))
     if stop_requested():
@@ -119,7 +119,7 @@ def seen_place(
 
 
 def _stands_elsewhere(camera: Camera, known: Camera) -> bool:
-    """Whether a camera shows another part of the floor than one that is known."""
+    """Whether a camera shows another part of the floor than the known one."""
     shift_m = float(np.linalg.norm(camera.position_floor - known.position_floor))
     turned_rad = Rotation.from_matrix(camera.rotation.T @ known.rotation).magnitude()
     return shift_m > ELSEWHERE_M or turned_rad > ELSEWHERE_RAD or camera.lens.size_px != known.lens.size_px
@@ -180,16 +180,16 @@ def learned_place(
     robot: Robot,
     before: Place | None,
 ) -> tuple[Place, tuple[str, ...]]:
-    """A place by what was seen of it, and what cannot be trusted of it, a sentence each.
+    """A place from pictures, and doubts, one sentence each.
 
     Args:
-        given: options; what they leave open is as it was before, or the usual.
+        given: options; missing ones are taken from the earlier place or the defaults.
         views: corners (4, 2) in px by number, for each position of the camera (`learn_floor`).
-        size_px: of the pictures.
-        robot: whose tag it is.
-        before: the place as it was, if it is learned again.
+        size_px: picture size.
+        robot: robot with the tag.
+        before: the earlier place if it is learned again.
 
-    Raises InputError for lenses and floors that are not allowed.
+    Raises InputError for invalid lenses and floors.
     """
     robot_tag = _robot_tag(given, robot, before)
     edges_mm = _edges_mm(given, before, robot_tag.id)

@@ -1,4 +1,4 @@
-"""Video in, poses out: what is seen of a robot, to the robot, to a page, a video and a table."""
+"""Turn video into poses, and send them to the robot, a page, a video and a table."""
 
 import csv
 import math
@@ -23,7 +23,7 @@ from hexctl.vision.video.mjpeg import MjpegServer
 from hexctl.vision.video.video_source import Frame, VideoSource
 from hexctl.vision.video.video_writer import VideoWriter
 
-#: Without pictures the pose is told this often.
+#: Period of poses without pictures.
 TELL_S = 0.03
 
 #: Period of the status.
@@ -32,10 +32,10 @@ STATUS_S = 1.0
 #: How long the video and the page show what happened.
 EVENT_S = 3.0
 
-#: Variances below these say less than is known of tags, paper and legs.
+#: Minimum variances, from the accuracy of tags, paper and legs.
 LEAST_POSITION_M2, LEAST_YAW_RAD2 = 0.002**2, 0.003**2
 
-#: Columns of the table. `seen_` is what this picture alone says, the others what is believed after it.
+#: Columns of the table. `seen_` columns come from this picture only, the others from the filter after it.
 COLUMNS = (
     "at_s", "sight", "x_m", "y_m", "yaw_rad", "age_s", "seen_x_m", "seen_y_m", "seen_yaw_rad", "quality"
 )  # fmt: skip
@@ -62,15 +62,15 @@ class CameraStatus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraReport:
-    """What a camera managed.
+    """Statistics of a camera.
 
     Attributes:
-        duration_s: how long it looked.
-        pictures: looked at.
-        seen: share of them in which the robot's tag was found.
-        dropped: pictures of a live camera that came while others were looked at.
-        restarts: how often the robot was somewhere else than its legs said.
-        look_s: processor time of each picture; None without pictures.
+        duration_s: total time.
+        pictures: number of processed pictures.
+        seen: share of them with the robot's tag.
+        dropped: pictures of a live camera that arrived during processing.
+        restarts: number of restarts because the robot was elsewhere.
+        look_s: processor time per picture; None without pictures.
     """
 
     duration_s: float = 0.0
@@ -99,10 +99,10 @@ class CameraReport:
 
 
 class PoseTable:
-    """Poses of a video as CSV, a row for each picture as it comes; what is not known is empty."""
+    """CSV table of poses, one row per picture; unknown values are empty."""
 
     def __init__(self, path: Path) -> None:
-        """Begin a new file. Raises InputError where that is not possible."""
+        """Begin a new file. Raises InputError if that fails."""
         try:
             self._file = path.open("x", buffering=1, encoding="utf-8", newline="")
         except OSError as error:
@@ -136,13 +136,13 @@ def _numbers(pose: PlanarPose | None) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class PoseOutputs:
-    """Where poses and pictures go; None for nowhere.
+    """Outputs of poses and pictures; None for none.
 
     Attributes:
-        robot: that is told where it is, and tells how its legs move.
-        page: that shows what is seen.
-        video: of what is seen.
-        table: of the poses.
+        robot: receives poses and sends its joint states.
+        page: shows the pictures.
+        video: file with the pictures.
+        table: file with the poses.
     """
 
     robot: RobotLink | None
@@ -209,7 +209,7 @@ class PoseStream:
         return self._report(time.monotonic() - began_s, video)
 
     def _fitting(self, frame: Frame | None, on_event: Callable[[str], None]) -> Frame | None:
-        """A picture of the lens's size, or None: a camera that was away may come back with another."""
+        """A picture of the lens's size, or None: a reconnected camera may have another size."""
         if frame is None:
             return None
         lens, (height_px, width_px) = self._observer.watch.camera.lens, frame.picture.shape[:2]
@@ -235,7 +235,7 @@ class PoseStream:
             on_event(_change_text(self._last.change))
 
     def _tell(self, estimate: PoseEstimate, on_event: Callable[[str], None]) -> None:
-        """Send the pose to the robot, and tell when it is lost, found or elsewhere."""
+        """Send the pose to the robot, and report when it is lost, found or elsewhere."""
         if estimate.sight != self._sight and "lost" in (estimate.sight, self._sight):
             on_event(
                 f"the robot is lost: {self._why_lost()}" if estimate.pose is None else "the robot is seen"
@@ -314,7 +314,7 @@ def _change_text(change: CameraChange) -> str:
 
 
 def _lines(estimate: PoseEstimate, observation: Observation) -> list[str]:
-    """Text for the picture: where the robot is, and by what that is known."""
+    """Text for the picture: the pose and its source."""
     pose, robot = estimate.pose, observation.robot
     where = "pose not known"
     if pose is not None:

@@ -1,6 +1,6 @@
-"""A camera that tells a robot where it is, and all that it opens.
+"""The camera command: open camera, robot and outputs, and send poses.
 
-Light to import, without OpenCV, until it runs.
+Importing it does not load OpenCV.
 """
 
 from collections.abc import Callable
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraStarted:
-    """What a camera reports once it looks.
+    """Report of a started camera.
 
     Attributes:
         robot: name of the robot.
-        place: where tags and camera are.
-        learned: whether the floor was learned just now.
-        doubts: what cannot be trusted of it, a sentence each.
-        arena: middle (x, y) and radius in m of the largest circle in which the robot is seen, or None.
-        page_url: of a page that shows what it sees, or None.
+        place: tags and camera.
+        learned: whether the floor was learned now.
+        doubts: reasons not to trust the place, one sentence each.
+        arena: middle (x, y) and radius in m of the largest circle where the robot is visible, or None.
+        page_url: address of the page with the pictures, or None.
     """
 
     robot: str
@@ -43,11 +43,11 @@ class CameraStarted:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotCamera(RobotCameraOptions):
-    """A camera over the floor that tells a robot where it is.
+    """Locate a robot with a camera over the floor and send it its pose.
 
         RobotCamera(camera="0", connect="tcp/127.0.0.1:7447").run(stop_requested)
 
-    The file of the place is made by looking if it does not exist.
+    If the place file does not exist, the place is learned first.
     """
 
     def run(
@@ -59,17 +59,17 @@ class RobotCamera(RobotCameraOptions):
         on_status: "Callable[[CameraStatus], None]" = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
     ) -> "CameraReport":
-        """Look until `stop_requested` returns True, or a video file ends.
+        """Run until `stop_requested` returns True or a video file ends.
 
         Args:
-            stop_requested: asked between pictures. Where it stops the learning of a place, none is stored.
+            stop_requested: called between pictures. A stop while a place is learned stores nothing.
             on_started: called once, when the place is known.
-            on_pose: called after each picture with where the robot is.
+            on_pose: called after each picture with the pose.
             on_status: called once a second.
-            on_event: called with a line when camera or tags were moved, and the robot is lost or found.
+            on_event: called with a line when camera or tags were moved, or the robot is lost or found.
 
-        Raises InputError for files, lenses and floors that are not allowed, and RobotFaultError where camera
-        or robot are not there.
+        Raises InputError for invalid files, lenses and floors, and RobotFaultError if camera or robot are
+        missing.
         """
         from hexctl.robot.loader import load_robot
         from hexctl.vision.detection.tags import TagFinder

@@ -1,6 +1,6 @@
-"""Options of a camera that tells a robot where it is.
+"""Options of the camera command.
 
-Light to import, without OpenCV.
+Importing it does not load OpenCV.
 """
 
 from collections.abc import Mapping
@@ -20,9 +20,9 @@ HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
 
 @dataclass(frozen=True, kw_only=True)
 class RobotCameraOptions(CameraOptions):
-    """Options of `hexctl see`, checked when they are given.
+    """Options of `hexctl see`.
 
-    What describes a place that is learned must agree with one that is known.
+    Options that describe a new place must agree with a known one.
     """
 
     camera: Annotated[str | int | Path | None, Typed(parse=str)] = None
@@ -112,7 +112,7 @@ class RobotCameraOptions(CameraOptions):
 
     @property
     def printed(self) -> Mapping[str, Any]:
-        """What is given of the sheet, by the names of the fields of `Sheet`."""
+        """Given values of the sheet, by the field names of `Sheet`."""
         names = ("robot_tag", "robot_edge_mm", "home_edge_mm", "floor_tags", "floor_edge_mm")
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 

@@ -1,4 +1,4 @@
-"""The robot at the other end of a link, as a camera needs it: how its legs move, and who is told its pose."""
+"""Link between camera and robot: receive joint states, send poses."""
 
 import time
 from collections import deque
@@ -23,7 +23,7 @@ from hexctl.wire.pose import decode_orientation, encode_pose
 from hexctl.wire.zenoh_messages import StateTag, contacts_of, decode_joints
 from hexctl.wire.zenoh_session import open_session
 
-#: States that are kept until they are taken: ten seconds; of more the older ones are lost.
+#: Length of the queue: ten seconds of states; older ones are dropped.
 MOST_STATES = 500
 
 #: An orientation older than this does not belong to a state any more.
@@ -55,13 +55,13 @@ class SenderClock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegState(ArrayFields):
-    """What a robot told at one moment.
+    """State of a robot at one time.
 
     Attributes:
-        at_s: when it was measured, on time.monotonic of this computer, but for the shortest time on the way.
+        at_s: time of the measurement on time.monotonic of this computer, plus the minimum transfer time.
         joint_positions_rad: (18,).
-        foot_contacts: (6,), or None where the robot does not feel them.
-        yaw_rad: of the robot's own sensor, in a frame of its own; None without one.
+        foot_contacts: (6,), or None without contact sensors.
+        yaw_rad: yaw of the robot's own sensor in its own frame; None without one.
     """
 
     at_s: float
@@ -91,7 +91,7 @@ class RobotLink:
         )
 
     def states(self) -> list[LegState]:
-        """States that have come since the last call, the oldest first."""
+        """States since the last call, the oldest first."""
         taken = []
         while self._states:
             taken.append(self._states.popleft())
@@ -100,13 +100,13 @@ class RobotLink:
     def publish(
         self, pose: PlanarPose, height_m: float, *, position_variance_m2: float, yaw_variance_rad2: float
     ) -> None:
-        """Tell the robot where it is now.
+        """Send the robot its current pose.
 
         Args:
-            pose: of its base on the floor.
-            height_m: of its base above the floor.
-            position_variance_m2: of x and of y.
-            yaw_variance_rad2: of the heading.
+            pose: pose of its base on the floor.
+            height_m: height of its base above the floor.
+            position_variance_m2: variance of x and of y.
+            yaw_variance_rad2: variance of the heading.
         """
         payload = encode_pose(
             np.array([pose.x_m, pose.y_m, height_m]),
@@ -141,14 +141,14 @@ class RobotLink:
 
 @contextmanager
 def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tuple[zenoh.Session, Robot]]:
-    """Session on a link and a robot there, until the block ends.
+    """Open a session on a link with a robot for a block.
 
     Args:
-        link: where it is.
-        role: in which the session is opened.
-        name: of the robot; the only one there unless given.
+        link: link to the robot.
+        role: role of the session.
+        name: name of the robot; None for the only one.
 
-    Raises RobotFaultError when no robot answers, and InputError when several do, or only others.
+    Raises RobotFaultError if no robot answers, and InputError if several or only others answer.
     """
     asked = link.keys(ANY_ROBOT if name is None else name)
     with open_session(link, role, asked) as session:

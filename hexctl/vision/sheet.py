@@ -33,7 +33,7 @@ _MM = 72 / 25.4
 Rectangle = tuple[float, float, float, float]
 
 
-#: Lengths of the bar as printed that are plausible, numbers of tags and their edges.
+#: Plausible lengths of the printed bar, tag numbers and tag edges.
 BAR_LENGTH_MM = Range(low=50, high=200, unit="mm")
 TAG = Range(low=TAG_IDS[0], high=TAG_IDS[-1], whole=True)
 EDGE_MM = Range(low=20, high=200, unit="mm")
@@ -42,9 +42,9 @@ FLOOR_TAGS = Range(low=0, high=20, whole=True)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sheet:
-    """What is printed.
+    """Tags and paper of a printed sheet.
 
-    Raises InputError for numbers that are not of the family or twice, and for tags larger than the paper.
+    Raises InputError for unknown or repeated tag numbers and for tags larger than the paper.
     """
 
     paper: Paper = "a4"
@@ -192,7 +192,7 @@ class _Page:
         self.text(self.width_mm / 2, bottom_mm - 0.5, _BAR_TEXT, middle=True)
 
     def upright_bar(self, x_mm: float, top_mm: float) -> None:
-        """The bar to measure, from top to bottom, with its text beside it."""
+        """Draw the vertical bar for measuring, with its text."""
         self._ticks([(x_mm, top_mm + at) for at in np.linspace(0, BAR_MM, 11)], (1.0, 0.0))
         for line, text in enumerate(_BAR_LINES):
             self.text(x_mm + 6, top_mm + BAR_MM / 2 - 10 + 5 * line, text)
@@ -225,7 +225,7 @@ def _floor_text(tag_id: int, edge_mm: float) -> str:
 
 
 def _robot_part(page: _Page, tag_id: int, edge_mm: float) -> float:
-    """The robot's tag with the line to cut along, the bar beside or below it; where it ends, in mm."""
+    """Draw the robot's tag with its cutting line and the bar; return where it ends, in mm."""
     quiet_mm = edge_mm / MODULES
     side_mm, top_mm = edge_mm + 2 * quiet_mm, MARGIN_MM
     left_mm = MARGIN_MM if side_mm + 50 < page.width_mm else (page.width_mm - side_mm) / 2
@@ -248,7 +248,7 @@ def _robot_part(page: _Page, tag_id: int, edge_mm: float) -> float:
 
 
 def _home_part(page: _Page, top_mm: float, edge_mm: float) -> None:
-    """The tag at the origin of the floor, with the directions beside it."""
+    """Draw the home tag with its axes."""
     quiet_mm = edge_mm / MODULES
     left_mm, upper_mm = max(quiet_mm, MARGIN_MM), top_mm + quiet_mm
     page.tag(HOME_TAG, left_mm, upper_mm, edge_mm)

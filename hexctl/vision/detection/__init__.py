@@ -1,1 +1,1 @@
-"""What is in a picture: tags, and by lens and pose of the camera where they are."""
+"""Detect tags in a picture, and locate them with the lens and the pose of the camera."""

@@ -19,7 +19,7 @@ SQUARE_M = 0.025
 
 MARKER_M = 0.019
 
-#: Modules of a marker from edge to edge of its black square.
+#: Modules along the edge of a marker's black square.
 MARKER_MODULES = 6
 
 #: Corners between four squares, of which a picture may show a part.
@@ -50,7 +50,7 @@ def charuco_board() -> Any:
 
 
 def black_squares() -> list[tuple[float, float, float]]:
-    """Squares of the board that are black, as (left, top, edge) in m from its top left corner."""
+    """Black squares of the board, as (left, top, edge) in m from its top left corner."""
     import cv2
 
     board = charuco_board()

@@ -1,4 +1,4 @@
-"""A camera over a floor: where its pixels look, where it stands by the tags it sees, how far it sees tags."""
+"""A camera over a floor: projection, pose from tags, and the area where it detects tags."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from hexctl.types import ArrayFields, BoolArray, FloatArray
 from hexctl.vision.detection.lens import Lens
 from hexctl.vision.detection.tags import LEAST_EDGE_PX
 
-#: Distance between the points of the floor that are looked at, and how far from the camera they reach, in m.
+#: Spacing of the sampled floor points and their maximum distance from the camera, in m.
 STEP_M, REACH_M = 0.05, 8.0
 
 #: Edge that a tag should have in its narrow direction to be found in every picture, in px.
@@ -57,12 +57,12 @@ class Camera(ArrayFields):
             return np.asarray(self.position_floor[:2] + length[:, np.newaxis] * directions[:, :2])
 
     def pixels(self, points_floor: FloatArray) -> FloatArray:
-        """Where points (N, 3) over the floor are seen, (N, 2) in px; NaN for what is behind the camera."""
+        """Project points (N, 3) in the floor's frame to pixels (N, 2); NaN behind the camera."""
         return self.lens.pixels((points_floor - self.position_floor) @ self.rotation)
 
     @property
     def tilt_rad(self) -> float:
-        """Angle between where it looks and the floor: pi/2 straight down."""
+        """Angle between the optical axis and the floor: pi/2 looks straight down."""
         return float(np.arcsin(np.clip(-self.rotation[2, 2], -1, 1)))
 
 
@@ -142,7 +142,7 @@ def visible_circle(camera: Camera, height_m: float, edge_m: float) -> tuple[tupl
             "allowed: nearer, lower, or a larger tag"
         )
     room_steps = cv2.distanceTransform(seen.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # Of circles that are as large, the one in the middle of what is seen.
+    # Among equally large circles, the one nearest the middle of the visible area.
     large = room_steps >= room_steps.max() - 0.5
     away_m = np.hypot(x - x[seen].mean(), y - y[seen].mean())
     row, column = np.unravel_index(int(np.where(large, away_m, np.inf).argmin()), seen.shape)
@@ -170,7 +170,7 @@ def sees_tags(camera: Camera, points: FloatArray, height_m: float, edge_m: float
 
 
 def _edges(camera: Camera) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest x / z and y / z of rays in the picture."""
+    """Minimum and maximum x / z and y / z of the rays in the picture."""
     lens = camera.lens
     columns, rows = np.linspace(0, lens.width_px - 1, 33), np.linspace(0, lens.height_px - 1, 33)
     border = np.concatenate(

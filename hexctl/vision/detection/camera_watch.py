@@ -1,4 +1,4 @@
-"""Whether the camera still stands where it stood: by the tags on the floor, a look at each in turn."""
+"""Check whether the camera was moved, by looking at the floor tags in turn."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera, place_camera, reprojection_px
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder, only
 
-#: A tag seen farther than this from where it should be was moved, or the camera was: in px, and in edges.
+#: Deviation from which a tag or the camera counts as moved, in px and in tag edges.
 MOVED_PX, MOVED_EDGES = 2.0, 0.06
 
 #: Pictures in a row in which a tag has to be elsewhere.
@@ -21,8 +21,8 @@ MOVED_LOOKS = 3
 #: Every picture of this number is looked at while nothing has moved: at 30 a second, one in 0.13 s.
 LOOK_EVERY = 4
 
-#: Looks at each tag by whose mean the camera is placed again: at least after it was placed by one picture,
-#: and where it is known by many, as many as those of which a floor is learned. More than these are not kept.
+#: Looks at each tag that are averaged to update the camera's pose: the minimum after a single picture, and
+#: the maximum, which is also the number used to learn a floor.
 LEAST_LOOKS, MOST_LOOKS = 15, 90
 
 #: Pictures without any of the tags between two searches of the whole picture.
@@ -50,20 +50,20 @@ class CameraChange(ArrayFields):
 
 
 class CameraWatch:
-    """Looks at one tag on the floor now and then, and knows where the camera is.
+    """Check one floor tag at a time and keep the pose of the camera up to date.
 
-    A camera that stays gets better known: the mean of many looks counts. Where a tag is not where it should
-    be, all are looked at. If most of them are elsewhere, the camera has moved, and is placed again by all
-    tags that are seen; if a minority is, those tags have, and are no longer used.
+    The pose of a fixed camera improves with the mean of many looks. If a tag is not where it should be, all
+    tags are checked. If most of them have moved, the camera was moved: its pose is computed again from all
+    visible tags. If a minority has moved, those tags are no longer used.
 
     Args:
-        camera: as believed at first.
+        camera: initial pose.
         floor_corners: corners (4, 2) of the tags on the floor in m, by number.
-        finder: of the tags.
+        finder: tag detector.
 
     Attributes:
-        camera: as it stands.
-        doubt: why the camera may stand elsewhere than believed in the picture looked at last, or None.
+        camera: current pose.
+        doubt: why the pose may be wrong in the newest picture, or None.
     """
 
     def __init__(self, camera: Camera, floor_corners: Mapping[int, FloatArray], finder: TagFinder) -> None:
@@ -80,12 +80,12 @@ class CameraWatch:
 
     @property
     def floor_corners(self) -> dict[int, FloatArray]:
-        """Corners (4, 2) in m, by number, of the tags that are used: those that were not moved."""
+        """Corners (4, 2) in m, by number, of the tags in use: those in their place."""
         return dict(self._floor)
 
     @property
     def visible(self) -> list[int]:
-        """Numbers of the tags that were seen when they were looked at last, or not yet looked at."""
+        """Numbers of the tags found at their last check, or not yet checked."""
         return [tag_id for tag_id, seen in self._seen.items() if seen]
 
     def look(self, gray: Picture) -> CameraChange | None:
@@ -110,7 +110,7 @@ class CameraWatch:
         return None
 
     def _look_at(self, gray: Picture, tag_id: int) -> bool:
-        """Look at a tag; whether it is where it should be."""
+        """Whether a tag is in its place in the current picture."""
         expected_px = self.camera.pixels(np.column_stack([self._floor[tag_id], np.zeros(4)]))
         seen_tag = self._finder.near(gray, {tag_id: expected_px}).get(tag_id)
         self._seen[tag_id] = seen_tag is not None
@@ -125,7 +125,7 @@ class CameraWatch:
         return True
 
     def _blinded(self, gray: Picture) -> CameraChange | None:
-        """A camera that has moved far sees no tag where it looks for it, and nor does a covered one."""
+        """Handle a picture without any tag in its place: the camera was moved far, or is covered."""
         self.doubt = "blind"
         self._blind += 1
         return self._replaced(gray) if self._blind % SEARCH_EVERY == 2 else None

@@ -16,20 +16,20 @@ from hexctl.vision.detection.lens import Lens
 from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, tag_pose
 from hexctl.vision.detection.tags import HOME_TAG, UNIT_CORNERS, SeenTag
 
-#: A tag that is seen in fewer of the pictures of one camera position, as a share, is not used.
+#: Minimum share of the pictures of one camera position that must show a tag.
 LEAST_SEEN = 0.3
 
-#: Share of the greatest and of the smallest coordinates of a corner that does not count.
+#: Trimmed share at both ends of a corner's coordinates.
 TRIMMED = 0.25
 
 #: Standard deviation of a corner in the mean of many pictures, in px: what noise, paper and lens leave.
 CORNER_PX = 0.2
 
-#: A tag that is seen farther from where it should be, in px, or whose edge looks longer or shorter than it
-#: is, as a share, or whose position is less certain, in m, is told.
+#: Thresholds of a doubt about a tag: deviation in px, relative error of its edge, and standard deviation of
+#: its position in m.
 DOUBT_PX, DOUBT_EDGE, DOUBT_M = 1.5, 0.04, 0.01
 
-#: What is said of a lens without a calibration, before what may come from it.
+#: Start of the doubt about an uncalibrated lens.
 LENS_DOUBT = (
     "the lens is only assumed, by which tags may look too small, bent or far off: calibrate it with hexctl "
     "see calibrate"
@@ -43,14 +43,14 @@ CornersPx = Mapping[int, FloatArray]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LearnedFloor(ArrayFields):
-    """The tags on the floor, and the positions from which a camera saw them.
+    """The tags on the floor and the poses of the camera that saw them.
 
     Attributes:
         tags: by number.
         cameras: one for each position of the camera.
-        residuals_px: by which each tag is seen from where it should be, RMS of its corners, by number.
+        residuals_px: RMS reprojection error of each tag's corners, by number.
         deviations_m: standard deviation of each tag's position, by number.
-        doubts: what cannot be trusted, a sentence each.
+        doubts: reasons not to trust the result, one sentence each.
     """
 
     tags: Mapping[int, PlacedTag]
@@ -86,17 +86,17 @@ def averaged_corners(pictures: Sequence[Mapping[int, SeenTag]]) -> dict[int, Flo
 
 
 def learn_floor(lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float]) -> LearnedFloor:
-    """Poses of the tags on the floor, and of the camera, by what it saw from one position or several.
+    """Fit the poses of floor tags and camera to pictures from one or several camera positions.
 
-    All corners are fitted together: the camera's poses and x, y and yaw of every tag but the home tag, which
-    is the origin. The scale is that of all edges.
+    One least-squares fit of all corners gives the poses of the camera and x, y and yaw of every tag. The home
+    tag is the origin. All edges together set the scale.
 
     Args:
         lens: of the camera.
         views: corners (4, 2) in px by number, for each position of the camera.
-        edges_m: edges of the tags that lie on the floor, by number; other tags are not used.
+        edges_m: edges of the floor tags, by number; other tags are not used.
 
-    Raises InputError where the home tag was never seen, or nothing fits.
+    Raises InputError if the home tag was never seen or nothing fits.
     """
     if HOME_TAG not in edges_m:
         raise InputError(f"floor: got no edge of tag {HOME_TAG}; allowed: tags with the home tag {HOME_TAG}")
@@ -186,7 +186,7 @@ class _Fit:
 
     @property
     def cost(self) -> float:
-        """How badly it fits, by the loss that is made small."""
+        """Loss of the fit."""
         misses = self._misses(self._start if self._solution is None else self._solution.x)
         return float(np.sum(np.sqrt(1 + misses**2) - 1))
 
@@ -219,7 +219,7 @@ class _Fit:
         return np.asarray(np.nan_to_num(np.concatenate(misses).ravel(), nan=1e3))
 
     def learned(self) -> LearnedFloor:
-        """The result, with what is to be told about it."""
+        """The result with its doubts."""
         cameras, tags = self._unpacked(self._solution.x)
         corners = {tag_id: tag.corners for tag_id, tag in tags.items()}
         squares: dict[int, list[float]] = {tag_id: [] for tag_id in tags}

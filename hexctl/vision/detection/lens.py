@@ -33,12 +33,12 @@ class Lens(ArrayFields):
     """A camera without its pose. In its frame z looks out, x to the right and y down, as in OpenCV.
 
     Attributes:
-        width_px: of its pictures.
-        height_px: of its pictures.
+        width_px: picture width.
+        height_px: picture height.
         matrix: (3, 3), focal lengths and principal point in px; the middle of the first pixel is (0, 0).
-        model: of the distortion.
-        distortion: its coefficients, as many as OpenCV takes for the model.
-        calibrated: False for a lens that was only assumed.
+        model: distortion model.
+        distortion: coefficients of the model in OpenCV's order.
+        calibrated: False for an assumed lens.
     """
 
     width_px: int
@@ -70,9 +70,9 @@ class Lens(ArrayFields):
         return self.width_px, self.height_px
 
     def scaled(self, width_px: int, height_px: int) -> "Lens":
-        """The same lens with pictures of another size, if their shape is the same.
+        """The same lens for another picture size of the same aspect ratio.
 
-        Raises InputError where it is not: the camera cuts its pictures, and which part is not known.
+        Raises InputError for another aspect ratio: the camera crops its pictures in an unknown way.
         """
         if (width_px, height_px) == self.size_px:
             return self
@@ -103,7 +103,7 @@ class Lens(ArrayFields):
         return np.column_stack([flat, np.ones(len(flat))])
 
     def pixels(self, points_camera: FloatArray) -> FloatArray:
-        """Where points (N, 3) in m in the camera's frame are seen, (N, 2); NaN for what is behind it."""
+        """Project points (N, 3) in m in the camera's frame to pixels (N, 2); NaN behind the camera."""
         points = np.asarray(points_camera, dtype=float).reshape(-1, 3)
         visible = points[:, 2] > 0
         seen = np.full((len(points), 2), math.nan)
@@ -123,7 +123,7 @@ class _Matrix(BaseModel):
 
 
 class _LensFile(BaseModel):
-    """A camera calibration of ROS: what is needed of it."""
+    """The needed fields of a ROS camera calibration."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 

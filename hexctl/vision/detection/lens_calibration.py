@@ -1,4 +1,4 @@
-"""A lens calibrated by pictures of the board: which of them count, what is missing, how good it is."""
+"""Calibrate a lens from pictures of the board: selection, coverage and quality."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -37,7 +37,7 @@ STEADY_SHARE = 0.004
 #: Error of the rays above which more pictures help, and above which there is no lens, in px of 1280.
 DOUBT_PX, MOST_DOUBT_PX = 1.0, 8.0
 
-#: Pictures that the lens misses by more than this many times what is usual are left out: they are smeared.
+#: Pictures whose reprojection error exceeds this multiple of the median are dropped as blurred.
 OUTLIER = 3.0
 
 #: Columns and rows into which the picture is divided for the coverage.
@@ -88,9 +88,9 @@ class LensCalibration:
         return len(self._views)
 
     def add(self, gray: Picture) -> str | None:
-        """Keep a grey picture (H, W) of the board; the reason where it is not kept.
+        """Keep a grey picture (H, W) of the board; return the reason if it is rejected.
 
-        Raises InputError for a picture of another size than the ones before.
+        Raises InputError if its size differs from that of earlier pictures.
         """
         size_px = (gray.shape[1], gray.shape[0])
         if self._size_px not in (None, size_px):
@@ -108,7 +108,7 @@ class LensCalibration:
         return None
 
     def add_steady(self, gray: Picture) -> bool:
-        """Keep a frame of a video (H, W) if the board is where it was in the one before; whether it is kept.
+        """Keep a video frame (H, W) if the board rests since the previous frame; whether it was kept.
 
         Raises InputError as `add` does.
         """
@@ -205,7 +205,7 @@ MOST_BYTES = 200_000_000
 
 
 def read_picture(path: Path) -> Picture:
-    """A grey picture (H, W) of a file. Raises InputError for one that is no picture or cannot be read."""
+    """Read a file as a grey picture (H, W). Raises InputError if that fails."""
     try:
         data = np.frombuffer(read_file(path, MOST_BYTES), dtype=np.uint8)
     except OSError as error:

@@ -57,7 +57,7 @@ def read_calibration(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read as text: {error}") from error
     if content.lstrip().startswith(b"<"):
         values = _of_xml(content, path)
-    else:  # FileStorage: a head and a tag that are no YAML
+    else:  # FileStorage has a header and tags outside YAML
         content = re.sub(rb"^%YAML[: ]1\.\d\s*", b"", content).replace(b"!!opencv-matrix", b"")
         values = mapping_of(content, path)
     return _named(_one_camera(values, path), path)

@@ -1,4 +1,4 @@
-"""What was seen, drawn into the picture: tags, floor, where the robot is and where it has been."""
+"""Draw tags, floor, robot and its path into the picture."""
 
 import math
 from collections import deque
@@ -26,7 +26,7 @@ LEAST_FONT = 0.4
 #: Length of the arrow that shows the robot's heading, and of the axes at the home tag, in m.
 ARROW_M, AXIS_M = 0.25, 0.2
 
-#: Points of the way that are shown.
+#: Points of the path to draw.
 PATH_POINTS = 600
 
 #: Distance between the lines on the floor, and how far they reach, in m.
@@ -110,7 +110,7 @@ def _text(drawn: Picture, lines: Sequence[str]) -> None:
 
 
 def _name(drawn: Picture, text: str, beside_px: FloatArray, color: tuple[int, int, int]) -> None:
-    """Short text to the right of a point and below it; nothing where that is far outside."""
+    """Draw a short text right of and below a point, unless it is far outside the picture."""
     if np.isfinite(beside_px).all() and np.abs(beside_px).max() < 4 * max(drawn.shape[:2]):
         size = 1.6 * _font_size(drawn)
         at = (round(float(beside_px[0]) + 20 * size), round(float(beside_px[1]) + 40 * size))
@@ -123,7 +123,7 @@ def _font_size(drawn: Picture) -> float:
 
 
 def _pixels_in_view(camera: Camera, points_floor: FloatArray) -> FloatArray:
-    """Pixels (N, 2) of points (N, 3); NaN far outside, where a distortion folds back into the picture."""
+    """Pixels (N, 2) of points (N, 3); NaN far outside, where distortion folds back into the picture."""
     lens = camera.lens
     right, bottom = lens.width_px - 1.0, lens.height_px - 1.0
     edge_px = np.array([[x, y] for x in (0.0, right / 2, right) for y in (0.0, bottom / 2, bottom)])
@@ -143,7 +143,7 @@ def _polygon(drawn: Picture, corners_px: FloatArray, color: tuple[int, int, int]
 
 
 def _path(drawn: Picture, points_px: FloatArray, color: tuple[int, int, int], thickness: int) -> None:
-    """Line through points; those that are not seen interrupt it."""
+    """Draw a line through points; invisible points interrupt it."""
     # OpenCV draws to a sixteenth of a pixel, and far outside of the picture its numbers overflow.
     size = max(drawn.shape[:2])
     near = (np.abs(points_px) < 4 * size).all(axis=1)  # False for NaN too

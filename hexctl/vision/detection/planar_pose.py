@@ -48,10 +48,10 @@ class PlacedTag:
     """A printed tag with a pose: on the floor, or on the robot's trunk.
 
     Attributes:
-        tag_id: its number.
-        edge_m: of its black square.
-        pose: of its middle, in the frame of the floor, or of the robot's base seen from above.
-        height_m: above the floor, or above the origin of the base.
+        tag_id: number of the tag.
+        edge_m: edge of its black square.
+        pose: of its middle, in the frame of the floor or of the robot's base seen from above.
+        height_m: height above the floor or above the origin of the base.
     """
 
     tag_id: int
@@ -61,7 +61,7 @@ class PlacedTag:
 
     @property
     def corners(self) -> FloatArray:
-        """Its corners in the frame of its pose, (4, 2) in m."""
+        """Corners in the frame of the pose, (4, 2) in m."""
         return self.pose.of_points(self.edge_m * UNIT_CORNERS)
 
     @property
@@ -100,17 +100,17 @@ def fitted_pose(points: FloatArray, seen: FloatArray) -> PlanarFit:
 
 
 def tag_pose(camera: Camera, corners_px: FloatArray, height_m: float) -> PlanarFit | None:
-    """Pose of a tag that lies level at a height, or None where its rays do not meet the plane.
+    """Pose of a level tag at a known height, or None if its rays miss the plane.
 
-    Rays are intersected with the plane, so there is nothing to flip, as the free pose of a single tag does.
+    Intersecting rays with the plane avoids the flip ambiguity of a free tag pose.
 
     Args:
-        camera: that sees the tag.
+        camera: camera that took the picture.
         corners_px: (4, 2), in the order of `UNIT_CORNERS`.
-        height_m: of the tag above the floor.
+        height_m: height of the tag above the floor.
 
-    The pose is that of the middle of the tag, x to the right and y up as printed. The scale is the length of
-    its edge in m as seen; another one than printed tells of a wrong height or print.
+    The pose is that of the middle of the tag, x to the right and y up as printed. The scale is the observed
+    edge in m; if it differs from the printed edge, the height or the print is wrong.
     """
     corners = camera.floor_points(corners_px, height_m)
     return fitted_pose(UNIT_CORNERS, corners) if np.isfinite(corners).all() else None

@@ -1,4 +1,4 @@
-"""Where the robot is in a picture: its tag near where it is expected, else anywhere."""
+"""Find the robot's tag in a picture: first near its expected place, then anywhere."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,13 @@ from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.planar_pose import PlacedTag, PlanarFit, PlanarPose, fitted_pose
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 
-#: Standard deviation of a corner's coordinate, in px, that is believed at first, and never less: noise, blur,
-#: and what is left of the lens's distortion.
+#: Initial and minimum standard deviation of a corner's coordinate in px: noise, blur, remaining distortion.
 CORNER_PX = 0.25
 
-#: What is believed at first counts as so many pictures; so many pictures are remembered.
+#: Weight of the initial value, in pictures, and length of the memory.
 FIRST_PICTURES, MOST_PICTURES = 1.0, 20.0
 
-#: A square that is fitted by position, turn and size leaves so many of the eight coordinates free.
+#: Degrees of freedom: eight coordinates minus position, rotation and size of the square.
 _FREE = 4
 
 
@@ -96,10 +95,10 @@ class RobotTracker:
 
         Args:
             gray: the picture, (H, W).
-            camera: as it stands.
-            base_height_m: of the robot's base above the floor.
-            expected: where the robot should be, if anything tells.
-            up_body: which way is up, a unit vector in the body frame: where the robot leans, so does its tag.
+            camera: current pose of the camera.
+            base_height_m: height of the robot's base above the floor.
+            expected: expected pose of the robot, or None.
+            up_body: vertical unit vector in the body frame; the tag leans with the robot.
         """
         corners = levelled(self.tag.corners_body, up_body) + np.array([0.0, 0.0, base_height_m])
         seen_tag = self._tag_at(gray, camera, corners, expected)
@@ -147,7 +146,7 @@ def _misses_px(camera: Camera, seen_tag: SeenTag, corners: FloatArray, fit: Plan
 
 
 def _covariance(camera: Camera, seen_tag: SeenTag, height_m: float, corner_px: float) -> FloatArray:
-    """Covariance (3, 3) of x, y and yaw: what the noise of the corners does to them, and what is left."""
+    """Covariance (3, 3) of x, y and yaw from corner noise and remaining systematic errors."""
     around = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + seen_tag.corners_px.mean(axis=0)
     middle, right, down = camera.floor_points(around, height_m)
     per_px = np.column_stack([right - middle, down - middle])

@@ -17,7 +17,7 @@ TAG_IDS = range(587)
 #: Number of the tag whose middle is the origin of the floor.
 HOME_TAG = 0
 
-#: Modules of a tag from edge to edge of its black square; a white one around it belongs to the print.
+#: Modules along the edge of a tag's black square; the print has one white module around it.
 MODULES = 8
 
 #: Corners of a tag with an edge of 1 in its own frame, x to the right and y up as printed: (4, 2), and so in
@@ -153,5 +153,5 @@ def tag_modules(tag_id: int) -> NDArray[np.bool_]:
 
 
 def only(found: Mapping[int, SeenTag], tag_ids: Collection[int]) -> dict[int, SeenTag]:
-    """Those of the tags that have one of the numbers."""
+    """The tags with one of the numbers."""
     return {tag_id: seen_tag for tag_id, seen_tag in found.items() if tag_id in tag_ids}

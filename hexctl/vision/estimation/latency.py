@@ -1,12 +1,12 @@
-"""How late a camera's pictures come, by the robot's own motion.
+"""Estimate the latency of a camera from the robot's own motion.
 
-The joints tell how the body moved, on the robot's clock; the tag tells it over the times at which pictures
-came. With v(t) what the joints say and y_j what was seen at a_j, the latency T is that of the least squares
+The joints give the motion v(t) of the body on the robot's clock. The tag gives positions y_j at the times a_j
+at which pictures arrived. The latency T minimises the squared error of
 
     y_j = c + k v(a_j - T)
 
-with a shift c and a factor k, for what feet lose. The yaw is a real number, the position a complex one, where
-k also turns; what each says of T is weighed by its own uncertainty.
+with a shift c and a factor k that accounts for slip. The yaw is a real number. The position is a complex
+number, whose k also rotates. Both estimates of T are weighted by their uncertainties.
 """
 
 import math
@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 from hexctl.errors import InputError
 from hexctl.types import FloatArray, check_finite
 
-#: Latencies that are tried: from pictures that seem to come early, as clocks differ, to very late ones.
+#: Range of the search. Pictures can seem to arrive early, because clocks differ.
 LEAST_S, MOST_S, STEP_S = -0.1, 0.6, 0.005
 
-#: A latency that is known no better than this is no use.
+#: A latency with a larger standard deviation is rejected.
 MOST_SIGMA_S = 0.01
 
-#: What was seen must follow the joints by this factor, and this share of its variance be explained.
+#: Bounds on the factor k, and the minimum share of explained variance.
 LEAST_FACTOR, MOST_FACTOR = 0.4, 1.6
 LEAST_EXPLAINED = 0.5
 
 #: Sightings farther off than this many typical deviations do not count.
 MOST_OFF = 4.0
 
-#: Fewer sightings than this tell nothing.
+#: Minimum number of sightings for an estimate.
 LEAST_SIGHTINGS = 20
 
 _Values = FloatArray | NDArray[np.complex128]
@@ -44,7 +44,7 @@ class Latency:
     Attributes:
         latency_s: from the picture to its arrival, on the robot's clock less that of the arrivals.
         sigma_s: one standard deviation.
-        factor: how far the body was seen to turn or move, as a share of what the joints say.
+        factor: motion in the pictures as a share of the motion of the joints.
     """
 
     latency_s: float
@@ -157,7 +157,7 @@ def _judged(times_s: FloatArray, own: _Values, arrivals_s: FloatArray, seen: _Va
 def _fitted(
     times_s: FloatArray, own: _Values, at_s: FloatArray, seen: _Values
 ) -> tuple[complex, float, complex]:
-    """Factor, sum of squares that is left, and shift, of the least squares for times."""
+    """Factor, residual sum of squares and shift of the least-squares fit."""
     value = _at(times_s, own, at_s)
     off, picture = value - value.mean(), seen - seen.mean()
     square = float(np.square(np.abs(off)).sum())
@@ -171,7 +171,7 @@ def _at(times_s: FloatArray, own: _Values, at_s: FloatArray) -> _Values:
 
 
 def _lowest(delays_s: FloatArray, left: FloatArray) -> float:
-    """Where a curve is lowest, by a parabola through the lowest point and its neighbours."""
+    """Minimum of a curve, from a parabola through its lowest point and the neighbours."""
     index = int(left.argmin())
     if not 0 < index < len(left) - 1:
         return float(delays_s[index])

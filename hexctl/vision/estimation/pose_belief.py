@@ -1,14 +1,14 @@
-"""What is believed of a robot's pose on the floor, its slip and its velocity: an extended Kalman filter.
+"""Extended Kalman filter of a robot's pose on the floor, its slip and its velocity.
 
 With the position p (complex, in the floor's frame), the yaw psi, and a motion m = forward + i left and a turn
 t by the robot's own odometry, a step is
 
     p'   = p + exp(i psi) (1 + s) m,    psi' = psi + (1 + s_t) t + s_d |m|
 
-The slip is a part of the state: s, the share of the way that is lost (real part) or goes to the left
-(imaginary part); s_t, the share of a turn; s_d, a turn for each metre. It belongs to feet, floor and failed
-legs, changes slowly, and is what bridges a gap better than odometry alone. Where there is no odometry, the
-body coasts with its velocity, which dies away.
+The state includes the slip. The real part of s is the lost share of the distance, its imaginary part the
+drift to the left. s_t is the lost share of a turn, and s_d a turn per metre. Slip depends on feet, floor and
+failed legs and changes slowly, so it bridges gaps better than plain odometry. Without odometry the body
+coasts with a decaying velocity.
 """
 
 import cmath
@@ -26,11 +26,11 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 POSE, SLIP, VELOCITY = slice(0, 3), slice(3, 7), slice(7, 10)
 STATES = 10
 
-#: What is believed of slip and velocity at first, one standard deviation.
+#: Initial standard deviations of slip and velocity.
 FIRST_SLIP = np.array([0.2, 0.15, 0.2, 0.4])
 FIRST_VELOCITY = np.array([0.15, 0.15, 0.5])
 
-#: Errors of odometry that are no slip: m and rad for each root of a metre, and of a rad, and of a second.
+#: Random errors of odometry in m and rad, per square root of a metre, of a rad and of a second.
 PER_METRE = np.array([0.02, 0.02, 0.1])
 PER_RAD = np.array([0.005, 0.005, 0.05])
 PER_SECOND = np.array([0.002, 0.002, 0.004])
@@ -45,11 +45,11 @@ SLIP_PER_RAD = np.array([0.0, 0.0, 0.15, 0.0])
 #: How the velocity of a coasting body changes, for each root of a second.
 VELOCITY_PER_SECOND = np.array([0.3, 0.3, 1.5])
 
-#: Steps of odometry are taken to last this long at least: divided by what is left between two that came at
-#: once, a step of millimetres would be a leap.
+#: Minimum duration of a step of odometry. Two messages can arrive almost together, and the velocity would
+#: otherwise explode.
 LEAST_S = 0.02
 
-#: Time over which the velocity is the mean of what odometry says.
+#: Averaging time of the velocity from odometry.
 VELOCITY_S = 0.06
 
 #: Sightings are never believed to be better than this: a body that sways carries its tag along.
@@ -117,7 +117,7 @@ class PoseBelief(ArrayFields):
 
     @property
     def pose(self) -> PlanarPose:
-        """The pose that is believed most."""
+        """Mean of the pose."""
         x_m, y_m, yaw_rad = self.mean[POSE].tolist()
         return PlanarPose(x_m, y_m, wrapped_rad(yaw_rad))
 
@@ -200,7 +200,7 @@ class PoseBelief(ArrayFields):
         return replace(self, mean=self.mean + gain @ off, covariance=(covariance + covariance.T) / 2)
 
     def _off(self, sighting: Sighting) -> tuple[FloatArray, FloatArray]:
-        """Where a sighting is from here, (3,), and the covariance of that."""
+        """Innovation of a sighting, (3,), and its covariance."""
         seen = sighting.pose
         x_m, y_m, yaw_rad = self.mean[POSE].tolist()
         off = np.array([seen.x_m - x_m, seen.y_m - y_m, wrapped_rad(seen.yaw_rad - yaw_rad)])

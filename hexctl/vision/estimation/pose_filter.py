@@ -1,9 +1,8 @@
-"""Where a robot is now, from sightings that come late and from its own motion, without jumps.
+"""Current pose of a robot, from late sightings and its own motion, without jumps.
 
-A picture tells where the robot was when it was taken. Sightings are therefore taken in at their own time, and
-what the robot did since is played again. One that cannot be is not believed, unless others agree with it for
-a while: then the robot was carried, and the filter starts again and says so. What it publishes glides to what
-it believes.
+A picture shows the robot at the time of exposure. The filter therefore applies each sighting at its own time
+and replays the motion since then. It rejects implausible sightings. If several of these agree for a while,
+the robot was carried: the filter restarts and reports it. The published pose moves smoothly to the estimate.
 """
 
 import bisect
@@ -37,13 +36,13 @@ AGREE_SIGMA = 4.0
 LEAST_AGREEING = 3
 AGREEING_S = 0.3
 
-#: Sightings that were not believed are kept for so long.
+#: How long rejected sightings are kept.
 SUSPECT_S = 1.0
 
-#: What a robot does that no longer tells its motion: it stops soon, as its guard sees to.
+#: Time constant of the velocity without odometry. A robot without messages is soon stopped by its guard.
 STOPPING_S = 0.1
 
-#: Without odometry for so long, only sightings tell the velocity, which dies away with the other time.
+#: After this time without odometry the velocity comes from sightings only, and decays with the other time.
 ODOMETRY_GONE_S = 0.5
 COASTING_S = 0.5
 
@@ -55,15 +54,15 @@ MOST_BLENDED_STEP = np.array([0.01, 0.01, math.radians(2.0)])
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseEstimate(ArrayFields):
-    """Where a robot is at a time.
+    """Pose of a robot at one time.
 
     Attributes:
         at_s: the time.
-        sight: what it rests on.
+        sight: source of the pose.
         pose: in the floor's frame; None while lost.
         covariance: of x, y in m and yaw in rad, (3, 3); None while lost.
-        age_s: since the picture of the last sighting that was believed was taken; infinite without one.
-        restarts: how often the filter started again because the robot was somewhere else.
+        age_s: age of the picture of the last accepted sighting; infinite without one.
+        restarts: number of restarts because the robot was elsewhere.
     """
 
     at_s: float
@@ -84,8 +83,8 @@ class PoseFilter:
         lost_after_s: without sightings for longer, there is no pose.
 
     Attributes:
-        restarts: how often it started again because the robot was somewhere else than believed.
-        refused: sightings so far that were too old, or not believed.
+        restarts: number of restarts because the robot was elsewhere.
+        refused: number of sightings that were too old or rejected.
     """
 
     def __init__(self, *, seeing_s: float = 0.3, lost_after_s: float = 3.0) -> None:
@@ -105,16 +104,16 @@ class PoseFilter:
         self.restarts = self.refused = 0
 
     def move(self, from_s: float, to_s: float, motion: FloatArray, yaw_rad: float | None = None) -> None:
-        """Take in a motion that the robot measured itself, such as one of leg odometry.
+        """Apply a motion measured by the robot itself, for example by leg odometry.
 
         Args:
-            from_s: when it began; no earlier than the end of the one before.
-            to_s: when it ended.
+            from_s: its start; no earlier than the end of the previous motion.
+            to_s: its end.
             motion: (3,), in the body's frame at the beginning: forward and left in m, counter-clockwise in
                 rad.
-            yaw_rad: the robot's own yaw at the end, where a sensor measures it; only its changes count.
+            yaw_rad: yaw at the end from the robot's own sensor, or None; only its changes count.
 
-        Raises InputError for times that do not ascend, and for numbers that are not finite.
+        Raises InputError for times that do not ascend and for non-finite numbers.
         """
         check_finite(motion, (3,), "motion")
         last_s = self._motions[-1].to_s if self._motions else -math.inf
@@ -237,7 +236,7 @@ class PoseFilter:
                 self._fused[later] = (sighting, belief)
 
     def _suspect(self, sighting: Sighting) -> bool:
-        """Keep a sighting that is not believed, and start again where enough of them agree with it."""
+        """Keep a rejected sighting, and restart if enough others agree with it."""
         self.refused += 1
         recent = [one for one in self._suspects if one.at_s >= self._newest_s - SUSPECT_S]
         self._suspects = sorted([*recent, sighting], key=lambda one: one.at_s)
@@ -254,7 +253,7 @@ class PoseFilter:
         return True
 
     def _agree(self, one: Sighting, other: Sighting) -> bool:
-        """Whether the robot can have gone from one sighting to the other by its own motion."""
+        """Whether the robot's own motion can explain the second sighting after the first."""
         early, late = sorted((one, other), key=lambda each: each.at_s)
         start = PoseBelief.of(early, self._slip_of)
         return self._advanced(start, late.at_s).surprise(late) <= AGREE_SIGMA
@@ -291,7 +290,7 @@ class PoseFilter:
 
     @contextmanager
     def _blended(self, at_s: float) -> Iterator[None]:
-        """What changes within about a time is a correction: what is published stays, and glides there."""
+        """Keep the published pose across a correction in this block; the difference decays smoothly."""
         if self._base is None or self._published_s == -math.inf:
             yield
             return
@@ -303,10 +302,10 @@ class PoseFilter:
             self._offset[2] = wrapped_rad(self._offset[2])
 
     def _exactly(self, at_s: float) -> PoseBelief | None:
-        """Belief at a time by what is known of it then and before; None before the first.
+        """Belief at a time from everything up to it; None before the first sighting.
 
-        It is asked for with each motion. The belief after the newest motion until then is kept: without it,
-        each played again all since the last sighting, which took more than there was time.
+        Each motion asks for it. The belief after the newest motion is kept, because replaying all motions
+        since the last sighting takes too long.
         """
         index = bisect.bisect_right(self._times, at_s)
         origin = self._fused[index - 1][1] if index else self._base
@@ -322,7 +321,7 @@ class PoseFilter:
         return self._advanced(belief, at_s)
 
     def _blend(self, now_s: float) -> None:
-        """Let the correction that is left become smaller until a time."""
+        """Let the remaining correction decay until a time."""
         took_s = max(0.0, now_s - self._published_s)
         self._published_s = now_s
         if took_s == 0 or math.isinf(took_s):

@@ -62,7 +62,7 @@ class CameraFaults:
     faults: tuple[CameraFault, ...] = ()
 
     def camera(self, still: Camera, at_s: float) -> Camera:
-        """Where a camera stands and looks at a time, if it stood still before."""
+        """Pose of a camera at a time, after its faults."""
         position, rotation = still.position_floor.copy(), still.rotation
         for fault in self.faults:
             if fault.at_s <= at_s and fault.kind == "moved":

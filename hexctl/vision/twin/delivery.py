@@ -10,7 +10,7 @@ import cv2
 
 from hexctl.vision.detection.tags import Picture
 
-#: Pictures that are on their way at a time; a faster camera waits.
+#: Maximum number of pictures in flight; a faster camera waits.
 MOST_WAITING = 8
 
 #: Quality of the JPEGs, as webcams have it.
@@ -33,13 +33,13 @@ class TakenPicture:
 
 
 class Delivery:
-    """Develops and encodes pictures on a thread of its own, and hands each over when it is due; close it.
+    """Process and encode pictures on a thread and deliver each at its due time; must be closed.
 
     Attributes:
-        delivered: pictures that arrived.
-        late: those of them that arrived later than they should, by more than `LATE_S`.
-        latency_s: sum of the times from taking to arrival.
-        developing_s: how long it took lately to develop and encode a picture.
+        delivered: number of delivered pictures.
+        late: number of pictures delivered more than `LATE_S` too late.
+        latency_s: sum of the times from exposure to delivery.
+        developing_s: recent time to process and encode a picture.
     """
 
     #: A picture that arrives later than this after it is due is late.
@@ -63,7 +63,7 @@ class Delivery:
         self._waiting.put(taken)
 
     def close(self) -> None:
-        """End the thread; what is on its way is lost."""
+        """End the thread; pictures in flight are lost."""
         self._over.set()
         self._waiting.put(None)
         self._thread.join()

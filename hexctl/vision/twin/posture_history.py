@@ -1,4 +1,4 @@
-"""Where a simulated robot truly was, and how its legs stood, at any moment of the last second."""
+"""True pose and joint angles of a simulated robot over the last second."""
 
 import threading
 import time
@@ -21,10 +21,10 @@ from hexctl.wire.links import Link, Role
 from hexctl.wire.pose import decode_pose
 from hexctl.wire.zenoh_messages import decode_positions
 
-#: Samples that are kept of each kind: a second of a robot's states.
+#: Length of the history: one second of states.
 KEPT = 100
 
-#: How long a simulated robot may take to tell the truth for the first time.
+#: Timeout for the first true pose.
 FIRST_TRUTH_S = 3.0
 
 
@@ -49,7 +49,7 @@ class PostureHistory:
         return self._truths.newest_at_s if self._joints.newest_at_s is not None else None
 
     def at(self, at_s: float) -> RobotPosture | None:
-        """Posture at a time: the first or the last one outside of what is kept, None before the first."""
+        """Posture at a time, clamped to the history; None before the first."""
         truth, joints = self._truths.at(at_s), self._joints.at(at_s)
         if truth is None or joints is None:
             return None
@@ -90,14 +90,14 @@ class _Series:
 
 @contextmanager
 def followed_robot(link: Link, name: str | None = None) -> Iterator[tuple[Robot, PostureHistory]]:
-    """A simulated robot on a link, and its postures as they come, until the block ends.
+    """Collect the postures of a simulated robot on a link for a block.
 
     Args:
-        link: where it is served.
-        name: of the robot; None for the only one there.
+        link: link to the robot.
+        name: name of the robot; None for the only one.
 
-    Raises RobotFaultError where no robot answers, or one that does not tell where it truly is, and InputError
-    where several answer.
+    Raises RobotFaultError if no robot answers or it does not publish its true pose, and InputError if several
+    answer.
     """
     with linked_robot(link, Role.VIEWER, name) as (session, robot):
         keys, history = link.keys(robot.name), PostureHistory()

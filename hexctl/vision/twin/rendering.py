@@ -24,7 +24,7 @@ from hexctl.vision.detection.tags import MODULES, Picture, tag_modules
 #: The camera by which MuJoCo draws has no distortion; a lens wider than this would need too many pixels.
 MOST_FOV_DEG = 140.0
 
-#: Greatest edge of a drawn picture.
+#: Maximum edge of a rendered picture.
 MOST_PX = 4096
 
 #: Texture of a tag: pixels per module, and modules with its white edge.
@@ -42,14 +42,14 @@ _FLOOR_RGBA = (0.52, 0.5, 0.46, 1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraFlaws:
-    """What is wrong with the pictures of a real camera.
+    """Flaws of a real camera's pictures.
 
     Attributes:
         noise: standard deviation of each pixel's brightness, of 255.
-        blur_px: of the lens out of focus: standard deviation.
-        exposure_s: during which a moving robot is smeared.
+        blur_px: standard deviation of the defocus blur.
+        exposure_s: exposure time, which causes motion blur.
         brightness: factor; above 1 white is clipped.
-        shadow: by which a shadow that wanders over the floor darkens it, 0 to 1.
+        shadow: darkness of a moving shadow on the floor, 0 to 1.
     """
 
     noise: float = 4.0
@@ -61,11 +61,11 @@ class CameraFlaws:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotPosture(ArrayFields):
-    """Where a robot is, and how it stands.
+    """Pose and joint angles of a robot.
 
     Attributes:
-        position_floor: of its base, (3,) in m.
-        quaternion_floor: of its base, (4,) as (w, x, y, z).
+        position_floor: position of its base, (3,) in m.
+        quaternion_floor: orientation of its base, (4,) as (w, x, y, z).
         joint_positions_rad: (18,).
     """
 
@@ -87,9 +87,9 @@ class SceneRenderer:
         *,
         seed: int = 0,
     ) -> None:
-        """Make the scene and a context to draw in.
+        """Build the scene and a rendering context.
 
-        Raises what `Canvas` raises, and InputError for a lens that is too wide.
+        Raises the errors of `Canvas`, and InputError for a too wide lens.
         """
         self.camera, self.flaws = camera, CameraFlaws() if flaws is None else flaws
         self._random = np.random.default_rng(seed)

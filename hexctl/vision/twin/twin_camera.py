@@ -22,7 +22,7 @@ from hexctl.vision.twin.twin_options import LOOK_AT_M, POSITION_M, TwinOptions
 from hexctl.vision.video.mjpeg import MjpegServer
 from hexctl.waiting import StopRequested, never
 
-#: Number of the robot's tag, and length of its edge.
+#: Number of the robot's tag and its edge.
 ROBOT_TAG, ROBOT_EDGE_M = 10, 0.1
 
 #: A webcam whose lens bends lines at the edge by 20 px.
@@ -58,21 +58,21 @@ SETTLE_S = 0.023
 #: Longest wait between two questions whether to stop.
 POLL_S = 0.05
 
-#: What the camera manages is looked at after this, and told if it is less than this share of its rate.
+#: When the frame rate is checked, and the share of the requested rate below which a warning is printed.
 JUDGED_AFTER_S, LEAST_SHARE = 5.0, 0.9
 
-#: A robot that tells no truth for so long is silent.
+#: Time without a true pose after which the robot counts as silent.
 SILENT_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwinStarted:
-    """What a camera reports once it sends pictures.
+    """Report of a started rendered camera.
 
     Attributes:
-        robot: name of the robot that it looks at.
-        url: of its stream.
-        page_url: of a page that shows it.
+        robot: name of the robot.
+        url: address of the stream.
+        page_url: address of the page that shows it.
     """
 
     robot: str
@@ -82,18 +82,18 @@ class TwinStarted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwinReport:
-    """What a rendered camera managed.
+    """Statistics of a rendered camera.
 
     Attributes:
-        duration_s: how long it took pictures.
-        drawn: pictures.
-        delivered: those of them that arrived.
-        dropped: those of them that were lost on request.
-        skipped: pictures that could not have been drawn in time.
-        late: delivered ones that arrived later than they should.
-        latency_s: mean time from taking to arrival; None where none arrived.
-        drawing_s: how long it took lately to draw a picture.
-        developing_s: how long it took lately to develop and encode one.
+        duration_s: total time.
+        drawn: number of rendered pictures.
+        delivered: number of delivered pictures.
+        dropped: number of pictures dropped on request.
+        skipped: number of pictures skipped for lack of time.
+        late: number of pictures delivered too late.
+        latency_s: mean time from exposure to delivery; None without delivery.
+        drawing_s: recent time to render a picture.
+        developing_s: recent time to process and encode a picture.
     """
 
     duration_s: float
@@ -165,12 +165,12 @@ class TwinCamera(TwinOptions):
         """Send pictures until `stop_requested` returns True.
 
         Args:
-            stop_requested: asked between pictures.
-            on_started: called once, when clients can look.
-            on_event: called with a line when the robot falls silent, and when the computer is too slow.
+            stop_requested: called between pictures.
+            on_started: called once, when clients can connect.
+            on_event: called with a line when the robot falls silent or the computer is too slow.
 
-        Raises InputError for a lens or link that is not allowed, RobotFaultError where no simulated robot
-        answers, or the port is taken, and what `Canvas` raises.
+        Raises InputError for an invalid lens or link, RobotFaultError if no simulated robot answers or the
+        port is taken, and the errors of `Canvas`.
         """
         camera, link = self.camera(), self.load_link()
         flaws = CameraFlaws(noise=self.noise, blur_px=self.blur_px, shadow=self.shadow)
@@ -192,7 +192,7 @@ class _Scene:
         self._faults = CameraFaults(tuple(map(parse_camera_fault, options.faults)))
 
     def take(self, posture: RobotPosture, at_s: float) -> Callable[[], Picture]:
-        """Take a picture at a time since the start; what is returned develops it (H, W, 3), blue first."""
+        """Take a picture at a time since the start; return a function that processes it to (H, W, 3), BGR."""
         camera = self._faults.camera(self._still, at_s)
         if camera != self._renderer.camera:
             self._renderer.move_camera(camera)
@@ -260,7 +260,7 @@ class _Shooting:
         return self._drawing_s + delivery.developing_s
 
     def _judge(self, now_s: float, since_start_s: float, delivery: Delivery) -> None:
-        """Tell when the robot has fallen silent, and once what the computer does not manage."""
+        """Report when the robot falls silent, and once if the computer is too slow."""
         silent = now_s - (self._history.newest_at_s or now_s) > SILENT_S
         if silent != self._silent:
             self._silent = silent

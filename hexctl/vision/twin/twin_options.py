@@ -23,7 +23,7 @@ MOST_M = 100.0
 
 Point = tuple[float, float, float]
 
-#: Where the camera stands, and where it looks, in m.
+#: Position of the camera and the point that it looks at, in m.
 POSITION_M, LOOK_AT_M = (-1.63, 0.0, 1.63), (0.0, 0.0, 0.0)
 
 
@@ -40,7 +40,7 @@ def parse_point(text: str) -> Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwinOptions(LinkedRobotOptions):
-    """Where a rendered camera stands over a simulated robot, and the flaws of its pictures."""
+    """Pose of a rendered camera over a simulated robot, and the flaws of its pictures."""
 
     PANEL: ClassVar = "Camera"
 

@@ -35,14 +35,14 @@ _PAGE = b"""<!doctype html><meta charset="utf-8"><title>hexctl</title>
 
 
 class MjpegServer:
-    """Serves the newest picture to all who look, on loopback, until it is closed.
+    """Serve the newest picture to all clients on loopback until it is closed.
 
-    Each client has a thread of its own and gets the newest picture whenever it can take one: a slow client
-    misses pictures and delays no other.
+    Each client has a thread and gets the newest picture when it is ready. A slow client misses pictures and
+    delays no other.
 
     Attributes:
-        url: of the stream.
-        page_url: of a page that shows it.
+        url: address of the stream.
+        page_url: address of the page that shows it.
     """
 
     def __init__(self, port: int = 0, *, host: str = HOST, option: str = "http_port") -> None:
@@ -135,14 +135,14 @@ class _NewestPicture:
 
 
 class _Server(ThreadingHTTPServer):
-    """A server whose threads end with the process, and which says nothing of clients that go."""
+    """A server whose threads end with the process, and that ignores disconnecting clients."""
 
     daemon_threads = True
     block_on_close = False
     newest: _NewestPicture
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing: a client that has gone is no error."""
+        """Ignore it: a disconnected client is no error."""
 
 
 class _Server6(_Server):
@@ -170,7 +170,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def _asks_for_this_computer(self) -> bool:
-        """Whether the name that was asked for is this computer's, not that of a page from elsewhere."""
+        """Whether the requested host name is this computer's. Prevents DNS rebinding."""
         name = self.headers.get("Host", HOST).rpartition(":")[0] or self.headers.get("Host", HOST)
         return is_loopback(name.removeprefix("[").removesuffix("]"))
 

@@ -29,9 +29,9 @@ REOPEN_S = 1.0
 
 
 def hide_library_messages() -> None:
-    """Let FFmpeg print nothing of its own: what it would is said in one line.
+    """Silence FFmpeg: its errors are reported in one line instead.
 
-    It looks once, at the first video that this process opens.
+    It reads the setting once, when the process opens its first video.
     """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
@@ -56,13 +56,13 @@ class Frame:
 
 
 class VideoSource(ABC):
-    """Frames, one after the other; close it.
+    """A sequence of frames; must be closed.
 
     Attributes:
-        name: as it was given.
-        live: whether frames come by themselves; those that nobody takes are dropped.
-        dropped: how many were.
-        ended: whether no frame will come any more.
+        name: name of the source.
+        live: whether the source sets the pace; unread frames are dropped.
+        dropped: number of dropped frames.
+        ended: whether the source has ended.
     """
 
     live = False
@@ -74,9 +74,9 @@ class VideoSource(ABC):
 
     @abstractmethod
     def read(self, timeout_s: float = 1.0) -> Frame | None:
-        """The next frame; of a live source the newest that was not read yet.
+        """The next frame, or the newest unread one of a live source.
 
-        None where none comes within the time, and after the end.
+        None after the timeout and after the end.
         """
 
     @abstractmethod
@@ -103,15 +103,15 @@ def open_video(
     fps: float | None = None,
     on_event: Callable[[str], None] = lambda _: None,
 ) -> VideoSource:
-    """Video of a camera, a network stream or a file.
+    """Open a camera, a network stream or a file.
 
     Args:
         source: number of a camera, its device, an address, or a file (`SOURCES`).
-        size_px: width and height that a camera is asked for; None leaves it as it is.
-        fps: pictures per second that a camera is asked for; None leaves it as it is.
+        size_px: requested width and height of a camera; None keeps its own.
+        fps: requested frame rate of a camera; None keeps its own.
         on_event: called with a line when a live source is lost or found again, on its thread.
 
-    Raises InputError for anything else, and RobotFaultError for a camera or stream that is not there.
+    Raises InputError for anything else, and RobotFaultError for a missing camera or stream.
     """
     hide_library_messages()
     scheme, colon, _ = source.partition("://")
@@ -126,14 +126,14 @@ def open_video(
 
 
 class VideoFile(VideoSource):
-    """Frames of a file, each of them.
+    """All frames of a file.
 
     Attributes:
-        fps: pictures per second, as the file says.
+        fps: frame rate of the file.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open it. Raises InputError for a file that is not there, or no video."""
+        """Open it. Raises InputError for a missing file or no video."""
         super().__init__(str(path))
         if not path.is_file():
             raise InputError(
@@ -178,7 +178,7 @@ class LiveVideo(VideoSource):
         self._thread.start()
 
     def read(self, timeout_s: float = 1.0) -> Frame | None:
-        """The newest frame that was not read yet, or None where none comes within the time."""
+        """The newest unread frame, or None after the timeout."""
         with self._arrived:
             self._arrived.wait_for(lambda: self.ended or self._newest is not None, timeout_s)
             frame, self._newest = self._newest, None
@@ -193,7 +193,7 @@ class LiveVideo(VideoSource):
         self._thread.join((OPEN_TIMEOUT_MS + READ_TIMEOUT_MS) / 1000)
 
     def _run(self, capture: Any) -> None:
-        """Read until closed, and open the source again where it is lost."""
+        """Read until closed, and reopen a lost source."""
         while True:
             self._take(capture)
             capture.release()
@@ -271,7 +271,7 @@ def _opened_device(device: Path, size_px: tuple[int, int] | None, fps: float | N
 
 
 def quietly(make: Callable[[], Any]) -> Any:
-    """Result of a call during which OpenCV prints no warnings of its own."""
+    """Result of a call with OpenCV's warnings silenced."""
     before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         return make()

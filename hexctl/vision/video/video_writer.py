@@ -30,10 +30,10 @@ class VideoWriter:
         """Prepare to write.
 
         Args:
-            path: of the file; the ending of its name says of which kind it is.
-            fps: pictures per second of the video.
+            path: file; its suffix selects the format.
+            fps: frame rate of the video.
 
-        Raises InputError for another ending than those of `CODECS`, or a folder that is not there.
+        Raises InputError for a suffix not in `CODECS` and for a missing folder.
         """
         if path.suffix.lower() not in CODECS:
             raise InputError(
@@ -50,9 +50,9 @@ class VideoWriter:
         self._began_at_s = 0.0
 
     def write(self, picture: Picture, at_s: float) -> None:
-        """Write a picture (H, W, 3), blue first, that was seen at a time in s.
+        """Write a picture (H, W, 3), BGR, with its time in s.
 
-        Raises RecordingError where the file cannot be written, InputError for another size than the first.
+        Raises RecordingError if writing fails, and InputError if its size differs from the first one.
         """
         height_px, width_px = picture.shape[:2]
         if self._writer is None:
