@@ -74,7 +74,7 @@ class HexctlError(Exception):
 
 
 class InputError(HexctlError, ValueError):
-    """A value from the user (option, file, argument) that is not allowed."""
+    """An invalid value from the user: option, file or argument."""
 
 
 class UnusedError(InputError):
@@ -86,7 +86,7 @@ class UnusedError(InputError):
 
 
 class WrongTypeError(InputError, TypeError):
-    """A value of a type that is not allowed."""
+    """A value of an invalid type."""
 
 
 #: Extras with dm_control, and the first Python without wheels of its dependency labmaze.
@@ -101,7 +101,7 @@ def install_command(extra: str) -> str:
 
 
 class MissingExtraError(HexctlError, ImportError):
-    """An optional part of hexctl that is not installed."""
+    """A missing optional part of hexctl."""
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f'{what} needs the "{extra}" extra: {install_command(extra)}')
@@ -153,7 +153,7 @@ class RobotFaultError(HexctlError, RuntimeError):
 
 
 class SimulationDivergedError(RobotFaultError):
-    """A simulation that has become unstable; its later states are meaningless."""
+    """An unstable simulation; its later states are meaningless."""
 
 
 class MessageError(HexctlError, ValueError):
@@ -164,7 +164,7 @@ class RecordingError(HexctlError, OSError):
     """A recording that could not be written or opened."""
 
 
-#: System errors of a disk that is full, over its quota or broken, or of a file of maximum size.
+#: System errors of a full or broken disk, an exceeded quota, or a file of maximum size.
 _OF_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 

@@ -93,7 +93,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Typed:
-    """How an option is typed, if its field does not say it.
+    """How an option is typed, if it differs from its field.
 
     Attributes:
         flag: without hyphens; empty for the name of the field without its unit.
@@ -116,7 +116,7 @@ class Panel:
     name: str
 
 
-#: Annotation of a field that is only a keyword in Python.
+#: Annotation of a field without an option: a keyword in Python.
 UNTYPED = object()
 
 #: Annotation of a field that only `--help-all` shows.
@@ -192,7 +192,7 @@ def chosen_options(spec: Any) -> dict[str, str]:
 
 
 def check_names(call: str, given: Iterable[str], spec: type, *further: str) -> None:
-    """Raise InputError for keywords of a call that are neither fields of its options nor among `further`."""
+    """Raise InputError for unknown keywords of a call: neither fields of its options nor among `further`."""
     known = [*(field.name for field in fields(spec)), *further]
     if unknown := [name for name in given if name not in known]:
         raise InputError(f"{call}: got {', '.join(unknown)}; allowed: {', '.join(known)}")
@@ -208,7 +208,7 @@ def check_fields(spec: Any) -> None:
 
 
 def check_used(spec: Any, names: Container[str], where: str) -> None:
-    """Raise UnusedError for the first of some unused options that is set; `where` names their context."""
+    """Raise UnusedError for the first set option among unused ones; `where` names their context."""
     for field in fields(spec):
         value = getattr(spec, field.name)
         if field.name in names and value != field.default:

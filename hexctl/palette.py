@@ -66,7 +66,7 @@ VERDICT_COLORS: dict[str, Color] = {
     "no evidence": GREY,
 }
 
-#: Optimizers of a study, and any other one: the five colours of Okabe and Ito that are dark enough for
+#: Optimizers of a study, and any other one: the five colours of Okabe and Ito dark enough for
 #: white, and the wine red of Tol's muted set.
 OPTIMIZER_COLORS: dict[str, Color] = {
     "pso": (0, 114, 178),
@@ -94,7 +94,7 @@ OTHER_OPTIMIZER_DASHES = (5.0, 1.2, 2.0, 1.2)
 BAR_COLOR: Color = (192, 57, 43)
 BEST_OF_ALL_COLOR: Color = GREY
 
-#: A remedy of a study that is missing, partial, and complete; and others.
+#: A missing, partial and complete remedy of a study; and others.
 REMEDY_COLORS: tuple[Color, Color, Color] = (GREY, (204, 130, 0), (0, 114, 178))
 OTHER_REMEDY_COLORS: tuple[Color, ...] = ((0, 158, 115), (204, 121, 167), (213, 94, 0))
 

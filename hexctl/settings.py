@@ -45,7 +45,7 @@ COMMON = {
 #: Optional table around those of commands: `[commands.keys.new]` next to `keys = "keys"`.
 COMMANDS = "commands"
 
-#: Settings that are folders; and settings that may be paths.
+#: Settings with folders, and settings that may be paths.
 FOLDERS = ("keys", "runs")
 NAMES_OR_PATHS = ("robot", "world", "link")
 
@@ -177,7 +177,7 @@ def read_settings(folder: Path | str = ".") -> Settings:
     settings = hexctl.read_settings()
     hexctl.run(robot=settings.values.get("robot", "ant"), record_folder=settings.runs)
 
-    Raises InputError for a file that cannot be read or is not TOML, and for a value of `COMMON` that is no
+    Raises InputError for a file that cannot be read or is not TOML, and for a value of `COMMON` with no
     text. Options of commands are checked by the commands.
     """
     settings = find_settings(Path(folder))

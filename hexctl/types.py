@@ -102,7 +102,7 @@ def check_shape(value: object, shape: tuple[int, ...], what: str) -> None:
 
 
 def check_finite(value: object, shape: tuple[int, ...], what: str) -> None:
-    """Raise what `check_shape` raises, and InputError for elements that are not finite numbers."""
+    """Raise what `check_shape` raises, and InputError for non-finite elements."""
     check_shape(value, shape, what)
     numbers = np.asarray(value)
     if not np.issubdtype(numbers.dtype, np.number):
@@ -245,7 +245,7 @@ class RobotState(ArrayFields):
         joint_torques_nm: torques of the actuators on the joints, (18,), positive with growing angle, mean of
             the control period up to the stamp if possible, else momentary; None if unknown.
         servos: readings of single servos, or None.
-        warnings: short descriptions of conditions that are no fault.
+        warnings: short descriptions of conditions other than faults.
         current_a: of all servos together, or None if unknown.
         stale_joints: joints whose servos have been silent for longer than usual, (18,): their positions and
             torques are older than the stamp; None if there are none.

@@ -29,7 +29,7 @@ COOL_C = Range(low=25, high=TOO_HOT_C, unit="degrees Celsius")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdaptOptions(RobotOptions):
-    """Options of `hexctl adapt`; raises InputError for a value that is not allowed."""
+    """Options of `hexctl adapt`; raises InputError for an invalid value."""
 
     PANEL: ClassVar = "Search"
 

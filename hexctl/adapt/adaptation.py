@@ -150,7 +150,7 @@ class Adaptation:
             on_confirmation: called with the session and each walk at a finer time step, once it is stored.
             stop_requested: called every tick; True stops the robot softly and ends the run.
 
-        Raises InputError for anything that is not allowed, RobotFaultError or RobotStoppedError for a robot
+        Raises InputError for invalid input, RobotFaultError or RobotStoppedError for a robot
         that cannot be used, NotBegunError for a stop request, all before a session exists; StoreError when a
         trial cannot be stored.
         """
@@ -331,7 +331,7 @@ def adapt(
         stop_requested: called every tick; True stops the robot softly and ends the run.
         options: other fields of `AdaptOptions`.
 
-    Raises InputError for anything that is not allowed; RobotFaultError for a robot that cannot be used, or
+    Raises InputError for invalid input; RobotFaultError for a robot that cannot be used, or
     stops during the search (`Adaptation.resume` continues the session); RecordingError for an incomplete
     recording.
     """

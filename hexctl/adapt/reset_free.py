@@ -63,7 +63,7 @@ class ResetFreeRunner:
     def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         """Run one trial from the robot's position.
 
-        Raises RobotStoppedError for a robot that is stopped before it begins, RobotFaultError for one that is
+        Raises RobotStoppedError if the robot is stopped before the start, RobotFaultError for one that is
         lost or without a position.
         """
         plan = self.runner.plan_for(slots)
@@ -160,7 +160,7 @@ def cool_down(servos: Guard, below_c: float, stop_requested: StopRequested, note
 
 
 def _sit_down(servos: Guard, stop_requested: StopRequested) -> None:
-    """Sit down softly and go limp, if possible; a robot that is stopped meanwhile holds."""
+    """Sit down softly and go limp, if possible; a robot stopped meanwhile holds."""
     check_not_stopped(servos)
     motion, sits = SittingMotion(servos, servos.clock.tick().time_s), False
     while not sits and not stop_requested():
@@ -218,7 +218,7 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
 def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
     """Spec of a session that begins at the robot's position, unless its arena has a home.
 
-    Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one without a required position,
+    Raises RobotStoppedError for a stopped robot, RobotFaultError for one without a required position,
     InputError for one without the joint torques that the objective needs.
     """
     if servos is None or spec.ask:

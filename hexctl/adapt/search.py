@@ -49,7 +49,7 @@ def new_spec(
         advice: describes how to make the missing prior.
         asked: fields of `AdaptOptions`.
 
-    Raises InputError for anything that is not allowed.
+    Raises InputError for invalid input.
     """
     options = AdaptOptions(**asked)
     measure, free = as_objective(options.objective), options.optimizer is None
@@ -147,7 +147,7 @@ def extended(session: Session, budget: int) -> SessionSpec:
 
 
 def check_numbers(spec: SessionSpec) -> None:
-    """Raise InputError for a number of a spec that is not allowed."""
+    """Raise InputError for an invalid number of a spec."""
     if not 0 <= spec.confirm < spec.budget:
         raise InputError(
             f"{argument('confirm')}: got {spec.confirm}; allowed: 0 to less than the budget of {spec.budget}"

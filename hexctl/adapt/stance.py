@@ -97,7 +97,7 @@ def _is_at_rest(measured_rad: FloatArray) -> bool:
 
 
 def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
-    """Mean of deflections, (ticks, 18), NaN for joints that are not measured; None if no joint is."""
+    """Mean of deflections, (ticks, 18), NaN for unmeasured joints; None if no joint is."""
     echoed = (sags_rad == 0).all(axis=0)
     return None if echoed.all() else np.where(echoed, np.nan, sags_rad.mean(axis=0))
 
@@ -107,7 +107,7 @@ def connected_deflection_rad(
 ) -> FloatArray | None:
     """Static deflection of a connected robot in its pose; None if it cannot be measured.
 
-    Raises RobotStoppedError for a robot that is stopped meanwhile, RobotFaultError for a lost one.
+    Raises RobotStoppedError if the robot is stopped meanwhile, RobotFaultError for a lost one.
     """
     try:
         return stance_deflection_rad(servos, plan, stop_requested)

@@ -30,7 +30,7 @@ class LegServos(ABC):
     @property
     @abstractmethod
     def clock(self) -> Clock:
-        """The clock that says when the next tick is due."""
+        """The clock that triggers each tick."""
 
     @property
     def simulation(self) -> SimulationFacet | None:
@@ -57,7 +57,7 @@ class LegServos(ABC):
 
     @abstractmethod
     def write(self, targets: JointTargets) -> JointTargets:
-        """Send targets; the result is the targets that were sent, after limits.
+        """Send targets; return the targets actually sent, after limits.
 
         Raises CommandRefusedError for a wrong shape or non-finite values, RobotFaultError when not connected.
         """

@@ -76,7 +76,7 @@ class Clock(ABC):
 
     @property
     def due_in_s(self) -> float:
-        """How long the next `tick` would wait; 0 if it does not wait or that is unknown."""
+        """How long the next `tick` would wait; 0 without a wait or if unknown."""
         return 0.0
 
     def standing_still(self) -> Standstill | None:
@@ -136,7 +136,7 @@ class WallClock(Clock):
         due = self.index + 1
         newest = math.floor(self.now_s / self.period_s)
         if newest > due:
-            if super().standing_still() is None:  # not said yet, by the tick that was late
+            if super().standing_still() is None:  # not yet reported by the late tick
                 self.standstill = self.standing_still() or self.standstill
             self.overruns += 0 if self._paused else newest - due
             due = newest
@@ -184,6 +184,6 @@ def realtime_priority() -> Iterator[bool]:
     finally:
         if granted:
             policy, parameters = before
-            with suppress(OSError):  # of a higher one that was given from outside
+            with suppress(OSError):  # of a higher one set from outside
                 # Only root may take back that children begin with the usual priority.
                 os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)

@@ -69,13 +69,13 @@ class PortThread(ABC, Generic[Device]):
         self._lock, self._wake, self._stopping = threading.Lock(), threading.Event(), threading.Event()
         self._targets: FloatArray | None = None
         self._sent: FloatArray | None = None
-        self._release = False  # torque that is to be switched off and is not yet
+        self._release = False  # whether torque still has to be switched off
         self.on = False
         self.gone: str | None = None
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self, *, on: bool = False) -> None:
-        """Start; `on` says whether all servos hold already."""
+        """Start; `on` is whether all servos hold already."""
         self.on = on
         self._thread.start()
 
@@ -147,7 +147,7 @@ class PortThread(ABC, Generic[Device]):
                 if self._write() or self._time.now() >= due_s:
                     due_s = self._time.now() + POLL_PERIOD_S
                     self._poll()
-            except Exception as error:  # noqa: BLE001  whatever it is, the robot must be told to stop
+            except Exception as error:  # noqa: BLE001  any error must stop the robot
                 self._reopen(error)
                 due_s = self._time.now()
         self._end()
@@ -206,7 +206,7 @@ class PortThread(ABC, Generic[Device]):
             if self._release:
                 self._let_go()
             self._finish()
-        except Exception as error:  # noqa: BLE001  no caller is left to be told
+        except Exception as error:  # noqa: BLE001  no caller is left
             self.gone = reason_of(error)
         with contextlib.suppress(Exception):
             self._device.close()

@@ -79,7 +79,7 @@ def check_backend_options(options: RobotOptions, *, but: tuple[str, ...] = ()) -
     """Raise UnusedError for options that their backend would ignore, except `but`."""
     from hexctl.backends.registry import check_options, option_values
 
-    # A failure is also what the controller is told.
+    # The controller learns of the failure, too.
     check_options(options.backend, **option_values(options, but=("robot", "failure", *but)))
 
 

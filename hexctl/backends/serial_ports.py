@@ -25,7 +25,7 @@ TRIES, AGAIN_S = 5, 0.05
 class SerialPort:
     """A serial port.
 
-    `stays` is a name that is the same after it is plugged in again, `vendor` the USB vendor and product, such
+    `stays` is a name that survives replugging, `vendor` the USB vendor and product, such
     as `0403:6014`; both or None.
     """
 
@@ -39,7 +39,7 @@ class SerialPort:
 def listed_ports() -> list[Any]:
     """Ports as pyserial lists them, its `ListPortInfo`; none if they cannot be listed.
 
-    An adapter that is unplugged meanwhile makes pyserial raise TypeError, and so does a name that is no text.
+    An adapter unplugged meanwhile makes pyserial raise TypeError, and so does a name of another type.
     """
     from serial.tools.list_ports import comports
 

@@ -1,4 +1,4 @@
-"""Leg servos that are read once per tick, and those with a map to raw positions."""
+"""Leg servos with one read per tick, and those with a map to raw positions."""
 
 from abc import abstractmethod
 from contextlib import ExitStack

@@ -26,7 +26,7 @@ FAULT = 3
 ABORTED = 4
 INTERRUPTED = 130
 
-#: Stop reasons that are a fault of the robot or its link; `fault` may have details after a colon.
+#: Stop reasons caused by a fault of the robot or its link; `fault` may have details after a colon.
 FAULTS = ("fault", "state", "pose lost", "expired")
 
 #: A second one of these signals quits without a soft stop.
@@ -42,7 +42,7 @@ def code_of_stop(reason: str) -> int:
 
 
 def code_of(result: "TrialResult") -> int:
-    """Exit code of a trial that was not interrupted."""
+    """Exit code of a complete trial."""
     if result.status == "diverged" or code_of_stop(result.stopped or "") == FAULT:
         return FAULT
     return ABORTED if result.status in ("fell", "aborted") else DONE

@@ -31,7 +31,7 @@ CODE_OPTIONS = ("backend", "policy", "optimizer", "objective", "optimizers", "me
 #: Commands that work even with invalid settings, and report them.
 UNSTOPPABLE = (("estop",), ("doctor",))
 
-#: Commands that follow each setting of robot and connection; None: all that have the option.
+#: Commands that follow each setting of robot and connection; None: all with the option.
 FOLLOWERS: Mapping[str, tuple[tuple[str, ...], ...] | None] = {
     "robot": (
         *(("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",), ("sim", "board"), ("check",)),

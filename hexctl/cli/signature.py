@@ -23,8 +23,8 @@ def with_options(
     """Give a command the options of a dataclass, as a dict by field in its first argument.
 
     Args:
-        but: fields that are not options of this command.
-        rare: additional fields that are rare for this command.
+        but: fields without an option in this command.
+        rare: additional rare fields of this command.
     """
     options = [
         replace(option, rare=option.rare or option.name in rare)
@@ -142,7 +142,7 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
 
 
 def _is_texts(kind: Any) -> bool:
-    """Whether a type is a sequence of texts: an option that is typed several times."""
+    """Whether a type is a sequence of texts, for an option that can be repeated."""
     items = get_args(kind)
     return get_origin(kind) is Sequence and str in (get_args(items[0]) or items)
 

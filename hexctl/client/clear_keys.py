@@ -91,7 +91,7 @@ def keys_for(claims: Iterable[object]) -> list[str]:
 
 
 def forget(claims: Iterable[object]) -> None:
-    """Remove the keys of a stop that was cleared."""
+    """Remove the keys of a cleared stop."""
     for claim in filter(_is_claim, claims):
         _OWN.pop(str(claim), None)
         with suppress(OSError):

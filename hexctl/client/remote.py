@@ -38,7 +38,7 @@ class RemoteRobots:
         return [status_of(answer) for answer in answers]
 
     def await_statuses(self) -> list[dict[str, Any]]:
-        """Status of each robot, also of one that is starting; raises RobotFaultError without any."""
+        """Status of each robot, even while it starts; raises RobotFaultError without any."""
         return [status_of(answer) for answer in self._ask(self._keys.describe)]
 
     def stop(self, request: str | None = None) -> list[dict[str, Any]]:
@@ -61,7 +61,7 @@ class RemoteRobots:
         """Clear the current stop of each robot; `stopped` of each answer is None, or why it is stopped.
 
         Waits until the stop may be cleared: a second for this user's, minutes for others'. In each answer
-        `cleared` is the stop in the form of the status, and `error` says why it was refused.
+        `cleared` is the stop in the form of the status, and `error` is the reason of a refusal.
 
         Args:
             waiting: called before a wait for another's stop, with its requester and the wait in s.
@@ -160,7 +160,7 @@ def remote_robots(
 ) -> Iterator[RemoteRobots]:
     """Robots on a link, for viewers or controllers; a context manager. Other arguments as in `ReadyStop`.
 
-    Raises InputError for a link that is not allowed, RobotFaultError when nothing listens there.
+    Raises InputError for an invalid link, RobotFaultError when nothing listens there.
     """
     settings = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
     with robots_at(settings, role) as robots:

@@ -38,7 +38,7 @@ class SessionStop:
         self._again = again
         self._due = threading.Event()
         self._ends = self._all_stay = False
-        self._known: set[str] = set()  # robots that have to stop
+        self._known: set[str] = set()  # robots to stop
         self._claimed: set[tuple[str, bytes]] = set()  # robots and claims that their status has had
         self.error: HexctlError | None = None
         self.answers: list[dict[str, Any]] = []
@@ -56,7 +56,7 @@ class SessionStop:
         self._due.set()
 
     def end(self) -> None:
-        """Let the thread end, after a session that is just opening."""
+        """End the thread, after a session in the course of opening."""
         self._ends = True
         self._due.set()
 

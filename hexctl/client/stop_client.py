@@ -44,7 +44,7 @@ OVERLOADED = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopResult:
-    """A robot that was stopped and stayed at rest.
+    """A robot stopped and at rest.
 
     Attributes:
         stopped: `estop`, or the reason of an earlier stop.
@@ -101,7 +101,7 @@ class ReadyStop:
         again: whether to retry a session that cannot be opened.
         stays: whether to stop the robot again if the stop is cleared, until the block ends.
 
-    Raises InputError for an endpoint or a link that is not allowed.
+    Raises InputError for an invalid endpoint or link.
     """
 
     def __init__(
@@ -203,9 +203,9 @@ class ReadyStop:
         """Wait until the robot has been at rest for half a second.
 
         Args:
-            identity_s: further wait for a session that is opening, which has the robot's identity.
+            identity_s: further wait for an opening session, which has the robot's identity.
 
-        Raises InputError for certificates that are not allowed, RobotFaultError for a robot that cannot be
+        Raises InputError for invalid certificates, RobotFaultError for a robot that cannot be
         reached, does not stop, or keeps moving.
         """
         self.press()
@@ -339,9 +339,9 @@ def clear_stop(
     """Clear the current stop of a robot on the network; it moves at its next command.
 
     Arguments are those of `estop`. In each robot's answer `stopped` is None or the remaining reason, `error`
-    says why the clear was refused, and `cleared` is the stop that was meant.
+    is the reason of a refusal, and `cleared` the stop it refers to.
 
-    Raises InputError for a link that is not allowed, and RobotFaultError if no robot answers.
+    Raises InputError for an invalid link, and RobotFaultError if no robot answers.
     """
     from hexctl.client.remote import remote_robots
     from hexctl.wire.links import Role

@@ -137,7 +137,7 @@ def demo(
         on_confirmation: called with the session and each stored walk at a finer time step.
         stop_requested: called every tick; True ends the demo softly.
 
-    Raises InputError for a budget or a folder that is not allowed, MissingExtraError without MuJoCo or Rerun.
+    Raises InputError for an invalid budget or folder, MissingExtraError without MuJoCo or Rerun.
     """
     folder = Path(folder)
     check_writable(folder)

@@ -20,7 +20,7 @@ class Packages:
     extras: dict[str, tuple[str, ...]]
 
     def lacks(self, *names: str) -> tuple[str, ...]:
-        """Those of some packages that are not installed."""
+        """The missing packages among some."""
         return tuple(name for name in names if installed(name) is None)
 
 

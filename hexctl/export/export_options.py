@@ -53,7 +53,7 @@ class PictureOptions:
 
     @property
     def given(self) -> dict[str, Any]:
-        """Options of pictures that were given, by field."""
+        """Given options of pictures, by field."""
         values = {field.name: getattr(self, field.name) for field in fields(PictureOptions)}
         return {name: value for name, value in values.items() if value not in (None, ())}
 

@@ -31,7 +31,7 @@ class Trials(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Recordings:
-    """Recordings that are read lazily: those of a session need not fit in memory.
+    """Recordings, read lazily: those of a session need not fit in memory.
 
     Iteration skips unreadable files of sessions (`of_sessions`), and reports each once to `on_damage`.
     `robot` is for recordings that lack theirs.
@@ -60,7 +60,7 @@ class Recordings:
             raise InputError(f"export: none of {count} recordings can be read; allowed: one or more that can")
 
     def _trial(self, path: Path) -> RecordedTrial | None:
-        """None for a lost recording of a session. A file that was readable once must stay so."""
+        """None for a lost recording of a session. A file read successfully before must stay readable."""
         if self._readable.get(path) is False:
             return None
         try:

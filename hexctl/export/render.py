@@ -59,7 +59,7 @@ def open_context(width_px: int, height_px: int) -> Any:
         try:
             context = import_module(f"mujoco.{name}").GLContext(width_px, height_px)
             context.make_current()
-        except Exception as error:  # noqa: BLE001  libraries that are missing or broken raise anything
+        except Exception as error:  # noqa: BLE001  missing or broken libraries raise anything
             reasons.append(f"{name}: {' '.join(str(error).split())[:80]}")
         else:
             return context

@@ -43,7 +43,7 @@ class LegOdometer:
 
     @property
     def lost_legs(self) -> tuple[int, ...]:
-        """Legs 1..6 that carry nothing: those that are known, and the one that was detected."""
+        """Legs 1..6 without load: the known ones and the detected one."""
         return tuple(sorted({*self.told, *self._watch.lost_legs}))
 
     def update(

@@ -129,7 +129,7 @@ def _fit(
 ) -> tuple[FloatArray, FloatArray]:
     """Motions (N, 3) that map feet (N, 6) back to their positions before, and the residuals, (N,).
 
-    Cauchy weights: a foot that is off by `slipping_m` has half of its own.
+    Cauchy weights: a foot with a residual of `slipping_m` counts half.
     """
     weights = standing_weights
     for _ in range(ROUNDS):

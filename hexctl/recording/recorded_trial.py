@@ -60,7 +60,7 @@ class RecordedTrial(ArrayFields):
 
     Attributes:
         properties: plan and result, named as by `hexctl run --json`; only the `title` for a drive and for a
-            trial that was cut off.
+            truncated trial.
         stamps_ns: time of each tick since 1970, (T,); their start is exact to half a second.
         time_s: time since the first tick, (T,).
         walk_s: time since the walk began, (T,); 0 before it.
@@ -127,7 +127,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     Args:
         robot: None takes it from the recording.
 
-    Raises InputError for a file that is missing, damaged or no recording of a trial, or that lacks its robot;
+    Raises InputError for a missing or damaged file, one without a trial, or one without its robot;
     MissingExtraError without Rerun.
     """
     path = Path(path)
@@ -280,7 +280,7 @@ class _Ticks:
         return Samples(self.rows(times_ns), values)
 
     def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
-        """Index of the state at each tick, from states that are recorded when they change, (T,)."""
+        """Index of the state at each tick, from states recorded on change, (T,)."""
         indices = np.array([names.index(state) if state in names else 0 for state in states], dtype=np.int64)
         return self.last(times_ns, indices, 0)
 

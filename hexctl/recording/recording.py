@@ -100,7 +100,7 @@ class Recording:
         self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))
         send_scene(self._stream, robot, plan, floor, meshes or {}, servos=servos)
         self._send_summary(None, {})
-        flush(self._stream, path)  # a file that is cut off has its robot and scene all the same
+        flush(self._stream, path)  # a truncated file has its robot and scene all the same
 
     def __enter__(self) -> Self:
         return self
@@ -187,6 +187,6 @@ class Recording:
         self._due = due
 
     def _beginning_s(self, log: TickLog, stop: int) -> float:
-        """A simulation's first block spans more of its own time than has passed."""
+        """A simulation's first block spans more simulated time than real time."""
         times_s = log.rows("time_s", 0, stop)
         return max(self._created_at_s, time.time() - float(times_s[-1] - times_s[0]))

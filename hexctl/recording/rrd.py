@@ -122,7 +122,7 @@ def flush(stream: Any, path: Path) -> None:
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a recording that is being written; raises RecordingError if it was deleted."""
+    """Bytes of a recording during writing; raises RecordingError if it was deleted."""
     try:
         return path.stat().st_size
     except OSError as error:
@@ -146,7 +146,7 @@ def free_streams() -> None:
         _bounded(rr.bindings.flush_and_cleanup_orphaned_recordings, FULL_TIMEOUT_S)
 
 
-#: Calls into Rerun that have not returned.
+#: Unreturned calls into Rerun.
 _abandoned: list[Thread] = []
 
 
@@ -242,7 +242,7 @@ def check_whole(path: Path) -> None:
 
 
 def check_there(path: Path) -> None:
-    """Raise InputError for a recording that is missing, or not a file."""
+    """Raise InputError if a recording is missing or not a file."""
     if not path.is_file():
         what = "no file" if path.exists() else "not there"
         raise InputError(f"recording: {path} is {what}; allowed: a recording that hexctl run made")

@@ -38,7 +38,7 @@ MOST_RATIO = 256
 def read_chunks(path: Path) -> Iterator[Any]:
     """Chunks of a file as Arrow record batches, including its layout; a truncated last message is skipped.
 
-    Raises InputError for a file that is missing, damaged, or of another version of Rerun, and
+    Raises InputError for a missing or damaged file, or of another version of Rerun, and
     MissingExtraError without Rerun.
     """
     for _, batch in _read(path):
@@ -58,7 +58,7 @@ def rerun_chunks(path: Path) -> Iterator[Any]:
 
 
 def check_recording(path: Path) -> None:
-    """Raise InputError for a file that is missing, or does not begin as a recording."""
+    """Raise InputError if a file is missing or does not begin like a recording."""
     check_there(path)
     try:
         with path.open("rb") as file:
@@ -122,7 +122,7 @@ def _damaged(path: Path, error: Exception) -> InputError:
 
 
 def _chunk_messages(file: BinaryIO, path: Path) -> Iterator[bytes]:
-    """Messages with chunks up to the end of a file, or to one that is cut off."""
+    """Messages with chunks up to the end of a file or a truncated message."""
     size = os.fstat(file.fileno()).st_size
     at = file.seek(HEAD_BYTES)
     while len(head := file.read(MESSAGE_HEAD.size)) == MESSAGE_HEAD.size:

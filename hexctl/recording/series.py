@@ -1,4 +1,4 @@
-"""The series of a recording: numbers that are stored, plotted and read back, each declared once."""
+"""The series of a recording: stored, plotted and read back, each declared once."""
 
 from typing import NamedTuple
 

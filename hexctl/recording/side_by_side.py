@@ -1,4 +1,4 @@
-"""Recordings that are opened together: a common scene of all walks, and a copy of each recording."""
+"""Open recordings together: a common scene of all walks, and a copy of each recording."""
 
 import math
 import uuid

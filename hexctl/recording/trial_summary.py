@@ -42,7 +42,7 @@ def make_properties(
     stability: float | None,
     facts: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Title, plan, result and facts as named plain values, without those that are None."""
+    """Title, plan, result and facts as named plain values, without None."""
     gait = plan.gait
     values = {
         "title": title,

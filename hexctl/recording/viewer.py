@@ -99,7 +99,7 @@ def _why(messages: str, paths: Sequence[Path]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WebViewer:
-    """A viewer that is being served; `url` is for a browser."""
+    """A served viewer; `url` is for a browser."""
 
     url: str
     process: "subprocess.Popen[bytes]"

@@ -38,7 +38,7 @@ class Failure:
         angle_rad: of a stuck joint.
         torque_fraction: remaining share of the torque of a weak leg, 0..1.
 
-    Raises InputError for a value that is not allowed.
+    Raises InputError for an invalid value.
     """
 
     leg: int

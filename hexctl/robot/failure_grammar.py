@@ -46,7 +46,7 @@ AskedLegs = int | str | Sequence[int] | None
 
 
 class ReadFailures(NamedTuple):
-    """Failures that were asked for: before the walk, by leg, and events during it, in the order given."""
+    """Requested failures: before the walk, by leg, and events during it, in the order given."""
 
     failures: tuple[Failure, ...]
     events: tuple[FailureEvent, ...]

@@ -253,7 +253,7 @@ def changed_fields(part: Any) -> list[tuple[str, Any]]:
 
 
 def _text(value: Any) -> str:
-    """The `repr` of a value; of a dataclass without the fields that are at their defaults."""
+    """The `repr` of a value, without the default fields of a dataclass."""
     if not is_dataclass(value):
         return repr(value)
     content = ", ".join(f"{name}={part!r}" for name, part in changed_fields(value))

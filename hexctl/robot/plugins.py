@@ -25,7 +25,7 @@ def load_named(name: str, part: str) -> Any:
     """The object that `package.module:name` names; `part` is its argument of `hexctl.Adaptation`.
 
     Raises the errors of the import, AttributeError for a missing attribute, ImportError for an attribute of a
-    script that is not running, which is how a session stores objects of the script itself.
+    script other than the running one. A session stores objects of the running script this way.
     """
     module_name, _, attribute = name.partition(":")
     module = module_here(module_name)

@@ -1,4 +1,4 @@
-"""Schema of robot files. Lengths are in metres and angles in degrees, as the keys say.
+"""Schema of robot files. Lengths are in metres and angles in degrees, as the keys' suffixes.
 
 `Body`, `ServoModel` and `GaitDefaults` are sections of the file and parts of the `Robot`.
 """
@@ -98,7 +98,7 @@ PartT = TypeVar("PartT")
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
 def file_part(key: str) -> Callable[[type[PartT]], type[PartT]]:
-    """Frozen dataclass that is a section of the file and a part of the model; a call raises InputError."""
+    """Frozen dataclass for a section of the file and a part of the model; a call raises InputError."""
 
     def decorate(kind: type[PartT]) -> type[PartT]:
         made: Any = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))(kind)
@@ -150,7 +150,7 @@ class Body:
         inertia_kg_m2: moments of inertia about axes through the centre of mass, parallel to the body frame;
             None for those of the evenly filled shape.
 
-    Raises InputError for a value that is not allowed.
+    Raises InputError for an invalid value.
     """
 
     # A factory, because a fingerprint has every shape, and leaves out defaults.
@@ -430,7 +430,7 @@ class MeshesSection(Section):
 
 
 def _check_key(schema: type, path: str) -> None:
-    """Refuse a path such as `links.tibia.end_m` that is no key of a schema."""
+    """Refuse a path such as `links.tibia.end_m` if it is no key of a schema."""
     place: type | None = schema
     for name in path.split("."):
         fields = keys_of(place) or {}

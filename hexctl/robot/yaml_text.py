@@ -29,7 +29,7 @@ def yaml_content(text: str) -> Any:
 
 @lru_cache(maxsize=16)
 def _parsed(text: str) -> Any:
-    """What a text says, parsed once: a robot file is read for the robot, for its meshes and to name it."""
+    """Parsed content of a text, cached: a robot file is read for the robot, its meshes and its name."""
     return yaml.load(text, Loader=_Loader)  # noqa: S506  a SafeLoader
 
 

@@ -118,7 +118,7 @@ class Run:
         """Connect the robot, then create the recording.
 
         Raises RobotFaultError for a robot that cannot be reached, InputError for a recording that cannot be
-        created and for the healing of an intact leg, MissingExtraError for an extra that is not installed.
+        created and for the healing of an intact leg, MissingExtraError for a missing extra.
         """
         check_healings(self.spec.events, self._world_events, [one.leg for one in self.broken])
         options = BackendOptions.of(
@@ -190,7 +190,7 @@ class Run:
         stop_requested: StopRequested = never,
         should_stop: ShouldStop | None = None,
     ) -> RunResult:
-        """Walk as the spec says; arguments as in `run`. A stop before the first command leaves no recording.
+        """Walk as specified; arguments as in `run`. A stop before the first command leaves no recording.
 
         Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is
         part of the result.

@@ -71,7 +71,7 @@ class CommandHandler:
         self._transit = TransitDelay()
 
     def admits(self, attachment: bytes | None, lease: Lease | None) -> bool:
-        """Whether a command that has just arrived has the current lease; others are counted. Thread-safe."""
+        """Whether a new command has the current lease; others are counted. Thread-safe."""
         carried = CommandTag.lease_in(attachment)
         if carried is not None and lease is not None and carried == (lease.lease_id, lease.sequence):
             return True

@@ -73,7 +73,7 @@ class EventLog:
         doubt: str | None = None,
         standstill: Standstill | None = None,
     ) -> None:
-        """Report what differs from the last call, and a fault that is over while its stop is latched.
+        """Report changes since the last call, and the end of a fault while its stop is latched.
 
         `ros` and `doubt` are lines on the ROS router and on an implausible position. A standstill of this
         program is reported before its consequences.

@@ -2,7 +2,7 @@
 
 Most servos hold their last goal without a program. The keeper waits on a pipe for the ticks of the server.
 When the pipe closes, or no tick comes for a second, it kills the server, opens the port, and lets the robot
-sit down softly or hold, as its robot file says.
+sit down softly or hold, as set in its robot file.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ from hexctl.types import JOINT_NAMES, FloatArray, JointTargets, RobotState
 #: Backends that it can reach after the server: they know whether their servos hold.
 KEPT_BACKENDS = (*BUS_DRIVERS, "pca9685")
 
-#: A server that is silent for this long hangs.
+#: A server without a tick for this long hangs.
 SILENT_S = 1.0
 
 #: Byte of a tick, and the byte with which the server dismisses the keeper.

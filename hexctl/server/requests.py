@@ -26,14 +26,14 @@ from hexctl.wire.stop import (
     new_clear_key,
 )
 
-#: Longest text of a failure that is read.
+#: Maximum length of a failure's text.
 MAX_FAILURE_TEXT = 60
 
 #: Most legs of a simulation that may change in a second: each change takes part of a control period.
 MOST_CHANGES = 10
 CHANGES_S = 1.0
 
-#: Longest name of a stop request, and longest stop id, that is read.
+#: Maximum length of the name of a stop request and of a stop id.
 MAX_NAME = 64
 
 

@@ -35,7 +35,7 @@ OF_ROS = ("ros_domain", "ros_namespace", "ros_drive", "ros_humble")
 class ServedOptions(RobotOptions):
     """Options that choose the served servos.
 
-    Raises InputError for a value that is not allowed, and for a simulation's option with other servos.
+    Raises InputError for an invalid value, and for a simulation's option with other servos.
     """
 
     PANEL: ClassVar = "Robot"
@@ -59,7 +59,7 @@ class ServedOptions(RobotOptions):
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Failures of the simulation, by leg; raises InputError for a value that is not allowed."""
+        """Failures of the simulation, by leg; raises InputError for an invalid value."""
         instead = "one from the start, such as 5:limp; hexctl sim fail lets a leg fail later"
         return read_failures_before(self.failure, self.failed_leg, instead)
 
@@ -101,7 +101,7 @@ class ServedOptions(RobotOptions):
 class ServeOptions(ServedOptions):
     """Options of `hexctl serve`.
 
-    Raises InputError for a value that is not allowed.
+    Raises InputError for an invalid value.
     """
 
     listen: Annotated[str | None, CONNECTION] = None

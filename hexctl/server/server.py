@@ -109,7 +109,7 @@ class RobotServer:
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until `until` returns True; `ready` is called once clients can connect.
 
-        Raises InputError for a link that is not allowed, RobotFaultError when the servos cannot be reached or
+        Raises InputError for an invalid link, RobotFaultError when the servos cannot be reached or
         fail, or when the address cannot be used.
         """
         try:
@@ -403,5 +403,5 @@ def _is_reached(state: RobotState) -> bool:
 
 
 def _number(value: float | None) -> float | None:
-    """None for values that are not finite, which JSON lacks."""
+    """None for non-finite values, which JSON lacks."""
     return None if value is None or not math.isfinite(value) else round(value, 3)

@@ -83,7 +83,7 @@ class RobotService(ServeOptions):
     ) -> None:
         """Serve until `stop_requested` returns True; arguments as in `serve`.
 
-        Raises InputError for a robot, world or link that is not allowed, RobotFaultError when the servos
+        Raises InputError for an invalid robot, world or link, RobotFaultError when the servos
         cannot be reached or fail, or the endpoint cannot be used.
         """
         _raise_descriptor_limit()
@@ -203,7 +203,7 @@ def _ticks_of(keeper: "Keeper | None") -> Callable[[], str | None]:
 
 
 def _raise_descriptor_limit() -> None:
-    """Connections that were given up hold descriptors for a while."""
+    """Abandoned connections hold descriptors for a while."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = MOST_DESCRIPTORS if most == resource.RLIM_INFINITY else min(most, MOST_DESCRIPTORS)
     resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))

@@ -75,7 +75,7 @@ class DueFaults:
         self._to_come = sorted((*self._to_come, fault), key=lambda each: each.at_s)
 
     def begun(self, now_s: float) -> list[BoardFault]:
-        """Faults that have become due since the last call."""
+        """Faults due since the last call."""
         due = [fault for fault in self._to_come if fault.at_s <= now_s]
         self._to_come = self._to_come[len(due) :]
         return due

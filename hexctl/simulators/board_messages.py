@@ -30,7 +30,7 @@ LONGEST_TEXT = 50
 #: Name and value of the one parameter: a list without any has no answer in the protocol.
 PARAMETER, VALUE = b"CHANNELS", float(N_JOINTS)
 
-#: An index that says that a parameter is asked for by its name, or is none of the list.
+#: Index of a parameter requested by name, or missing from the list.
 BY_NAME = -1
 
 

@@ -24,7 +24,7 @@ OF_BUS = ("model", "baud", "fault", "link")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardOptions(ServedOptions):
-    """Options of `hexctl sim board`; raises InputError for a value that is not allowed."""
+    """Options of `hexctl sim board`; raises InputError for an invalid value."""
 
     PANEL: ClassVar = "Servo bus"
 

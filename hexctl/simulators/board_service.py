@@ -40,7 +40,7 @@ class BoardService(BoardOptions):
     ) -> dict[str, Any]:
         """Run until `stop_requested` returns True; the result is its counts, as JSON values.
 
-        Raises InputError for a port, robot, world, model or fault that is not allowed, RobotFaultError when
+        Raises InputError for an invalid port, robot, world, model or fault, RobotFaultError when
         the port cannot be opened or fails.
         """
         options = self.backend_options()

@@ -28,18 +28,18 @@ BUS_FAULTS = {
     "echo": "",
 }
 
-#: Share of their usual voltage that is left to servos in a brown-out, at the most.
+#: Maximum share of the usual voltage during a brown-out.
 BROWN_OUT_SHARE = 0.6
 
 
 class BusFaults:
-    """Faults that have begun; `mute` servos neither answer nor obey, (18,).
+    """Active faults; `mute` servos neither answer nor obey, (18,).
 
     `temperatures` in degrees Celsius and shares of damaged answers (`cables`) are by joint; `noise` is the
-    share of control periods in which bytes come that nobody sent.
+    share of control periods with random bytes.
     """
 
-    #: A servo that is hotter complains.
+    #: Temperature from which a servo reports an error.
     HOT_C = 70.0
 
     #: Highest voltage in a brown-out, in which servos hold nothing.

@@ -16,7 +16,7 @@ from hexctl.types import BoolArray, FloatArray
 USUAL_V, USUAL_C = 12.0, 35.0
 
 
-#: Counts of a bus: instructions that were understood, answers, packets with goals and garbage.
+#: Counts of a bus: understood instructions, answers, packets with goals and garbage.
 BUS_COUNTS = ("packets", "answers", "goals", "garbage")
 
 
@@ -75,7 +75,7 @@ class SimulatedServos(ABC):
 
     @abstractmethod
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
-        """Do what an instruction says at a time; the answers to it."""
+        """Execute an instruction at a time; return the answers."""
 
     def answer_together(self, servo_id: int, instruction: int) -> bool:
         """Whether several servos that an instruction asks answer at once, not in turn."""

@@ -14,7 +14,7 @@ from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.simulators.simulated_board import SimulatedBoard, SocketLine
 from hexctl.types import BoolArray, FloatArray, RobotState
 
-#: Speed of the bus in bits per second, unless told otherwise.
+#: Default speed of the bus in bits per second.
 BITS_PER_S = 400_000
 
 #: Bits on the wire of a byte, with its acknowledge.
@@ -65,7 +65,7 @@ class Pca9685Board(SimulatedBoard):
             while (taken := take_transaction(whole))[0] is not None:
                 messages, size = taken
                 whole = whole[size:]
-                with contextlib.suppress(OSError):  # a client that has gone misses its answer
+                with contextlib.suppress(OSError):  # a disconnected client misses its answer
                     client.sendall(self._answer(messages or []))
             self._data[client] = whole
         self._data = {client: data for client, data in self._data.items() if client.fileno() >= 0}

@@ -72,7 +72,7 @@ class SimulatedPca9685:
         return bytes(data)
 
     def pulses_us(self) -> FloatArray:
-        """Output pulses, (16,) in us; 0 for channels that are off, NaN for those always on."""
+        """Output pulses, (16,) in us; 0 for channels switched off, NaN for those always on."""
         pulses = np.zeros(PCA9685_CHANNELS)
         if self.registers[MODE1] & (SLEEP | RESTART):
             return pulses
@@ -119,7 +119,7 @@ class SimulatedI2c:
         self.chips = dict(chips)
 
     def transfer(self, messages: Sequence[I2cMessage]) -> bytes:
-        """Bytes that are read; raises OSError for an address without a chip."""
+        """Read bytes; raises OSError for an address without a chip."""
         answer = b""
         for message in messages:
             if message.address == GENERAL_CALL and message.data == SOFTWARE_RESET:

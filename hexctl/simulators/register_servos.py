@@ -26,14 +26,14 @@ from hexctl.types import FloatArray
 #: Bytes of a servo's memory.
 MEMORY = 256
 
-#: Highest time of a watchdog, in 20 ms, and what it says once it has expired (-1).
+#: Maximum time of a watchdog in units of 20 ms, and its value after expiry (-1).
 MOST_WATCHDOG, EXPIRED = 127, 255
 
 #: Codes of protocol 2 with which a write is refused, highest id, and operating modes of X servos and XL-320.
 RANGE, LIMIT, ACCESS = 4, 6, 7
 MOST_ID, _MODES = 252, (0, 1, 2, 3, 4, 5, 16)
 
-#: Marks a write that is dropped without a word.
+#: Marks a silently dropped write.
 _SILENTLY = 1 << 8
 
 #: Firmware, by the number of its registers, and limits of the supply in V, of servos without a fault.

@@ -32,7 +32,7 @@ FIRMWARES = ("stock", "fork")
 #: The supply, in V, and what a servo draws that gives all its torque, in A.
 SUPPLY_V, STALL_A = 7.4, 2.0
 
-#: Where the original firmware turns servos that were told no pulse.
+#: Pulse of servos without a command in the original firmware.
 MIDDLE_US = 1500.0
 
 #: A byte of a frame that comes later than this is none; the firmware waits 0.1 ms, but for a USB frame.
@@ -135,7 +135,7 @@ class Servo2040Board(SimulatedBoard):
         elif not self._fork or (self._staged and not self._status):
             self.relay = True
             self.pulses_us[self.pulses_us == 0] = MIDDLE_US
-            self.enabled[:] = True  # also those that were told 0
+            self.enabled[:] = True  # also those with pulse 0
 
     def _get(self, start: int, count: int) -> None:
         """Reply; the original sends nothing for the relay and the outputs behind it."""

@@ -97,7 +97,7 @@ def _released_and_driven(raw: list[int]) -> tuple[BoolArray, BoolArray]:
 #: Most peers that the board answers at one time.
 MOST_PEERS = 8
 
-#: A peer that was silent for this long is dropped.
+#: A peer is dropped after this silence.
 FORGET_AFTER_S = 5.0
 
 #: The commander loses the board to the next peer that commands after this silence; heartbeats come at 1 Hz.
@@ -162,7 +162,7 @@ class Peers:
             known.heard_at_s = at_s
             return known, False
         if len(self._known) >= MOST_PEERS:
-            # The peer that was silent longest is dropped: a flood of senders must not lock out a commander.
+            # Drop the peer with the longest silence: a flood of senders must not lock out a commander.
             others = [peer for peer in self._known.values() if peer is not commander]
             self._drop(min(others, key=lambda peer: peer.heard_at_s))
             self.crowded_out += 1
@@ -198,7 +198,7 @@ RELEASE_AFTER_S = 10.0
 BEAT_TICKS = 50
 EULER_TICKS = 5
 
-#: Shortest time between two refusals that are sent to one peer.
+#: Minimum time between two refusals to one peer.
 REFUSAL_PERIOD_S = 1.0
 
 CRITICAL_SEVERITY, WARNING_SEVERITY = 2, 4

@@ -20,6 +20,6 @@ def records(rows: "DataFrame") -> list[dict[str, Any]]:
 
 
 def json_value(value: Any) -> Any:
-    """Return a value of a frame for JSON: null for a number that is unknown or infinite."""
+    """Return a value of a frame for JSON: null for an unknown or infinite number."""
     value = value.item() if hasattr(value, "item") else value
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -123,7 +123,7 @@ class Experiment(Plan, Generic[FoundT]):
 
     @abstractmethod
     def sections(self, found: FoundT, pictures: Mapping[str, Picture], /) -> Iterator[Section]:
-        """Return the parts of the report, with the figures that were drawn."""
+        """Return the parts of the report, with the drawn figures."""
 
     def drawings(self, found: FoundT, /) -> Sequence[Drawing]:
         """Return the figures of the report."""

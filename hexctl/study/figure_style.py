@@ -56,7 +56,7 @@ def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[
 
 
 def label_axes(panels: "list[Axes]", used: int, across: str, up: str) -> None:
-    """Name the axes of the outer panels that are used and hide the others."""
+    """Label the axes of the outer panels in use and hide the others."""
     columns = panels[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
     for number, panel in enumerate(panels):
         panel.set_visible(number < used)

@@ -120,7 +120,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             yield one | {"world": world, "duration_s": self.duration_s}
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         super().check()
         check_legs(self.legs)
         most = min(int(WORLDS.high), MAX_MEMBERS - self.first_world)
@@ -136,7 +136,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     @staticmethod
     @abstractmethod
     def columns(rows: "DataFrame") -> "DataFrame":
-        """Return the walks with columns that are derived from others."""
+        """Return the walks with derived columns."""
 
     @staticmethod
     @abstractmethod
@@ -153,7 +153,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         """Return the bars that the walks have to reach."""
 
     def statistics(self, rows: "DataFrame") -> list[Record]:
-        """Return the statistics of each group of walks, for each of the values that are compared."""
+        """Return the statistics of each group of walks, for each compared value."""
         return [
             {"division": division, "group": name, self.BY: value} | self.summary(some[some[self.BY] == value])
             for division, name, some in self.divisions(rows)

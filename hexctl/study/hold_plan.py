@@ -86,7 +86,7 @@ def statistics(rows: "DataFrame") -> Record:
 
 
 def _over_open(rows: "DataFrame") -> tuple[float, float]:
-    """Progress relative to open loop, of walks that have both, and its standard error over worlds."""
+    """Progress relative to open loop, of walks with both, and its standard error over worlds."""
     known = rows.assign(progress_m=rows["speed"] * rows["ideal_distance_m"])
     known = known[known["progress_m"].notna() & known["open_m"].notna()]
     progress_m, open_m = known["progress_m"].to_numpy(), known["open_m"].to_numpy()
@@ -160,7 +160,7 @@ class HoldPlan(HeldOutExperiment):
         return [(HoldPlace(self_rotation=self.self_rotation, **one), cases) for one in self.members()]
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         super().check()
         for failure in self.failures:
             parse_kind(self.legs[0], failure)
@@ -196,7 +196,7 @@ class HoldPlan(HeldOutExperiment):
         yield from groups(floor, columns | {"floor": "floor"})
 
     def bars(self, rows: "DataFrame") -> list[Bar]:
-        """Return the bars that walks have to reach; none is judged on walks that are too short."""
+        """Return the bars for the walks; walks shorter than the minimum are not judged."""
         line, heading = (where(rows, hold=hold) for hold in ("line", "heading"))
         bars: list[Bar] = []
         if len(line):

@@ -127,7 +127,7 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
         return case.hold
 
     def trial(self, case: HoldCase) -> SimTrial:
-        """Return the trial of a case, with the gait that has the largest stability margin."""
+        """Return the trial of a case, with the gait of the largest stability margin."""
         gait = self.robot.gait
         plan = TrialPlan(
             gait=Gait(

@@ -245,7 +245,7 @@ class Landscape(ArrayFields):
 
     @property
     def left_share(self) -> float:
-        """Share of gaits that end on the left, of those that have an end; NaN if none has."""
+        """Share of gaits that end on the left, among those with an end; NaN without any."""
         left, right = self.ends
         return left / (left + right) if left + right else math.nan
 

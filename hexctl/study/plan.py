@@ -1,4 +1,4 @@
-"""Plans of simulations: settings that are checked, and the walks that they ask for."""
+"""Plans of simulations: checked settings and the walks they require."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,7 +36,7 @@ class Plan(ABC):
         """Return the cases to walk, place by place."""
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         check_lists(self)
 
 
@@ -56,7 +56,7 @@ class LandscapePlan(Plan):
 
 
 def check_lists(plan: Any) -> None:
-    """Raise InputError for a tuple or mapping that is empty, or repeats a value, or has a wrong one."""
+    """Raise InputError for a tuple or mapping without values, or with repeated or wrong ones."""
     for name, hint in get_type_hints(type(plan), include_extras=True).items():
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         if get_origin(kind) not in (tuple, dict):
@@ -96,7 +96,7 @@ def check_walkable(title: str, trial: SimTrial) -> None:
 
 
 def check_legs(legs: Sequence[int]) -> None:
-    """Raise InputError for legs that there are not."""
+    """Raise InputError for legs other than 1..6."""
     known = set(legs) <= set(range(1, N_LEGS + 1))
     check_setting("legs", ",".join(map(str, legs)), known, f"one or more of 1..{N_LEGS}, each once")
 
@@ -108,7 +108,7 @@ def check_walks(specs: Iterable[LandscapeSpec]) -> None:
 
 
 def _items(plan: Any) -> Iterable[tuple[str, type, Iterable[object]]]:
-    """Name, item type and items of each field that is a tuple or mapping."""
+    """Name, item type and items of each tuple or mapping field."""
     hints = get_type_hints(type(plan))
     for field in fields(plan):
         kind, value = hints[field.name], getattr(plan, field.name)
@@ -121,7 +121,7 @@ def _items(plan: Any) -> Iterable[tuple[str, type, Iterable[object]]]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlannedWork(Generic[ResultT]):
-    """Simulations that are planned and not yet begun.
+    """Planned simulations, not yet begun.
 
     Attributes:
         plan: a `Plan`, such as a `StudyPlan` or a `PriorPlan`.

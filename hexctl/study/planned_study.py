@@ -111,7 +111,7 @@ def _held_out(
 
 
 def _values(options: StudyOptions, plan: Any) -> dict[str, Any]:
-    """Options that a plan has by the same name, without those that are None."""
+    """Options that a plan has by the same name, without None."""
     names = {field.name for field in fields(plan)} - {"robot", "world", "prior"}
     values = {field.name: getattr(options, field.name) for field in fields(options) if field.name in names}
     return {

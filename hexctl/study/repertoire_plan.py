@@ -62,7 +62,7 @@ class RepertoirePlan(Plan):
 
     Attributes:
         failures: of single legs, as `parse_kind` reads them.
-        codes: number of next codes by static margin that are candidates. As many are drawn at random, as a
+        codes: number of candidate codes, next by static margin. As many are drawn at random, as a
             check of that ranking.
     """
 
@@ -92,7 +92,7 @@ class RepertoirePlan(Plan):
 
     @cached_property
     def situations(self) -> tuple[tuple[tuple[Failure, ...], float], ...]:
-        """Failures and directions of travel that are walked, of several that are alike one."""
+        """Failures and directions of travel to walk, one of each group of equivalent ones."""
         legs = range(1, N_LEGS + 1)
         single = [(parse_kind(leg, text),) for text in self.failures for leg in legs]
         pairs = [
@@ -179,7 +179,7 @@ class RepertoirePlan(Plan):
         return True
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         check_families(self.families, "family")
         for text in (*self.failures, *self.pair_failures):
             parse_coming_kind(1, text)

@@ -64,7 +64,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Fold:
-    """A table that is hidden until its title is opened."""
+    """A table hidden until its title is opened."""
 
     title: str
     table: Table
@@ -124,6 +124,6 @@ def texts(name: str) -> Any:
 
 
 def reading(name: str, *more: Block, **values: object) -> Section:
-    """Return the part of a report that says how to read it; `values` fill its texts."""
+    """Return the part of a report on how to read it; `values` fill its texts."""
     bullets = [text.format(**values) for text in texts("reading")[name]]
     return Section("How to read this", [Bullets(bullets), *more])

@@ -79,7 +79,7 @@ class ComputeOptions:
 class StudyOptions(ComputeOptions):
     """Options of `hexctl study`.
 
-    Raises InputError for a value that is not allowed, and for an option of another kind of study.
+    Raises InputError for an invalid value, and for an option of another kind of study.
     """
 
     PANEL: ClassVar = "Kind of study"

@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def code_versions() -> dict[str, str]:
     """Versions of the packages that a landscape depends on, and a digest of the source that simulates it.
 
-    Read once per process: files are assumed to be those that were imported.
+    Read once per process: files are assumed to be the imported ones.
     """
     installed = {package: _version(package) for package in _PACKAGES}
     return {**installed, "landscape": str(LANDSCAPE_VERSION), "source": source_digest()}

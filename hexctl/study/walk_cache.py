@@ -37,7 +37,7 @@ class Walk(Protocol):
 
     @property
     def case(self) -> Any:
-        """Case that was walked."""
+        """Walked case."""
 
     @property
     def possible(self) -> bool:
@@ -87,7 +87,7 @@ class Place(ABC, Generic[CaseT, WalkT]):
         return [self.WALK.of(*one) for one in zip(cases, trials, results, strict=True)]
 
     def chunks(self, cases: Sequence[CaseT]) -> Iterator[tuple[CaseT, ...]]:
-        """Divide cases into those that are simulated together."""
+        """Divide cases into groups simulated together."""
         groups: dict[Hashable, list[CaseT]] = {}
         for case in cases:
             groups.setdefault(self.chunk_of(case), []).append(case)
@@ -106,7 +106,7 @@ class Place(ABC, Generic[CaseT, WalkT]):
         return f"{len(walks)} walks"
 
     def identity(self) -> dict[str, Any]:
-        """Plain JSON values that are equal if all walks are: settings and versions of the code."""
+        """Plain JSON values that are equal only for equal walks: settings and versions of the code."""
         return {
             "robot": self.robot.fingerprint,
             "world": self.world.model_dump(mode="json"),
@@ -141,7 +141,7 @@ class WalkCache:
     """Walks in a folder, one compressed file for each place.
 
     Attributes:
-        notes: one line for each file that is not usable; its walks are simulated again.
+        notes: one line for each unusable file; its walks are simulated again.
     """
 
     def __init__(self, folder: Path = FOLDER) -> None:
@@ -190,7 +190,7 @@ class WalkCache:
             raise CacheError(f"study cache: {path} cannot be written: {error}") from error
 
     def count(self, walked: Walked) -> tuple[int, int]:
-        """Return the number of walks that are saved, and of all walks."""
+        """Return the number of saved walks, and of all walks."""
         saved = total = 0
         for place, cases in distinct(walked):
             saved += len(self.load(place).keys() & set(cases))

@@ -63,7 +63,7 @@ def check_jobs(jobs: int | None) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Chunk:
-    """Cases that are simulated together; picklable, and its walks depend on nothing else."""
+    """Cases simulated together; picklable, and its walks depend on nothing else."""
 
     place: Place[Any, Any]
     cases: tuple[Any, ...]
@@ -168,7 +168,7 @@ def as_finished(walks: Sequence[Callable[[int], Done]], jobs: int | None) -> Ite
 
 
 def simulating() -> bool:
-    """Whether walks that were dropped still run: the interpreter would wait for them when it ends."""
+    """Whether dropped walks still run: the interpreter would wait for them at its end."""
     return any(thread.name.startswith(THREADS) for thread in enumerate_threads())
 
 
@@ -204,7 +204,7 @@ def _client(address: str) -> Any:
     except ModuleNotFoundError as error:
         raise MissingExtraError(argument("dask"), "study") from error
     try:
-        # Before a client starts threads, which it may give up on a busy computer, with an error of its own.
+        # Before a client starts threads, which it may give up on a busy computer, with another error.
         socket.create_connection(get_address_host_port(address, strict=True), CONNECT_S).close()
         return Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -19,7 +19,7 @@ RECORDING, WALK = Panel("Recording"), Panel("Walk")
 class DriveOptions(RobotOptions):
     """Input devices of a drive, and its walk. Its fields are the options of `hexctl drive`.
 
-    Raises InputError for a value that is not allowed.
+    Raises InputError for an invalid value.
     """
 
     PANEL: ClassVar = "Driving"

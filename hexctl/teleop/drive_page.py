@@ -77,7 +77,7 @@ POLICY = (
 
 
 def new_token() -> str:
-    """A random token: 60 bits in letters that are easy to type."""
+    """A random token: 60 bits in easily typed letters."""
     return "".join(secrets.choice("abcdefghjkmnpqrstuvwxyz23456789") for _ in range(12))
 
 
@@ -85,7 +85,7 @@ class DrivePage:
     """Serves the page from its own thread; a context manager.
 
     One client drives at a time: the first that touches the stick, until it releases it or falls silent. Any
-    may stop the robot. A stick that is held during a clear of a stop is ignored until it is released.
+    may stop the robot. A stick held during a clear of a stop is ignored until it is released.
 
     Beyond loopback, credentials for TLS and a token are required; None makes a token. Raises InputError for
     an address beyond loopback without credentials.
@@ -132,7 +132,7 @@ class DrivePage:
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
     def __enter__(self) -> Self:
-        """Start to listen; raises InputError if that is impossible."""
+        """Start to listen; raises InputError if that fails."""
         self._thread.start()
         if not self._begun.wait(START_S):
             raise RobotFaultError("page: does not start")

@@ -144,7 +144,7 @@ class DriveSession:
     def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
         """Drive until a device asks to quit; return the reason. The robot then stands.
 
-        A stop that is requested from the start commands nothing. Raises EStopError when the guard has stopped
+        A stop requested from the start commands nothing. Raises EStopError when the guard has stopped
         the robot, RobotFaultError when it or its link fails.
         """
         if self.ended is None and stop_requested():

@@ -52,7 +52,7 @@ class EventFile:
 
 
 class EventFiles:
-    """Event files that are searched once a second, and closed when their devices are unplugged."""
+    """Event files, searched once a second and closed when their devices are unplugged."""
 
     def __init__(
         self,

@@ -103,7 +103,7 @@ def _name(place: Path) -> str:
 
 
 def check_gamepad(path: Path, known: Path = SYS) -> None:
-    """Raise InputError for a file that is no gamepad or not readable; a missing one may still appear."""
+    """Raise InputError for a file other than a gamepad, or unreadable; a missing one may still appear."""
     name = argument("gamepad")
     if path.is_file() or path.is_dir():
         raise InputError(f"{name}: got {path}, which is no event file; allowed: such as /dev/input/event5")

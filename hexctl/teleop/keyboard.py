@@ -77,7 +77,7 @@ class Keyboard:
     """Keys of a terminal as a source of velocities.
 
     A set speed is repeated every tick while the terminal answers. A closed terminal ends the session, and a
-    silent one has its speed revoked. A speed that was set before the robot stands up is dropped.
+    silent one has its speed revoked. A speed set before the robot stands up is dropped.
     """
 
     def __init__(

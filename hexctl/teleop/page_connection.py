@@ -59,7 +59,7 @@ class Addresses:
 
 
 class LimitedConnection(ServerConnection):
-    """A connection that is closed when its client sends too much, or its address connects too often.
+    """A connection with limits on its traffic and on the connections of its address.
 
     It is closed without a closing handshake, during which a client could continue to send.
 
@@ -108,12 +108,12 @@ class LimitedConnection(ServerConnection):
             self.transport.abort()
 
     def eof_received(self) -> None:
-        """Note the end of a connection that was begun."""
+        """Note the end of an open connection."""
         if not self._refused:
             super().eof_received()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Note the loss of a connection that was begun."""
+        """Note the loss of an open connection."""
         if not self._refused:
             super().connection_lost(exc)
 

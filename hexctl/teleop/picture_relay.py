@@ -46,7 +46,7 @@ class PictureRelay:
     Args:
         url: of a stream (MJPEG), or of a single JPEG, which is fetched repeatedly.
 
-    Raises InputError for a URL that is not `http` or `https`.
+    Raises InputError for a URL other than `http` or `https`.
     """
 
     def __init__(self, url: str) -> None:
@@ -193,7 +193,7 @@ def _checked(url: str) -> SplitResult:
         parts = urlsplit(url)
         usable = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
         usable = usable and url.isascii() and url.isprintable() and " " not in url
-    except ValueError:  # a port that is no number
+    except ValueError:  # a port without a number
         usable = False
     if not usable or parts.username is not None:
         raise InputError(

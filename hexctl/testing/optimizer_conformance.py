@@ -32,9 +32,9 @@ def slope(code: int) -> float:
 def search(
     optimizer: Optimizer, trials: int, *, batch: int = 1, landscape: Landscape = slope, told: bool = True
 ) -> list[int]:
-    """Ask for `trials` codes in batches and tell their scores; return the codes.
+    """Ask for `trials` codes in batches and report their scores; return the codes.
 
-    Ends early when the optimizer is exhausted. With `told` False the last batch is not told.
+    Ends early when the optimizer is exhausted. With `told` False the last batch is not reported.
     """
     codes: list[int] = []
     while len(codes) < trials and not optimizer.exhausted:
@@ -148,7 +148,7 @@ class OptimizerConformance:
             optimizer.tell(codes, [1.0])
 
     def test_a_wrong_tell_is_refused_and_nothing_is_taken_over(self, optimizer: Optimizer) -> None:
-        """A `tell` of other codes, or of scores that are not finite numbers, changes nothing."""
+        """A `tell` of other codes, or of non-finite scores, changes nothing."""
         search(optimizer, 13)
         codes = optimizer.ask(3)
         scores = [slope(code) for code in codes]
@@ -169,7 +169,7 @@ class OptimizerConformance:
             assert (codes, scores) == (kept_codes, kept_scores)
 
     def test_what_the_caller_does_to_its_lists_has_no_effect(self, make: Make) -> None:
-        """Lists and states that were given out may be changed by the caller without effect."""
+        """The caller may change returned lists and states without effect."""
         undisturbed, disturbed = make(ONE_FAILED, 2), make(ONE_FAILED, 2)
         for _ in range(8):
             codes = undisturbed.ask(4)
@@ -201,7 +201,7 @@ class OptimizerConformance:
                 self.check_restores(make, trials, batch, told=told or trials == 0)
 
     def check_restores(self, make: Make, trials: int, batch: int, *, told: bool) -> None:
-        """Check that a search saved after some trials, the last ones told or not, continues exactly."""
+        """Check that a search saved after some trials, the last ones reported or not, continues exactly."""
         original, restored = make(ONE_FAILED, 5), make(ONE_FAILED, 99)
         search(original, trials, batch=batch, told=told)
         search(restored, 17)

@@ -28,12 +28,12 @@ class LegServosConformance:
     tolerance_rad = 0.03
 
     def make(self) -> LegServos:
-        """Fresh servos that are not connected."""
+        """Fresh unconnected servos."""
         raise NotImplementedError("make: returns your servos, not connected")
 
     @pytest.fixture
     def fresh(self) -> Iterator[LegServos]:
-        """Servos that are not connected yet, closed at the end."""
+        """Unconnected servos, closed at the end."""
         servos = self.make()
         yield servos
         servos.close()
@@ -161,7 +161,7 @@ class LegServosConformance:
         assert Guard(servos).link_counts == servos.link_counts
 
     def test_write_returns_what_was_sent(self, servos: LegServos) -> None:
-        """`write` gives the targets that were really sent."""
+        """`write` returns the targets actually sent."""
         servos.clock.tick()
         wanted = servos.robot.stance_angles_rad + 0.01
         sent = servos.write(JointTargets(wanted, servos.clock.now_s))

@@ -137,7 +137,7 @@ def _alert(error: "ssl.SSLError") -> str:
 class RefusalWatch:
     """Reports once, on its own thread, that nothing listens at an endpoint; a context manager.
 
-    Nothing is reported if `answered` returns True. Raises InputError for an endpoint that is not allowed.
+    Nothing is reported if `answered` returns True. Raises InputError for an invalid endpoint.
     """
 
     def __init__(

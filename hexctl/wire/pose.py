@@ -25,7 +25,7 @@ _OF_POSITION, _OF_ORIENTATION = (0, 7, 14), (21, 28, 35)
 #: First covariance of an unmeasured quantity of an Imu (REP 145).
 NOT_MEASURED = -1.0
 
-#: Variance of each coordinate that is not measured, in m^2 or rad^2.
+#: Variance of each unmeasured coordinate, in m^2 or rad^2.
 UNKNOWN_VARIANCE = 1e6
 
 #: A coordinate with a greater variance counts as unmeasured: a standard deviation of 30 m, or five turns.

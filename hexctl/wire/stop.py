@@ -32,7 +32,7 @@ HOLD_S = 1.0
 #: The same without the keys of its claims.
 OTHERS_HOLD_S = 120.0
 
-#: A stop that is requested again within this time after a clear without keys holds twice as long, up to
+#: A stop requested again within this time after a clear without keys holds twice as long, up to
 #: these bounds: with claims, and without.
 REPEATED_WITHIN_S, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S = 600.0, 960.0, 60.0
 

@@ -12,7 +12,7 @@ SECRET_FILE = "stop.key"  # noqa: S105  its name
 
 SECRET_BYTES = 32
 
-#: Longest file that is read: the secret in hexadecimal digits, and white space.
+#: Maximum size of the file: the secret in hexadecimal digits, and white space.
 MOST_FILE_BYTES = 4 * SECRET_BYTES
 
 #: Signs datagrams without certificates: anyone who reaches the robot may stop it.

@@ -42,7 +42,7 @@ class SessionSpec(AdaptOptions):
         prior_digest: hash of the prior when the session began.
         baseline_gaits: named gaits that are walked before the first trial.
         sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers, None for a
-            joint that is not measured; None if the prior or the robot does not provide it.
+            an unmeasured joint; None if the prior or the robot does not provide it.
         versions: of the software that decides how trials end, by package.
     """
 

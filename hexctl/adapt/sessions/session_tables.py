@@ -83,7 +83,7 @@ def export_session(
     """Write a session's trials to a new .csv or .parquet file, without damaged ones, as in `load_session`.
 
     Raises InputError for an unknown name, another ending, a file that exists or cannot be written, or a
-    session without trials; StoreError for a session that is damaged.
+    session without trials; StoreError for a damaged session.
     """
     session, path = load_session(name, folder, on_damage=on_damage), Path(path)
     if path.suffix not in FORMATS:

@@ -265,7 +265,7 @@ def _newest_run(runs: Path, on_damage: OnDamage) -> Path | StoredSession:
     path = newest_recording(runs, leave_out=FILE_NAME)
     name = path.parent.name
     if name in stored_names(runs):
-        with suppress(StoreError):  # a session that is damaged has recordings all the same
+        with suppress(StoreError):  # a damaged session has recordings all the same
             session = load_session(name, runs, on_damage=on_damage)
             if session.trials:
                 return session, runs / name

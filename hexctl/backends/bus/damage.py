@@ -1,6 +1,6 @@
-"""Diagnosis of bytes on a bus that are no answer: ids used twice, noise, or a wrong baud rate.
+"""Diagnose bytes on a bus that belong to no answer: duplicate ids, noise, or a wrong baud rate.
 
-A servo that is not there is silent. Bytes that belong to no packet, or a second answer, are something else.
+A missing servo is silent. Bytes outside packets, or a second answer, have another cause.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ CONFIRMING, CONFIRMED = 4, 3
 #: How long a line is listened to without a question.
 LISTENS_S = 0.1
 
-#: With as many damaged ids without a servo it is the line, not an id that is used twice.
+#: From this number of damaged ids without a servo, the line is at fault and not a duplicate id.
 MOST_IDS = 6
 
 #: Advice for an id that several servos have.
@@ -23,7 +23,7 @@ APART = "connect one servo at a time and give each its own id (hexctl servos set
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Damage:
-    """Bytes that are no answers, at one baud rate.
+    """Bytes outside answers, at one baud rate.
 
     Attributes:
         noisy: whether bytes come without a question.
@@ -41,7 +41,7 @@ class Damage:
 
     @property
     def at_many_ids(self) -> bool:
-        """Whether answers at many ids are damaged, not those of an id that is used twice."""
+        """Whether answers at many ids are damaged, which excludes a duplicate id."""
         return len(self.garbled) > MOST_IDS
 
     def description(self, path: str) -> str:

@@ -16,13 +16,13 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 #: Questions over which shares are taken, and bad answers among them with which a share is no accident.
 WINDOW, LEAST_BAD = 200, 10
 
-#: With more unanswered questions in a row a servo is silent, which says nothing of its answers.
+#: Unanswered requests in a row from which a servo counts as silent, which is no sign of a bad line.
 MOST_IN_A_ROW = 10
 
-#: Share of answers that are damaged or missing from which it is said, and below which it is said no more.
+#: Share of damaged or missing answers that starts a warning, and share that ends it.
 DAMAGED, GOOD = 0.05, 0.03
 
-#: Servos that are several: with as many the supply is meant, not one servo.
+#: Number of restarted servos from which the supply is blamed.
 SEVERAL = 3
 
 #: With as many damaged lines it is the bus, not the cable of a leg.
@@ -31,7 +31,7 @@ MOST_LINES = 6
 #: Share of their voltage at connect, below which servos have a brown-out.
 SAGGED = 0.8
 
-#: What servos complain of that have restarted; others have lost their torque for what they say.
+#: Error of restarted servos. Other servos without torque report their own reason.
 _OF_A_RESTART = ("", "limp", "voltage", "hardware alert", "hardware alert (voltage)")
 
 #: How long a brown-out explains what servos do, and how fast the usual voltage follows a battery's.
@@ -96,7 +96,7 @@ class LineCondition:
         self._usual_v: float | None = None
         self._at_s = self._sagged_at_s = -np.inf
         self._low_v = np.inf  # lowest of a brown-out
-        self._said: dict[int, float] = {}  # shares that were said, by joint; -1 for all
+        self._said: dict[int, float] = {}  # reported shares, by joint; -1 for all
 
     def warnings(self, servos: ServoReadings, limp: BoolArray, mute: BoolArray) -> list[str]:
         """Warnings, unchanged while nothing changes; `limp` and `mute` are joints, (18,)."""

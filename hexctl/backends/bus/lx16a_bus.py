@@ -66,7 +66,7 @@ class Lx16aBus(ServoBus):
         self._sent, self._sent_at_s = np.full(count, np.nan), np.full(count, -np.inf)
         self._earlier = np.full((LOST_MOVES, count), np.nan)  # goals sent before those, the newest first
         self._from, self._takes_s = np.full(count, np.nan), np.full(count, PERIOD_MS / 1000)
-        self._read = np.full(count, np.nan)  # newest positions that were answered
+        self._read = np.full(count, np.nan)  # newest positions received
         self._missed_at_s = -np.inf  # when an answer was lost last
         self._silent: BoolArray = np.zeros(count, dtype=bool)  # servos whose last answer did not come
         self._waited: set[int] = set()  # servos whose goals had changed and were not sent
@@ -238,6 +238,6 @@ class Lx16aBus(ServoBus):
             if answer is not None:
                 self._silent[place] = False
                 return answer.parameters
-            if not self._silent[place]:  # one that is dead says nothing of the others' moves
+            if not self._silent[place]:  # a dead servo is no evidence about the others' moves
                 self._silent[place], self._missed_at_s = True, self._time.now()
         return None

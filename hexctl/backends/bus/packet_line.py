@@ -14,7 +14,7 @@ LEAST_TIMEOUT_S, FIRST_TIMEOUT_S = 0.004, 0.034
 #: How many times the delay of the answers so far is waited for, and the share of each answer in that.
 TIMEOUT_TIMES, TIMEOUT_SHARE = 4.0, 0.1
 
-#: How many times the longest timeout an answer may take that was given up.
+#: Maximum delay of an abandoned answer, in longest timeouts.
 LATEST_TIMES = 2.0
 
 #: Parameters of most answers at the most.
@@ -144,10 +144,10 @@ class PacketLine:
                 break
         if not answers and len(asked) > 1:  # as if there were none: they may all be late
             self._wait_longer()
-        # Learned from the last answer that came: servos that are missing are waited for no longer than that.
+        # Learned from the last received answer: missing servos are not waited for any longer.
         if self._adapts and answers:
             delay_s = max(TIMEOUT_TIMES * (answered_s - begin_s - wire_s), LEAST_TIMEOUT_S)
-            if self.packets.names_question:  # one that is late is none to another question
+            if self.packets.names_question:  # a late answer cannot be mistaken for another
                 delay_s = min(delay_s, self._most_timeout_s)
             self.timeout_s += TIMEOUT_SHARE * (delay_s - self.timeout_s)
             self.timeout_s = min(self.timeout_s, self._most_timeout_s)

@@ -212,7 +212,7 @@ class PacketStream:
         self.garbled = 0
 
     def feed(self, data: bytes) -> list[StatusPacket]:
-        """Answers that are complete with these bytes."""
+        """Answers completed by these bytes."""
         self._data += data
         found: list[StatusPacket] = []
         while True:

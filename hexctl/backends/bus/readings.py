@@ -87,7 +87,7 @@ class BelievedReadings:
         """Take reports of some servos."""
         for report in reports:
             joint = report.place
-            # Since the last reading, not the last that was believed: after a while any would be in reach.
+            # Since the last reading, not the last accepted one: in time, any value would become plausible.
             reach = self._jumps[joint] + self._speeds[joint] * (report.at_s - self._heard_at_s[joint])
             if self._believe(self._positions[joint], report.position, reach):
                 self._measured_at_s[joint] = report.at_s

@@ -13,7 +13,7 @@ from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.types import BoolArray, FloatArray
 
-#: Servos that are asked one by one in a control period, if they do not answer one packet together.
+#: Number of servos read one by one in a control period, if they do not answer a common packet.
 ONE_BY_ONE = 5
 
 #: Time of the servos' own watchdog, in 20 ms.

@@ -10,16 +10,16 @@ from hexctl.backends.bus.registers import Register, bit_words, table_of
 from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 
-#: What is said of a servo that does not answer.
+#: Message for a silent servo.
 SILENT = "no answer"
 
-#: What helps if a setting that is made without torque was not made.
+#: Advice if a setting that needs torque off fails.
 _LATER = "switch its power off and on, and it is set"
 
 #: Shares of a torque that differ by no more are the same: a count of any servo is less.
 TORQUE_SHARE = 0.005
 
-#: Share of its torque that is left to a softened servo, and its speed in degrees per second.
+#: Torque share of a softened servo, and its speed in degrees per second.
 SOFT_TORQUE, SOFT_DEG_S = 0.4, 60.0
 
 #: Models of servos whose model number is not known, by driver and protocol.
@@ -62,7 +62,7 @@ class RegisterServo(Servo):
         return None
 
     def sure(self, register: Register | None) -> int | None:
-        """Raw number that was read twice in a row; None if reads differ."""
+        """Raw number of two equal reads in a row; None if they differ."""
         if register is not None and self._stored is not None and register.address < self.table.ram:
             data = self._stored[register.address : register.address + register.size]
             return int.from_bytes(data, self.table.byte_order)
@@ -83,7 +83,7 @@ class RegisterServo(Servo):
         return None if raw is None or register is None else register.value(raw)
 
     def sure_value(self, register: Register | None) -> float | None:
-        """Number in its unit that was read twice in a row."""
+        """Number in its unit from two equal reads in a row."""
         raw = self.sure(register)
         return None if raw is None or register is None else register.value(raw)
 

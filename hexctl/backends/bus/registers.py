@@ -46,7 +46,7 @@ class Register:
 class OverloadRegisters:
     """Registers of the reaction to an overload, and their factory values.
 
-    `load` is the share of the maximum effort that is an overload, `torque` the share of the torque after it.
+    `load` is the overload threshold as a share of the maximum effort, `torque` the share of torque after it.
     """
 
     load: Register
@@ -80,15 +80,15 @@ class RegisterTable:
     servo_id: Register
     return_delay: Register
     sync_read: bool = True  # many servos answer one packet
-    ram: int  # first address that is not kept without power; settings below it change without torque only
+    ram: int  # first volatile address; settings below it can change only without torque
     least: Register  # lowest goal that the servo takes
     most: Register  # highest goal
     mode: Register | None = None  # without one, a servo with both limits at 0 is in wheel mode
     position_mode: int = 0  # `mode` of a servo that steers for a position
     flags: Register | None = None  # change what counts mean
     refused: Mapping[int, str] = field(default_factory=dict)  # flags by bit with which a servo is refused
-    cleared: Mapping[int, str] = field(default_factory=dict)  # flags by bit that are cleared without torque
-    wanted: Mapping[int, str] = field(default_factory=dict)  # flags by bit that are set without torque
+    cleared: Mapping[int, str] = field(default_factory=dict)  # flags by bit to clear without torque
+    wanted: Mapping[int, str] = field(default_factory=dict)  # flags by bit to set without torque
     timed: int | None = None  # flag with which `profile` is in ms: durations of moves, not limits
     profile: tuple[Register, ...] = ()
     slow_unit: tuple[int, float] | None = None  # flag without which speeds count this many times as much

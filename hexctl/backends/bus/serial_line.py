@@ -18,7 +18,7 @@ CHUNK = 4096
 #: How long the bytes of an answer may follow its first ones.
 ANSWERED_S = 0.004
 
-#: Tries to see an echo: one that is damaged is none.
+#: Number of attempts to detect an echo, because one may be damaged.
 ECHO_TRIES = 2
 
 #: An id that servos cannot have, in any protocol.
@@ -161,7 +161,7 @@ def open_device(path: str, baud: int) -> Any:
 
 
 def holder_of(path: str) -> str | None:
-    """Program that has a device open, with its process id, if visible to this user; else None."""
+    """Program using a device, with its process id, if visible to this user; else None."""
     device = os.path.realpath(path)
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) == os.getpid():

@@ -158,7 +158,7 @@ class Servo(ABC):
         """Set another id; the reason if refused."""
 
     def _twice(self, read: Callable[[], Answer | None]) -> Answer | None:
-        """Value that was read twice in a row, else None: a late answer to another question looks alike."""
+        """Value of two equal reads in a row, else None: a late answer to another request looks the same."""
         before = read()
         for _ in range(TRIES):
             if before is None:

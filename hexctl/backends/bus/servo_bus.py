@@ -54,7 +54,7 @@ class BusCounters:
     Attributes:
         missed: requested reports that did not arrive.
         garbled: bytes outside packets.
-        implausible: positions that were not believed.
+        implausible: number of rejected positions.
         shares: of damaged answers, by servo.
     """
 
@@ -77,7 +77,7 @@ class ServoBus(ABC):
         mute_s: silence after which a servo is mute.
         stale_s: age of a believed position after which a servo was not measured with the others.
         reports_limp: whether its reports complain of lost torque.
-        damage: bytes that were no answers when the servos were looked for.
+        damage: bytes outside answers during the search for servos.
         lowest, highest: stored limits of goals, in counts, (n,); none before `settings`.
         speeds: maximum of the servos, (n,), in counts per second, for timed moves; infinite until set.
     """

@@ -33,7 +33,7 @@ SILENT_S = 0.2
 #: After a gap this long between its packets the servos' own watchdog may have expired.
 GAP_S = 0.15
 
-#: A servo that is hotter is mentioned.
+#: Temperature from which a servo is reported as warm.
 HOT_C = 65.0
 
 
@@ -106,7 +106,7 @@ class BusThread(PortThread[ServoBus]):
         elif self._time.now() - self._active_at_s > GAP_S:
             self._device.renew_watchdog()
         near = self._stepped(targets)
-        # Some servos switch their torque on with a goal: one that has let go would jump to it.
+        # Some servos switch their torque on with a goal: a released servo would jump to it.
         self._device.write_goals(np.where(self._held, near, np.nan))
         return near
 
@@ -277,7 +277,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return f"it is of the model {which}: `model: {names[0]}` in the robot file"
 
     def _set_up(self, bus: ServoBus, joints: BoolArray) -> list[str]:
-        """Set up the servos of some joints, (18,), that have no torque; notes on changes."""
+        """Configure the unpowered servos of some joints, (18,); return notes on changes."""
         return self._grouped({joint: bus.servos[joint].set_up() for joint in np.flatnonzero(joints).tolist()})
 
     def _grouped(self, notes: Mapping[int, Sequence[str]]) -> list[str]:

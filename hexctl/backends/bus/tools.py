@@ -1,4 +1,4 @@
-"""Tools on a bus by servo ids: scan, change an id, check ids, adopt a servo that has lost its id."""
+"""Tools on a bus by servo ids: scan, change an id, check ids, adopt a servo after the loss of its id."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -46,7 +46,7 @@ TIMEOUT_S = 0.02
 #: How often a broadcast is repeated that only a servo alone on its bus answers completely.
 BROADCASTS = 3
 
-#: Ids that are asked to find a baud rate: the factory's, and those of a robot's joints.
+#: Ids pinged to find a baud rate: the factory's, and those of a robot's joints.
 FIRST_IDS = range(1, 19)
 
 #: How far beyond the ids of the joints others are looked for: as far as all joints shifted once.
@@ -161,7 +161,7 @@ def scan_bus(
         driver: `dynamixel`, `feetech` or `lx16a`.
         bauds: bits per second, tried in this order.
         progress: called before each question.
-        on_damage: called for each baud rate and protocol with bytes that are no answers.
+        on_damage: called for each baud rate and protocol with bytes outside answers.
 
     Raises InputError for another driver, RobotFaultError for a port that cannot be opened or is lost.
     """

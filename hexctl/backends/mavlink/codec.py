@@ -30,7 +30,7 @@ NEW_STREAM_SLACK_S = 60
 
 KEY_BYTES = 32
 
-#: Size of a file that is read as one.
+#: Maximum size of a file read at once.
 MOST_KEY_BYTES = 10_000
 
 #: What pymavlink may raise for arbitrary bytes.
@@ -56,7 +56,7 @@ class Codec:
 
     MAVLink 1 is not understood. A wrong checksum costs only the first byte: garbage cannot hide a good frame.
     With a key, unsigned frames are refused; without one, signed frames are. `malformed` counts runs of
-    undecodable bytes, and frames that were damaged or not signed with the key.
+    undecodable bytes, and damaged or wrongly signed frames.
     """
 
     def __init__(self, system: int, component: int, *, signing_key: bytes | None = None) -> None:

@@ -62,7 +62,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         clock: Clock | None = None,
         signing_key: bytes | None = None,
     ) -> None:
-        # The phase of a clock that was given is left alone.
+        # The phase of a given clock is not changed.
         self._wall = WallClock() if clock is None else None
         super().__init__(
             robot,
@@ -185,7 +185,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         )
 
     def _positions(self, outputs: mavlink_messages.Outputs, *, measured: bool) -> FloatArray:
-        """Joint angles; a servo without feedback that is not driven has its last target, else the stance."""
+        """Joint angles; an undriven servo without feedback has its last target, else the stance."""
         told = self._map.to_rad(outputs.pulses_us)
         unknown = np.isnan(told)
         if not measured:

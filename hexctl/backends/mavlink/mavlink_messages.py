@@ -49,7 +49,7 @@ LEAST_US, MOST_US = 100.0, 5000.0
 #: How far from 1 the length of an orientation may be.
 QUATERNION_SLACK = 0.1
 
-#: Name of the NAMED_VALUE_INT that says whether joint positions are measured (1) or an echo (0).
+#: Name of the NAMED_VALUE_INT for the source of joint positions: measured (1) or an echo (0).
 MEASURED_NAME = "measured"
 
 #: Frames in which ODOMETRY is understood: x forward or north, y right or east, z down.

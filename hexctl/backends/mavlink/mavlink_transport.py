@@ -39,7 +39,7 @@ MAX_DATAGRAMS = 64
 #: Sequence numbers count modulo this.
 MODULUS = 256
 
-#: A sender that was silent for this long may have restarted: its next number is not compared.
+#: A sender may have restarted after this silence: its next number is not compared.
 FORGET_AFTER_S = 0.5
 
 #: Maximum addresses with separate sequence numbers; more only occur in a flood.

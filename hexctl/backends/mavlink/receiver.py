@@ -24,10 +24,10 @@ RECEIVE_TIMEOUT_S = 0.05
 #: Severity of a STATUSTEXT from which it is a fault: error, critical, alert, emergency.
 ERROR_SEVERITY = 3
 
-#: Number of frames together that is a flood; the pause after them.
+#: Number of frames in a burst that counts as a flood, and the pause after it.
 MOST_AT_ONCE, FLOODED_S = 32, 0.005
 
-#: Messages that are kept, by kind: name to keep them under, and decoder.
+#: Stored messages by kind: attribute and decoder.
 READERS = {
     "ACTUATOR_OUTPUT_STATUS": ("outputs", mavlink_messages.outputs_of),
     "ATTITUDE": ("attitude", mavlink_messages.orientation_of),
@@ -60,7 +60,7 @@ class Receiver:
     """Receives from one board in a thread, and sends it heartbeats.
 
     The first system whose heartbeat has the type of a servo board is `peer`; others are counted and dropped.
-    `wrong_type` is the MAV_TYPE of a received system that is no servo board, or None.
+    `wrong_type` is the MAV_TYPE of a received system other than a servo board, or None.
     """
 
     def __init__(self, link: MavlinkLink, counters: LinkCounters) -> None:

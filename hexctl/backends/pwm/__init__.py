@@ -1,1 +1,1 @@
-"""Hobby servos behind a board that makes their pulses: no servo says where it is."""
+"""Hobby servos behind a board that generates their pulses; they have no position feedback."""

@@ -48,7 +48,7 @@ PULSES_HZ = 50.0
 #: Time that the oscillator takes to start after sleep.
 STARTS_S = 0.0005
 
-#: How often a transfer is tried that is not acknowledged, and a register read that is not what it should be.
+#: Number of attempts for a transfer without acknowledgement, and for a register with a wrong value.
 TRIES = 3
 
 #: Seconds without an acknowledgement after which a board is lost; until then transfers are repeated. At 10 %
@@ -176,7 +176,7 @@ class Pca9685Chip:
         return self._try(ask)
 
     def _read_surely(self, register: int) -> int:
-        """Byte that was read twice alike: servos will follow it."""
+        """Byte of two equal reads, because servos will follow it."""
         before = self._read(register)
         for _ in range(TRIES):
             now = self._read(register)
@@ -247,7 +247,7 @@ class Pca9685:
         self.write(pulses_us, on)
 
     def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
-        """Send pulses of each joint, (18,), to the servos that are on.
+        """Send pulses of each joint, (18,), to the powered servos.
 
         `poll` repeats messages without an acknowledgement; OSError after `SILENCE_S` of that.
         """

@@ -44,7 +44,7 @@ TRIES = 4
 #: Any speed does for a device on USB.
 BAUD = 115_200
 
-#: Pulse of a servo that was told none.
+#: Pulse of a servo before its first command.
 NEVER_US = (0, 1500)
 
 
@@ -126,7 +126,7 @@ class Servo2040:
             self.write(pulses_us, on)
 
     def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
-        """Send the pulses of all joints, (18,), in one frame; those of servos that are off are 0."""
+        """Send the pulses of all joints, (18,), in one frame; 0 switches a servo off."""
         ordered = np.empty(N_JOINTS)
         ordered[self._map.outputs] = np.where(on, np.clip(np.rint(pulses_us), *SERVO2040_US), 0)
         self._line.write(set_frame(0, ordered.astype(int).tolist()))

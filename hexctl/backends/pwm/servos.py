@@ -16,7 +16,7 @@ from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray, RobotState
 
-#: A board that has not answered for this long is mute.
+#: A board without an answer for this long counts as mute.
 MUTE_S = 0.5
 
 #: Time between powering two legs: a hobby servo draws stall current for 60 degrees, 0.15 to 0.2 s.
@@ -54,7 +54,7 @@ class PwmBoard(Protocol):
         """Power some servos, (18,), with the pulses of their joints, (18,)."""
 
     def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
-        """Send pulses of each joint, (18,), to the servos that are on, (18,); the others are limp."""
+        """Send pulses of each joint, (18,), to the powered servos, (18,); the others are limp."""
 
     def end(self) -> None:
         """Let all servos go limp."""
@@ -77,7 +77,7 @@ class BoardThread(PortThread[PwmBoard]):
 
     Attributes:
         told_us: last commanded pulses, (18,), NaN for none.
-        powered: servos that have pulses, (18,).
+        powered: servos with pulses, (18,).
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class BoardThread(PortThread[PwmBoard]):
         return self.newest.fault is None
 
     def _must_release(self) -> bool:
-        """Releasing arms a board that has tripped."""
+        """Releasing arms a tripped board."""
         return self.newest.fault is not None
 
     def _follow(self, targets: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from hexctl.wire.links import KeyMap
 from hexctl.wire.pose import decode_pose
 from hexctl.wire.zenoh_messages import StateTag, contacts_of, decode_battery, decode_joints, stale_joints_of
 
-#: Kinds of messages that are subscribed to.
+#: Subscribed kinds of messages.
 SUBSCRIBED = ("joint_states", "odom", "battery", "status")
 
 #: How long a robot may take to send its first state.
@@ -119,7 +119,7 @@ class StateSubscriber:
     def newest(self, clock_s: float) -> RobotState:
         """The newest state; `clock_s` is the current time on the clock of its stamp.
 
-        Raises RobotFaultError for a robot that is silent or sends invalid states.
+        Raises RobotFaultError if the robot is silent or sends invalid states.
         """
         sample = self._latest.newest("joint_states")
         now_s = self._latest.time.now()

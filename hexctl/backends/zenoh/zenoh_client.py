@@ -42,7 +42,7 @@ ANSWER_TIMEOUT_S = 1.0
 #: How long a robot may take to give a lease.
 ACQUIRE_TIMEOUT_S = 2.0
 
-#: Shortest and longest lease that is held, in s: it is renewed at a third of its time.
+#: Shortest and longest lease in s. A lease is renewed after a third of its time.
 LEASES_S = (0.1, 600.0)
 
 #: How long a robot may take to describe itself.
@@ -269,7 +269,7 @@ class ZenohServos(TickedServos):
         return None if self._opened is None else self._subscriber.failures
 
     def _open_all(self, opening: ExitStack) -> None:
-        """Connect. Raises InputError for a link that is not allowed, else RobotFaultError with advice."""
+        """Connect. Raises InputError for an invalid link, else RobotFaultError with advice."""
         prepare_codec()
         session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
         if not self._link.plain:

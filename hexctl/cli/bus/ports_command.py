@@ -21,7 +21,7 @@ def ports(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List serial ports that have a device, with their adapters."""
+    """List serial ports with a device, and their adapters."""
     from hexctl.backends.serial_ports import serial_ports
     from hexctl.cli.console import print_note, print_result
     from hexctl.cli.render.servos_output import row_table

@@ -204,7 +204,7 @@ def adopt(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Give a servo that has fallen back to the id 1 the id of the only joint whose servo is missing.
+    """Give a servo that fell back to the id 1 the id of the only joint without a servo.
 
     Its model and its position have to fit that joint. It goes limp; X servos are restarted.
     """

@@ -50,7 +50,7 @@ def estop(
     """Stop a robot on the network from anywhere, whichever client commands it.
 
     By datagram and by session at once, until it is at rest and stays so. It holds its pose until the stop is
-    cleared and a client commands it again. A fault that is still there is not cleared: exit code 3. In a
+    cleared and a client commands it again. A fault that persists is not cleared: exit code 3. In a
     terminal it then watches the robot until Ctrl-C, and reports if the stop is cleared.
     """
     if clear and ready:
@@ -88,7 +88,7 @@ def _watch(stop: "ReadyStop", result: "StopResult") -> None:
 
 
 def _is_known(stop: "ReadyStop") -> bool:
-    """A robot that answers, or wrong certificates, tell more than a refused connection."""
+    """An answer of a robot, or wrong certificates, explain more than a refused connection."""
     from hexctl.wire.certificates import find_credentials
     from hexctl.wire.links import Role
 

@@ -48,7 +48,7 @@ def renew(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> Non
 
 @keys.command()
 def stop(folder: FolderArgument = Path("keys")) -> None:
-    """Make stop.key, the secret of the datagram stop, for certificates that were made without it."""
+    """Make stop.key, the secret of the datagram stop, for certificates made without it."""
     from hexctl.cli.console import print_result
     from hexctl.wire.stop_secret import write_stop_secret
 

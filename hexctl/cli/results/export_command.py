@@ -28,7 +28,7 @@ def export(
 ) -> None:
     """Write a robot, recordings or a session in a format of other programs.
 
-    Recordings and trials of a session that are missing or damaged are named on stderr, with exit code 3; the
+    Missing or damaged recordings and trials of a session are named on stderr, with exit code 3; the
     others are written.
     """
     from hexctl.export.export import export as write

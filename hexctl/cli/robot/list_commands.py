@@ -13,7 +13,7 @@ CHOSEN = {
 
 
 def gaits(as_json: JsonOption = False) -> None:
-    """List the gaits that have names."""
+    """List the named gaits."""
     from hexctl.cli.render.tables import label_table
     from hexctl.gait.gait import NAMED_SLOTS
 
@@ -28,7 +28,7 @@ def gaits(as_json: JsonOption = False) -> None:
 
 
 def worlds(as_json: JsonOption = False) -> None:
-    """List the simulated worlds that are shipped."""
+    """List the shipped simulated worlds."""
     from hexctl.cli.render.tables import label_table
     from hexctl.robot.configs import config_names, find_config, read_mapping
 

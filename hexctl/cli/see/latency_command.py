@@ -20,7 +20,7 @@ def latency(options: dict[str, Any], as_json: JsonOption = False) -> None:
     """Measure how late a camera's pictures come: the standing robot twists once and is watched.
 
     Its feet stay in place, and nothing else may drive it meanwhile. Ctrl-C takes the twist back. Exit codes:
-    0 done, 2 bad input, a tag that is not seen or too little motion, 3 fault of robot, link or camera, 130
+    0 done, 2 bad input, an invisible tag or too little motion, 3 fault of robot, link or camera, 130
     interrupted.
     """
     from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note, print_result

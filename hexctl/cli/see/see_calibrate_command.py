@@ -30,7 +30,7 @@ def calibrate(
     """Calibrate the lens of a camera by pictures of the printed board.
 
     Show the board to the camera at all edges of the picture, tilted and near; hold it still for a moment each
-    time. Ctrl-C ends it with what there is.
+    time. Ctrl-C ends it and uses the pictures so far.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
 

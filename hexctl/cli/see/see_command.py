@@ -1,4 +1,4 @@
-"""`hexctl see --camera`: a camera tells a robot where it is."""
+"""`hexctl see --camera`: locate a robot with a camera."""
 
 import json
 import math
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def look(options: dict[str, Any], context: typer.Context, as_json: JsonOption = False) -> None:
     """Measure a robot's position with a camera and printed tags, and send it to the robot, until Ctrl-C.
 
-    Options for a new place must agree with a place that is known, unless --relearn replaces it.
+    Options for a new place must agree with a known place, unless --relearn replaces it.
     """
     if context.invoked_subcommand is not None:
         return

@@ -49,7 +49,7 @@ def show(
     repertoire: Annotated[bool, typer.Option("--repertoire", help="Show repertoires instead.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what priors are for: robot, failure, trial, worlds.
+    """Show the robot, failure, trial and worlds of priors.
 
     Damaged files are named on stderr, with exit code 3; the others are shown.
     """

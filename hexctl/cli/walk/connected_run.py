@@ -1,4 +1,4 @@
-"""A run that is connected while Ctrl-C requests a soft stop."""
+"""Connect a run while Ctrl-C requests a soft stop."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager

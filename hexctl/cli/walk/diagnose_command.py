@@ -37,8 +37,8 @@ def diagnose(
 ) -> None:
     """Find which leg and joint failed, and how, in 12 s of small motions at rest.
 
-    The robot stands on its feet, with room around it. With sim, --failed-leg and --failure say what the
-    simulation breaks; the diagnosis is not told. Exit codes: 0 done, whatever was found, 2 bad input, 3 fault
+    The robot stands on its feet, with room around it. With sim, --failed-leg and --failure choose the
+    simulated failure, unknown to the diagnosis. Exit codes: 0 done, whatever was found, 2 bad input, 3 fault
     of robot or link, 4 fell or was stopped, 130 interrupted.
     """
     from hexctl.runs.run_spec import RunSpec

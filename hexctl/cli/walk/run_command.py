@@ -173,7 +173,7 @@ def _open_live(run: "Run") -> "LiveView | None":
 
 
 def _show(live: "LiveView | None", recording: Path | None) -> None:
-    """Wait for a live view, or open the recording of a walk that was not shown live."""
+    """Wait for a live view, or open the recording of a walk without one."""
     if live is not None:
         print_note("close the viewer, or press Ctrl-C, to end")
         live.wait()

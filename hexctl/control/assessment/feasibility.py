@@ -241,7 +241,7 @@ def check_robot(
         turn_rate_rad_s: without a heading the robot turns in place.
         amplitude: stride as a fraction of the robot's size, as is the step height.
 
-    Raises InputError for a robot file, mesh or gait that is not allowed.
+    Raises InputError for an invalid robot file, mesh or gait.
     """
     file = load_robot_file(robot)
     stable = most_stable_slots(file.robot, heading_rad=heading_rad or 0.0) if gait == AUTO else None

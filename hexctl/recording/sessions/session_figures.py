@@ -330,7 +330,7 @@ def _send_baseline_scores(stream: Any, overview: Overview) -> None:
         stream.send_columns(path, [at(indices)], scalars)
 
 
-#: Share of the curve's width that is kept free for its legend.
+#: Share of the curve's width reserved for its legend.
 LEGEND_SHARE = 0.15
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.types import ArrayFields, FloatArray
 
-#: Unit of scores that are lengths; they are shown in cm.
+#: Unit of scores with the dimension of a length; they are shown in cm.
 METRES = "m"
 
 #: Points further away come from a diverged simulation and are not drawn.
@@ -120,7 +120,7 @@ def mark_text(length_m: float) -> str:
 
 
 def drawable(path_m: FloatArray) -> FloatArray:
-    """Points of a path, (N, 2) in m, that are finite and near enough to be drawn."""
+    """Finite points of a path, (N, 2) in m, near enough to draw."""
     sane = np.nan_to_num(np.abs(path_m), nan=np.inf) < FAR_M
     kept: FloatArray = path_m[np.all(sane, axis=1)]
     return kept

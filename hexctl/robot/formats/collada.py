@@ -13,7 +13,7 @@ import numpy as np
 
 from hexctl.types import FloatArray
 
-#: Nodes of a scene that are followed; nodes may be used many times.
+#: Maximum number of visited nodes of a scene; nodes may be instanced many times.
 MOST_NODES = 10_000
 
 

@@ -17,7 +17,7 @@ NM_PER_KG_M = 2 * 9.81 / 3 / 2
 TORQUES_NM, SPEEDS_RAD_S = (0.03, 60.0), (0.2, 60.0)
 #: A lighter part is a placeholder, as is one of more than this density.
 LEAST_MASS_KG, MOST_KG_M3 = 0.001, 4000.0
-#: A trunk that is lighter for its box is a placeholder; that of the lightest shipped robot has 165.
+#: Minimum density of a trunk's box; a lighter one is a placeholder. The lightest shipped robot has 165.
 LEAST_TRUNK_KG_M3 = 20.0
 #: Added to each side before the density counts: servos stick out of links.
 MARGIN_M = 0.05

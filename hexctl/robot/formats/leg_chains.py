@@ -1,4 +1,4 @@
-"""Chains of hinges that are the legs of a robot description; more than three of a leg are held."""
+"""Find the chains of hinges that form the legs of a robot description; extra hinges are held."""
 
 import math
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ def held_text(held: Sequence[HeldHinge]) -> str:
 
 
 def with_three_hinges(tree: LinkTree) -> tuple[LinkTree, tuple[HeldHinge, ...]]:
-    """The robot with legs of three hinges, and the hinges that are held for that.
+    """The robot with three hinges per leg, and the hinges held for that.
 
     Of the hinges of a leg without which it is a leg, the one that moves the foot least is held: in the
     stance of the file, else at zero, or in the middle of a range without zero.

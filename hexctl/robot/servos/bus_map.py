@@ -25,7 +25,7 @@ from hexctl.types import (
 class BusMap(RawMap):
     """Conversion between joint angles and counts of the servos on a bus, with ids (18,), each once.
 
-    Below `low_battery_v` the robot sits down; by default that is the highest minimum supply of its models.
+    Below `low_battery_v` the robot sits down; the default is the highest minimum supply of its models.
     """
 
     unit: ClassVar[str] = "counts"

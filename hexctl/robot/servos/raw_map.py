@@ -89,7 +89,7 @@ class RawMap(ArrayFields, ABC):
     def outside(self, joint_positions_rad: FloatArray) -> BoolArray:
         """Joints whose angles (18,) in rad need a raw position beyond the limits, (18,)."""
         raw = self.raw(joint_positions_rad)
-        # Tolerance for an angle at the limit that is rounded past it.
+        # Tolerance for an angle at the limit, rounded past it.
         return np.asarray((raw < self.least - 1e-3) | (raw > self.most + 1e-3))
 
     def limited_raw(self, joint_positions_rad: FloatArray) -> FloatArray:
@@ -148,7 +148,7 @@ def joints_beyond_travel(raw_map: RawMap, robot: Robot) -> tuple[str, ...]:
 
 
 def reference_deg(lower_deg: float, upper_deg: float) -> float:
-    """Angle that is easily judged by eye: 0, a right angle, or the middle of the joint's range."""
+    """Angle easily judged by eye: 0, a right angle, or the middle of the joint's range."""
     for angle in (0.0, -90.0, 90.0):
         if lower_deg + ROOM_DEG <= angle <= upper_deg - ROOM_DEG:
             return angle

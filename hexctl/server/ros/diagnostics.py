@@ -11,7 +11,7 @@ from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 #: Name of the node of a robot without a namespace.
 NODE = "hexctl"
 
-#: A servo that has been silent for this long is stale.
+#: Age from which a servo's reading is stale.
 STALE_S = 1.0
 
 
@@ -25,7 +25,7 @@ def statuses(snapshot: RobotSnapshot, node: str = NODE) -> list[DiagnosticStatus
 
 
 def silent(node: str = NODE) -> list[DiagnosticStatus]:
-    """Status of a robot that has been silent for a while."""
+    """Status of a silent robot."""
     return [DiagnosticStatus(Level.STALE, f"{node}: robot", "its control loop says nothing")]
 
 

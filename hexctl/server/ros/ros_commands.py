@@ -27,7 +27,7 @@ class Call(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """A stop that has already taken effect."""
+    """A stop already in effect."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,7 +29,7 @@ class RosOptions:
         humble: whether keys are those of ROS 2 Humble.
         drive: whether ROS may move the robot; it may always stop it.
 
-    Raises InputError for a value that is not allowed.
+    Raises InputError for an invalid value.
     """
 
     router: str = DEFAULT_ROUTER

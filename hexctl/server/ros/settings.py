@@ -29,7 +29,7 @@ _FIXED = {
 class RosSettings:
     """Parameters of the node, with the ranges of the options of `hexctl serve` and `hexctl drive`.
 
-    Raises InputError for a value that is not allowed.
+    Raises InputError for an invalid value.
     """
 
     sit_after_s: Annotated[float, SIT_AFTER_RANGE_S] = SIT_AFTER_S

@@ -23,7 +23,7 @@ from hexctl.wire.stop import (
 )
 from hexctl.wire.stop_datagram import EPOCH_BYTES
 
-#: Number of past requests that are recognized when repeated.
+#: Number of past requests recognized when repeated.
 MOST_REQUESTS = 64
 
 

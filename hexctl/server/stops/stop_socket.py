@@ -1,4 +1,4 @@
-"""The datagram stop of a robot: a socket and a thread that are independent of sessions."""
+"""The datagram stop of a robot: a socket and a thread, independent of sessions."""
 
 import random
 import socket

@@ -46,7 +46,7 @@ CONVERGED_M = 0.005
 #: Optimizers are competitive when the worst is this near to the best.
 COMPETITIVE_M = 0.025
 
-#: Share of the total improvement within the first 20 evaluations, for a curve that is flat after them.
+#: Share of the total improvement within the first 20 evaluations, for a curve with a flat end.
 FAST = 0.8
 
 #: A claim that holds in more than this share of draws of random numbers is no evidence.
@@ -262,7 +262,7 @@ NAMES = tuple(texts("claims"))
 
 
 def claims_of(findings: Findings) -> list[Claim]:
-    """Return all claims in the paper's order; on walks that are too short, those measured are not judged."""
+    """Return all claims in the paper's order; measured ones are not judged on too short walks."""
     searched = Searched.of(findings)
     nulls = [Searched.of(findings, draw) for draw in range(1, NULL_DRAWS + 1)]
     claims = [make(findings) for make in OF_WALKS]
@@ -276,7 +276,7 @@ def claims_of(findings: Findings) -> list[Claim]:
 
 
 def _against_null(claim: Claim, draws: list[bool | None]) -> Claim:
-    """Claim that has no evidence if its rule holds on random numbers too."""
+    """Claim without evidence if its rule holds on random numbers too."""
     claim = replace(claim, null=f"holds in {draws.count(True)} of {len(draws)} draws")
     if claim.holds and null_share(draws) > NULL_SHARE:
         return replace(claim, holds=None, no_evidence="also holds on random numbers")
@@ -301,8 +301,8 @@ def limit_m(findings: Findings, evaluations: int, leg: int) -> float:
 def bars_of(findings: Findings) -> "DataFrame":
     """Return every optimizer against every bar within the budget: all legs together, then each leg.
 
-    Columns: optimizer, count, evaluations, leg, mean_m (over the runs that have found a valid gait; NaN
-    without any), limit_m, share_of_runs that are in the mean, holds (None if it cannot be judged), over_m
+    Columns: optimizer, count, evaluations, leg, mean_m (over the runs with a valid gait; NaN
+    without any), limit_m, share_of_runs in the mean, holds (None if it cannot be judged), over_m
     (excess over the bar) and the verdict in words.
     """
     from pandas import DataFrame

@@ -189,7 +189,7 @@ class Claim(Verdict):
     Attributes:
         rule: condition under which it holds here.
         measured: the numbers, with intervals if there are several worlds.
-        beside: result of the random baseline, or another fact for comparison.
+        beside: comparison, such as the result of the random baseline.
         symmetric: which symmetry implies the claim; empty without one.
         null: result on random numbers; empty without a comparison.
     """
@@ -223,7 +223,7 @@ def too_short(duration_s: float) -> str:
 
 
 def judged_bars(bars: Iterable[Bar], duration_s: float) -> list[Bar]:
-    """Return bars of distances; none is judged on walks that are too short."""
+    """Return bars of distances; walks shorter than the minimum are not judged."""
     reason = too_short(duration_s)
     return [replace(bar, holds=None, not_judged=reason) if reason else bar for bar in bars]
 
@@ -254,7 +254,7 @@ def cm(value_m: float) -> str:
 
 
 def with_error(value: float, error: float, text: Callable[[float], str] = "{:.2f}".format) -> str:
-    """Text of a value, with its standard error if that is known."""
+    """Text of a value, with its standard error if known."""
     return text(value) + (f" ± {text(error)}" if np.isfinite(error) else "")
 
 
@@ -342,11 +342,11 @@ class StudyUncertainty:
 
     @property
     def lines(self) -> list[str]:
-        """The sentence as lines of a summary; none if unknown for walks that are too short to be judged."""
+        """The sentence as lines of a summary; none if the walks are too short to be judged."""
         return [self.sentence] if self.known is not None or self.duration_s >= JUDGED_FROM_S else []
 
     def beside(self, deviation_m: float) -> str:
-        """Text of the deviation of a single walk, with its uncertainty if that is known."""
+        """Text of the deviation of a single walk, with its uncertainty if known."""
         return cm(deviation_m) + ("" if self.known is None else f" ± {cm(self.known.numerical_m)}")
 
     def as_json(self) -> dict[str, Any] | None:

@@ -109,7 +109,7 @@ def landscape_by_symmetry(known: Sequence[Landscape], leg: int) -> Landscape:
 
 
 def _one_sided(failure: str) -> bool:
-    """Whether a failure has a left and a right: a coxa that is stuck off its middle."""
+    """Whether a failure has a left and a right: a coxa stuck off its middle."""
     broken = parse_kind(1, failure)
     return broken.kind == "stuck" and broken.joint == "coxa" and broken.angle_rad != 0
 

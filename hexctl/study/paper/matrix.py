@@ -30,7 +30,7 @@ WORLDS = ("flat", "slippery", "slope")
 TIME_STEPS_S = (0.002, 0.004)
 ROBOTS = ("ant", "phantomx", "pexod")
 
-#: Worlds of each cell, and gaits that are walked without self-rotation; more would show no more.
+#: Worlds of each cell, and gaits walked without self-rotation; more would add nothing.
 CELL_WORLDS, CELL_GAITS = 3, 40
 
 #: Meaning of a verdict without an interval.
@@ -127,7 +127,7 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
         return [spec for cell in self.cells for spec in cell.specs()]
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         for cell in self.cells:
             cell.plan.check()
 

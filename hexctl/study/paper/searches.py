@@ -139,7 +139,7 @@ class Findings:
 
     @property
     def heuristics(self) -> list[str]:
-        """The paper's optimizers that were run."""
+        """The paper's optimizers in this study."""
         return [name for name in self.plan.optimizers if name in HEURISTICS]
 
     @cached_property
@@ -222,7 +222,7 @@ def _searches(
 
 
 def _of_all_legs(plan: StudySettings, walked: Sequence[Landscape]) -> dict[tuple[int, str], Landscape]:
-    """Landscapes of all legs; those that were not simulated are images of others."""
+    """Landscapes of all legs; those not simulated are images of others."""
     return {
         (leg, rotation): landscape_by_symmetry(
             [landscape for landscape in walked if landscape.spec.self_rotation == rotation], leg

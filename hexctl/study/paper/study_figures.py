@@ -117,7 +117,7 @@ def examples_figure(findings: Findings) -> "Figure | None":
 
 
 def _best_codes(findings: Findings, leg: int) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]":
-    """Codes that were the best of a run, and the number of runs of each."""
+    """Best codes of runs, and the number of runs of each."""
     runs = where(findings.first_runs, leg=leg, count=PAPER)
     found = runs[[np.isfinite(best_m[-1]) for best_m in runs["best_m"]]]
     best = [codes[scores.argmin()] for codes, scores in zip(found["codes"], found["scores"], strict=True)]
@@ -221,7 +221,7 @@ def _draw_defaults(panel: "Axes", findings: Findings, leg: int) -> list[str]:
         return []
     ends = []
     for walk in where(findings.default_walks, leg=leg).itertuples():
-        # One that is invalid has an entry in the legend, too: it is that of all panels.
+        # An invalid one has an entry in the legend, too, because all panels share it.
         color, label = hex_color(baseline_color(walk.gait)), f"{walk.gait}, without a search"
         panel.axhline(walk.final_m, color=color, linewidth=1.4, linestyle="-.", label=label)
         ends.append(f"{walk.gait} {default_text(walk)}{_below_scale(walk.final_m)}")

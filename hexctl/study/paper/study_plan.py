@@ -68,6 +68,6 @@ class StudyPlan(StudySettings, Experiment[Findings]):
         )
 
     def lines(self, found: Findings) -> list[str]:
-        """Return the claims and the bars that are missed as lines of text."""
+        """Return the missed claims and bars as lines of text."""
         claims = verdict_lines((claim.verdict, claim.claim) for claim in found.claims)
         return [*claims, *missed_lines(found), *found.uncertainty.lines]

@@ -36,7 +36,7 @@ MAX_SEED = int(STUDY_SEED.high)
 
 
 #: Factors on the world's own values that the paper leaves open. Joint offsets and a shifted trunk are not
-#: among them, because they favour legs: legs that are one experiment stay one.
+#: among them, because they favour legs: legs of one experiment stay one.
 FACTORS = {
     "friction": Distribution(low=1 / 1.3, high=1.3, scale="log"),
     "servo_stiffness": Distribution(low=1 / 1.3, high=1.3, scale="log"),
@@ -62,7 +62,7 @@ class StudySettings(LandscapePlan):
         worlds: number of worlds in which claims are judged: `world` and others like it (`nearby_worlds`).
         by_symmetry: simulate one leg of each experiment (`experiments_of`) and map it to the others. In the
             worlds like `world` this is always done.
-        without_gaits: number of gaits that are walked without self-rotation, drawn from all.
+        without_gaits: number of gaits walked without self-rotation, drawn from all.
     """
 
     robot: Robot
@@ -117,13 +117,13 @@ class StudySettings(LandscapePlan):
         ]
 
     def _legs_walked(self, world: World, number: int, rotation: str) -> tuple[int, ...]:
-        """Legs that are simulated in a world: all, or the first one of each experiment."""
+        """Simulated legs in a world: all, or the first one of each experiment."""
         if number == 0 and not self.by_symmetry:
             return self.legs
         return tuple(group[0] for group in self.experiments(world, rotation))
 
     def experiments(self, world: World, rotation: str) -> tuple[tuple[int, ...], ...]:
-        """Return the legs in groups that are one experiment each, in a world and with a self-rotation."""
+        """Return the legs in groups of one experiment each, in a world and with a self-rotation."""
         return experiments_of(self.robot, world, rotation, self.legs, self.failure)
 
     def _codes(self, rotation: str) -> tuple[int, ...]:
@@ -141,7 +141,7 @@ class StudySettings(LandscapePlan):
         return world * (MAX_SEED + 1) * 10_000 + self.seed * 10_000 + leg * 1_000 + run
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         super().check()
         check_legs(self.legs)
         parse_kind(self.legs[0], self.failure)

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 #: Minimum number of valid gaits to judge a side.
 MIN_VALID = 10
 
-#: Share of the gaits that is a tendency to one side; both sides have at least a fifth.
+#: Share of the gaits that counts as a tendency to one side; both sides have at least a fifth.
 TENDENCY, BOTH = 0.9, 0.2
 
-#: Share of the gaits that have to end nearer to the line with self-rotation.
+#: Minimum share of the gaits that end nearer to the line with self-rotation.
 NEARER = 2 / 3
 
 #: Gaits near the line that the self-rotation has to gain, mean over legs: more than none.

@@ -25,7 +25,7 @@ def planned_prior(options: PriorOptions, *, runs: Path | None = None) -> Planned
     Args:
         runs: folder of the file, unless `out` names one; None is that of the settings.
 
-    Raises InputError for a robot, a family or a plan that is not allowed.
+    Raises InputError for an invalid robot, family or plan.
     """
     check_type(options, PriorOptions, "options")
     runs = find_settings().runs if runs is None else runs

@@ -41,7 +41,7 @@ from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 if TYPE_CHECKING:
     from hexctl.adapt.sessions.session_spec import SessionSpec
 
-#: By how much self-rotations miss their goal, in degrees. In simulation that is below 0.1; the yaw that a
+#: By how much self-rotations miss their goal, in degrees. It is below 0.1 in simulation; the yaw that a
 #: real robot estimates over a turn is good to about half a degree.
 MISS_DEG = Distribution(low=-1.0, high=1.0, scale="normal")
 
@@ -129,7 +129,7 @@ class PriorPlan(LandscapePlan):
         return replace(key, posture=self.posture or "stance")
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         super().check()
         check_legs(self.legs)
         whole = in_whole_steps(self.duration_s)

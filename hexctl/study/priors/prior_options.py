@@ -1,4 +1,4 @@
-"""Options of a prior or a repertoire that is built."""
+"""Options for building a prior or a repertoire."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ def _pairs(text: str) -> tuple[str, ...]:
 class PriorOptions(ComputeOptions):
     """Options of `hexctl prior build`.
 
-    Raises InputError for a value that is not allowed, and for an option of the other kind of file.
+    Raises InputError for an invalid value, and for an option of the other kind of file.
     """
 
     PANEL: ClassVar = "Prior"

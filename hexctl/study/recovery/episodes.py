@@ -72,7 +72,7 @@ class Episode:
 
     Attributes:
         why: why it was stopped, or the likely cause of a walk without progress; None for neither.
-        ideal_m_s: speed that is commanded before the failure.
+        ideal_m_s: commanded speed before the failure.
         signed_m: deviation from the original line at the end, positive to the left.
         way_m: maximum absolute deviation after the failure.
         before_m_s: speed along the line over the second half of the time before the failure.
@@ -126,7 +126,7 @@ class Episode:
 
     @property
     def right_leg(self) -> bool:
-        """Whether the first alarm of the walk is of a leg that has failed, after it has."""
+        """Whether the first alarm of the walk names a failed leg, after its failure."""
         if not self.alarms:
             return False
         first = self.alarms[0]
@@ -285,7 +285,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         )
         if case.gait == AUTO_GAIT:
             plan = replace(plan, gait=_stable_gait(self.robot, plan))
-        # A copy for each trial: methods tell the walks of a batch apart by the identity of their plans.
+        # A copy for each trial: methods distinguish the walks of a batch by the identity of their plans.
         plan = replace(method_of(case.method).planned(plan))
         return SimTrial(
             robot=self.robot,

@@ -1,4 +1,4 @@
-"""Reactions of robots to failures during a walk: the methods that are compared."""
+"""The compared methods: reactions of robots to failures during a walk."""
 
 import math
 from abc import ABC, abstractmethod
@@ -76,7 +76,7 @@ class RecoveryMethod(ABC):
         """Return the method with the results of trials in the worlds of some walks; itself without trials.
 
         Args:
-            trials: the walks; each needs a plan object of its own.
+            trials: the walks; each needs its own plan object.
         """
         return self
 
@@ -133,7 +133,7 @@ class ToldWalk(Controller):
         self.walk: VelocityWalk = (
             MotionWalk(start) if self.hold == "none" else SteeredWalk(start, hold=self.hold)
         )
-        self.walk.leave_plain()  # each walk changes its gait at a time of its own
+        self.walk.leave_plain()  # walks change their gaits at different times
         self._start, self._policy = start, policy
         self._headings_rad = [motion.heading_rad for motion in start.motions]
         for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
@@ -198,7 +198,7 @@ class OpenLoopBest(RecoveryMethod):
     """The paper's method: after the failure it continues in open loop with the gait that trials have found.
 
     Args:
-        tries: gaits that are tried before each walk.
+        tries: number of gaits tried before each walk.
         found: what trials have found, by the `id` of the walk's plan.
     """
 
@@ -243,7 +243,7 @@ METHODS: dict[str, Callable[[], RecoveryMethod]] = {
     "open-loop-best": OpenLoopBest,
 }
 
-#: Methods that are compared by default.
+#: Methods compared by default.
 DEFAULT_METHODS = ("nothing", "told", "recover")
 
 #: What the others are compared with, and the oracle.

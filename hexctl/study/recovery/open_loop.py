@@ -13,7 +13,7 @@ from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState
 
-#: Number of gaits that are tried, as in the paper's searches.
+#: Number of tried gaits, as in the paper's searches.
 TRIES = 40
 
 #: Minimum duration of a trial.
@@ -82,7 +82,7 @@ class OpenLoopFromFailure(SteeredWalk):
         self, start: WalkStart, *, hold: str, told_s: Sequence[float], gaits: Mapping[int, Gait]
     ) -> None:
         super().__init__(start, hold=hold)
-        self.leave_plain()  # each walk changes its gait at a time of its own
+        self.leave_plain()  # walks change their gaits at different times
         self._told_s, self._found, self._motions = np.array(told_s), gaits, start.motions
         self._open: BoolArray = np.zeros(len(start.plans), dtype=bool)
         self._nominal: FloatArray = np.zeros((len(start.plans), 3))

@@ -95,7 +95,7 @@ class RecoveryPlan(HeldOutExperiment):
 
     @property
     def ruled(self) -> list[str]:
-        """Protocols that are walked and judged by HexaHeal's rule."""
+        """Protocols judged by HexaHeal's rule."""
         return [protocol for protocol in RULED_S if protocol in self.protocols]
 
     def walked(self) -> list[tuple[RecoveryPlace, list[RecoveryCase]]]:
@@ -160,7 +160,7 @@ class RecoveryPlan(HeldOutExperiment):
             )
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         super().check()
         check_families(self.families)
         check_each("gaits", self.gaits, (*NAMED_SLOTS, AUTO_GAIT))

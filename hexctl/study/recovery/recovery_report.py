@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 #: more than this share of the intact speed.
 MATTERS_M, MATTERS_SHARE = 0.02, 0.10
 
-#: The method that is judged.
+#: The judged method.
 JUDGED = "recover"
 
 #: Number of episodes needed to judge falls and the right leg, and the joints of failures that matter.
@@ -284,7 +284,7 @@ def table_of_walks(rows: "DataFrame") -> "DataFrame":
 
 
 def recovery_bars(rows: "DataFrame", duration_s: float) -> list[Bar]:
-    """Return the bars that `recover` reaches; those of lines are not judged on walks that are too short."""
+    """Return the bars that `recover` reaches; those of lines are not judged on too short walks."""
     if JUDGED not in set(rows["method"]):
         return []
     bars: list[Bar] = []

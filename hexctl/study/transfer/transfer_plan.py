@@ -117,7 +117,7 @@ class TransferPlan(TransferSettings, Experiment[TransferFound]):
         return TransferFound(runs=runs, without=without, uncertainty=uncertainty)
 
     def bars(self, found: TransferFound) -> list[Bar]:
-        """Return the bars that optimizers and budget reach; none is judged on walks that are too short."""
+        """Return the bars that optimizers and budget reach; too short walks are not judged."""
         if BAYES not in self.optimizers:
             return []
         share, outcomes = coverage(found.of(BAYES))

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def search_worlds(
     plan: TransferSettings, landscapes: Sequence[Landscape], on_landscape: Callable[[], None] = lambda: None
 ) -> "DataFrame":
-    """Run every optimizer in every landscape that has a valid gait; a row for each run.
+    """Run every optimizer in every landscape with a valid gait; a row for each run.
 
     Columns: place (number of the landscape), world, kind, leg, deviation of the best and the worst valid
     gait of the landscape, optimizer, run, and those of `run_course`. `on_landscape` is called after each
@@ -91,7 +91,7 @@ def make_search(
 def run_course(
     search: Optimizer, landscape: Landscape, budget: int, *, early: bool = False
 ) -> dict[str, Any]:
-    """Run a search that looks up every walk in a landscape; `early` cuts walks short that have shown enough.
+    """Run a search that looks up every walk in a landscape; `early` ends decided walks early.
 
     Returns:
         `codes`: the gaits walked, in order, (T,); fewer than the budget if the search was sure.

@@ -89,7 +89,7 @@ class TransferSettings(LandscapePlan):
         return self.family.kind(spec.seed).name
 
     def check(self) -> None:
-        """Raise InputError for settings that are not allowed, before anything runs."""
+        """Raise InputError for invalid settings, before anything runs."""
         super().check()
         check_legs(self.legs)
         parse_kind(1, self.failure)

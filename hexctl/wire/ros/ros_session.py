@@ -20,7 +20,7 @@ GREETING_S = 5.0
 def check_router(text: str, *, insecure: bool) -> Endpoint:
     """Endpoint of a ROS router.
 
-    Raises InputError for one that is malformed, not tcp, or on another computer without `insecure`: every
+    Raises InputError for a malformed one, not tcp, or on another computer without `insecure`: every
     client on that network may stop the robot, and with driving on move it.
     """
     if not text.startswith("tcp/"):

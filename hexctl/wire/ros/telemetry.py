@@ -116,6 +116,6 @@ def encode_diagnostics(statuses: Sequence[DiagnosticStatus], hardware: str, stam
 
 
 def encode_trigger_answer(success: bool, message: str) -> bytes:
-    """Answer of a std_srvs/Trigger: encapsulation, a flag, and a text that is aligned to 4 bytes."""
+    """Answer of a std_srvs/Trigger: encapsulation, a flag, and a text aligned to 4 bytes."""
     text = message.encode() + b"\0"
     return b"\0\1\0\0" + struct.pack("<B3xI", success, len(text)) + text
