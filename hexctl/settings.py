@@ -33,7 +33,7 @@ CHOSEN = "HEXCTL_SETTINGS"
 #: Settings of robot and connection, for every command that uses them.
 COMMON = {
     "robot": "a shipped name or a robot file",
-    "backend": "what moves, as `--backend` says it",
+    "backend": "what moves, as for `--backend`",
     "connect": "where the robot is: a Zenoh endpoint, or the port of its servos",
     "listen": "where `hexctl serve` listens, a Zenoh endpoint",
     "keys": "folder of certificates",

@@ -26,8 +26,8 @@ CEILINGS = {
     "study": 8_380,
     "teleop": 1_890,
     "testing": 560,
-    "vision": 6_580,
-    "wire": 3_160,
+    "vision": 6_590,
+    "wire": 3_150,
 }
 
 

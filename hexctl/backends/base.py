@@ -231,6 +231,6 @@ def simulation_of(servos: LegServos) -> SimulationFacet:
     """Simulation facet of the servos; raises InputError for real servos."""
     if servos.simulation is None:
         raise InputError(
-            "failure: got it for a robot that is not simulated; allowed: with hexctl serve --backend sim"
+            "failure: got one for a real robot; allowed: for a robot of hexctl serve --backend sim"
         )
     return servos.simulation

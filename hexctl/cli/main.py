@@ -80,8 +80,8 @@ COMMANDS = {
     "robot": Command(
         "hexctl.cli.robot.robot_command", ROBOT, "List the shipped robots, and make robot files."
     ),
-    "gaits": Command("hexctl.cli.robot.list_commands", ROBOT, "List the gaits that have names."),
-    "worlds": Command("hexctl.cli.robot.list_commands", ROBOT, "List the simulated worlds that are shipped."),
+    "gaits": Command("hexctl.cli.robot.list_commands", ROBOT, "List the named gaits."),
+    "worlds": Command("hexctl.cli.robot.list_commands", ROBOT, "List the shipped simulated worlds."),
     "diagnose": Command(
         "hexctl.cli.walk.diagnose_command",
         ROBOT,
@@ -103,7 +103,7 @@ COMMANDS = {
         "Find direction, offset and limits of each servo, and write them to the robot file.",
     ),
     "ports": Command(
-        "hexctl.cli.bus.ports_command", ROBOT, "List serial ports that have a device, with their adapters."
+        "hexctl.cli.bus.ports_command", ROBOT, "List serial ports with a device, and their adapters."
     ),
     "doctor": Command(
         "hexctl.cli.doctor_command",

@@ -168,7 +168,7 @@ class LegPrompt:
 
     def moved(self, leg: int) -> bool | None:
         """Ask whether a leg lifted, swung and stood again; None ends the questions."""
-        question = f"leg {leg} was told to lift, swing and stand again: did it? yes, no or quit: "
+        question = f"leg {leg} should have lifted, swung and stood again: did it? yes, no or quit: "
         while True:
             print_question(question)
             while (line := self._lines.poll(LOOK_S)) is None:

@@ -37,7 +37,7 @@ KEY_WRITE_S = 1.0
 
 
 OVERLOADED = (
-    "If its network is overloaded, hexctl estop on its own computer still works, and a robot that is "
+    "If its network is overloaded, hexctl estop on its own computer still works, and a robot "
     f"commanded over that network stops by itself {TIME_TO_LIVE_S:g} s after the last command"
 )
 
@@ -279,8 +279,8 @@ class ReadyStop:
                 raise self._out_of_reach()
         elif time.monotonic() - self._first_stop_s > REST_TIMEOUT_S:
             raise RobotFaultError(
-                f"the robot is told to stop, and was not seen at rest for {REST_TIMEOUT_S:g} s; go and look, "
-                "with a hand at the switch of its servos' supply"
+                f"the stop was sent, but the robot did not come to rest within {REST_TIMEOUT_S:g} s; go and "
+                "look, with a hand at the switch of its servos' supply"
             )
 
     def _out_of_reach(self) -> HexctlError:

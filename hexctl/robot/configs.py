@@ -140,7 +140,7 @@ ALLOWED = {
     "list_type": "a list",
     "tuple_type": "a list",
     "too_long": "a list of {max_length}",
-    "invalid_key": "keys that are text",
+    "invalid_key": "text keys",
 }
 
 

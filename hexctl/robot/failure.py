@@ -212,7 +212,7 @@ def untold_note(broken: Failures, told: Failures) -> str | None:
     breaks, tells = each_failure(broken), each_failure(told)
     if breaks == tells:
         return None
-    return f"the simulation breaks {failure_text(*breaks)}; the controller is told {failure_text(*tells)}"
+    return f"simulated failure: {failure_text(*breaks)}; the controller assumes {failure_text(*tells)}"
 
 
 def each_failure(failures: Failures) -> tuple[Failure, ...]:

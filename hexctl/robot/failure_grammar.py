@@ -235,7 +235,7 @@ def _stuck(leg: int, details: list[str], refused: str, *, coming: bool) -> Failu
     """Leg with a joint jammed at an angle, or where it is."""
     joint = details[0] if details else None
     if coming and len(details) != 1:
-        where = "it jams where it is" if details else "a leg that keeps its pose is locked"
+        where = "it jams at its current angle" if details else "a leg that keeps its pose is locked"
         raise InputError(f"{refused}stuck:JOINT with {_JOINTS}; {where}")
     degrees = _number(details[1], refused) if len(details) > 1 else 0.0
     if joint not in (None, *JOINT_KINDS) or not math.isfinite(degrees):

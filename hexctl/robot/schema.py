@@ -56,7 +56,7 @@ def _own_address(value: int) -> int:
 
 def _different(values: tuple[int, int]) -> tuple[int, int]:
     if values[0] == values[1]:
-        raise ValueError(f"got {values[0]:#x} twice; allowed: an address of its own for each board")
+        raise ValueError(f"got {values[0]:#x} twice; allowed: a different address for each board")
     return values
 
 

@@ -61,8 +61,8 @@ class DiagnosisRun(Run):
         if failures and not spec.simulated:
             name, value = option_of(failures[0])
             raise InputError(
-                f"{argument(name)}: got {value} with {argument('backend')} {spec.backend}, which is not "
-                "told; allowed: with sim, which breaks it"
+                f"{argument(name)}: got {value} with {argument('backend')} {spec.backend}; "
+                "allowed: with sim, which simulates the failure"
             )
         duration_s = sum(probe.duration_s for probe in ALL_PROBES)
         plain = {"hold": "none", "self_rotation": "none", "duration_s": duration_s + 3.0, "gait": "demo"}

@@ -199,13 +199,13 @@ class RunSpec(RecordedOptions, WalkOptions):
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
         if self.trim_rad is not None and self.hold != "heading":
             raise UnusedError(
-                f"{argument('trim_rad')}: got it with hold {self.hold}; allowed: with hold heading",
+                f"{argument('trim_rad')} requires hold heading; got hold {self.hold}",
                 field="trim_rad",
             )
         arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
         if self.trim_rad is not None and arc:
             raise UnusedError(
-                f"{argument('trim_rad')}: got it with a turn, which holds no heading; allowed: none",
+                f"{argument('trim_rad')} cannot be combined with a turn, which holds no heading",
                 field="trim_rad",
             )
         if arc and self.hold in ("heading", "line"):

@@ -270,7 +270,7 @@ def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:
 def _owner(content: dict[str, Any]) -> str:
     owner = content.get("owner", UNNAMED)
     if not isinstance(owner, str) or not owner.isprintable():
-        raise MessageError("owner: got a value that is not a name; allowed: printable text")
+        raise MessageError("owner: got an unprintable name; allowed: printable text")
     return owner
 
 
@@ -287,6 +287,4 @@ def _lease_id(content: dict[str, Any]) -> bytes:
     try:
         return bytes.fromhex(text)
     except (TypeError, ValueError) as error:
-        raise MessageError(
-            "lease: got a value that is not hexadecimal; allowed: the one that was granted"
-        ) from error
+        raise MessageError("lease: got no hexadecimal digits; allowed: the granted lease") from error

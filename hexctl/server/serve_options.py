@@ -146,7 +146,7 @@ class ServeOptions(ServedOptions):
     def __post_init__(self) -> None:
         if self.backend == "zenoh":
             raise InputError(
-                f"{argument('backend')}: got zenoh, which is a robot that is served already; "
+                f"{argument('backend')}: got zenoh, whose robot is already served; "
                 f"allowed: {', '.join(SERVED_BACKENDS)}"
             )
         super(ServeOptions, self).__post_init__()

@@ -189,7 +189,7 @@ class StudyOptions(ComputeOptions):
         asked = [kind for kind in ASKED_KINDS if getattr(self, kind)]
         if len(asked) > 1:
             one, other = map(argument, asked[:2])
-            raise InputError(f"{other}: got it with {one}; allowed: one or the other")
+            raise InputError(f"{other} cannot be combined with {one}")
         for name, kinds in TAKEN_BY.items():
             if self.kind not in kinds:
                 check_used(self, (name,), self._where(kinds))

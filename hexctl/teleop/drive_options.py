@@ -98,7 +98,7 @@ class DriveOptions(RobotOptions):
             return
         others = "--page HOST:PORT, or --gamepad auto"
         if not self.keyboard:
-            raise InputError(f"--no-keyboard: got it with nothing else to drive with; allowed: {others}")
+            raise InputError(f"--no-keyboard requires another input device; allowed: {others}")
         raise InputError(f"--keyboard: got no terminal to read keys from; allowed: a terminal, {others}")
 
     @property

@@ -37,7 +37,7 @@ def check_new_file(name: str, path: str | Path) -> None:
 def check_folder(name: str, path: str | Path) -> None:
     """Raise InputError for a file whose folder is missing; `name` is its option."""
     if not Path(path).parent.is_dir():
-        raise InputError(f"{argument(name)}: got {path}; allowed: a folder that is there")
+        raise InputError(f"{argument(name)}: got {path}; allowed: an existing folder")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

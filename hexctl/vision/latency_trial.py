@@ -163,7 +163,9 @@ class _Watch:
         times_s = np.array([state.at_s for state in self._states])
         arrivals_s = np.array([at_s for at_s, _ in self.seen])
         if len(times_s) < 2 or not len(arrivals_s):
-            raise InputError("latency: got no states of the robot; allowed: a robot that tells its joints")
+            raise InputError(
+                "latency: got no states of the robot; allowed: a robot that reports its joint angles"
+            )
         seen = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for _, pose in self.seen])
         return measure_latency(times_s, course(robot, self._states), arrivals_s, seen)
 

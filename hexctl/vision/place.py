@@ -257,7 +257,7 @@ def load_place(path: str | Path) -> Place:
     place = validate(Place, read_mapping(path), path)
     if place.lens is not None:
         if not (path.parent / place.lens).is_file():
-            raise InputError(f"{path}: lens: got {place.lens}; allowed: a file that is there")
+            raise InputError(f"{path}: lens: got {place.lens}; allowed: an existing file")
         place = replace(place, lens=path.parent / place.lens)
     _ = place.source_lens
     try:

@@ -241,7 +241,7 @@ class PoseStream:
                 f"the robot is lost: {self._why_lost()}" if estimate.pose is None else "the robot is seen"
             )
         if estimate.restarts != self._restarts:
-            on_event("the robot is somewhere else than its legs say: was it carried, or did it slip?")
+            on_event("the robot is not where its legs' motion predicts: was it carried, or did it slip?")
         self._sight, self._restarts = estimate.sight, estimate.restarts
         robot = self._outputs.robot
         if robot is None or estimate.pose is None or estimate.covariance is None:

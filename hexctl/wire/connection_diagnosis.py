@@ -95,7 +95,7 @@ def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: so
     except OSError:
         pass  # it waits for data: it either accepted the connection, or does not speak TLS
     keys = argument("credentials")
-    return f"something at {endpoint} accepts connections and says nothing; is it hexctl serve with {keys}?"
+    return f"something at {endpoint} accepts connections but sends nothing; is it hexctl serve with {keys}?"
 
 
 def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
@@ -109,10 +109,7 @@ def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
         with context.wrap_socket(link):
             pass
     except TimeoutError:
-        return (
-            f"nobody answers at {endpoint}: what listens there takes connections and says nothing; does "
-            "hexctl serve hang?"
-        )
+        return f"no answer from {endpoint}: it accepts connections but sends nothing; does hexctl serve hang?"
     except OSError:
         pass  # it has answered or disconnected
     return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and {keys}?"
@@ -120,7 +117,7 @@ def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
 
 def _bind_problem(endpoint: Endpoint, error: OSError) -> str:
     if error.errno == errno.EADDRINUSE:
-        return "already in use; by another robot or a ROS router? --listen gives each an address of its own"
+        return "already in use; by another robot or a ROS router? --listen gives each its own address"
     if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
         return f"{endpoint.host} is none of this computer's addresses; 0.0.0.0 stands for all of them"
     return _cause(error)

@@ -118,7 +118,9 @@ class Stop:
         proved = self.proved_by(keys)
         of_others = bool(self.claims) or self.by not in (None, by)
         if of_others and not proved and by == self.commander:
-            return "clear: got it from the client that was stopped; allowed: from the one that stopped it"
+            return (
+                "clear: got a request of the stopped client; allowed: from the client that stopped the robot"
+            )
         hold_s, left_s = self.hold_s(proved=proved), self.hold_left_s(at_s, proved=proved)
         if left_s <= 0:
             return None

@@ -187,7 +187,7 @@ def _text(text: str | None) -> bytes:
 
 def _read_text(data: bytes) -> tuple[str | None, bytes]:
     if not data or len(data) < 1 + data[0]:
-        raise MessageError("attachment: got a text that is cut off; allowed: its length and its bytes")
+        raise MessageError("attachment: got a truncated text; allowed: its length and its bytes")
     end = 1 + data[0]
     return data[1:end].decode(errors="replace") or None, data[end:]
 
@@ -265,7 +265,7 @@ def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
     else:
         positions, torques = _decode_any(payload)
     if not np.isfinite(positions).all():
-        raise MessageError("joints: got an angle that is not finite; allowed: finite angles in rad")
+        raise MessageError("joints: got a non-finite angle; allowed: finite angles in rad")
     return positions, torques if torques is not None and np.isfinite(torques).all() else None
 
 

@@ -190,7 +190,7 @@ def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None
         **CALM,
         "controller": "lab[/red]",
         "controller_since_s": 1.0,
-        "fault": "the board says: [/E12]",
+        "fault": "the board reports: [/E12]",
         "endpoint": "tcp/[fe80::1]:7447",
         "simulated": True,
     }
@@ -240,7 +240,7 @@ def test_what_is_told_in_another_way_costs_no_other_line() -> None:
         ({"stopped": "fell"}, "stopped", "FELL: its body leant too far; hexctl estop --clear clears it"),
         ({"stopped": "fault: low", "fault": "low"}, "stopped", "FAULT: low; see to it, then"),
         ({"stopped": "fault: gone", "servos": SERVOS}, "stopped", "FAULT: gone; they answer again: hexctl"),
-        ({"stopped": "fault: low"}, "stopped", "FAULT: low; that is over: hexctl estop --clear"),
+        ({"stopped": "fault: low"}, "stopped", "FAULT: low; the fault is over: hexctl estop --clear"),
         ({"stopped": "expired"}, "stopped", "EXPIRED: no command came in time; the next controller clears"),
         (
             {"stopped": "fell", "stop": {**STOP, "kept": False}},

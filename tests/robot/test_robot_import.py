@@ -291,7 +291,7 @@ def test_a_foot_next_to_the_plane_of_its_leg_is_projected_with_an_error(
     foot_y_m: float, tmp_path: Path
 ) -> None:
     made = imported(tmp_path, hexapod(foot_y_m=foot_y_m))
-    note = next(note for note in made.notes if "beside the planes" in note)
+    note = next(note for note in made.notes if "outside the planes" in note)
     assert f"{1000 * abs(foot_y_m):.1f} mm" in note
     robot = made.robot()
     # In the stance the feet are those of the file.

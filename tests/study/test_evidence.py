@@ -91,7 +91,7 @@ def test_what_is_known_stands_beside_deviations_with_what_it_means() -> None:
     assert study.beside(0.006) == f"{cm(0.006)} ± {cm(known.numerical_m)}"
     assert study.as_json() == known.to_dict()
     assert study.lines == [study.sentence]
-    assert f"2.8 times this, {cm(2.8 * known.numerical_m)}, cannot be told apart" in study.sentence
+    assert f"2.8 times this, {cm(2.8 * known.numerical_m)}, do not differ" in study.sentence
     assert "measured" not in study.sentence
     limp = StudyUncertainty.of(shipped(), load_world("slope"), 30.0, failure="limp")
     assert "; measured with locked legs on the flat world)" in limp.sentence

@@ -220,7 +220,7 @@ def test_phase_and_heading_are_drawn_by_the_seed_and_are_the_same_for_all_method
         ({"seed": -1}, "seed"),
         ({"legs": (7,)}, "legs"),
         ({"failures": ("tired",)}, "failure"),
-        ({"failures": ("stuck:tibia:20",)}, "it jams where it is"),
+        ({"failures": ("stuck:tibia:20",)}, "stuck:JOINT"),
         (
             {"methods": ("nothing", "hope")},
             "methods",

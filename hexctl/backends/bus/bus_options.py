@@ -140,8 +140,8 @@ class IdentificationOptions(BusOptions):
         check_fields(self)
         if self.robot is not None and self.output is not None:
             raise InputError(
-                f"{argument('output')}: got it with {argument('robot')}; allowed: without a robot file, "
-                "because none is written to"
+                f"{argument('output')} cannot be combined with {argument('robot')}; allowed: without a robot "
+                "file, because none is written to"
             )
 
     def unreported_model(self, driver: str) -> str | None:

@@ -354,7 +354,7 @@ class RegisterServo(Servo):
         notes += self._overload_notes()
         greatest, now = self.sure_value(table.max_torque), self.sure_value(table.soft_torque)
         if greatest == 0:
-            notes.append("its greatest torque is set to 0")
+            notes.append("its maximum torque is set to 0")
         elif greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
         if speed := self.sure_value(table.speed):

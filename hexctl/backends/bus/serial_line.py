@@ -145,7 +145,7 @@ def open_device(path: str, baud: int) -> Any:
         number = getattr(error, "errno", None)
         if number == errno.ENOENT:
             raise RobotFaultError(
-                f"there is no port {path}; is the cable in? `hexctl ports` lists those that there are"
+                f"there is no port {path}; is the cable plugged in? `hexctl ports` lists the available ports"
             ) from error
         reason = os.strerror(number) if number else str(error)  # pyserial's own has the name once more
         if number == errno.EAGAIN:  # locked: another program has it exclusively

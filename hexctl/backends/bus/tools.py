@@ -432,6 +432,6 @@ def _angle_deg(robot: Robot, servos: BusMap, joint: int, seen: FoundServo) -> fl
         name = servos.names(np.arange(N_JOINTS) == joint)
         raise RobotFaultError(
             f"the servo with id {FACTORY_ID} stands at {angle_deg:.0f} degrees, where {name} cannot "
-            f"({ends[0]:.0f} to {ends[1]:.0f}): it may be another one; `hexctl servos identify` tells"
+            f"({ends[0]:.0f} to {ends[1]:.0f}): it may be another servo; try `hexctl servos identify`"
         )
     return round(angle_deg, 1)

@@ -217,7 +217,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
     def _fault(self, now_s: float) -> str | None:
         text = _fresh(self._receiver.newest("error"), now_s, ERROR_TEXT_S)
         if text is not None:
-            return f"the board says: {text.value}"
+            return f"the board reports: {text.value}"
         state = self._receiver.newest("heartbeat")
         if state is not None and state.value >= mavlink_messages.EMERGENCY:
             return f"the board reports MAV_STATE {state.value}"

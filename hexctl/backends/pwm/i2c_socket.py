@@ -116,6 +116,6 @@ class I2cSocket:
         while len(data) < count:
             more = self._socket.recv(count - len(data))
             if not more:
-                raise ConnectionResetError("the simulated boards have gone")
+                raise ConnectionResetError("the simulated boards are disconnected")
             data += more
         return data

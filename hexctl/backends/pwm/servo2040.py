@@ -109,7 +109,7 @@ class Servo2040:
         """
         values = self._ask(0, N_JOINTS, tries=TRIES)
         if values is None:
-            raise TimeoutError("the board does not say its pulses")
+            raise TimeoutError("the board does not report its pulses")
         if any(len(set(values)) == 1 and never in values for never in NEVER_US):
             return np.full(N_JOINTS, np.nan)
         pulses = np.array(values, dtype=float)[self._map.outputs]

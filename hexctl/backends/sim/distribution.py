@@ -26,7 +26,7 @@ class Distribution(BaseModel):
     def _ordered(self) -> "Distribution":
         if not self.low <= self.high or (self.scale == "log" and self.low <= 0):
             raise ValueError(
-                f"got {self.low:g} to {self.high:g}; allowed: low up to high, above 0 where the scale is log"
+                f"got {self.low:g} to {self.high:g}; allowed: low up to high, above 0 if the scale is log"
             )
         return self
 

@@ -309,7 +309,7 @@ class DomainRandomization(BaseModel):
         setting = [kind.name for kind in self.kinds if {"failures", "healings"} & kind.world.keys()]
         if self.failures and setting:
             raise ValueError(
-                f"got failures that are drawn, and others of the kind {setting[0]}; allowed: one of both"
+                f"got drawn failures together with those of the kind {setting[0]}; allowed: only one of them"
             )
 
     def members(self, first: int, count: int) -> list[World]:

@@ -46,5 +46,5 @@ def _found_port() -> "SerialPort | None":
         found = unplugged_port(before, timeout_s=FIND_TIMEOUT_S, stop_requested=interrupt.requested)
         if interrupt.requested():
             raise typer.Exit(INTERRUPTED)
-    print_note("that is it; plug it in again")
+    print_note("found it; plug it in again")
     return found

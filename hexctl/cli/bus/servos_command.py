@@ -72,7 +72,7 @@ def _note_models(driver: str, found: "Sequence[FoundServo]") -> None:
     if unknown and driver == "lx16a":
         print_note("these servos do not report their model")
     elif unknown:
-        print_note(f"{len(unknown)} servos are of a model that is not known: is {driver} the right driver?")
+        print_note(f"{len(unknown)} servos are of an unknown model: is {driver} the right driver?")
 
 
 def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:
@@ -219,7 +219,7 @@ def adopt(
     if asked.robot is None or servo_map is None:
         raise InputError("--robot: got none; allowed: the robot file with the ids of all joints")
     bus = asked.address()
-    ask_consent("The servo that has lost its id goes limp.", yes=yes)
+    ask_consent("The servo without its id goes limp.", yes=yes)
     adoption = adopt_servo(load_robot_file(asked.robot).robot, servo_map, bus.path, bus.baud)
     rows = {"joint": JOINT_NAMES[adoption.joint], "angle_deg": adoption.angle_deg, **adoption.servo.to_json()}
     print_result(json.dumps(rows) if as_json else value_table(with_units(rows)))

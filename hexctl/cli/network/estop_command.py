@@ -54,7 +54,7 @@ def estop(
     terminal it then watches the robot until Ctrl-C, and reports if the stop is cleared.
     """
     if clear and ready:
-        raise InputError("--ready: got it with --clear; allowed: one of both")
+        raise InputError("--ready cannot be combined with --clear")
     if clear:
         _clear(place, as_json=as_json)
         return

@@ -43,7 +43,7 @@ def renew(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> Non
 
     renew_certificates(folder, **options)
     _show(folder)
-    print_result("give each end its folder again; until then the old ones are good for as long as they say")
+    print_result("copy its new folder to each end; until then the old certificates stay valid to their date")
 
 
 @keys.command()
@@ -53,7 +53,7 @@ def stop(folder: FolderArgument = Path("keys")) -> None:
     from hexctl.wire.stop_secret import write_stop_secret
 
     for path in write_stop_secret(folder):
-        print_result(f"{path}  to its end, beside key.pem; robots are then stopped by datagram too")
+        print_result(f"{path}  to its end, next to key.pem; robots are then stopped by datagram too")
 
 
 @keys.command()

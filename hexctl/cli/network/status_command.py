@@ -137,7 +137,7 @@ def _line(make: Callable[[Status], str], status: Status) -> str:
     try:
         return printable(str(make(status)))
     except (AttributeError, LookupError, TypeError, ValueError, OverflowError):
-        return "told in another way than this version of hexctl understands"
+        return "not readable by this version of hexctl"
 
 
 def _robot(status: Status) -> str:
@@ -162,7 +162,7 @@ def _stopped(status: Status, clear: str) -> str:
         return f"no{_cleared_in_words(status.get('cleared'))}"
     kind, colon, detail = reason.partition(":")
     if kind == "fault" and detail and status.get("fault") is None:
-        over = "that is over" if status.get("servos") is None else "they answer again"
+        over = "the fault is over" if status.get("servos") is None else "they answer again"
         return f"FAULT:{detail}; {over}: {clear}"
     which = _stop_in_words(status.get("stop"), stays=kind != "expired")
     meaning = f": {MEANINGS[kind]}" if kind in MEANINGS and not colon else ""
@@ -203,7 +203,7 @@ def _ros(ros: Mapping[str, Any] | None) -> str:
 def _battery(status: Status) -> str:
     volts, share = status.get("battery_v"), status.get("battery_share")
     words = [f"{volts:.1f} V" if volts is not None else "", f"{share:.0%}" if share is not None else ""]
-    return ", ".join(filter(None, words)) or "does not say"
+    return ", ".join(filter(None, words)) or "not reported"
 
 
 def _servos(status: Status) -> str:

@@ -49,7 +49,7 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
     may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST
     if outcome["status"] == "aborted" and _stopped_for_a_leg(outcome):
-        return ["next: the same with --recover, which walks on without the leg"]
+        return ["next: the same with --recover, which continues without the leg"]
     if outcome["status"] == "no_progress" and may_walk and outcome["gait"]["name"] != AUTO:
         return [f"next: the same with --gait {AUTO}, the most stable gait for the other legs"]
     return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []

@@ -10,9 +10,9 @@ from hexctl.wire.zenoh_messages import SERVER_ENDED
 HINTS = {
     "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
-    "pose lost": "the robot no longer says where it is",
+    "pose lost": "the robot no longer reports its position",
     "arena": "the walk was ended before it left the circle of --arena",
-    "no position": "--arena needs a robot that knows where it is",
+    "no position": "--arena needs a robot with a known position",
     "estop": "{} when it may move again",
     "fault": "see to it, then {}",
     f"fault: {SERVER_ENDED}": "start it again",

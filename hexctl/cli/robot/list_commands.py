@@ -41,7 +41,7 @@ def worlds(as_json: JsonOption = False) -> None:
         print_result(json.dumps(texts))
         return
     print_result(
-        label_table(texts.items()), "", "--world also takes a YAML file, which says what differs from flat"
+        label_table(texts.items()), "", "--world also takes a YAML file with the differences from flat"
     )
 
 

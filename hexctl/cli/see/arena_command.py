@@ -38,15 +38,15 @@ def _option(text: str) -> Any:
 ArenaOption = Annotated[
     Any,
     _option(
-        f"On a robot that stays where a walk ends: the radius in metres, {METRES}, around its place at the "
-        "session's start that it is kept in; or the place file of hexctl see, for the largest circle that "
+        f"If the robot stays where a walk ends: the radius in metres, {METRES}, around its start "
+        "that it is kept in; or the place file of hexctl see, for the largest circle that "
         "its camera sees. (default: none, it wanders)"
     ),
 ]
 WalkArenaOption = Annotated[
     Any,
     _option(
-        f"Stop softly before leaving a circle: the radius in metres, {METRES}, around where the walk begins; "
+        f"Stop softly before leaving a circle: the radius in metres, {METRES}, around the start of the walk; "
         "or the place file of hexctl see, for the largest circle that its camera sees. (default: none)"
     ),
 ]

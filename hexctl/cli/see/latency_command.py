@@ -47,7 +47,7 @@ def latency(options: dict[str, Any], as_json: JsonOption = False) -> None:
 
 def _warning(ahead: "TwistAhead") -> str:
     return (
-        f"{ahead.robot} moves now: it stands up where it is and turns its body to and fro by "
+        f"{ahead.robot} moves now: it stands up and turns its body to and fro by "
         f"{math.degrees(ahead.amplitude_rad):.0f} degrees, its feet in place, for {ahead.duration_s:.0f} s; "
         "Ctrl-C ends it"
     )

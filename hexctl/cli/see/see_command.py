@@ -40,7 +40,7 @@ def _print_started(started: CameraStarted, path: Path) -> None:
     from hexctl.cli.console import print_note
 
     tags = ", ".join(map(str, sorted(started.place.floor_tags)))
-    learned = "learned by looking" if started.learned else "as the file says"
+    learned = "learned by looking" if started.learned else "as in the file"
     x_m, y_m, z_m = started.place.camera.position_m
     print_note(
         f"{path}: tags {tags} on the floor, {learned}; "

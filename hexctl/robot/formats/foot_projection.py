@@ -57,6 +57,6 @@ class FootProjection:
         made_m = (reach_m + radius_m - outward_m)[:, np.newaxis] * direction
         error_m = float(np.linalg.norm(real_m - made_m, axis=-1).max())
         return (
-            f"the feet are {1000 * self.offset_m:.1f} mm beside the planes of their legs: the legs were "
+            f"the feet are {1000 * self.offset_m:.1f} mm outside the planes of their legs: the legs were "
             f"turned to them, exact in the stance and up to {1000 * error_m:.1f} mm off in a stride"
         )

@@ -29,7 +29,7 @@ def read_urdf(path: Path) -> LinkTree:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error}); allowed: a URDF file") from error
     if "<!ENTITY" in text:
-        raise InputError(f"{path}: got XML with entities of its own; allowed: a plain URDF")
+        raise InputError(f"{path}: got XML with entity declarations; allowed: a plain URDF")
     try:
         root = ElementTree.fromstring(text)  # noqa: S314  entities, by which XML attacks, are refused above
     except ElementTree.ParseError as error:

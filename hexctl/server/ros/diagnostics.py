@@ -26,7 +26,7 @@ def statuses(snapshot: RobotSnapshot, node: str = NODE) -> list[DiagnosticStatus
 
 def silent(node: str = NODE) -> list[DiagnosticStatus]:
     """Status of a silent robot."""
-    return [DiagnosticStatus(Level.STALE, f"{node}: robot", "its control loop says nothing")]
+    return [DiagnosticStatus(Level.STALE, f"{node}: robot", "its control loop is silent")]
 
 
 def _robot(snapshot: RobotSnapshot, node: str) -> DiagnosticStatus:

@@ -337,7 +337,7 @@ class StudyUncertainty:
             f"Every deviation of a single walk is ± {cm(self.known.numerical_m)} by the simulation's own "
             f"uncertainty (by its time step{f'; {caveat}' if caveat else ''}): two gaits whose ends are "
             f"nearer to one another than {DISTINCT} times this, {cm(DISTINCT * self.known.numerical_m)}, "
-            "cannot be told apart with a confidence of 95 %."
+            "do not differ significantly (95 %)."
         )
 
     @property

@@ -384,7 +384,7 @@ def _second_bars(rows: "DataFrame") -> Iterator[Bar]:
         measured=f"{recover} of {len(able)} (of {len(told.drop_duplicates(SET))} pairs); "
         f"{judged['recovered'].sum()} of {len(judged)} walks",
         holds=recover >= 0.8 * len(able) if able else None,
-        not_judged="" if able else "no pair recovers when told",
+        not_judged="" if able else "no pair recovers with the failure known",
     )
 
 

@@ -109,7 +109,7 @@ def learn_floor(lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, fl
         )
     fits = [_Fit(lens, seen, edges_m, *start) for start in _starts(lens, seen, edges_m)]
     if not fits:
-        raise InputError("floor: the tags are seen where no flat floor has them; allowed: tags on one floor")
+        raise InputError("floor: got tags that do not lie in one plane; allowed: tags on a flat floor")
     likely = sorted(fits, key=lambda fit: fit.cost)[:TRIED]
     return min((fit.solve() for fit in likely), key=lambda fit: fit.cost).learned()
 

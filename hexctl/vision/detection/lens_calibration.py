@@ -176,7 +176,7 @@ class LensCalibration:
         if not doubt_px < MOST_DOUBT_PX * scale:
             raise InputError(
                 f"calibrate: two halves of the pictures give lenses that differ by {2 * doubt_px:.0f} px; "
-                "allowed: a board that is seen at all edges, tilted; is the lens a fisheye?"
+                "allowed: a tilted board at all edges of the picture; is the lens a fisheye?"
             )
         missing = self.missing()
         if not doubt_px < DOUBT_PX * scale and not missing:
@@ -274,7 +274,9 @@ def _fit_fisheye(views: Sequence[SeenBoard], size_px: tuple[int, int]) -> tuple[
         except cv2.error:  # it did not converge from there
             continue
     if not fits:
-        raise InputError("calibrate: no fisheye fits; allowed: sharp pictures, or a lens that is no fisheye")
+        raise InputError(
+            "calibrate: no fisheye fits; allowed: sharp pictures, or another lens model than fisheye"
+        )
     return min(fits, key=lambda fit: float(np.mean(fit[1])))
 
 

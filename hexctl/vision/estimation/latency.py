@@ -113,10 +113,10 @@ def _refusal(found: list[_Fit]) -> str:
     if best.sigma_s > MOST_SIGMA_S or best.explained < LEAST_EXPLAINED:
         return (
             f"latency: got too little motion (known within {1000 * min(best.sigma_s, 9.999):.0f} ms); "
-            f"allowed: motion that tells it within {1000 * MOST_SIGMA_S:g} ms, such as a twist to and fro"
+            f"allowed: motion that gives it within {1000 * MOST_SIGMA_S:g} ms, such as a twist to and fro"
         )
     return (
-        f"latency: got a tag that moves {best.factor:.2f} times as far as the joints say, "
+        f"latency: got a tag that moves {best.factor:.2f} times as far as the joints, "
         f"{1000 * best.latency_s:.0f} ms later; allowed: {LEAST_FACTOR:g} to {MOST_FACTOR:g} times, "
         f"{1000 * LEAST_S:g} to {1000 * MOST_S:g} ms"
     )

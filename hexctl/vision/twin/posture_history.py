@@ -105,7 +105,7 @@ def followed_robot(link: Link, name: str | None = None) -> Iterator[tuple[Robot,
             session.declare_subscriber(getattr(keys, kind), partial(take, history))
         if not comes_true(lambda: history.newest_at_s is not None, FIRST_TRUTH_S):
             raise RobotFaultError(
-                f"{robot.name} at {link.endpoint} does not tell where it truly is; "
+                f"{robot.name} at {link.endpoint} does not publish its true pose; "
                 "only a robot of hexctl serve --backend sim does"
             )
         yield robot, history

@@ -264,7 +264,9 @@ class _Shooting:
         silent = now_s - (self._history.newest_at_s or now_s) > SILENT_S
         if silent != self._silent:
             self._silent = silent
-            self._on_event("the robot is silent; it is shown where it was" if silent else "the robot is back")
+            self._on_event(
+                "the robot is silent; the picture shows its last pose" if silent else "the robot is back"
+            )
         if self._told or since_start_s < JUDGED_AFTER_S:
             return
         self._told = True

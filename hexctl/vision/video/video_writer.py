@@ -40,7 +40,7 @@ class VideoWriter:
                 f"{argument('output')}: got {path}; allowed: names that end in {', '.join(CODECS)}"
             )
         if not path.parent.is_dir():
-            raise InputError(f"{argument('output')}: got {path}; allowed: a folder that is there")
+            raise InputError(f"{argument('output')}: got {path}; allowed: an existing folder")
         hide_library_messages()
         self.path, self.frames = path, 0
         self._fps = fps

@@ -212,7 +212,7 @@ def test_an_error_text_and_an_emergency_are_faults(tmp_path: Path) -> None:
     with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
         assert state_after(servos, board, board_messages.text(4, "a warning")).healthy
         state = state_after(servos, board, board_messages.text(2, "servo 3\x07 overload"))
-        assert (state.healthy, state.fault) == (False, "the board says: servo 3 overload")
+        assert (state.healthy, state.fault) == (False, "the board reports: servo 3 overload")
         board.extra = []
         eventually(lambda: next_state(servos).healthy, board.port.time)
         board.state = mavlink_messages.EMERGENCY
@@ -345,7 +345,7 @@ def test_a_second_controller_is_refused_and_told(tmp_path: Path) -> None:
                 if second.stopped is not None:
                     break
                 second.write(JointTargets(second.robot.stance_angles_rad + 0.3, second.clock.now_s))
-            assert second.stopped == "fault: the board says: another controller holds the servos"
+            assert second.stopped == "fault: the board reports: another controller holds the servos"
             stand(first, 10)
             reached = first.read().joint_positions_rad
             np.testing.assert_allclose(reached, shipped().stance_angles_rad, atol=0.03)
