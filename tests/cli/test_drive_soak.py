@@ -1,6 +1,6 @@
 """However a hand, a page, a terminal or a link goes, the robot comes to rest, and how fast, a hundred times.
 
-The figures of docs/how-to/drive.md are what the soak tests print.
+The figures of docs/results/results.md are what the soak tests print.
 """
 
 import sys

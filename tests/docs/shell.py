@@ -354,7 +354,7 @@ def _sudo(words: list[str]) -> None:
 
 
 def _ros2(words: list[str]) -> None:
-    """Check that the topics, services and types of a command of ROS are those of a served robot."""
+    """Check that the node, topics, services and types of a command of ROS are those of a served robot."""
     from hexctl.server.ros.bridge import JOINTS_TOPIC, STOP_MESSAGE, STOP_TOPIC, TRIGGER, VELOCITIES
     from hexctl.server.ros.ros_commands import Service
     from hexctl.server.ros.topics import TOPICS
@@ -363,6 +363,7 @@ def _ros2(words: list[str]) -> None:
     names = (*TOPICS, "cmd_vel", JOINTS_TOPIC, STOP_TOPIC, *(f"~/{service.value}" for service in Service))
     nodes = (RosNode(), RosNode(namespace="lab/ant"))
     known = {node.resolved(name) for node in nodes for name in names} | {"/tf", "/tf_static"}
+    known |= {f"/{node.full_name}" for node in nodes}
     types = {STOP_MESSAGE, TRIGGER, *VELOCITIES, *(kind for kind, _ in TOPICS.values())}
     for word in words:
         for part in word.split(":="):

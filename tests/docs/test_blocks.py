@@ -122,8 +122,7 @@ def test_the_files_of_a_page_are_accepted(page: Path, tmp_path: Path) -> None:
 
 #: What the programs of a page need: a command of hexctl that makes it.
 NEEDED = {
-    "recordings.md": ["run", "--duration", "0.5", "--json", "--record", "walk.rrd"],
-    "export.md": [
+    "recordings.md": [
         *("adapt", "--failed-leg", "5", "--optimizer", "random", "--budget", "2", "--duration", "1"),
         *("--no-record", "--json"),
     ],

@@ -91,7 +91,7 @@ def stopped_after_s(drive: Drive, ticks: int = 70) -> float:
 def test_bodies_rest_in_time_a_hundred_times_of_a_hundred(
     robot: str, gait: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The figures of docs/how-to/drive.md, on the simulation's clock."""
+    """The figures of docs/results/results.md, on the simulation's clock."""
     guard, random = Guard(SimServos(robot)), np.random.default_rng(7)
     after_s: dict[str, list[float]] = {"release": [], "silence": []}
     with Drive(servos=guard, gait=gait, arbiter=Arbiter(lambda: guard.clock.now_s)) as drive:
