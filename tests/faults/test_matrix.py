@@ -85,7 +85,7 @@ def test_the_tables_say_what_was_found_and_what_was_not_run() -> None:
     assert "| one wild reading | goes on | 1 | - | - | 0.90, 0.00 | 0 | - | 1 of 1 |" in text
     assert "controller and simulation are one process, without a link" in text
     held = bars(outcomes)
-    assert held["at rest within 0.25 s in 99.9 % of the injections"].startswith(f"{FAILS} (1 of 2,")
+    assert held["at rest within 0.25 s in 99.9 % of the injections"].startswith(f"{FAILS} (1 of 2;")
     assert held["always at rest within 0.5 s"] == HOLDS
     assert held["no trial lost"] == UNMEASURED
     assert held["no stop for one wild reading"] == FAILS
