@@ -45,6 +45,8 @@ PARSED = {
     ("view",): "opens a window, until it is closed",
     ("drive",): "drives until a person ends it; tests/cli/test_drive.py does",
     ("calibrate",): "asks a person what each servo did",
+    ("identify",): "moves the joints and fits for minutes; tests/identify has it",
+    ("estop", "--ready"): "waits for a key of a terminal; tests/client/test_stop_client.py presses one",
     ("adapt", "--ask"): "asks a person where the robot is",
     ("adapt", "tls/robot.local:7447"): "needs a robot on another computer",
     ("study", "--legs"): "the same as plain study, once that is shortened",
