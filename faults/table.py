@@ -21,9 +21,9 @@ HOLDS, FAILS, UNMEASURED = "holds", "**does not hold**", "not measured"
 CONFIDENCE = 0.95
 
 HEADING = (
-    "| fault | expected | injections | at rest, s: median, 99.9 %, maximum | within 0.25 s "
-    "| largest step, pace | falls | trials lost | unneeded stops |",
-    "|---|---|---|---|---|---|---|---|---|",
+    "| fault | expected | injections | at rest, s: median, 99.9 %, maximum | largest step, pace "
+    "| trials lost | unneeded stops |",
+    "|---|---|---|---|---|---|---|",
 )
 
 
@@ -61,8 +61,8 @@ def _ended_before(reasons: Sequence[str]) -> str:
         return ""
     busy = sum(reason.startswith("TooLateError") for reason in reasons)
     return (
-        f" {len(reasons)} tries ended before their fault and were repeated, {busy} of them because the machine "
-        "was too busy."
+        f" {len(reasons)} tries ended before their fault and were repeated, {busy} of them because the "
+        "machine was too busy."
     )
 
 
@@ -82,19 +82,18 @@ def _row(name: str, outcomes: list[Outcome]) -> str:
         return ""
     fault, rest = FAULTS[name], rests_s(outcomes)
     if name == NONE or not rest.size:
-        timed = within = "-"
+        timed = "-"
     else:
         timed = ", ".join(_seconds(float(value)) for value in _distribution(rest))
-        within = f"{np.count_nonzero(rest <= REST_S)} of {rest.size}"
+        timed += f"; within {REST_S}: {np.count_nonzero(rest <= REST_S)} of {rest.size}"
     trials = [one for one in outcomes if one.trials is not None]
     lost = f"{sum(one.lost or 0 for one in trials)} of {sum(one.trials or 0 for one in trials)}"
     to_go_on = [one for one in outcomes if one.safe == "goes on"]
     unneeded = f"{sum(one.unneeded for one in to_go_on)} of {len(to_go_on)}" if to_go_on else "-"
-    falls = "by itself" if fault.topples else str(sum(one.fell for one in outcomes))
     step, pace = max(one.step for one in outcomes), max(one.pace for one in outcomes)
     return (
-        f"| {fault.words} | {fault.safe} | {len(outcomes)} | {timed} | {within} "
-        f"| {step:.2f}, {pace:.2f} | {falls} | {lost if trials else '-'} | {unneeded} |"
+        f"| {fault.words} | {fault.safe} | {len(outcomes)} | {timed} "
+        f"| {step:.2f}, {pace:.2f} | {lost if trials else '-'} | {unneeded} |"
     )
 
 
@@ -120,10 +119,15 @@ def bars(outcomes: Iterable[Outcome]) -> dict[str, str]:
     null = [one for one in every if one.fault == NONE]
     stopped = [one for one in null if one.stopped or (PHASES[one.phase].moves and not one.goes_on)]
     return {
-        f"at rest within {REST_S} s in 99.9 % of the injections": _share_verdict(int(np.sum(rest <= REST_S)), rest.size),
+        f"at rest within {REST_S} s in 99.9 % of the injections": _share_verdict(
+            int(np.sum(rest <= REST_S)), rest.size
+        ),
         f"always at rest within {MOST_REST_S} s": _verdict(rest.size, int(np.sum(rest > MOST_REST_S))),
         "no target farther than the joint's speed allows": _verdict(
             len(every), sum(one.jumped for one in every)
+        ),
+        "no fall, unless the fault topples the robot": _verdict(
+            len(every), sum(one.fell and not FAULTS[one.fault].topples for one in every)
         ),
         "no trial lost": _verdict(
             sum(one.trials is not None for one in every), sum(bool(one.lost) for one in every)
