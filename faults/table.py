@@ -40,7 +40,7 @@ def page_part(outcomes: Iterable[Outcome], not_measured: Sequence[str] = ()) -> 
     late = len(given) - len(every)
     measured = {(one.fault, one.backend, one.phase) for one in every}
     lines = [
-        f"{len(every)} injections in {len(measured)} of {len(cells())} cells. {late} more do not count, because "
+        f"{len(every)} injections in {len(measured)} of {len(cells())} cells. {late} more do not count: "
         "the machine delayed the simulation by more than 0.02 s." + _ended_before(not_measured),
         "",
         *(f"- {bar}: {verdict}" for bar, verdict in bars(every).items()),
