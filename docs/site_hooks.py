@@ -1,7 +1,6 @@
-"""What the site needs besides its pages: shipped files, the fault matrix, and figures that open large."""
+"""What the site needs beside the pages: shipped files that they link to, and figures that open large."""
 
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,6 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).resolve().parents[1]
 #: A link out of docs/, by its way up and what follows.
 LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
-
-#: Where the page of the fault matrix has the matrix.
-MATRIX = "<!-- fault matrix -->"
 
 #: A figure that is no link yet.
 FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
@@ -32,13 +28,26 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Point links to such files at their place in the site, and insert the fault matrix."""
-    markdown = LINK.sub(r"](\1\2)", markdown)
-    return markdown.replace(MATRIX, fault_matrix()) if MATRIX in markdown else markdown
+    """Point links to such files at their place in the site."""
+    return LINK.sub(r"](\1\2)", markdown)
+
+
+#: Page of the fault matrix, and the place of the matrix on it.
+MATRIX_PAGE, MATRIX = "results/fault-matrix.md", "<!-- fault matrix -->"
+
+
+def on_page_read_source(page: Any, config: Any) -> str | None:
+    """Insert the fault matrix into its page; other pages are read as they are."""
+    if page.file.src_uri != MATRIX_PAGE:
+        return None
+    text = (ROOT / "docs" / MATRIX_PAGE).read_text(encoding="utf-8")
+    return text.replace(MATRIX, fault_matrix())
 
 
 def fault_matrix() -> str:
     """Return the tables of the results in faults/, as `python -m faults --table` prints them."""
+    import sys
+
     if str(ROOT) not in sys.path:
         sys.path.append(str(ROOT))
     from faults.results import RESULTS, Results
