@@ -36,7 +36,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 MATRIX_PAGE, MATRIX = "results/fault-matrix.md", "<!-- fault matrix -->"
 
 
-def on_page_read_source(page: Any, config: Any) -> str | None:
+def on_page_read_source(page: Any, **_: Any) -> str | None:
     """Insert the fault matrix into its page; other pages are read as they are."""
     if page.file.src_uri != MATRIX_PAGE:
         return None
