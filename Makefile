@@ -36,7 +36,7 @@ help:
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make dist   wheel and sdist, checked and installed in an empty environment"
 	@echo "make bench  the numbers hexctl promises, measured (three hours, most of them on simulated buses and over a link)"
-	@echo "make faults  the fault matrix of docs/safety.md, as far as it is not done yet (hours; Ctrl-C ends it)"
+	@echo "make faults  what is missing of the fault matrix (hours; Ctrl-C ends it)"
 	@echo "make pictures  the pictures of the documentation, made anew (a few minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"
 	@echo "make fuzz   every decoder under mutated inputs led by coverage; SECONDS=5 or INPUTS=1000 for less of each"
@@ -136,7 +136,7 @@ dist:
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks
 
-# Adds to faults/injections.jsonl; the page's tables and figure are made from it.
+# Adds to faults/injections.jsonl; tables and figure of docs/results/fault-matrix.md are made from it.
 REPETITIONS ?= 3
 faults: $(INSTALLED)
 	$(BIN)/python -m faults --repetitions $(REPETITIONS)

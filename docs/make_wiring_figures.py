@@ -1,4 +1,4 @@
-"""Make the pictures of wiring of docs/how-to/servos.md and the pages of the other servos.
+"""Make the wiring pictures of docs/how-to/servos.md.
 
     .venv/bin/python docs/make_wiring_figures.py [FOLDER]
 

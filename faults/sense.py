@@ -25,14 +25,14 @@ _OF_LINKS = (
 )
 
 ONE_PROCESS = "controller and simulation are one process, without a link"
-OWN_SIMULATION = "each trial makes a simulation of its own"
-SERVED_TWIN = "the simulation is a part of the server, and ends or stands still with it"
-WIRE = "a wire delivers in order and at once"
+OWN_SIMULATION = "each trial makes its own simulation"
+SERVED_TWIN = "the simulation is part of the server, and ends or freezes with it"
+WIRE = "a wire delivers in order and immediately"
 CHECKED = "TCP delivers no garbled bytes"
 NO_SUPPLY = "these servos have no supply that can be measured"
 NO_FEEDBACK = "these servos measure nothing"
 NO_TEMPERATURE = "no temperature is measured"
-NO_TILT = "the tilt of the body is not measured: nothing can notice it"
+NO_TILT = "the tilt of the body is not measured: nothing can detect a fall"
 
 
 def why_not(fault: Fault, backend: Backend, phase: str) -> str | None:

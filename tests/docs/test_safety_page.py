@@ -1,4 +1,4 @@
-"""The page that a safety officer signs says what the code does: its times, and who may do what."""
+"""The pages on safety and security agree with the code: times, and who may do what."""
 
 import math
 import re
@@ -10,45 +10,65 @@ from faults.measurement import REST_S
 from faults.results import RESULTS, Results
 from faults.table import rests_s
 from hexctl.backends.clock import PERIOD_S
+from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S
 from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S
-from hexctl.control.telemetry_watch import TOO_HOT_C
+from hexctl.control.telemetry_watch import BATTERY_S, LASTS_S, TOO_HOT_C
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.server.idle import SIT_AFTER_S
 from hexctl.server.leases import LEASE_S
+from hexctl.server.rest_watch import STILL_S
 from hexctl.simulators.servo_board import FREE_AFTER_S, RELEASE_AFTER_S, RESUME_AFTER_S
 from hexctl.wire.certificates import CertificateOptions
 from hexctl.wire.links import KeyMap, Role
-from hexctl.wire.stop import HOLD_S
+from hexctl.wire.stop import HOLD_S, MOST_OTHERS_HOLD_S, OTHERS_HOLD_S
 from hexctl.wire.stop_secret import HOLDERS
 from hexctl.wire.zenoh_session import access_control
 from tests.docs.pages import ROOT
 
-PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+SAFETY = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+SECURITY = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+FIRMWARE = (ROOT / "docs" / "reference" / "mavlink.md").read_text(encoding="utf-8")
+
+#: Which test holds which promise of both pages.
+PROMISES = (ROOT / "docs" / "dev" / "safety-promises.md").read_text(encoding="utf-8")
 
 LEAN_DEG = math.degrees(math.acos(FALL_COS_TILT))
 
-#: What the page says of a constant of the code.
-TOLD = {
-    "silence": f"older than {EXPIRY_S:g} s",
-    "state": f"no state for {EXPIRY_S:g} s",
-    "fall": f"leans by more than {LEAN_DEG:.0f}° for {FALL_TICKS * PERIOD_S:g} s",
-    "pose": f"stays away for {POSE_EXPIRY_S:g} s",
-    "heat": f"a servo at {TOO_HOT_C:g} °C or more",
-    "sitting": f"sits down after {SIT_AFTER_S:g} s (`--sit-after`)",
-    "lease": f"lease not renewed for {LEASE_S:g} s",
-    "clear": f"with the id of the stop, {HOLD_S:g} s after it at the earliest",
-    "board": f"holds after {EXPIRY_S:g} s, lets go after {RELEASE_AFTER_S:g} s",
-    "resume": f"overrides that have come for {RESUME_AFTER_S:g} s",
-    "peer": f"the commander was silent for {FREE_AFTER_S:g} s",
-    "days": f"({CertificateOptions().days} days unless given)",
+#: Texts of pages with constants of the code.
+TIMES = {
+    "age": (SAFETY, f"older than {EXPIRY_S:g} s"),
+    "silence": (SAFETY, f"`expired`: controller silent | freezes; sits down after {SIT_AFTER_S:g} s"),
+    "state": (SAFETY, f"no state for {EXPIRY_S:g} s"),
+    "fall": (SAFETY, f"leans by more than {LEAN_DEG:.0f}° for {FALL_TICKS * PERIOD_S:g} s"),
+    "pose": (SAFETY, f"a known pose stays away for {POSE_EXPIRY_S:g} s"),
+    "heat": (SAFETY, f"a servo at {TOO_HOT_C:g} °C or more"),
+    "jump": (SAFETY, f"a jump after {LASTS_S:g} s"),
+    "battery": (SAFETY, f"below `low_battery_v` for {BATTERY_S:g} s"),
+    "sitting": (SAFETY, f"sits down after {SIT_AFTER_S:g} s (`--sit-after`)"),
+    "lease": (SAFETY, f"lease not renewed for {LEASE_S:g} s"),
+    "driver": (SAFETY, f"driver silent, after {COMMAND_EXPIRY_S:g} s"),
+    "soft stop": (SAFETY, f"{RAMP_DURATION_S:g} s; 2.04 s (n 14)"),
+    "rest": (SAFETY, f"its joints first stayed still for {STILL_S:g} s"),
+    "board": (SAFETY, f"holds after {EXPIRY_S:g} s, goes limp after {RELEASE_AFTER_S:g} s"),
+    "clear": (SECURITY, f"with the id of the stop, {HOLD_S:g} s after it at the earliest"),
+    "others": (SECURITY, f"another user's stop after {OTHERS_HOLD_S:g} s"),
+    "repeated": (SECURITY, f"holds up to {MOST_OTHERS_HOLD_S:g} s"),
+    "cut": (SECURITY, f"stops after {EXPIRY_S:g} s"),
+    "peer": (SECURITY, f"the commander was silent for {FREE_AFTER_S:g} s"),
+    "days": (SECURITY, f"({CertificateOptions().days} days unless given)"),
+    "release": (FIRMWARE, f"for {RELEASE_AFTER_S:g} s"),
+    "resume": (FIRMWARE, f"overrides that have come for {RESUME_AFTER_S:g} s"),
+    "commander": (FIRMWARE, f"silent for {FREE_AFTER_S:g} s"),
 }
 
 
-@pytest.mark.parametrize("name", TOLD)
-def test_the_page_has_the_times_of_the_code(name: str) -> None:
-    assert TOLD[name] in PAGE
+@pytest.mark.parametrize("name", TIMES)
+def test_the_pages_have_the_times_of_the_code(name: str) -> None:
+    page, text = TIMES[name]
+    assert text in page
 
 
-#: Faults of the matrix whose greatest times to rest the table of stops has, by its words.
+#: Faults of the matrix whose maximum times to rest the table of stops has, by its words.
 SILENCES = {
     "killed": ("controller-killed",),
     "cable out": ("cable-out",),
@@ -57,7 +77,7 @@ SILENCES = {
 }
 
 
-def test_the_table_of_stops_has_the_greatest_times_of_the_matrix() -> None:
+def test_the_table_of_stops_has_the_maximum_times_of_the_matrix() -> None:
     injected = [one for one in Results(ROOT / RESULTS).read() if one.punctual]
     of_silence = {
         words: [one for one in injected if one.fault in faults] for words, faults in SILENCES.items()
@@ -66,10 +86,10 @@ def test_the_table_of_stops_has_the_greatest_times_of_the_matrix() -> None:
     numbers = [
         sum(one.fault == fault for one in injected) for faults in SILENCES.values() for fault in faults
     ]
-    told = f"greatest: {times} ({min(numbers)} to {max(numbers)} injections each"
-    assert told in PAGE
+    text = f"maximum: {times} ({min(numbers)} to {max(numbers)} injections each"
+    assert text in SAFETY
     falls = rests_s([one for one in injected if one.fault == "fallen"])
-    assert f"of the push at rest in {(falls <= REST_S).sum()} of {falls.size}" in PAGE
+    assert f"at rest within {REST_S} s of the push in {(falls <= REST_S).sum()} of {falls.size}" in SAFETY
 
 
 def allowed(role: Role) -> set[tuple[str, str]]:
@@ -105,7 +125,7 @@ def test_there_is_no_role_above_the_controller() -> None:
 
 
 def test_each_test_that_holds_a_promise_is_there() -> None:
-    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", PAGE)
+    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", PROMISES)
     assert len(named) > 30
     missing = [
         f"{file}::{name}"
