@@ -1,17 +1,44 @@
-"""What the site needs beside the pages: shipped files that they link to, and figures that open large."""
+"""What the site adds to the pages: shipped files, generated references, equations, and figures that open large."""
 
 import re
+import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
-#: A link out of docs/, by its way up and what follows.
+sys.path.insert(0, str(ROOT / "docs"))
+
+from generated_reference import PARTS  # noqa: E402  a neighbour of this file
+
+#: A link out of docs/ to a shipped file, by its `../` and its path.
 LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
 
 #: A figure that is no link yet.
 FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
+
+#: Inline code of at most 30 characters, which does not break.
+SHORT = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?=(?:[^<&]|&\w+;){1,30}</code>)")
+
+#: The place of a generated reference: a comment on a line of its own.
+GENERATED = re.compile(r"^<!-- generated: (\w+) -->$", re.MULTILINE)
+
+#: What pymdownx.arithmatex leaves of an equation in TeX.
+EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+
+
+def on_config(config: Any) -> Any:
+    """Show the version of the package, and its repository if the package names one."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    config.site_name = f"{project['name']} {project['version']}"
+    repository = project.get("urls", {}).get("Repository")
+    if repository:
+        config.repo_url, config.repo_name = repository, "Repository"
+        config.edit_uri = "edit/main/docs/"
+        config.theme["features"].append("content.action.edit")
+    return config
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -28,10 +55,20 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Point links to such files at their place in the site."""
-    return LINK.sub(r"](\1\2)", markdown)
+    """Point links to shipped files at their place in the site, and write the generated references."""
+    return GENERATED.sub(lambda found: PARTS[found[1]](), LINK.sub(r"](\1\2)", markdown))
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Let a click on a figure open it by itself, as large as the window; needs no script."""
-    return FIGURE.sub(r'<a class="figure" href="\1" title="open by itself">\g<0></a>', html)
+    """Let a click on a figure open it in full size, and write equations as MathML; neither needs a script."""
+    shown = FIGURE.sub(r'<a class="figure" href="\1" title="open in full size">\g<0></a>', html)
+    shown = SHORT.sub('<code class="short">', shown)
+    return EQUATION.sub(_mathml, shown) if EQUATION.search(shown) else shown
+
+
+def _mathml(found: re.Match[str]) -> str:
+    from html import unescape
+
+    from latex2mathml.converter import convert
+
+    return str(convert(unescape(found[3]), display="block" if found[2] == "[" else "inline"))

@@ -51,9 +51,12 @@ class TrialResult(ArrayFields):
         status: one of `STATUSES`. A constant position from the start on is `no_progress`: the robot stands,
             or its sensor is dead.
         stopped: why it was aborted (`requested`, or the guard's reason) or cut short; None otherwise.
+        duration_s: seconds walked.
         turned_rad: turn by the self-rotation before the walk.
         distance_m: progress along the heading.
         ideal_distance_m: 1.5 * A * pace * duration.
+        deviation: distance from the line at the end (`final`), its mean and maximum, and `signed`: at the end,
+            positive to the left.
         yaw_change_rad: turn during the walk, counter-clockwise, with full turns.
         clipped_ticks: ticks in which the guard changed the targets.
         path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN if not measured.
