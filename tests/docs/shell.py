@@ -88,7 +88,7 @@ def parse(arguments: Sequence[str]) -> None:
 
 def name_of(arguments: Sequence[str]) -> str:
     """The name of a command, of two words in a group."""
-    return " ".join(arguments[: 2 if arguments[0] in ("prior", "keys", "sessions") else 1])
+    return " ".join(arguments[: 2 if arguments[0] in ("prior", "keys", "sessions", "sim") else 1])
 
 
 def kept(arguments: Sequence[str]) -> tuple[str, ...]:
@@ -181,11 +181,9 @@ class Shell:
             return
         self._make_robot_file(arguments)
         arguments = list(kept(arguments))
-        if name in ("serve", "board"):
-            {"serve": self._serve, "board": self._start_board}[name](arguments)
-            return
-        if arguments[:2] == ["sim", "camera"]:
-            self._start_camera(arguments)
+        programs = {"serve": self._serve, "sim board": self._start_board, "sim camera": self._start_camera}
+        if name in programs:
+            programs[name](arguments)
             return
         if arguments[0] == "see" and "--camera" in arguments:
             arguments[arguments.index("--camera") + 1] = self._camera

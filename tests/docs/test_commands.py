@@ -7,7 +7,7 @@ import pytest
 import typer
 from _pytest.mark import ParameterSet
 
-from tests.docs.pages import LANGUAGES, PAGES, ROOT, blocks, commands, inline_commands, save_programs
+from tests.docs.pages import LANGUAGES, PAGES, ROOT, blocks, commands, inline_commands, save_programs, tabs
 from tests.docs.shell import Shell, of_hexctl, parse
 
 #: The beginning of a line that somebody would type.
@@ -21,15 +21,26 @@ def marked(page: Path) -> ParameterSet:
 
 @pytest.mark.long
 @pytest.mark.realtime
-@pytest.mark.parametrize("page", [marked(page) for page in PAGES if commands(page)])
-def test_the_commands_of_a_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("page", "tab"),
+    [
+        pytest.param(page, tab, id="-".join(filter(None, (page.name, tab))))
+        for page in PAGES
+        if commands(page)
+        for tab in tabs(page)
+    ],
+)
+def test_the_commands_of_a_page(
+    page: Path, tab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page with tabs is followed once in each of them."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     # For the programs it starts: no display, one thread.
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     save_programs(page, tmp_path)
     with Shell(tmp_path, page) as shell:
-        for words in commands(page):
+        for words in commands(page, tab):
             shell.do(words)
 
 
