@@ -86,7 +86,9 @@ def result_reference() -> str:
     from hexctl.runs.outcome import OUTCOME_KEYS
 
     texts = _attributes(TrialResult)
-    rows = [(json_key(field.name), f"`{field.name}`", texts.get(field.name, "")) for field in fields(TrialResult)]
+    rows = [
+        (json_key(field.name), f"`{field.name}`", texts.get(field.name, "")) for field in fields(TrialResult)
+    ]
     parts = [
         "### Keys of a trial",
         "In Python they are the attributes of `TrialResult`, in `hexctl.run(...).trial`.",
@@ -100,7 +102,11 @@ def result_reference() -> str:
 
 
 #: Keys of JSON that are not the field with degrees in place of radians.
-_RENAMED = {"turned_rad": "self_rotation_deg", "deviation": "deviation_m", "true_deviation": "true_deviation_m"}
+_RENAMED = {
+    "turned_rad": "self_rotation_deg",
+    "deviation": "deviation_m",
+    "true_deviation": "true_deviation_m",
+}
 
 
 def json_key(field: str) -> str:
@@ -177,13 +183,14 @@ def allowed(kind: Any, marks: Iterable[Any] = ()) -> str:
         return allowed(kind, [*more, *marks])
     bounds = _bounds(marks)
     if get_origin(kind) in (Union, UnionType):
-        return " or ".join(dict.fromkeys(allowed(one, marks) for one in get_args(kind) if one is not NoneType))
+        kinds = [one for one in get_args(kind) if one is not NoneType]
+        return " or ".join(dict.fromkeys(allowed(one, marks) for one in kinds))
     if get_origin(kind) is Literal:
         return ", ".join(map(str, get_args(kind)))
     if get_origin(kind) in (tuple, list):
         parts = [part for part in get_args(kind) if part is not Ellipsis]
         each = allowed(parts[0])
-        many = len(parts) > 1 or get_origin(kind) is tuple and Ellipsis not in get_args(kind)
+        many = len(parts) > 1 or (get_origin(kind) is tuple and Ellipsis not in get_args(kind))
         return f"{len(parts)} times: {each}" if many else f"list: {each}"
     if get_origin(kind) is dict:
         return "keys with: " + allowed(get_args(kind)[1])

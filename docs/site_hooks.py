@@ -1,4 +1,4 @@
-"""What the site adds to the pages: shipped files, generated references, equations, and figures that open large."""
+"""Adds to the pages of the site: shipped files, generated references, equations, figures that open large."""
 
 import re
 import sys
