@@ -177,6 +177,9 @@ def make_gait(
 ) -> Gait:
     """A gait by name, code or slots, with the robot's pace, amplitude and height by default.
 
+        robot = hexctl.load_robot("ant")
+        gait = hexctl.make_gait(robot, "tripod", pace_hz=0.5)
+
     Args:
         gait: name (`"tripod"`), code (`57`, `"57"`) or slots (`(5, 1, 2, 4, 3, 6)`, `"5,1,2,4,3,6"`).
         amplitude: step amplitude as a fraction of the robot's size, as is the height.

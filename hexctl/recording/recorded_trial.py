@@ -124,6 +124,10 @@ class RecordedTrial(ArrayFields):
 def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     """Trial of a recording (.rrd) of `hexctl run` or `hexctl adapt`.
 
+        hexctl.run(duration_s=2, record="walk.rrd")
+        trial = hexctl.read_trial("walk.rrd")
+        print(len(trial), trial.measured_rad[-1])
+
     Args:
         robot: None takes it from the recording.
 
