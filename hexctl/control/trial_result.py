@@ -55,7 +55,7 @@ class TrialResult(ArrayFields):
         turned_rad: turn by the self-rotation before the walk.
         distance_m: progress along the heading.
         ideal_distance_m: 1.5 * A * pace * duration.
-        deviation: distance from the line at the end (`final`), its mean and maximum, and `signed`: at the end,
+        deviation: distance from the line at the end (`final`), its mean and maximum, and `signed`: the end,
             positive to the left.
         yaw_change_rad: turn during the walk, counter-clockwise, with full turns.
         clipped_ticks: ticks in which the guard changed the targets.

@@ -21,7 +21,7 @@ from tests.docs.pages import ROOT
 
 sys.path.append(str(ROOT / "docs"))
 
-import generated_reference  # noqa: E402  the site imports it from there, too
+import generated_reference
 
 
 def test_every_option_of_every_command_is_on_the_page() -> None:
