@@ -16,6 +16,22 @@ from generated_reference import PARTS  # noqa: E402  a neighbour of this file
 #: A link out of docs/ to a shipped file, by its `../` and its path.
 LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
 
+#: How much a page counts in the search, if not 1: users look for how-to pages, and API pages repeat every word.
+BOOSTS = {
+    "safety.md": 3,
+    "tutorials/get-started.md": 1.5,
+    "tutorials/python.md": 1.5,
+    "how-to/install.md": 2,
+    "how-to/servos.md": 2,
+    "how-to/which-servos.md": 2.5,
+    "how-to/recordings.md": 2,
+    "how-to/troubleshooting.md": 1.5,
+    "reference/recording-formats.md": 0.7,
+    "explanation/architecture.md": 0.5,
+    "results/": 0.5,
+    "api/": 0.3,
+}
+
 #: A figure that is no link yet.
 FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
 
@@ -54,8 +70,10 @@ def on_files(files: Files, config: Any) -> Files:
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Point links to shipped files at their place in the site, and write the generated references."""
+    boost = next((boost for path, boost in BOOSTS.items() if page.file.src_uri.startswith(path)), 1)
+    page.meta.setdefault("search", {}).setdefault("boost", boost)
     return GENERATED.sub(lambda found: PARTS[found[1]](), LINK.sub(r"](\1\2)", markdown))
 
 
