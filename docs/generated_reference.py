@@ -91,7 +91,7 @@ def result_reference() -> str:
     ]
     parts = [
         "### Keys of a trial",
-        "In Python they are the attributes of `hexctl.run(...).trial`. The object itself is `hexctl.run(...).outcome`.",
+        "In Python they are attributes of `hexctl.run(...).trial`. The object is `hexctl.run(...).outcome`.",
         _table(("Key", "In Python", "Meaning"), rows),
         "### Further keys of a run",
         _table(("Key", "Meaning"), OUTCOME_KEYS.items()),

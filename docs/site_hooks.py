@@ -16,7 +16,7 @@ from generated_reference import PARTS  # noqa: E402  a neighbour of this file
 #: A link out of docs/ to a shipped file, by its `../` and its path.
 LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
 
-#: How much a page counts in the search, if not 1: users look for how-to pages, and API pages repeat every word.
+#: How much pages count in the search, if not 1: users look for how-to pages, and API pages have every word.
 BOOSTS = {
     "safety.md": 3,
     "tutorials/get-started.md": 1.5,

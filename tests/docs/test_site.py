@@ -101,12 +101,15 @@ QUESTIONS = {
 }
 
 
+NODE = shutil.which("node")
+
+
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("node") is None, reason="the search of the site is a script: install node")
+@pytest.mark.skipif(NODE is None, reason="the search of the site is a script: install node")
 def test_the_search_answers_the_questions_of_users(site: Path) -> None:
     """The right page is first for 18 of 20."""
     done = subprocess.run(
-        ["node", str(Path(__file__).parent / "site_search.js"), str(site)],
+        [str(NODE), str(Path(__file__).parent / "site_search.js"), str(site)],
         input=json.dumps(list(QUESTIONS)),
         capture_output=True,
         text=True,
