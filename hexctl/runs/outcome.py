@@ -16,8 +16,8 @@ from hexctl.runs.run_spec import RunSpec
 
 #: The keys of an outcome besides those of its trial, and their meaning.
 OUTCOME_KEYS = {
-    "gait": "`name`, `slots`, `code` (null without one), `posture`, `swing_share`, `phases` and `then`: changes "
-    "of the gait; null for a custom controller without a gait",
+    "gait": "`name`, `slots`, `code` (null without one), `posture`, `swing_share`, `phases`, and `then`: "
+    "changes of the gait; null for a custom controller without a gait",
     "failed_leg": "the failed leg that the walk plans with, or null",
     "failure": "its failure, or null",
     "further_failures": "the other failed legs, by number",
