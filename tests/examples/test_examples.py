@@ -117,7 +117,8 @@ class _Publisher:
 @pytest.fixture
 def ros(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Stand-ins for rclpy and geometry_msgs, which a ROS installation has."""
-    made: dict[str, Any] = {"publisher": _Publisher()}
+    publisher = _Publisher()
+    made: dict[str, Any] = {"publisher": publisher}
 
     class Twist:
         def __init__(self) -> None:
@@ -125,7 +126,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     def create_publisher(kind: type, topic: str, _depth: int) -> _Publisher:
         made.update(kind=kind, topic=topic)
-        return made["publisher"]
+        return publisher
 
     node = types.SimpleNamespace(create_publisher=create_publisher, destroy_node=lambda: None)
     rclpy = types.SimpleNamespace(init=lambda: None, create_node=lambda _: node, shutdown=lambda: None)
