@@ -38,6 +38,9 @@ FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
 #: Inline code of at most 30 characters, which does not break.
 SHORT = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?=(?:[^<&]|&\w+;){1,30}</code>)")
 
+#: Classes of the API whose fields stand elsewhere, as options of a command or keys of a file.
+LISTED_ELSEWHERE = re.compile(r"^::: hexctl\.[\w.]*?(?:Options|Spec|StudySettings|World)$", re.MULTILINE)
+
 #: The place of a generated reference: a comment on a line of its own.
 GENERATED = re.compile(r"^<!-- generated: (\w+) -->$", re.MULTILINE)
 
@@ -74,6 +77,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Point links to shipped files at their place in the site, and write the generated references."""
     boost = next((boost for path, boost in BOOSTS.items() if page.file.src_uri.startswith(path)), 1)
     page.meta.setdefault("search", {}).setdefault("boost", boost)
+    markdown = LISTED_ELSEWHERE.sub(r"\g<0>\n    options: {members: false, show_signature: false}", markdown)
     return GENERATED.sub(lambda found: PARTS[found[1]](), LINK.sub(r"](\1\2)", markdown))
 
 
