@@ -32,6 +32,9 @@ BOOSTS = {
     "api/": 0.3,
 }
 
+#: Where the page of the fault matrix has the matrix.
+MATRIX = "<!-- fault matrix -->"
+
 #: A figure that is no link yet.
 FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
 
@@ -78,7 +81,19 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     boost = next((boost for path, boost in BOOSTS.items() if page.file.src_uri.startswith(path)), 1)
     page.meta.setdefault("search", {}).setdefault("boost", boost)
     markdown = LISTED_ELSEWHERE.sub(r"\g<0>\n    options: {members: false, show_signature: false}", markdown)
+    markdown = markdown.replace(MATRIX, fault_matrix()) if MATRIX in markdown else markdown
     return GENERATED.sub(lambda found: PARTS[found[1]](), LINK.sub(r"](\1\2)", markdown))
+
+
+def fault_matrix() -> str:
+    """Return the tables of the results in faults/, as `python -m faults --table` prints them."""
+    if str(ROOT) not in sys.path:
+        sys.path.append(str(ROOT))
+    from faults.results import RESULTS, Results
+    from faults.table import page_part
+
+    results = Results(ROOT / RESULTS)
+    return page_part(results.read(), results.not_measured())
 
 
 def on_page_content(html: str, **_: Any) -> str:
