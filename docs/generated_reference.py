@@ -8,6 +8,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import typer
+from key_meanings import OUTCOME_KEYS, ROBOT_KEYS
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -83,7 +84,6 @@ def result_reference() -> str:
     """Keys of a result in JSON and their meaning, and the causes of a walk without progress."""
     from hexctl.control.assessment.cause import CAUSES
     from hexctl.control.trial_result import TrialResult
-    from hexctl.runs.outcome import OUTCOME_KEYS
 
     texts = _attributes(TrialResult)
     rows = [
@@ -134,9 +134,17 @@ def _sections(roots: dict[str, Any]) -> str:
 
 
 def _rows(schema: Any) -> Iterator[tuple[str, str, str, str]]:
-    texts = _attributes(schema)
+    texts = meanings(schema)
     for names, (kind, marks, default) in _alike(_keys(schema)):
         yield ", ".join(names), allowed(kind, marks), default, texts.get(names[0], "")
+
+
+def meanings(schema: Any) -> dict[str, str]:
+    """Meaning of each key, of its docstring or of key_meanings.py; inherited ones first."""
+    found: dict[str, str] = {}
+    for owner in reversed(schema.__mro__):
+        found |= _attributes(owner) | ROBOT_KEYS.get(owner.__name__, {})
+    return found
 
 
 def _alike(keys: dict[str, Any]) -> list[tuple[list[str], Any]]:

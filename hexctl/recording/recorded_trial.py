@@ -59,8 +59,7 @@ class RecordedTrial(ArrayFields):
     """A trial in a recording. Joint angles have an error of at most 8 microradians.
 
     Attributes:
-        properties: plan and result, named as by `hexctl run --json`; only the `title` for a drive and for a
-            trial that was cut off.
+        properties: plan and result, named as by `hexctl run --json`; only `title` for a cut-off trial or a drive.
         stamps_ns: time of each tick since 1970, (T,); their start is exact to half a second.
         time_s: time since the first tick, (T,).
         walk_s: time since the walk began, (T,); 0 before it.
@@ -124,15 +123,13 @@ class RecordedTrial(ArrayFields):
 def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     """Trial of a recording (.rrd) of `hexctl run` or `hexctl adapt`.
 
-        hexctl.run(duration_s=2, record="walk.rrd")
-        trial = hexctl.read_trial("walk.rrd")
-        print(len(trial), trial.measured_rad[-1])
+        trial = hexctl.read_trial(hexctl.run(duration_s=2, record="walk.rrd").recording)
+        print(trial.measured_rad[-1])
 
     Args:
         robot: None takes it from the recording.
 
-    Raises InputError for a file that is missing, damaged or no recording of a trial, or that lacks its robot;
-    MissingExtraError without Rerun.
+    Raises InputError for a file that is no intact recording of a trial, MissingExtraError without Rerun.
     """
     path = Path(path)
     check_name(path)

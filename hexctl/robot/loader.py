@@ -90,8 +90,7 @@ def robot_of_content(content: dict[str, Any], path: Path) -> Robot:
 def load_robot(name_or_path: str | Path = "ant") -> Robot:
     """Robot of a robot file, by shipped name or path.
 
-        robot = hexctl.load_robot("phantomx")
-        print(robot.mass_kg, robot.stance_angles_rad)
+        print(hexctl.load_robot("phantomx").stance_angles_rad)
 
     Raises what `load_robot_file` raises.
     """

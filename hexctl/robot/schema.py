@@ -167,14 +167,7 @@ class Body:
 
 
 class MountSection(Section):
-    """Mount of a leg: `position_m` and `yaw_deg`, or `radius_m` and `azimuth_deg` for a radial leg.
-
-    Attributes:
-        position_m: the coxa axis in the body frame.
-        yaw_deg: direction of the leg at coxa angle zero, counter-clockwise from the front.
-        radius_m: distance of the coxa axis from the middle of the body.
-        azimuth_deg: direction of the mount and of the leg.
-    """
+    """Mount of a leg: `position_m` and `yaw_deg`, or `radius_m` and `azimuth_deg` for a radial leg."""
 
     position_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
     yaw_deg: AngleDeg | None = None
@@ -228,12 +221,8 @@ LinkInertia = Annotated[
 class LinkSection(Section):
     """A link: the vector to its end, and its centre of mass, (outward, up) at joint angle zero.
 
-    Attributes:
-        end_m: from the joint to the next joint or the foot.
-        radius_m: of the capsule that stands for the link.
-        com_m: centre of mass; the middle of the link unless given.
-        inertia_kg_m2: moments about axes outward, left and up through the centre of mass, and the product
-            outward-up; an evenly filled capsule unless given.
+    `inertia_kg_m2` are the moments about axes outward, left and up through the centre of mass, and the
+    product outward-up; None is an evenly filled capsule.
     """
 
     end_m: tuple[Coordinate, Coordinate]
@@ -264,18 +253,7 @@ class LinksSection(Section):
 
 
 class JointSection(Section):
-    """Range, speed, torque and play of one joint.
-
-    Attributes:
-        min_deg: lower end of the range; the guard clips commands to it.
-        max_deg: upper end of the range.
-        max_speed_deg_s: maximum speed of commands.
-        max_torque_nm: stall torque of the servo.
-        dry_friction_nm: friction of the gears at rest.
-        no_load_speed_deg_s: speed without load, at which the torque is zero.
-        stiffness_nm_per_rad: of this joint's servo; that of `servo` unless given.
-        play_deg: backlash from stop to stop.
-    """
+    """Range, speed, torque and play of one joint; None for the stiffness is the servo's."""
 
     min_deg: AngleDeg
     max_deg: AngleDeg
@@ -333,12 +311,7 @@ class JointsSection(Section):
 
 
 class StanceSection(Section):
-    """The foot in the stance.
-
-    Attributes:
-        outward_m: from the coxa axis outward.
-        up_m: from the body frame up; negative is below.
-    """
+    """The nominal foot: outward from the coxa axis, up from the body frame."""
 
     outward_m: Length
     up_m: Coordinate
@@ -371,13 +344,7 @@ class ServoModel:
 
 @file_part("gait")
 class GaitDefaults:
-    """Default gait of a robot; amplitude and height are fractions of the size E, `size_m`.
-
-    Attributes:
-        pace_hz: gait cycles per second.
-        amplitude: length of a step.
-        height: height of a step.
-    """
+    """Default gait of a robot; amplitude and height are fractions of the size E, `size_m`."""
 
     pace_hz: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
     amplitude: Fraction
@@ -385,17 +352,7 @@ class GaitDefaults:
 
 
 class KindServoSection(Section):
-    """Servos of one joint kind; a missing key has its default.
-
-    Attributes:
-        sign: direction of the servo, 1 or -1.
-        offset_deg: angle of the servo at joint angle zero.
-        min_us: shortest pulse.
-        max_us: longest pulse.
-        model: the servo model, if it differs from that of `servos`.
-        min_count: lowest position of a bus servo.
-        max_count: highest position of a bus servo.
-    """
+    """Servos of one joint kind; a missing key has its default."""
 
     sign: Direction | None = None
     offset_deg: AngleDeg | None = None
@@ -407,13 +364,7 @@ class KindServoSection(Section):
 
 
 class JointServoSection(KindServoSection):
-    """Servo of one joint; a missing key has the value of its joint kind.
-
-    Attributes:
-        channel: channel of a MAVLink board.
-        id: id on a serial bus, or output of a board of hobby servos.
-        touch: input of the leg's foot switch.
-    """
+    """Servo of one joint; a missing key has the value of its joint kind."""
 
     channel: Channel | None = None
     id: ServoId | None = None
@@ -425,20 +376,6 @@ class ServosSection(Section):
 
     Servos on a bus have a `driver`, a `model`, counts and an `id` of each joint. Boards of hobby servos have
     a `driver`, pulses, and as `id` the output of each joint.
-
-    Attributes:
-        driver: the backend of the servos.
-        port: serial port, or number of the I2C bus.
-        baud: baud rate of the port.
-        model: servo model of all joints.
-        addresses: I2C addresses of two PCA9685 boards.
-        oscillator_mhz: measured oscillators of the boards.
-        if_computer_dies: whether the robot sits down or holds its pose if `hexctl serve` dies.
-        us_per_deg: pulse width per degree.
-        centre_us: pulse width at angle zero.
-        low_battery_v: voltage below which the robot sits down; by default that of the servos' data sheet.
-        coxa: all coxa servos; `femur` and `tibia` likewise.
-        leg1_coxa: single joints, which precede those of their kind.
     """
 
     driver: Driver | None = None
@@ -475,14 +412,7 @@ class ServosSection(Section):
 
 
 class MeshSection(Section):
-    """Mesh of one part.
-
-    Attributes:
-        file: path relative to the robot file.
-        scale: metres per unit of the file.
-        position_m: in the frame of the part.
-        rotation_deg: about x, y and z of that frame.
-    """
+    """Mesh of one part: a file, relative to the robot file, and its pose in the frame of the part."""
 
     file: Annotated[str, Field(min_length=1)]
     scale: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1.0
@@ -530,24 +460,7 @@ _GAIN_KEYS = tuple(_GainStiffness.model_fields)
 
 
 class RobotSchema(Section):
-    """A complete robot file.
-
-    Attributes:
-        name: lower case letters, digits, hyphens and underscores.
-        description: one line for lists.
-        size_m: the size E of which amplitude, height and body raise are fractions.
-        body: the trunk.
-        mounts: of the six legs, counter-clockwise from the front left.
-        links: lengths and masses of a leg.
-        foot_radius_m: of the ball at the end of the tibia.
-        joints: ranges and strengths of a leg.
-        stance: where the feet stand.
-        servo: the simulated servos.
-        gait: the default gait.
-        servos: the real servos: driver, port, direction and offset.
-        meshes: looks in recordings.
-        unknown: keys whose values were not measured, such as `body.mass_kg`.
-    """
+    """A complete robot file; `unknown` names keys whose values were not measured, such as `body.mass_kg`."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")]
     description: str = ""

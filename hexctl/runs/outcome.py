@@ -14,31 +14,6 @@ from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import FailureEvent
 from hexctl.runs.run_spec import RunSpec
 
-#: The keys of an outcome besides those of its trial, and their meaning.
-OUTCOME_KEYS = {
-    "gait": "`name`, `slots`, `code` (null without one), `posture`, `swing_share`, `phases`, and `then`: "
-    "changes of the gait; null for a custom controller without a gait",
-    "failed_leg": "the failed leg that the walk plans with, or null",
-    "failure": "its failure, or null",
-    "further_failures": "the other failed legs, by number",
-    "events": "failures and healings during the walk",
-    "ideal_yaw_change_deg": "`--turn` times the duration, including the soft start",
-    "ticks": "control periods of the walk",
-    "overruns": "late ticks",
-    "standstill_s": "how long this program stood still before it stopped the robot, or null",
-    "refused_commands": "commands that the guard refused",
-    "positions_doubted": "measured positions that the robot cannot have reached",
-    "servo_link": "messages of a servo board: received, lost, late, malformed, not sent; null without one",
-    "tick_us": "time per tick in microseconds: `p50`, `p99`, `max`",
-    "realtime_factor": "seconds walked per second of computation",
-    "backend": "the backend of the walk",
-    "robot": "the robot's name",
-    "world": "the simulated world, or null",
-    "seed": "the seed",
-    "recording": "the file of the recording, or null",
-    "options": "the options that differ from their defaults",
-}
-
 
 def gait_values(spec: RunSpec, plan: TrialPlan) -> dict[str, Any]:
     """The gait of a plan, with its name in the spec."""
