@@ -11,6 +11,7 @@ ROBOT_KEYS = {
     },
     "LinkSection": {
         "end_m": "from the joint to the next joint or the foot.",
+        "mass_kg": "of the link with its servo.",
         "radius_m": "of the capsule that stands for the link.",
         "com_m": "centre of mass; the middle of the link unless given.",
         "inertia_kg_m2": "moments about outward, left and up, product outward-up; by default a capsule's.",
