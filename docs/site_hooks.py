@@ -1,17 +1,66 @@
-"""What the site needs beside the pages: shipped files that they link to, and figures that open large."""
+"""Adds to the pages of the site: shipped files, generated references, equations, figures that open large."""
 
 import re
+import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
-#: A link out of docs/, by its way up and what follows.
+sys.path.insert(0, str(ROOT / "docs"))
+
+from generated_reference import PARTS  # noqa: E402  a neighbour of this file
+
+#: A link out of docs/ to a shipped file, by its `../` and its path.
 LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
+
+#: How much pages count in the search, if not 1: users look for how-to pages, and API pages have every word.
+BOOSTS = {
+    "safety.md": 3,
+    "tutorials/get-started.md": 1.5,
+    "tutorials/python.md": 1.5,
+    "how-to/install.md": 2,
+    "how-to/servos.md": 1.5,
+    "how-to/which-servos.md": 1.8,
+    "how-to/recordings.md": 2,
+    "how-to/troubleshooting.md": 1.5,
+    "reference/recording-formats.md": 0.7,
+    "explanation/architecture.md": 0.5,
+    "results/": 0.5,
+    "api/": 0.3,
+}
+
+#: Where the page of the fault matrix has the matrix.
+MATRIX = "<!-- fault matrix -->"
 
 #: A figure that is no link yet.
 FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
+
+#: Inline code of at most 30 characters, which does not break.
+SHORT = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?=(?:[^<&]|&\w+;){1,30}</code>)")
+
+#: Classes of the API whose fields stand elsewhere, as options of a command or keys of a file.
+LISTED_ELSEWHERE = re.compile(r"^::: hexctl\.[\w.]*?(?:Options|Spec|StudySettings|World)$", re.MULTILINE)
+
+#: The place of a generated reference: a comment on a line of its own.
+GENERATED = re.compile(r"^<!-- generated: (\w+) -->$", re.MULTILINE)
+
+#: What pymdownx.arithmatex leaves of an equation in TeX.
+EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+
+
+def on_config(config: Any) -> Any:
+    """Show the version of the package, and its repository if the package names one."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    config.site_name = f"{project['name']} {project['version']}"
+    repository = project.get("urls", {}).get("Repository")
+    if repository:
+        config.repo_url, config.repo_name = repository, "Repository"
+        config.edit_uri = "edit/main/docs/"
+        config.theme["features"].append("content.action.edit")
+    return config
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -27,9 +76,24 @@ def on_files(files: Files, config: Any) -> Files:
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Point links to such files at their place in the site."""
-    return LINK.sub(r"](\1\2)", markdown)
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Point links to shipped files at their place in the site, and write the generated references."""
+    boost = next((boost for path, boost in BOOSTS.items() if page.file.src_uri.startswith(path)), 1)
+    page.meta.setdefault("search", {}).setdefault("boost", boost)
+    markdown = LISTED_ELSEWHERE.sub(r"\g<0>\n    options: {members: false, show_signature: false}", markdown)
+    markdown = markdown.replace(MATRIX, fault_matrix()) if MATRIX in markdown else markdown
+    return GENERATED.sub(lambda found: PARTS[found[1]](), LINK.sub(r"](\1\2)", markdown))
+
+
+def fault_matrix() -> str:
+    """Return the tables of the results in faults/, as `python -m faults --table` prints them."""
+    if str(ROOT) not in sys.path:
+        sys.path.append(str(ROOT))
+    from faults.results import RESULTS, Results
+    from faults.table import page_part
+
+    results = Results(ROOT / RESULTS)
+    return page_part(results.read(), results.not_measured())
 
 
 #: Page of the fault matrix, and the place of the matrix on it.
@@ -58,5 +122,15 @@ def fault_matrix() -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Let a click on a figure open it by itself, as large as the window; needs no script."""
-    return FIGURE.sub(r'<a class="figure" href="\1" title="open by itself">\g<0></a>', html)
+    """Let a click on a figure open it in full size, and write equations as MathML; neither needs a script."""
+    shown = FIGURE.sub(r'<a class="figure" href="\1" title="open in full size">\g<0></a>', html)
+    shown = SHORT.sub('<code class="short">', shown)
+    return EQUATION.sub(_mathml, shown) if EQUATION.search(shown) else shown
+
+
+def _mathml(found: re.Match[str]) -> str:
+    from html import unescape
+
+    from latex2mathml.converter import convert
+
+    return str(convert(unescape(found[3]), display="block" if found[2] == "[" else "inline"))

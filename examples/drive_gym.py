@@ -1,8 +1,8 @@
 """A robot that is driven as a Gymnasium environment: reset, step, an observation, a reward.
 
-The action is a velocity, in shares of the greatest: forward, left, turn, each -1 to 1. An episode is a walk
-to a goal. Run it with `python examples/drive_gym.py`; the class has the methods of `gymnasium.Env` and needs
-nothing of it.
+The action is a velocity as a share of the maximum: forward, left and turn, each -1 to 1. An episode is a walk
+to a goal. Run it with `python examples/drive_gym.py`. The class has the methods of `gymnasium.Env`,
+but does not need the package.
 """
 
 import math
@@ -50,7 +50,7 @@ class GoalEnv:
         return seen, -away_m, away_m < REACHED_M, False, {"failures": self.drive.failures}
 
     def close(self) -> None:
-        """Let go of the robot."""
+        """Disconnect the robot."""
         self.drive.__exit__(None, None, None)
 
     def _seen(self, state: RobotState) -> NDArray[np.float64]:

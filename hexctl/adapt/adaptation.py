@@ -319,6 +319,9 @@ def adapt(
 ) -> AdaptationResult:
     """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.
 
+        found = hexctl.adapt(failed_leg=5, budget=4, duration_s=5)
+        print(found.best.code, found.best.score)
+
     Args:
         failed_leg: 1..6, counter-clockwise from the front: short for `failure="5:locked"`.
         servos: a custom robot instead of a backend, not connected yet.

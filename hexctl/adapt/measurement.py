@@ -24,8 +24,7 @@ class Answer:
     """Answer of an operator about a walk.
 
     Attributes:
-        word: `measured`; `fell`; `skip`: the trial is invalid; `again`: repeat the walk; `quit`: discard it
-            and end.
+        word: `measured`; `fell`; `skip`: the trial is invalid; `again`: repeat the walk; `quit`: end.
         distance_m: progress along the line.
         signed_m: deviation from it, left positive.
     """

@@ -23,6 +23,9 @@ WORST_VALID_SCORE = 0.99 * INVALID_SCORE
 class Objective:
     """A score of trials; smaller is better.
 
+        slow = hexctl.Objective(name="slow", label="slowness", measure=lambda trial: -trial.distance_m)
+        hexctl.adapt(failed_leg=5, objective=slow, budget=2, duration_s=3)
+
     Attributes:
         name: in `--objective` and sessions.
         label: for tables and figures.

@@ -109,6 +109,9 @@ class OptimizerMisuseError(HexctlError, RuntimeError):
 class Optimizer(ABC):
     """Searches a gait space for the code with the lowest score.
 
+        optimizer = hexctl.make_optimizer("random", hexctl.GaitSpace((5,)), seed=0)
+        optimizer.tell(optimizer.ask(2), [0.12, 0.07])
+
     `ask` and `tell` alternate; codes may repeat. An optimizer restored from `state`, JSON values with the
     random stream, continues exactly as the original would.
 

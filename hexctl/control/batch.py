@@ -144,8 +144,12 @@ def run_sim_trials(
 ) -> list[TrialResult]:
     """Results of many simulated trials in their order, each as in a single run to the last bit.
 
-    Trials that begin alike (robot, world, seed, failure, heading, turn) settle and turn once, and walk
-    together.
+        robot = hexctl.load_robot("ant")
+        plan = hexctl.TrialPlan(gait=hexctl.make_gait(robot, "wave"), duration_s=2)
+        trials = [hexctl.SimTrial(robot=robot, plan=plan, failure=None, world=w) for w in ("flat", "slope")]
+        print(hexctl.run_sim_trials(trials))
+
+    Trials that begin alike (robot, world, seed, failure, heading, turn) settle, turn and walk together.
 
     Args:
         threads: threads that simulate; 0 uses all cores.

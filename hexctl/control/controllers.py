@@ -35,6 +35,12 @@ HeldLegs = tuple[int, ...] | tuple[tuple[int, ...], ...]
 class Controller(ABC):
     """Joint targets for each step, from time and the robot's state.
 
+        class Still(hexctl.Controller):
+            def targets_rad(self, step, state):
+                return state.joint_positions_rad
+
+        hexctl.run(controller=Still(), duration_s=2)
+
     In a batch of n robots the arrays of state and targets have the leading shape (n,), otherwise none.
     `targets_rad` is therefore written elementwise over robots, with `...` in its indices.
 

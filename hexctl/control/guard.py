@@ -122,8 +122,7 @@ class Guard(ServosWrapper):
     Attributes:
         stopped: why the robot is stopped, or None: `fell`; `fault`, with the robot's report; `state` (not
             finite or too old); `pose lost` (longer than `POSE_EXPIRY_S`); `expired` (no command); `hot` and
-            `low battery`, with the reading; the reason of the robot's own guard; or the reason given to
-            `stop`.
+            `low battery`, with the reading; the reason of the robot's own guard; or of `stop`.
         leaning_ticks: consecutive ticks in which the body leans too far.
         positions: plausibility check; a state with an implausible position reports None.
         standstill: this program's own delay that caused a stop or refusal, or None.

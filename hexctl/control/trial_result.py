@@ -51,9 +51,11 @@ class TrialResult(ArrayFields):
         status: one of `STATUSES`. A constant position from the start on is `no_progress`: the robot stands,
             or its sensor is dead.
         stopped: why it was aborted (`requested`, or the guard's reason) or cut short; None otherwise.
+        duration_s: seconds walked.
         turned_rad: turn by the self-rotation before the walk.
         distance_m: progress along the heading.
         ideal_distance_m: 1.5 * A * pace * duration.
+        deviation: from the line, in m: `final`, `mean`, `max`, and `signed`, positive to the left.
         yaw_change_rad: turn during the walk, counter-clockwise, with full turns.
         clipped_ticks: ticks in which the guard changed the targets.
         path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN if not measured.
@@ -66,8 +68,7 @@ class TrialResult(ArrayFields):
             more than 4 s count as gaps, and are excluded from all other numbers.
         limited_ticks: ticks in which a steered walk was slowed down to its maximum strokes.
         true_deviation: by the true positions of a simulated robot; None for a real one.
-        true_path_m: `path_m` by true positions, (T, 2); None for a real robot and a result from a file. Not
-            compared.
+        true_path_m: `path_m` by true positions, (T, 2); None for a real robot or file. Not compared.
         energy_j: positive mechanical work of the joints over the walk; None without torques.
         cost_of_transport: energy per weight and metre of progress, without unit; None also without progress,
             and for turns and arcs.

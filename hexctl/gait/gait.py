@@ -45,8 +45,7 @@ class Gait:
         pace_hz: gait cycles per second, above 0 up to 10.
         amplitude: step amplitude A as a fraction of the robot's size E.
         height: step height H as a fraction of the robot's size E.
-        swing_share: share of a cycle that a foot is in the air, 0.1 to 0.5; a third in the paper, less in a
-            crawl.
+        swing_share: share of a cycle that a foot is in the air, 0.1 to 0.5; a third in the paper.
         phases: lead of each leg in cycles, 0..1 without 1; None is (g_i - 1) / 6 of its slot, as in the
             paper. A crawl on four legs has quarter phases.
     """
@@ -176,6 +175,8 @@ def make_gait(
     besides: Sequence[str] = (),
 ) -> Gait:
     """A gait by name, code or slots, with the robot's pace, amplitude and height by default.
+
+        gait = hexctl.make_gait(hexctl.load_robot("ant"), "tripod", pace_hz=0.5)
 
     Args:
         gait: name (`"tripod"`), code (`57`, `"57"`) or slots (`(5, 1, 2, 4, 3, 6)`, `"5,1,2,4,3,6"`).

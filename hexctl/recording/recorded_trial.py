@@ -59,8 +59,7 @@ class RecordedTrial(ArrayFields):
     """A trial in a recording. Joint angles have an error of at most 8 microradians.
 
     Attributes:
-        properties: plan and result, named as by `hexctl run --json`; only the `title` for a drive and for a
-            truncated trial.
+        properties: plan and result, named as by `hexctl run --json`; only `title` for a truncated trial or a drive.
         stamps_ns: time of each tick since 1970, (T,); their start is exact to half a second.
         time_s: time since the first tick, (T,).
         walk_s: time since the walk began, (T,); 0 before it.
@@ -124,11 +123,13 @@ class RecordedTrial(ArrayFields):
 def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     """Trial of a recording (.rrd) of `hexctl run` or `hexctl adapt`.
 
+        trial = hexctl.read_trial(hexctl.run(duration_s=2, record="walk.rrd").recording)
+        print(trial.measured_rad[-1])
+
     Args:
         robot: None takes it from the recording.
 
-    Raises InputError for a missing or damaged file, one without a trial, or one without its robot;
-    MissingExtraError without Rerun.
+    Raises InputError for a file without an intact trial, MissingExtraError without Rerun.
     """
     path = Path(path)
     check_name(path)
@@ -280,7 +281,7 @@ class _Ticks:
         return Samples(self.rows(times_ns), values)
 
     def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
-        """Index of the state at each tick, from states recorded on change, (T,)."""
+        """Index of the state at each tick, from states that are recorded when they change, (T,)."""
         indices = np.array([names.index(state) if state in names else 0 for state in states], dtype=np.int64)
         return self.last(times_ns, indices, 0)
 

@@ -47,8 +47,7 @@ class _Lane:
 def write_together(recordings: Sequence[Path], folder: Path, base: str = "") -> list[Path]:
     """Write a recording with all walks in one scene, and a linked copy of each walk.
 
-    All begin at the same moment of `walk_time`, on the floor of the first one. A single walk only gets its
-    copy.
+    All begin at the same moment of `walk_time`, on the floor of the first one. A single walk gets a copy.
 
     Args:
         folder: of the new files; the common scene is the first one returned.

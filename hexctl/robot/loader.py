@@ -88,7 +88,12 @@ def robot_of_content(content: dict[str, Any], path: Path) -> Robot:
 
 
 def load_robot(name_or_path: str | Path = "ant") -> Robot:
-    """Robot of a robot file, by shipped name or path; raises what `load_robot_file` raises."""
+    """Robot of a robot file, by shipped name or path.
+
+        print(hexctl.load_robot("phantomx").stance_angles_rad)
+
+    Raises what `load_robot_file` raises.
+    """
     return load_robot_file(name_or_path).robot
 
 

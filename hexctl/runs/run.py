@@ -347,7 +347,10 @@ def run(
     should_stop: ShouldStop | None = None,
     **options: Any,
 ) -> RunResult:
-    """Walk once on any backend: `run(robot="phantomx", gait="tripod", duration_s=10)`.
+    """Walk once on any backend.
+
+        done = hexctl.run(robot="phantomx", gait="tripod", duration_s=5)
+        print(done.trial.status, done.trial.distance_m)
 
     Args:
         spec: what to do; or the fields of `RunSpec` as keywords.

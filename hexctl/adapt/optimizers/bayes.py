@@ -56,8 +56,7 @@ class Choice:
 class Bayes(Optimizer):
     """Walks the gait with the maximum expected improvement, given the prior and all trials so far.
 
-    It learns from the course of trials; a score without observations only marks the gait as tried. It uses no
-    random numbers.
+    It learns from the course of trials; a score without observations only marks the gait as tried.
 
     Args:
         seed: part of the interface; has no effect.

@@ -24,8 +24,7 @@ POPULATION = 10
 class Population(ABC):
     """Individuals in the box [low, high] that are scored and move together, once a generation.
 
-    Generation 1 is uniform in the box. Scores are only compared: a large score of a failed trial does no
-    harm.
+    Generation 1 is uniform in the box. Scores are only compared, so large ones do no harm.
 
     Attributes:
         positions: to be scored, (size, dimension).
@@ -96,8 +95,7 @@ class Population(ABC):
 class PopulationOptimizer(Optimizer):
     """A population in the one-dimensional box [1, size]; the code is the nearest whole number.
 
-    A generation is handed out in pieces that do not change the search; an ask never reaches into the next
-    generation.
+    A generation is handed out in pieces that do not change the search; an ask stays within it.
     """
 
     #: The rule by which the population moves.
@@ -137,8 +135,7 @@ class ParticleSwarm(Population):
 
     Source: Kennedy and Eberhart, "Particle swarm optimization", ICNN 1995, with the inertia weight of Shi and
     Eberhart, 1998. Not specified there: a generation moves together; the first velocities are (u - x)/2 with
-    u uniform in the box, and a particle stops at the walls (both as in Clerc's Standard PSO 2007); speed has
-    no limit.
+    u uniform in the box, and a particle stops at the walls (both as in Clerc's Standard PSO 2007).
     """
 
     inertia: ClassVar[float] = 0.5

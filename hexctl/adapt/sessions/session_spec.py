@@ -33,8 +33,7 @@ class SessionSpec(AdaptOptions):
         robot_fingerprint: of the robot's description when the session began.
         objective_label: what a custom objective measures; empty for those of hexctl.
         objective_unit: unit of the score.
-        uncertainty_caveat: differences between the session's walks and those that measured the uncertainty,
-            in words.
+        uncertainty_caveat: how the session's walks differ from those that measured the uncertainty.
         confirmed_uncertainty_m: of walks at a finer time step that confirm an end; 0 if unknown, without
             confirmation.
         noise_m: standard deviation between trials of one gait that `bayes` assumes before any repeat; None

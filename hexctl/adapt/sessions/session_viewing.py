@@ -154,8 +154,7 @@ StoredSession = tuple[Session, Path]
 def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_damage) -> int:
     """Open recordings and sessions in one viewer, wait until it is closed, and return its exit code.
 
-    A session opens as its overview with links to its trials; several recordings of walks open as one scene
-    with links.
+    A session opens as its overview with links to its trials; several recordings open as one scene with links.
 
     Args:
         names: paths of recordings, and names or folders of sessions; empty is the newest of either.

@@ -373,6 +373,9 @@ DEFAULT_WORLD = "flat"
 def load_world(name_or_path: str | Path = DEFAULT_WORLD) -> World:
     """The world of a shipped name, of a YAML file, or a member of a family, such as `randomised:7`.
 
+        world = hexctl.load_world("randomised:7")
+        print(world.friction, world.slope_deg)
+
     Missing keys have the flat world's values. Raises InputError.
     """
     allowed = "a name, the path of a YAML file, or a member of a family, such as 'randomised:7'"

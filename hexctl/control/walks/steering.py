@@ -10,8 +10,7 @@ dt:
     theta = line - yaw' + chi         direction of travel in the body: right in the world without delay
     omega = -clip(K psi' + K_i J, +-most) / T     dJ = dt / T  psi', not while omega is at its limit
 
-The integral compensates constant drift, and the turn restores the initial yaw. One set of gains serves all
-robots.
+The integral compensates constant drift; the turn restores the yaw. One set of gains serves all robots.
 """
 
 import math

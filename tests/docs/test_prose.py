@@ -1,0 +1,174 @@
+"""Pages are short and in plain English: budgets of words, lengths of sentences, and banned phrases.
+
+`figures` counts as the writers of the pages do. Words are `wc -w`: tables and code included.
+"""
+
+import ast
+import re
+from itertools import chain
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import PAGES, ROOT
+
+DOCS = ROOT / "docs"
+
+#: The most words of each page.
+BUDGETS = {
+    "README.md": 650,
+    "CHANGELOG.md": 300,
+    "CONTRIBUTING.md": 800,
+    "docs/index.md": 250,
+    "docs/tutorials/get-started.md": 600,
+    "docs/tutorials/first-walk.md": 900,
+    "docs/tutorials/python.md": 700,
+    "docs/how-to/install.md": 400,
+    "docs/how-to/which-servos.md": 500,
+    "docs/how-to/servos.md": 1800,
+    "docs/how-to/robot-file.md": 900,
+    "docs/how-to/identify.md": 550,
+    "docs/how-to/drive.md": 700,
+    "docs/how-to/camera.md": 1200,
+    "docs/how-to/ros2.md": 1200,
+    "docs/how-to/failed-leg.md": 700,
+    "docs/how-to/adapt.md": 800,
+    "docs/how-to/recordings.md": 900,
+    "docs/how-to/extend.md": 1400,
+    "docs/how-to/troubleshooting.md": 1500,
+    "docs/reference/command-line.md": 350,
+    "docs/reference/schemas.md": 300,
+    "docs/reference/buses.md": 1600,
+    "docs/reference/mavlink.md": 1600,
+    "docs/reference/zenoh.md": 2300,
+    "docs/reference/recording-formats.md": 600,
+    "docs/reference/glossary.md": 600,
+    "docs/explanation/gaits.md": 900,
+    "docs/explanation/holding-a-line.md": 900,
+    "docs/explanation/failed-legs.md": 1100,
+    "docs/explanation/priors.md": 900,
+    "docs/explanation/architecture.md": 600,
+    "docs/safety.md": 1200,
+    "docs/security.md": 700,
+    "docs/results/results.md": 1200,
+    "docs/results/parque-2022.md": 1200,
+    "docs/results/reality.md": 800,
+    "docs/results/fault-matrix.md": 400,
+    "docs/results/performance.md": 400,
+}
+
+#: Pages of a folder: those of the Python API are made from docstrings, those of `dev` are off the site.
+BUDGETS_OF_FOLDERS = {"api": 250, "dev": 2000}
+
+#: The most words of all pages of docs/ together.
+MOST_OF_ALL = 33_000
+
+#: The most words of a sentence on average, of a page.
+MOST_PER_SENTENCE = 16
+
+#: Semicolons: as many on a page, or in a thousand words.
+SEMICOLONS, SEMICOLONS_PER_1000 = 3, 2
+
+#: The only page on which errors of measurement stand.
+WITH_ERRORS = "docs/results/results.md"
+
+#: Phrases that read as if translated; `on the mean` is *on average*, `greatest` is *maximum*, and so on.
+BANNED = re.compile(
+    r"which nothing tells|\bis told\b|\bare told\b|\bis said\b|\bof (?:one's|your|its|my) own\b|\bof ours\b"
+    r"|\bon the mean\b|nine of ten|\buntold\b|\banew\b|\blet go of\b|\bhas gone\b|\bhave gone\b|\bwalks on\b"
+    r"|\bmended?\b|\bsomebody\b|\bnobody\b|\bstrangers?\b|\bgreatest\b|\bbeside\b|\bwhat there is\b"
+    r"|\bthat there (?:is|are)\b|\bgot it with\b",
+    re.IGNORECASE,
+)
+
+#: Banned phrases that are left in docstrings and comments of hexctl; only ever lowered.
+MOST_IN_DOCSTRINGS = 30
+
+ALL = [ROOT / "CHANGELOG.md", *PAGES, *sorted((DOCS / "api").glob("*.md"))]
+MARKED = [pytest.param(page, id=str(page.relative_to(ROOT))) for page in ALL]
+
+
+def words(page: Path) -> int:
+    """Words as `wc -w` counts them."""
+    return len(page.read_text(encoding="utf-8").split())
+
+
+def prose(text: str) -> str:
+    """The sentences of a page: without front matter, code, tables, headings, pictures and links' targets."""
+    text = re.sub(r"\A---\n.*?\n---\n", "", text, flags=re.DOTALL)
+    text = re.sub(r"^( *)```.*?^\1```$", " ", text, flags=re.DOTALL | re.MULTILINE)
+    lines = [line for line in text.splitlines() if not re.match(r"\s*(\||#|!\[|<|---|===)", line)]
+    text = re.sub(r"`[^`]*`", "X", "\n".join(lines))
+    text = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    return re.sub(r"^\s*[-*\d.]+\s+", "", text, flags=re.MULTILINE)
+
+
+def sentence_lengths(text: str) -> list[int]:
+    """Words of each sentence; of a heading or a list's item without a verb, too, from three words on."""
+    parts = re.split(r"(?<=[.!?:])\s+|\n\s*\n", text)
+    lengths = [len(re.findall(r"[A-Za-z][\w'-]*", part)) for part in parts]
+    return [length for length in lengths if length >= 3]
+
+
+@pytest.mark.parametrize("page", MARKED)
+def test_a_page_keeps_its_budget(page: Path) -> None:
+    name = page.relative_to(ROOT).as_posix()
+    most = BUDGETS.get(name, BUDGETS_OF_FOLDERS.get(page.parent.name))
+    assert most is not None, f"{name} has no budget"
+    assert words(page) <= most
+
+
+def test_every_budget_has_a_page() -> None:
+    assert [name for name in BUDGETS if not (ROOT / name).is_file()] == []
+
+
+def test_all_pages_together_are_short() -> None:
+    pages = [page for page in DOCS.rglob("*.md") if page.parent.name != "dev"]
+    assert sum(map(words, pages)) <= MOST_OF_ALL
+
+
+@pytest.mark.parametrize("page", MARKED)
+def test_sentences_are_short(page: Path) -> None:
+    lengths = sentence_lengths(prose(page.read_text(encoding="utf-8")))
+    assert sum(lengths) <= MOST_PER_SENTENCE * max(1, len(lengths))
+
+
+@pytest.mark.parametrize("page", MARKED)
+def test_semicolons_are_few(page: Path) -> None:
+    text = prose(page.read_text(encoding="utf-8"))
+    count = len(re.findall(r"[A-Za-z][\w'-]*", text))
+    assert text.count(";") <= max(SEMICOLONS, SEMICOLONS_PER_1000 * count / 1000)
+
+
+@pytest.mark.parametrize("page", MARKED)
+def test_errors_stand_on_the_results_page_only(page: Path) -> None:
+    if page.relative_to(ROOT).as_posix() != WITH_ERRORS:
+        assert "±" not in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", MARKED)
+def test_a_page_has_no_banned_phrase(page: Path) -> None:
+    text = re.sub(r"\s+", " ", prose(page.read_text(encoding="utf-8")))
+    assert [found[0] for found in BANNED.finditer(text)] == []
+
+
+def docstrings(path: Path) -> list[str]:
+    """The docstrings of a module, its classes and functions."""
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    return [text for node in nodes if isinstance(node, kinds) and (text := ast.get_docstring(node))]
+
+
+def test_docstrings_have_few_banned_phrases() -> None:
+    texts = chain.from_iterable(docstrings(path) for path in sorted((ROOT / "hexctl").rglob("*.py")))
+    found = [each[0] for text in texts for each in BANNED.finditer(re.sub(r"`[^`]*`", "X", text))]
+    assert len(found) <= MOST_IN_DOCSTRINGS, found
+
+
+def test_words_and_sentences_are_counted() -> None:
+    text = "---\nsearch:\n  boost: 2\n---\n\n# A title\n\nYou walk `hexctl run`. It stops; then it stands.\n"
+    assert sentence_lengths(prose(text)) == [3, 5]
+    assert prose(text).count(";") == 1
+    indented = '=== "make"\n\n    ```sh\n    make setup\n    ```\n'
+    assert sentence_lengths(prose(indented)) == []
+    assert BANNED.search("Nobody told the robot") is not None

@@ -1,0 +1,124 @@
+"""The generated references name every option and field, and the examples in docstrings run."""
+
+import importlib
+import inspect
+import sys
+import textwrap
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+import hexctl
+from hexctl.adapt.adaptation import adapt
+from hexctl.backends.sim.world import DomainRandomization, World
+from hexctl.control.trial_result import TrialResult
+from hexctl.robot.schema import RobotSchema
+from tests.cli.test_options import commands
+from tests.docs.pages import ROOT
+
+sys.path.append(str(ROOT / "docs"))
+
+#: The site imports it from there, too.
+generated_reference: Any = importlib.import_module("generated_reference")
+
+
+def test_every_option_of_every_command_is_on_the_page() -> None:
+    page = generated_reference.command_reference()
+    sections = {part.splitlines()[0]: part for part in page.split("### ")[1:]}
+    for path, command in commands():
+        for parameter in command.params:
+            if parameter.name in ("help", "help_all"):
+                continue
+            is_option = parameter.param_type_name == "option"
+            typed = parameter.opts if is_option else [parameter.metavar or parameter.name.upper()]
+            for flag in typed:
+                assert flag.replace("|", "\\|") in sections[path], f"{path} {flag}"
+
+
+def schemas_in(kind: Any, seen: set[Any]) -> Iterator[Any]:
+    """A schema and all schemas below it."""
+    for found in generated_reference._schemas(kind):
+        if found not in seen:
+            seen.add(found)
+            yield found
+            for below, *_ in generated_reference._keys(found).values():
+                yield from schemas_in(below, seen)
+
+
+@pytest.mark.parametrize(
+    ("make", "roots"),
+    [
+        (generated_reference.robot_reference, [RobotSchema]),
+        (generated_reference.world_reference, [World, DomainRandomization]),
+    ],
+)
+def test_every_key_of_a_file_is_on_the_page(make: Callable[[], str], roots: list[type[BaseModel]]) -> None:
+    page = make()
+    for root in roots:
+        for schema in schemas_in(root, set()):
+            for name in generated_reference._keys(schema):
+                assert f"`{name}`" in page, f"{schema.__name__}.{name}"
+
+
+def test_every_key_of_a_robot_file_has_a_meaning() -> None:
+    """Some are in docstrings, the others in docs/key_meanings.py; none is of a key that has gone."""
+    schemas = {schema.__name__: schema for schema in schemas_in(RobotSchema, set())}
+    assert generated_reference.ROBOT_KEYS.keys() <= schemas.keys()
+    for name, schema in schemas.items():
+        keys = generated_reference._keys(schema).keys()
+        assert generated_reference.ROBOT_KEYS.get(name, {}).keys() <= keys
+        if name not in ("LinksSection", "JointsSection", "MeshesSection"):  # their keys are parts of a leg
+            missing = keys - generated_reference.meanings(schema).keys()
+            assert not {key for key in missing if key not in ("femur", "tibia") and key[:3] != "leg"}, name
+
+
+def test_every_key_of_a_result_is_on_the_page() -> None:
+    done = hexctl.run(duration_s=0.2, record=False)
+    page = generated_reference.result_reference()
+    assert done.outcome.keys() == generated_reference.OUTCOME_KEYS.keys() | done.trial.to_dict().keys()
+    for name in (*done.outcome, *(field.name for field in fields(TrialResult))):
+        assert f"`{name}`" in page, name
+
+
+def test_bounds_are_words() -> None:
+    keys = generated_reference._keys(World)
+    allowed = {name: generated_reference.allowed(kind, marks) for name, (kind, marks, _) in keys.items()}
+    assert allowed["friction"] == "above 0 to 5"
+    assert allowed["payload_position_m"] == "3 times: -1 to 1"
+    assert allowed["friction_cone"] == "elliptic, pyramidal"
+
+
+#: Names that most programs use.
+WITH_EXAMPLE = (
+    hexctl.Drive,
+    hexctl.run,
+    adapt,
+    hexctl.load_robot,
+    hexctl.load_world,
+    hexctl.make_gait,
+    hexctl.Controller,
+    hexctl.Objective,
+    hexctl.Optimizer,
+    hexctl.joint_angles_of_feet,
+    hexctl.read_trial,
+    hexctl.run_sim_trials,
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WITH_EXAMPLE, ids=lambda name: name.__name__)
+def test_the_example_of_a_docstring_runs(name: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = inspect.cleandoc(name.__doc__)
+    paragraphs = text.split("\n\n")
+    first = next(index for index, part in enumerate(paragraphs) if part.startswith("    "))
+    last = next(
+        (index for index, part in enumerate(paragraphs) if index > first and not part.startswith("    ")),
+        len(paragraphs),
+    )
+    example = textwrap.dedent("\n\n".join(paragraphs[first:last]))
+    scope = {"hexctl": hexctl, "Drive": hexctl.Drive, "robot": hexctl.load_robot("ant")}
+    exec(example, scope)  # noqa: S102  our own docstring

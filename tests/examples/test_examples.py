@@ -1,0 +1,148 @@
+"""Each program under examples/ runs, in simulation, and prints what its first line promises."""
+
+import os
+import re
+import runpy
+import struct
+import sys
+import threading
+import time
+import types
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.identify.test_bench import TRUTH, bench_run, write_run
+
+pytestmark = pytest.mark.slow
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+#: Programs with tests of their own, in this folder.
+TESTED_ELSEWHERE = {"drive_gym.py", "square.py"}
+
+#: What each program prints.
+PRINTED = {
+    "walk.py": r"line: TrialResult\(ok.*\nnone: TrialResult\(ok",
+    "joint_angles.py": r"(?:\d\.\d\d s: coxa .*, tibia -\d.* degrees\n){4}",
+    "own_controller.py": r"TrialResult\(tripod: ok",
+    "own_recovery.py": r"walk-on: .*\nglide: .*\nto wave: .*ok",
+    "own_optimizer.py": r"gait \d+ ends [\d.]+ cm off its line",
+    "export_walk.py": r"\d+ rows in walk\.csv; columns stamp_ns, time_s.*\n0\.\d\d m walked",
+    "sweep.py": r"slope\t0 deg.*\ntripod\t.* cm\nripple\t.* cm\nwave\t",
+    "gamepad.py": r"walked \d\.\d\d m forward",
+    "identify_servos.py": r"stiffness_nm_per_rad: [\d.]+ N m/rad",
+    "ros_velocity.py": r"",
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    return tmp_path
+
+
+def printed(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str
+) -> str:
+    """What a program prints, called with some words."""
+    monkeypatch.setattr(sys, "argv", [name, *words])
+    runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    out = capsys.readouterr().out
+    assert re.search(PRINTED[name], out), out
+    return out
+
+
+def test_every_program_is_run_by_a_test() -> None:
+    assert {path.name for path in EXAMPLES.glob("*.py")} == PRINTED.keys() | TESTED_ELSEWHERE
+
+
+def test_programs_are_short() -> None:
+    for name in PRINTED:
+        assert 10 <= len((EXAMPLES / name).read_text(encoding="utf-8").splitlines()) <= 30, name
+
+
+@pytest.mark.parametrize("name", list(PRINTED)[:7])
+def test_a_program_runs(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if name == "own_recovery.py":
+        monkeypatch.syspath_prepend(EXAMPLES)
+    printed(name, monkeypatch, capsys)
+    assert name != "walk.py" or (folder / "walk.png").stat().st_size > 10_000
+
+
+def test_servos_are_identified_from_the_log_of_a_bench(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = write_run(folder / "bench.json", bench_run(1))
+    out = printed("identify_servos.py", monkeypatch, capsys, str(log))
+    (dead_time_s,) = re.findall(r"dead_time_s: ([\d.]+) s", out)
+    assert float(dead_time_s) == pytest.approx(TRUTH.dead_time_s, abs=0.004)
+
+
+def test_a_gamepad_drives_forward(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pad = folder / "event5"
+    os.mkfifo(pad)
+
+    def play() -> None:
+        with pad.open("wb", buffering=0) as file:
+            for kind, code, value in ((1, 310, 1), (3, 1, -32768)):  # shoulder button, stick forward
+                file.write(struct.pack("llHHi", 0, 0, kind, code, value))
+            time.sleep(5)
+            file.write(struct.pack("llHHi", 0, 0, 1, 315, 1))  # start
+            time.sleep(0.5)
+
+    player = threading.Thread(target=play)
+    player.start()
+    out = printed("gamepad.py", monkeypatch, capsys, str(pad))
+    player.join()
+    assert float(re.findall(r"walked ([\d.]+)", out)[0]) > 0.05
+
+
+class _Publisher:
+    """Collects messages instead of the middleware of ROS."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+
+    def publish(self, message: Any) -> None:
+        self.sent.append(message)
+
+
+@pytest.fixture
+def ros(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Stand-ins for rclpy and geometry_msgs, which a ROS installation has."""
+    publisher = _Publisher()
+    made: dict[str, Any] = {"publisher": publisher}
+
+    class Twist:
+        def __init__(self) -> None:
+            self.linear, self.angular = (types.SimpleNamespace(x=0.0, y=0.0, z=0.0) for _ in range(2))
+
+    def create_publisher(kind: type, topic: str, _depth: int) -> _Publisher:
+        made.update(kind=kind, topic=topic)
+        return publisher
+
+    node = types.SimpleNamespace(create_publisher=create_publisher, destroy_node=lambda: None)
+    rclpy = types.SimpleNamespace(init=lambda: None, create_node=lambda _: node, shutdown=lambda: None)
+    monkeypatch.setitem(sys.modules, "rclpy", rclpy)
+    monkeypatch.setitem(sys.modules, "geometry_msgs", types.ModuleType("geometry_msgs"))
+    monkeypatch.setitem(sys.modules, "geometry_msgs.msg", types.SimpleNamespace(Twist=Twist))
+    return made
+
+
+def test_ros_velocities_end_with_zero(
+    ros: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whether the robot follows such messages, tests/server/ros/test_bridge.py shows with a peer of ROS."""
+    printed("ros_velocity.py", monkeypatch, capsys)
+    speeds = [message.linear.x for message in ros["publisher"].sent]
+    assert ros["topic"] == "cmd_vel"
+    assert len(speeds) >= 25
+    assert speeds[-1] == 0.0
+    assert set(speeds[:-1]) == {0.1}
