@@ -5,7 +5,6 @@
 """
 
 import re
-import sys
 from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
@@ -30,13 +29,6 @@ def results() -> dict[str, Any]:
     """Return the tables by name; each has `date`, `command`, `n`, `columns` and `rows`. Figures are text."""
     tables: dict[str, Any] = yaml.load(FILE.read_text(encoding="utf-8"), yaml.BaseLoader)
     return tables
-
-
-def keys(tables: dict[str, Any]) -> Iterator[str]:
-    """Yield the key of every figure: table, row and column with dots between them."""
-    for name, table in tables.items():
-        for row, cells in table["rows"].items():
-            yield from (f"{name}.{row}.{column}" for column in table["columns"] if column in cells)
 
 
 def figure(tables: dict[str, Any], key: str) -> str:
@@ -101,4 +93,4 @@ def save_rows(rows: Iterable[Row]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(write_pages())
+    write_pages()

@@ -28,7 +28,7 @@ from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import evaluate
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from pictures.picture import INK, READABLE, save_svg  # noqa: E402  pictures are beside docs
+from pictures.picture import INK, READABLE, save_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from benchmarks.results import figure as number  # noqa: E402  benchmarks are beside docs
-from benchmarks.results import results  # noqa: E402
-from hexctl.palette import BEST_COLOR, hex_color  # noqa: E402
-from pictures.picture import INK, READABLE, save_svg  # noqa: E402
+from benchmarks.results import figure as number
+from benchmarks.results import results
+from hexctl.palette import BEST_COLOR, hex_color
+from pictures.picture import INK, READABLE, save_svg
 
 IMAGES = Path(__file__).parent / "images"
 
@@ -36,12 +36,12 @@ def holds() -> Figure:
     """Return the distance from the line by what is held: mean and 90th percentile."""
     tables, figure = results(), Figure(figsize=(9.0, 3.0), layout="constrained")
     ax = figure.subplots()
-    for place, (row, label, color) in enumerate(reversed(HOLDS)):
+    for place, (row, _, color) in enumerate(reversed(HOLDS)):
         mean, p90 = (float(number(tables, f"line.{row}.{column}")) for column in ("mean", "p90"))
         ax.plot([mean, p90], [place, place], color=color, linewidth=5)
         ax.plot(mean, place, "o", color=color, markersize=16)
         ax.plot(p90, place, "|", color=color, markersize=18, markeredgewidth=5)
-        ax.annotate(f"{mean:g} cm", (p90, place), (10, 0), textcoords="offset points", va="center", fontsize=14)
+        ax.annotate(f"{mean:g} cm", (p90, place), (10, 0), textcoords="offset points", va="center")
     ax.set_xscale("log")
     _scale(ax.xaxis, DISTANCES_CM)
     ax.set_xlim(0.1, 1000)

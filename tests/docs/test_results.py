@@ -18,7 +18,7 @@ MARK = re.compile(r"<!-- ?(\w+\.\w+\.\w+) ?-->")
 @pytest.mark.parametrize("page", results.pages(), ids=lambda page: page.name)
 def test_a_page_has_the_figures_of_the_file(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    assert len(MARK.findall(text)) == len(results.MARKED.findall(text)), "a comment without a number before it"
+    assert len(MARK.findall(text)) == len(results.MARKED.findall(text)), "a comment without a number"
     assert results.updated(text, TABLES) == text, "python -m benchmarks.results writes the figures"
 
 
@@ -28,7 +28,9 @@ def test_the_readme_shows_figures() -> None:
 
 def test_each_table_says_how_it_was_measured() -> None:
     for name, table in TABLES.items():
-        assert date.fromisoformat(table["date"]) and table["n"] and table["command"], name
+        assert date.fromisoformat(table["date"]), name
+        assert table["n"], name
+        assert table["command"], name
         extra = {key for row in table["rows"].values() for key in row} - {*table["columns"], "name", "unit"}
         assert not extra, name
 
