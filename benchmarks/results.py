@@ -5,7 +5,7 @@
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,18 @@ TABLE = re.compile(r"(<!-- table (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 #: The table of measured rows of benchmarks.
 PERFORMANCE = "performance"
 
+#: Rows of benchmarks in the table of the camera, and their keys.
+CAMERA = {
+    f"{benchmark}.{row}": f"camera.{name}.{column}"
+    for benchmark, name in (
+        ("see", "webcam"),
+        ("see.noisy", "noisy"),
+        ("cameras.480p", "small"),
+        ("cameras.fisheye", "fisheye"),
+    )
+    for row, column in (("position_rms", "position"), ("yaw_rms", "heading"))
+}
+
 
 def results() -> dict[str, Any]:
     """Return the tables by name; each has `date`, `command`, `n`, `columns` and `rows`. Figures are text."""
@@ -33,7 +45,7 @@ def results() -> dict[str, Any]:
 
 def figure(tables: dict[str, Any], key: str) -> str:
     """Return the figure of a key without its standard error; a wrong key raises KeyError."""
-    table, row, column = key.split(".")
+    table, row, column = _split(key)
     found: str = tables[table]["rows"][row][column]
     return found.partition(" ± ")[0]
 
@@ -80,16 +92,47 @@ def write_pages() -> None:
             page.write_text(new, encoding="utf-8")
 
 
-def save_rows(rows: Iterable[Row]) -> None:
-    """Put rows that the performance table has into the file, with today's date, and write the pages."""
-    head, mark, table = FILE.read_text(encoding="utf-8").partition(f"\n{PERFORMANCE}:\n")
-    for row in rows:
-        bar = "" if row.bar is None else f"{row.bar}{'' if row.holds else ', missed'}"
-        line = rf"(?m)^(    {re.escape(row.name)}: .*?value: )[^,]+(.*bar: ).*}}$"
-        table = re.sub(line, rf"\g<1>{row.shown}\g<2>'{bar}'}}", table)
-    dated = re.sub(r"(?m)^  date: .*$", f"  date: {date.today()}", table)
-    FILE.write_text(head + mark + dated, encoding="utf-8")
+def put(figures: Mapping[str, str]) -> None:
+    """Write figures by their keys into the file, with today's date, and write the pages.
+
+    Raises KeyError for a key that the file does not have.
+    """
+    text = FILE.read_text(encoding="utf-8")
+    for key, value in figures.items():
+        name, row, column = _split(key)
+        head, mark, rest = text.partition(f"\n{name}:\n")
+        cell = rf"(?m)^(    {re.escape(row)}: .*[{{ ]{column}: )('[^']*'|[^,}}]*)"
+        changed, count = re.subn(cell, rf"\g<1>{_quoted(value)}", rest, count=1)
+        if not mark or not count:
+            raise KeyError(key)
+        text = head + mark + re.sub(r"(?m)^  date: .*$", f"  date: {date.today()}", changed, count=1)
+    FILE.write_text(text, encoding="utf-8")
     write_pages()
+
+
+def _quoted(value: str) -> str:
+    """Return a figure as YAML; only text that is no figure needs quotes."""
+    return value if re.fullmatch(r"[\w. ±%-]+", value) else f"'{value}'"
+
+
+def _split(key: str) -> list[str]:
+    """Return table, row and column of a key; only rows of benchmarks have dots in their names."""
+    table, _, rest = key.partition(".")
+    row, _, column = rest.rpartition(".")
+    return [table, row, column]
+
+
+def save_rows(rows: Iterable[Row]) -> None:
+    """Write rows of benchmarks that a table has into the file, and write the pages."""
+    shown = results()[PERFORMANCE]["rows"]
+    figures: dict[str, str] = {}
+    for row in rows:
+        if row.name in shown:
+            bar = "" if row.bar is None else f"{row.bar}{'' if row.holds else ', missed'}"
+            figures |= {f"{PERFORMANCE}.{row.name}.value": row.shown, f"{PERFORMANCE}.{row.name}.bar": bar}
+        elif row.name in CAMERA:
+            figures[CAMERA[row.name]] = row.shown
+    put(figures)
 
 
 if __name__ == "__main__":

@@ -51,9 +51,13 @@ def test_benchmarks_write_their_rows(tmp_path: Path, monkeypatch: pytest.MonkeyP
     copy.write_bytes(results.FILE.read_bytes())
     monkeypatch.setattr(results, "FILE", copy)
     monkeypatch.setattr(results, "pages", list)
-    results.save_rows([Row("tick.monitor", 41.236, "us", Bar(high=30)), Row("no.such.row", 1.0, "us")])
+    rows = [Row("tick.monitor", 41.236, "us", Bar(high=30)), Row("see.noisy.yaw_rms", 0.4, "deg")]
+    results.save_rows([*rows, Row("no.such.row", 1.0, "us")])
     new = results.results()
     row = new["performance"]["rows"]["tick.monitor"]
     assert (row["value"], row["bar"], row["unit"]) == ("41.24", "<= 30, missed", "µs")
     assert new["performance"]["date"] == date.today().isoformat()
+    assert new["camera"]["rows"]["noisy"] == {**TABLES["camera"]["rows"]["noisy"], "heading": "0.4"}
     assert new["line"] == TABLES["line"]
+    with pytest.raises(KeyError):
+        results.put({"line.pose.nothing": "1"})
