@@ -1,8 +1,8 @@
 """What trials bring to steered walks: how much slower than the fastest of all gaits the best one tried is.
 
 All gaits walk once in worlds outside every prior, and searches are replayed on what they did, so that each of
-them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table `speed` of the
-results; with `--save` it writes it, too.
+them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table `speed`
+of the results; with `--save` it writes it, too.
 """
 
 import sys
