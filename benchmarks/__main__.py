@@ -1,4 +1,4 @@
-"""Run the benchmarks: `python -m benchmarks [--json] [--quick] [--only NAME] [--list]`.
+"""Run the benchmarks: `python -m benchmarks [--json] [--quick] [--save] [--only NAME] [--list]`.
 
 The exit code says whether every benchmark ran, not whether bars hold: 1 if one crashed, 2 for bad options.
 """
@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Sequence
 
 from benchmarks.catalogue import BENCHMARKS, chosen, wanted
+from benchmarks.results import save_rows
 from benchmarks.rows import Row
 from benchmarks.scale import FULL, QUICK, Scale
 
@@ -24,7 +25,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     selected = chosen(options.only)
     if not selected:
         parser.error(f"--only: got {', '.join(options.only)}; allowed: beginnings of {', '.join(BENCHMARKS)}")
-    crashed = [name for name in selected if not _run(name, options.only, options.json, options.quick)]
+    rows = list[Row]()
+    crashed = [name for name in selected if not _run(name, options, rows)]
+    if options.save:
+        save_rows(rows)
     return 1 if crashed else 0
 
 
@@ -35,19 +39,23 @@ def _parser() -> argparse.ArgumentParser:
         "--quick", action="store_true", help="a smoke test: everything runs, nothing is measured"
     )
     parser.add_argument(
+        "--save", action="store_true", help="write the rows into docs/results/results.yaml and the pages"
+    )
+    parser.add_argument(
         "--only", action="append", default=[], metavar="NAME", help="rows whose names begin so; repeatable"
     )
     parser.add_argument("--list", action="store_true", help="print the names and run nothing")
     return parser
 
 
-def _run(name: str, prefixes: Sequence[str], as_json: bool, quick: bool) -> bool:
-    """Run one benchmark and print its rows; return False, with the traceback on stderr, if it crashed."""
-    scale: Scale = QUICK if quick else FULL
+def _run(name: str, options: argparse.Namespace, rows: list[Row]) -> bool:
+    """Run one benchmark, print and collect its rows; return False, and print the traceback, if it crashed."""
+    scale: Scale = QUICK if options.quick else FULL
     try:
         for row in BENCHMARKS[name](scale):
-            if wanted(row, prefixes):
-                print(json.dumps(row.as_json()) if as_json else _line(row), flush=True)
+            if wanted(row, options.only):
+                rows.append(row)
+                print(json.dumps(row.as_json()) if options.json else _line(row), flush=True)
     except Exception:  # noqa: BLE001  one benchmark that crashes must not keep the others from running
         print(f"benchmark {name} crashed:", file=sys.stderr)
         traceback.print_exc()

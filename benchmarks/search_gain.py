@@ -1,8 +1,8 @@
 """What trials bring to steered walks: how much slower than the fastest of all gaits the best one tried is.
 
 All gaits walk once in worlds outside every prior, and searches are replayed on what they did, so that each of
-them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table
-of `docs/explanation/holding-a-line.md`.
+them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table `speed`
+of the results; with `--save` it writes it, too.
 """
 
 import sys
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.results import put, results
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.baselines import RandomSearch
@@ -42,6 +43,14 @@ AFTER = (0, 1, 2, 3, 5, 10)
 
 #: Runs of searches that draw random numbers.
 RUNS = 100
+
+#: Searches, and their rows in the table `speed` of the results.
+SAVED_AS = {
+    "bayes": "bayes",
+    "order of the prior": "ranking",
+    "random": "random",
+    "bayes, codes of the prior shuffled": "shuffled",
+}
 
 #: Kept points, five a second, over whose mean the way of a walk is taken for the regret: with position noise
 #: of a centimetre the last one alone would make the luckiest gait the best.
@@ -143,18 +152,34 @@ def lines_of(rows: Mapping[str, FloatArray]) -> list[str]:
 
 
 def _cell(percent: FloatArray) -> str:
-    error = percent.std(ddof=1) / np.sqrt(percent.size)
-    return f"{percent.mean():.1f} ± {error:.1f} ({percent.max():.1f})"
+    return f"{_mean(percent)} ({percent.max():.1f})"
 
 
-def main(folder: Path = FOLDER) -> None:
+def _mean(percent: FloatArray) -> str:
+    return f"{percent.mean():.1f} ± {percent.std(ddof=1) / np.sqrt(percent.size):.1f}"
+
+
+def main(folder: Path = FOLDER, *, save: bool = False) -> None:
     """Walk the gaits that the cache lacks, and print the table."""
     robot = load_robot("ant")
     asked = specs(robot, load_randomization(FAMILY), FIRST_WORLD, WORLDS)
     landscapes = evaluate(asked, WalkCache(folder))
     rows = table(load_score_prior(shipped_priors() / PRIOR), landscapes)
     sys.stdout.write("\n".join([*lines_of(rows), ""]))
+    if save:
+        put(figures_of(rows))
+
+
+def figures_of(rows: Mapping[str, FloatArray]) -> dict[str, str]:
+    """Mean regrets in percent by their keys in the file of results."""
+    columns = results()["speed"]["columns"]
+    return {
+        f"speed.{row}.t{count}": _mean(100 * values)
+        for name, row in SAVED_AS.items()
+        for count, values in zip(AFTER, rows[name].T, strict=True)
+        if f"t{count}" in columns
+    }
 
 
 if __name__ == "__main__":
-    main()
+    main(save="--save" in sys.argv)

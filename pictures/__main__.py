@@ -19,14 +19,14 @@ from pictures.picture import Picture
 DOCS = Path(__file__).parents[1] / "docs"
 
 
-def _prior(folder: Path) -> Picture:
+def _prior(folder: Path) -> Path:
     """The figure of a prior, drawn by the script that explains its numbers."""
-    path = folder / "prior.png"
+    path = folder / "prior.svg"
     runpy.run_path(str(DOCS / "make_prior_figure.py"))["main"](path)
-    return Picture.from_png(path.read_bytes())
+    return path
 
 
-#: Each picture by the name of its file; what it draws goes into an empty folder. A path is a GIF.
+#: Each picture by the name of its file; what it draws goes into an empty folder. A path is a file.
 PICTURES: dict[str, Callable[[Path], Picture | Path]] = {
     "rescue": rescue.draw_rescue,
     "walking": figures.draw_walking,
@@ -56,9 +56,9 @@ def main(names: Sequence[str]) -> int:
 
 
 def _save(drawn: Picture | Path, path: Path) -> None:
-    """Write a picture as PNG, or a GIF, beside the others."""
+    """Write a picture as PNG, or copy a file, beside the others."""
     if isinstance(drawn, Path):
-        shutil.copyfile(drawn, path.with_suffix(".gif"))
+        shutil.copyfile(drawn, path.with_suffix(drawn.suffix))
     else:
         drawn.save(path.with_suffix(".png"))
 

@@ -1,6 +1,5 @@
-"""A leg fails in mid-walk: the robot some moments later, walking on and recovering."""
+"""A leg fails in mid-walk: speed and robot afterwards, walking on and recovering."""
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,22 +19,22 @@ from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import link_points_body
-from hexctl.palette import FAILED_COLORS, LINE_COLOR, VERDICT_COLORS, hex_color
+from hexctl.palette import BODY_COLOR, FAILED_COLORS, VERDICT_COLORS, hex_color
 from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.robot.loader import load_robot
 from hexctl.types import FloatArray
-from pictures.picture import Picture
+from pictures.picture import INK, READABLE, save_svg
 
 #: What fails, when, and the length of the walks.
 EVENT, FAILS_S, DURATION_S = "5:limp@6", 6.0, 16.0
 
-#: Moments that are drawn, from the failure on.
-MOMENTS_S = (-0.5, 0.4, 1.2, 3.0, 6.0)
+#: When the robots are drawn, from the failure on.
+MOMENT_S = 6.0
 
 #: The walks: name and policy.
 WALKS: tuple[tuple[str, type[RecoveryPolicy]], ...] = (("walks on", WalkOn), ("recovers", GlideToStableGait))
 
-FAILED_COLOR, WHOLE_COLOR, BODY_COLOR = hex_color(FAILED_COLORS["femur"]), "#404550", "#b8c2d0"
+FAILED_COLOR = hex_color(FAILED_COLORS["femur"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,29 +89,40 @@ def walk(name: str, policy: type[RecoveryPolicy]) -> FailedWalk:
     return FailedWalk(name, log, noticed.at_s - FAILS_S, noticed.failure.leg)
 
 
-def draw_failure_strip(_folder: Path) -> Picture:
-    """Draw moments of both walks, and deviation and speed over time."""
+def draw_failure_strip(folder: Path) -> Path:
+    """Draw the speed of both walks over time, and both robots at its end."""
     import matplotlib as mpl
-
-    mpl.use("agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     walks = [walk(*one) for one in WALKS]
-    figure = plt.figure(figsize=(13.0, 6.2), layout="constrained")
-    strips, curves = figure.subfigures(2, 1, height_ratios=(1.5, 1.0))
-    axes = strips.subplots(len(walks), len(MOMENTS_S))
-    for row, one in zip(axes, walks, strict=True):
-        for ax, moment_s in zip(row, MOMENTS_S, strict=True):
-            _draw_moment(ax, one, moment_s)
-        row[0].set_ylabel(one.name, fontsize=12)
-    for ax, moment_s in zip(axes[0], MOMENTS_S, strict=True):
-        when = f"{moment_s:g} s after" if moment_s > 0 else f"{-moment_s:g} s before"
-        ax.set_title(f"{when} leg {walks[0].leg} goes limp", fontsize=10)
-    _draw_curves(curves.subplots(1, 2), walks)
-    drawing = io.BytesIO()
-    figure.savefig(drawing, format="png", dpi=110)
-    plt.close(figure)
-    return Picture.from_png(drawing.getvalue())
+    with mpl.rc_context(READABLE):
+        figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+        speeds, robots = figure.subplots(1, 2, width_ratios=(2.4, 1.0))
+        _draw_speeds(speeds, walks)
+        robots.axis("off")
+        for one, up in zip(walks, (0.02, 0.53), strict=True):
+            inset = robots.inset_axes((0.0, up, 1.0, 0.45))
+            _draw_moment(inset, one, MOMENT_S)
+            inset.set_title(f"{one.name}, after {MOMENT_S:g} s", fontsize=12)
+        return save_svg(figure, folder / "failure.svg")
+
+
+def _draw_speeds(ax: Axes, walks: Sequence[FailedWalk]) -> None:
+    """Speed over a gait cycle, before and after the failure."""
+    cycle = round(1 / load_robot("ant").gait.pace_hz / PERIOD_S)
+    for one, color in zip(walks, (FAILED_COLOR, hex_color(VERDICT_COLORS["holds"])), strict=True):
+        times_s, way_m = one.way_m()
+        speed = 100 * (way_m[cycle:, 0] - way_m[:-cycle, 0]) / (cycle * PERIOD_S)
+        ax.plot(times_s[cycle:], speed, color=color)
+        ax.annotate(one.name, (MOMENT_S + 1.0, speed[-1] - 1.2), color=color, fontsize=14)
+    ax.axvline(0.0, color=INK, linewidth=1.2)
+    ax.annotate(f"leg {walks[0].leg} goes limp", (-0.1, 1.0), rotation=90, ha="right")
+    ax.axvline(walks[-1].alarm_s, color=INK, linewidth=1.2, linestyle=":")
+    ax.annotate("detected", (walks[-1].alarm_s + 0.1, 1.0), rotation=90)
+    ax.set_xlabel("time since the failure, s")
+    ax.set_ylabel("speed, cm/s")
+    ax.set_xlim(-2.0, DURATION_S - FAILS_S)
+    ax.set_ylim(bottom=0.0)
 
 
 def _draw_moment(ax: Axes, one: FailedWalk, moment_s: float) -> None:
@@ -121,40 +131,15 @@ def _draw_moment(ax: Axes, one: FailedWalk, moment_s: float) -> None:
     centre = points[:, 0].mean(axis=0)
     flat = (points - [centre[0], centre[1], 0.0]) @ VIEW.T
     body = flat[[0, 1, 2, 3, 4, 5, 0], 0]
-    ax.fill(*body.T, color=BODY_COLOR, zorder=2)
+    ax.fill(*body.T, color=hex_color(BODY_COLOR), zorder=2)
     for leg, chain in enumerate(flat, 1):
-        color, width = (FAILED_COLOR, 3.0) if leg == one.leg and moment_s > 0 else (WHOLE_COLOR, 2.0)
+        color, width = (FAILED_COLOR, 4.0) if leg == one.leg else (INK, 2.5)
         ax.plot(*chain.T, color=color, linewidth=width, solid_capstyle="round", zorder=3)
-        foot = points[leg - 1, -1]
-        shadow = (np.array([foot[0] - centre[0], foot[1] - centre[1], 0.0])) @ VIEW.T
-        ax.plot(*shadow, "o", color="#00000030", markersize=7, zorder=1)
     ax.set_aspect("equal")
     ax.set_xlim(-0.33, 0.33)
     ax.set_ylim(-0.13, 0.26)
-    ax.set_xticks([])
-    ax.set_yticks([])
+    ax.axis("off")
 
 
 #: Where a point of the world is in the picture: x to the right, and y and height upward.
 VIEW: FloatArray = np.array([[1.0, 0.25, 0.0], [0.0, 0.45, 0.9]])
-
-
-def _draw_curves(axes: Sequence[Axes], walks: Sequence[FailedWalk]) -> None:
-    """Deviation from the line and speed over time."""
-    colors = (FAILED_COLOR, hex_color(VERDICT_COLORS["holds"]))
-    cycle = round(1 / load_robot("ant").gait.pace_hz / PERIOD_S)
-    for one, color in zip(walks, colors, strict=True):
-        times_s, way_m = one.way_m()
-        axes[0].plot(times_s, 100 * way_m[:, 1], color=color, label=one.name)
-        speed = (way_m[cycle:, 0] - way_m[:-cycle, 0]) / (cycle * PERIOD_S)
-        axes[1].plot(times_s[cycle:], 100 * speed, color=color)
-    for ax in axes:
-        ax.axvline(0.0, color=WHOLE_COLOR, linewidth=1.0)
-        ax.axvline(walks[-1].alarm_s, color=WHOLE_COLOR, linewidth=1.0, linestyle=":")
-        ax.set_xlabel("time since the failure, s (dotted: noticed)")
-        ax.set_xlim(-2.0, DURATION_S - FAILS_S)
-    axes[0].axhline(0.0, color=hex_color(LINE_COLOR), linewidth=1.0)
-    axes[0].set_ylabel("left of the line, cm")
-    axes[1].set_ylabel("speed over a cycle, cm/s")
-    axes[1].set_ylim(bottom=0.0)
-    axes[0].legend(fontsize=9)

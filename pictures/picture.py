@@ -3,19 +3,48 @@
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from hexctl.palette import GREY, hex_color
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Color = tuple[int, int, int]
+
+#: Lines and texts of a figure that is read on white and in the dark.
+INK = hex_color(GREY)
 
 #: How far each of red, green and blue may be off for a colour to be another's: smoothing, shading.
 NEAR = 40
 
 #: A screen with fewer colours has nothing on it.
 BLANK_COLORS = 24
+
+
+#: Settings of matplotlib for such a figure.
+READABLE = {
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+    "axes.facecolor": "none",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "font.size": 12.0,
+    "legend.frameon": False,
+    "lines.linewidth": 2.5,
+}
+
+
+def save_svg(figure: "Figure", path: Path) -> Path:
+    """Write a figure with a transparent background, the same bytes each time."""
+    import matplotlib as mpl
+
+    with mpl.rc_context({"svg.hashsalt": path.name}):
+        figure.savefig(path, transparent=True, metadata={"Date": None, "Creator": None})
+    return path
 
 
 @dataclass(frozen=True, slots=True)

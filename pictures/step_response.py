@@ -1,9 +1,8 @@
 """Step responses of a walk that holds its line: the line moved to the side, and line and body turned.
 
-`python -m pictures.step_response` prints the figures that docs/explanation/holding-a-line.md has of them.
+`python -m pictures.step_response` prints their figures.
 """
 
-import io
 import math
 import sys
 from collections.abc import Iterator
@@ -28,7 +27,7 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray, RobotState
-from pictures.picture import Picture
+from pictures.picture import READABLE, save_svg
 
 #: The steps: to the left, and counter-clockwise.
 SHIFT_M, TURN_RAD = 0.2, math.radians(30.0)
@@ -168,43 +167,23 @@ def responses(*, shift_m: float = 0.0, turn_rad: float = 0.0) -> Iterator[Respon
         yield respond(robot_name, failed_leg, shift_m=shift_m, turn_rad=turn_rad)
 
 
-def draw_step_response(_folder: Path) -> Picture:
-    """Draw the responses: deviation after a shift, deviation and yaw after a turn."""
+def draw_step_response(folder: Path) -> Path:
+    """Draw the distance from the line after it moved to the side."""
     import matplotlib as mpl
+    from matplotlib.figure import Figure
 
-    mpl.use("agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(12.0, 3.8), layout="constrained")
-    shifted, turned = list(responses(shift_m=SHIFT_M)), list(responses(turn_rad=TURN_RAD))
-    drawn = (
-        (f"the line moves {100 * SHIFT_M:g} cm to the left", shifted, _centimetres),
-        (f"line and body turn by {math.degrees(TURN_RAD):g} degrees: the line", turned, _centimetres),
-        (f"line and body turn by {math.degrees(TURN_RAD):g} degrees: the body", turned, _degrees),
-    )
-    for ax, (title, found, values) in zip(axes, drawn, strict=True):
+    with mpl.rc_context(READABLE):
+        figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+        ax = figure.subplots()
         ax.axhline(0.0, color=hex_color(LINE_COLOR), linewidth=1.0)
-        for response, (_, _, style, color) in zip(found, WALKERS, strict=True):
-            ax.plot(response.strides, values(response), style, color=color, label=response.name)
-        ax.set_title(title, fontsize=10)
-        ax.set_xlabel("way since then, in ways of a cycle")
+        for response, (_, _, style, color) in zip(responses(shift_m=SHIFT_M), WALKERS, strict=True):
+            values = 100 * response.deviation_m
+            ax.plot(response.strides, values, style, color=color, label=response.name, linewidth=2)
+        ax.set_xlabel("distance travelled since the line moved, stride lengths")
+        ax.set_ylabel("left of the new line, cm")
         ax.set_xlim(0, SHOWN_CYCLES)
-    axes[0].set_ylabel("deviation from the new line, cm")
-    axes[1].set_ylabel("deviation from the new line, cm")
-    axes[2].set_ylabel("yaw minus the new one, degrees")
-    axes[0].legend(fontsize=9, loc="lower right")
-    drawing = io.BytesIO()
-    figure.savefig(drawing, format="png", dpi=110)
-    plt.close(figure)
-    return Picture.from_png(drawing.getvalue())
-
-
-def _centimetres(response: Response) -> FloatArray:
-    return 100 * response.deviation_m
-
-
-def _degrees(response: Response) -> FloatArray:
-    return np.degrees(response.yaw_off_rad)
+        ax.legend(loc="lower right")
+        return save_svg(figure, folder / "step_response.svg")
 
 
 def main() -> None:

@@ -49,10 +49,6 @@ class Window:
         """Open another recording, as a click on a link to it does."""
         self._client.open(url)
 
-    def show_trial(self, index: int) -> None:
-        """Put the time cursor of a session's overview on a trial."""
-        self._client.set_time("trial", sequence=index, play_state="paused")
-
     def show_time(self, time_s: float) -> None:
         """Stop a trial at a time."""
         self._client.set_time("trial_time", duration=time_s, play_state="paused")

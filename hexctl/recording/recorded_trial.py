@@ -59,7 +59,8 @@ class RecordedTrial(ArrayFields):
     """A trial in a recording. Joint angles have an error of at most 8 microradians.
 
     Attributes:
-        properties: plan and result, named as by `hexctl run --json`; only `title` for a truncated trial or a drive.
+        properties: plan and result, named as by `hexctl run --json`; only `title` for a drive or a truncated
+            trial.
         stamps_ns: time of each tick since 1970, (T,); their start is exact to half a second.
         time_s: time since the first tick, (T,).
         walk_s: time since the walk began, (T,); 0 before it.

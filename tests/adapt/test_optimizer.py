@@ -153,7 +153,7 @@ def test_a_custom_optimizer_by_the_name_of_its_module() -> None:
     assert isinstance(optimizer, RandomSearch)
 
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "adapt.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "extend.md"
 
 
 @pytest.fixture

@@ -211,6 +211,7 @@ def find_spec_of(name: str) -> bool:
 FIGURES = {
     "make_gait_figures.py": ["foot.svg", "frames.svg", "gaits.svg", "leg.svg"],
     "make_plug_figure.py": ["plugs.svg"],
+    "make_result_figures.py": ["holds.svg", "search.svg"],
     "make_wiring_figures.py": ["wiring-bus.svg", "wiring-pca9685.svg", "wiring-servo2040.svg"],
 }
 

@@ -127,8 +127,8 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def test_the_page_has_the_table_of_the_report() -> None:
     table = "\n".join(markdown(assumptions())) + "\n"
-    assert table in (DOCS / "results" / "assumptions.md").read_text(encoding="utf-8"), (
-        "docs/results/assumptions.md differs from hexctl/study/templates/texts.yaml: replace its table with\n"
+    assert table in (DOCS / "results" / "parque-2022.md").read_text(encoding="utf-8"), (
+        "docs/results/parque-2022.md differs from hexctl/study/templates/texts.yaml: replace its table with\n"
         + table
     )
 

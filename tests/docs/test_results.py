@@ -1,0 +1,63 @@
+"""README and pages have the figures of docs/results/results.yaml, and `±` stands on the results page only."""
+
+import re
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from benchmarks import results
+from benchmarks.rows import Bar, Row
+
+TABLES = results.results()
+
+#: Comments that name a figure, wherever they stand.
+MARK = re.compile(r"<!-- ?(\w+\.\w+\.\w+) ?-->")
+
+
+@pytest.mark.parametrize("page", results.pages(), ids=lambda page: page.name)
+def test_a_page_has_the_figures_of_the_file(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert len(MARK.findall(text)) == len(results.MARKED.findall(text)), "a comment without a number"
+    assert results.updated(text, TABLES) == text, "python -m benchmarks.results writes the figures"
+
+
+def test_the_readme_shows_figures() -> None:
+    assert len(MARK.findall((results.ROOT / "README.md").read_text(encoding="utf-8"))) >= 4
+
+
+def test_each_table_says_how_it_was_measured() -> None:
+    for name, table in TABLES.items():
+        assert date.fromisoformat(table["date"]), name
+        assert table["n"], name
+        assert table["command"], name
+        extra = {key for row in table["rows"].values() for key in row} - {*table["columns"], "name", "unit"}
+        assert not extra, name
+
+
+def test_every_table_stands_on_a_page() -> None:
+    shown = {found[1] for page in results.pages() for found in results.TABLE.findall(page.read_text("utf-8"))}
+    assert shown == {*TABLES}
+
+
+def test_a_number_is_replaced_by_that_of_its_key() -> None:
+    tables = {"line": {"rows": {"pose": {"mean": "0.25 ± 0.02"}}}}
+    page = "It ends 7.1 cm<!-- line.pose.mean --> off, 3 cm of 4."
+    assert results.updated(page, tables) == "It ends 0.25 cm<!-- line.pose.mean --> off, 3 cm of 4."
+
+
+def test_benchmarks_write_their_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    copy = tmp_path / "results.yaml"
+    copy.write_bytes(results.FILE.read_bytes())
+    monkeypatch.setattr(results, "FILE", copy)
+    monkeypatch.setattr(results, "pages", list)
+    rows = [Row("tick.monitor", 41.236, "us", Bar(high=30)), Row("see.noisy.yaw_rms", 0.4, "deg")]
+    results.save_rows([*rows, Row("no.such.row", 1.0, "us")])
+    new = results.results()
+    row = new["performance"]["rows"]["tick.monitor"]
+    assert (row["value"], row["bar"], row["unit"]) == ("41.24", "<= 30, missed", "µs")
+    assert new["performance"]["date"] == date.today().isoformat()
+    assert new["camera"]["rows"]["noisy"] == {**TABLES["camera"]["rows"]["noisy"], "heading": "0.4"}
+    assert new["line"] == TABLES["line"]
+    with pytest.raises(KeyError):
+        results.put({"line.pose.nothing": "1"})
