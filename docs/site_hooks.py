@@ -96,31 +96,6 @@ def fault_matrix() -> str:
     return page_part(results.read(), results.not_measured())
 
 
-#: Page of the fault matrix, and the place of the matrix on it.
-MATRIX_PAGE, MATRIX = "results/fault-matrix.md", "<!-- fault matrix -->"
-
-
-def on_page_read_source(page: Any, **_: Any) -> str | None:
-    """Insert the fault matrix into its page; other pages are read as they are."""
-    if page.file.src_uri != MATRIX_PAGE:
-        return None
-    text = (ROOT / "docs" / MATRIX_PAGE).read_text(encoding="utf-8")
-    return text.replace(MATRIX, fault_matrix())
-
-
-def fault_matrix() -> str:
-    """Return the tables of the results in faults/, as `python -m faults --table` prints them."""
-    import sys
-
-    if str(ROOT) not in sys.path:
-        sys.path.append(str(ROOT))
-    from faults.results import RESULTS, Results
-    from faults.table import page_part
-
-    results = Results(ROOT / RESULTS)
-    return page_part(results.read(), results.not_measured())
-
-
 def on_page_content(html: str, **_: Any) -> str:
     """Let a click on a figure open it in full size, and write equations as MathML; neither needs a script."""
     shown = FIGURE.sub(r'<a class="figure" href="\1" title="open in full size">\g<0></a>', html)

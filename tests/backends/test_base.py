@@ -152,7 +152,7 @@ def test_failures_in_force_are_those_of_a_simulation_here_or_there() -> None:
 def test_only_a_simulation_breaks_legs() -> None:
     simulated = BreakingServos("ant")
     assert simulation_of(Guard(simulated)) is simulated
-    with pytest.raises(InputError, match="failure: .*real robot"):
+    with pytest.raises(InputError, match=r"failure: .*real robot"):
         simulation_of(Guard(MockServos("ant")))
 
 

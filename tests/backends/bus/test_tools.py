@@ -260,5 +260,5 @@ def test_a_bus_that_cannot_be_is_refused(options: dict[str, Any], named: str, ro
 def test_wrong_types_and_an_output_beside_a_robot_are_refused(robot: str) -> None:
     with pytest.raises(WrongTypeError, match="connect"):
         BusOptions(connect=5)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="output.* robot"):
+    with pytest.raises(InputError, match=r"output.* robot"):
         IdentificationOptions(robot=robot, output="x")
