@@ -4,7 +4,7 @@ Run it with `python examples/own_recovery.py`. `hexctl run --policy own_recovery
 """
 
 import hexctl
-from hexctl.control.monitor.recovery import RecoveryPolicy, Response
+from hexctl.extension import RecoveryPolicy, Response
 
 
 class ToWave(RecoveryPolicy):

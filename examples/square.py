@@ -9,10 +9,10 @@ import numpy as np
 
 from hexctl import Failure, Guard, RobotState, SimServos, TrialPlan, World, load_robot, make_gait, run_trial
 from hexctl.control.assessment.static_stability import stable_gait
-from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import Course
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, RESPONSE_S
+from hexctl.extension import WalkStart
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 
 SIDE_M = 1.0

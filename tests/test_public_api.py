@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 import hexctl
+import hexctl.extension
 import hexctl.vision
 from hexctl.adapt.objectives import make_objective
 from hexctl.adapt.prior.prior import load_prior
@@ -41,7 +42,7 @@ def python(code: str) -> str:
 
 
 #: Packages with public names.
-PUBLIC: tuple[Any, ...] = (hexctl, hexctl.vision)
+PUBLIC: tuple[Any, ...] = (hexctl, hexctl.extension, hexctl.vision)
 
 
 def undescribed(package: Any, name: str) -> Iterator[str]:

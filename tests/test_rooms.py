@@ -6,7 +6,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_060,
+    "": 2_100,
     "adapt": 7_810,
     "backends": 10_180,
     "cli": 6_910,
@@ -18,7 +18,7 @@ CEILINGS = {
     "gait": 650,
     "identify": 1_120,
     "ik": 1_150,
-    "recording": 4_450,
+    "recording": 4_460,
     "robot": 6_110,
     "runs": 1_020,
     "server": 4_420,

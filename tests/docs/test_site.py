@@ -17,6 +17,7 @@ import pytest
 import yaml
 
 import hexctl
+import hexctl.extension
 import hexctl.testing
 import hexctl.vision
 from hexctl.gait.encoding import slots_from_code
@@ -139,7 +140,8 @@ def test_every_public_name_is_in_the_reference() -> None:
     own = set(hexctl.__all__) - {"testing", "vision"}
     seen = {f"vision.{name}" for name in hexctl.vision.__all__}
     suites = {f"testing.{name}" for name in hexctl.testing.__all__}
-    assert {packages.get(name, name) for name in own} | seen | suites <= set(described)
+    extension = {f"extension.{name}" for name in hexctl.extension.__all__}
+    assert {packages.get(name, name) for name in own} | seen | suites | extension <= set(described)
     overview = (DOCS / "api" / "index.md").read_text(encoding="utf-8")
     listed = [name for line in overview.splitlines() if line[:2] == "| " for name in QUOTED.findall(line)]
     assert sorted(listed) == sorted(hexctl.__all__)  # the page of a package lists its names

@@ -1,0 +1,41 @@
+"""Base classes and helpers for custom recovery policies and servo drivers; imported when first used."""
+
+from typing import TYPE_CHECKING, Any
+
+from hexctl.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from hexctl.backends.base import check_connected, check_targets
+    from hexctl.backends.clock import WallClock
+    from hexctl.control.monitor.monitored_walk import recovering_walk
+    from hexctl.control.monitor.recovery import RecoveryPolicy, Response
+    from hexctl.control.preparation import WalkStart
+    from hexctl.robot.loader import load_robot_file
+    from hexctl.study.recovery.methods import RecoveryMethod
+
+# fmt: off
+__all__ = [
+    "WalkStart", "RecoveryPolicy", "Response", "recovering_walk", "RecoveryMethod",
+    "WallClock", "check_connected", "check_targets", "load_robot_file",
+]
+# fmt: on
+
+_MODULES = {
+    "backends.base": "check_connected check_targets",
+    "backends.clock": "WallClock",
+    "control.monitor.monitored_walk": "recovering_walk",
+    "control.monitor.recovery": "RecoveryPolicy Response",
+    "control.preparation": "WalkStart",
+    "robot.loader": "load_robot_file",
+    "study.recovery.methods": "RecoveryMethod",
+}
+
+_load = lazy_names("hexctl", _MODULES)
+
+
+def __getattr__(name: str) -> Any:
+    return _load(name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
