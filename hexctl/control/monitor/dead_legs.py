@@ -22,12 +22,15 @@ from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, RobotSta
 #: Time without torque after which a leg is dead, in s and in cycles.
 IDLE_S, IDLE_CYCLES = 1.0, 0.6
 
+#: Time without torque of a leg that does not follow, from which it is limp and not locked.
+LIMP_S = 0.1
+
 #: Gain below which a leg does not follow, as a share of the median leg's, and the root of the summed
 #: variances of its targets from which it counts.
 LEAST_GAIN, LEAST_SPREAD_RAD = 0.25, math.radians(6.5)
 
-#: Gain of the median leg of a robot whose legs follow.
-LEAST_USUAL = 0.5
+#: Gain of the median leg of a robot whose legs follow, and of a leg without torque that does: it is missing.
+LEAST_USUAL, FOLLOWS_GAIN = 0.5, 0.5
 
 #: How long the start lasts, in s and in cycles, and when a foot must have touched the floor.
 FIRST_S, FIRST_CYCLES, TOUCHED_S = 3.0, 1.5, 2.5
@@ -85,7 +88,7 @@ class DeadLegs:
         place = (*row, leg - 1)
         if self.follows[place]:
             return Failure(leg=leg, kind="missing")
-        return Failure(leg=leg, kind="limp" if self._idle_s[place] > IDLE_S / 2 else "locked")
+        return Failure(leg=leg, kind="limp" if self._idle_s[place] > LIMP_S else "locked")
 
     def _follow(self, measured_rad: FloatArray, expected_rad: FloatArray, now: BoolArray) -> None:
         """Compare the gains of the legs since the start."""
@@ -100,7 +103,7 @@ class DeadLegs:
         usual = np.sort(gain, axis=-1)[..., 2:4].mean(axis=-1, keepdims=True)
         share = gain / np.maximum(usual, LEAST_USUAL)
         tells = (variance > LEAST_SPREAD_RAD**2) & (usual > LEAST_USUAL) & now
-        self.follows = np.where(tells, share > LEAST_GAIN, self.follows)
+        self.follows = np.where(now, covariance > FOLLOWS_GAIN * variance, self.follows)
         self.start = tells * (1 - share) / (1 - LEAST_GAIN)
 
     def _touch(self, contacts: BoolArray, now: BoolArray) -> None:

@@ -35,6 +35,7 @@ from hexctl.control.trial import planned_walk
 from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
+from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import FloatArray
 from tests.control.monitor.repertoires import made_up, situation
@@ -184,6 +185,26 @@ def test_a_second_leg_is_met_in_the_same_way_and_stays_up_after_a_planned_change
     assert isinstance(walk.walk, VelocityWalk)
     assert walk.walk.gaits[0].posture.tucked_legs == (2, 5)
     assert result.status == "ok"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["limp", "missing"])
+def test_without_two_neighbours_ahead_the_robot_walks_at_half_of_its_speed_or_more(kind: str) -> None:
+    trial = _trial(f"1:{kind}@4", f"2:{kind}@4", duration_s=14.0)
+    result, walk = _walk(trial)
+    assert {one.suspicion.leg for one in walk.noticed[0]} == {1, 2}
+    ideal_m = 8.0 * ideal_speed_m_s(shipped(), trial.plan.gait, trial.plan.motion(0.0))
+    assert result.path_m[-1, 0] - result.path_m[-400, 0] > 0.5 * ideal_m
+
+
+@pytest.mark.parametrize("kind", ["limp", "locked", "missing"])
+def test_a_leg_that_is_dead_before_the_first_step_is_noticed_and_tucked(kind: str) -> None:
+    trial = replace(_trial(duration_s=3.0, self_rotation="none"), failure=Failure(leg=2, kind=kind))
+    _, walk = _walk(trial)
+    first = walk.noticed[0][0]
+    assert first.suspicion.failure == Failure(leg=2, kind=kind)
+    assert first.response.gait is not None
+    assert first.response.gait.posture.tucked_legs == (2,)
 
 
 class Faulty(ServosWrapper):
