@@ -27,7 +27,7 @@ LIMP_S = 0.1
 
 #: Gain below which a leg does not follow, as a share of the median leg's, and the root of the summed
 #: variances of its targets from which it counts.
-LEAST_GAIN, LEAST_SPREAD_RAD = 0.25, math.radians(6.5)
+LEAST_GAIN, LEAST_SPREAD_RAD = 0.15, math.radians(6.5)
 
 #: Gain of the median leg of a robot whose legs follow, and of a leg without torque that does: it is missing.
 LEAST_USUAL, FOLLOWS_GAIN = 0.5, 0.5

@@ -22,8 +22,8 @@ from hexctl.robot.model import Robot
 from hexctl.robot.plugins import made_of
 from hexctl.types import N_LEGS
 
-#: Share of the height of the stance by which the body sinks. With two limp legs `ant` then made 0.79 of the speed
-#: instead of 0.22 without the two ahead, and four legs carry it on weak servos without falls.
+#: Share of the height of the stance by which the body sinks. Without the two legs ahead, both limp, `ant` then
+#: made 0.79 of the speed instead of 0.22, and four legs carry it on weak servos without falls.
 SINK = 0.29
 
 #: Kinds of failures of which two legs drag, or are gone, and none can hold the body up.

@@ -17,6 +17,7 @@ def test_shipped_robots_stand_as_is_proposed(name: str) -> None:
     assert found.drive <= 1
 
 
+@pytest.mark.slow
 def test_a_stance_too_wide_for_five_legs_gets_the_widest_that_its_servos_carry() -> None:
     file = load_robot_file("phantomx")
     content = read_mapping(file.path)
