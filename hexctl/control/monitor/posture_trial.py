@@ -14,9 +14,8 @@ from hexctl.gait.gait import Gait
 #: Cycles after a glide over which the speed is measured.
 MEASURED_CYCLES = 2.0
 
-#: Share of the commanded speed below which other postures are tried, after so many slow windows in a row: in
-#: the first one a robot still turns back to its line.
-SLOW, PATIENCE = 0.55, 2
+#: Share of the commanded speed below which another posture is tried.
+SLOW = 0.5
 
 #: Share of the commanded speed by which another posture must have been faster.
 LEAST_GAIN = 0.05
@@ -41,7 +40,6 @@ class PostureTrial:
         self._tick, self._progress_m, self._from_m = 0, math.nan, math.nan
         #: Shares of the commanded speed; a gait that was not walked yet comes first.
         self._shares, self._now = [math.inf] * len(gaits), 0
-        self._slow = 0  # windows in a row
 
     def update(self, progress_m: float) -> Gait | None:
         """Take the measured progress along the line, NaN if unknown; the gait to glide to now, or None."""
@@ -62,9 +60,8 @@ class PostureTrial:
         self._tick = self._begin_tick  # without a glide the next window begins at once
         self._from_m = self._progress_m
         self._shares[self._now] = share
-        self._slow = self._slow + 1 if share < SLOW else 0
         other = max(range(len(self._gaits)), key=lambda place: self._shares[place])
-        if self._slow < PATIENCE or self._shares[other] <= share + LEAST_GAIN:
+        if share >= SLOW or self._shares[other] <= share + LEAST_GAIN:
             return None
-        self._tick, self._slow, self._now = 0, 0, other
+        self._tick, self._now = 0, other
         return self._gaits[other]

@@ -22,11 +22,11 @@ from hexctl.robot.model import Robot
 from hexctl.robot.plugins import made_of
 from hexctl.types import N_LEGS
 
-#: Share of the height of the stance by which the body sinks. Without the two legs ahead, both limp, `ant` then
-#: made 0.79 of the speed instead of 0.22, and four legs carry it on weak servos without falls.
+#: Share of the height of the stance by which the body sinks. Without the two legs ahead, both limp, `ant`
+#: then made 0.79 of the speed instead of 0.22, and four legs carry it on weak servos without falls.
 SINK = 0.29
 
-#: Kinds of failures of which two legs drag, or are gone, and none can hold the body up.
+#: Failures over two of which the body sinks: the legs drag or are gone. A locked leg would hold it up.
 DRAGGED = ("limp", "missing")
 
 #: Maximum number of lost legs: on three, of which one swings, hardly any robot makes progress.
@@ -140,9 +140,7 @@ class GlideToStableGait(RecoveryPolicy):
             return Response(stop=True)
         faster = self._faster(robot, plan, heading_body_rad, failures)
         response = faster or Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
-        return (
-            response if response.stays else _with_heights(robot, plan, heading_body_rad, failures, response)
-        )
+        return response if response.stays else _sunk_over(robot, plan, heading_body_rad, failures, response)
 
     def _covering(self, robot: Robot, plan: TrialPlan) -> Repertoire | None:
         return next((one for one in self._repertoires if one.covers(robot, plan)), None)
@@ -171,18 +169,15 @@ class GlideToStableGait(RecoveryPolicy):
         return gait_without(robot, gait, heading_rad=heading_body_rad, legs=lost)
 
 
-def _with_heights(
+def _sunk_over(
     robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure], response: Response
 ) -> Response:
-    """The response with the body sunk over legs that drag, else with that to try; a plan's height stays."""
-    if response.gait is None or plan.gait.posture.body_raise:
+    """The response with the body sunk over two legs that drag, and its own height to try; a plan's stays."""
+    drag = len(failures) > 1 and all(one.kind in DRAGGED and one.joint is None for one in failures)
+    if response.gait is None or plan.gait.posture.body_raise or not drag:
         return response
     low = _sunk(robot, response.gait, round(heading_body_rad / DIRECTION_STEP_RAD))
-    if low is None:
-        return response
-    if len(failures) > 1 and all(one.kind in DRAGGED and one.joint is None for one in failures):
-        return replace(response, gait=low)
-    return replace(response, tries=(low,))
+    return response if low is None else replace(response, gait=low, tries=(response.gait,))
 
 
 @lru_cache(maxsize=1024)
