@@ -327,9 +327,9 @@ def test_a_leg_that_the_repertoire_walks_on_with_is_not_tucked() -> None:
 @pytest.mark.slow
 def test_a_leg_on_trial_counts_as_missing_again_when_another_fails() -> None:
     """The monitor is patient then, and would learn that the leg usually carries nothing."""
-    _, walk = _walk(_trial("5:missing@3", "6:limp@11", duration_s=14.0))
+    _, walk = _walk(_trial("5:missing@3", "6:limp@10.3", duration_s=14.0))
     first, tried, other, again = walk.noticed[0][:4]
     assert (tried.healed, other.suspicion.leg, again.suspicion.failure) == (True, 6, first.suspicion.failure)
-    assert tried.suspicion.step < 550 < other.suspicion.step == again.suspicion.step
+    assert tried.suspicion.step < 515 < other.suspicion.step == again.suspicion.step
     assert other.response == again.response
     assert [failure.leg for failure in walk.believed_failures()] == [5, 6]

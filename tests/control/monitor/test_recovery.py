@@ -67,7 +67,7 @@ def test_over_two_legs_that_drag_the_body_sinks_and_the_other_height_is_tried(
 
 @pytest.mark.parametrize(
     ("speeds", "walked"),
-    [((0.3, 0.6), [1]), ((0.45, 0.2), [1, 0]), ((0.6, 0.9), []), ((0.3, 0.33), [1])],
+    [((0.2, 0.6), [1]), ((0.28, 0.2), [1, 0]), ((0.4, 0.9), []), ((0.2, 0.23), [1])],
 )
 def test_a_slow_robot_changes_its_posture_and_walks_the_fastest(
     speeds: tuple[float, float], walked: list[int]
