@@ -15,8 +15,8 @@ from hexctl.gait.gait import Gait
 MEASURED_CYCLES = 2.0
 
 #: Share of the commanded speed below which another posture is tried, and for how many windows in a row: in
-#: the first one a robot still turns back to its line. A trial costs 3.5 cycles: with a share of 0.55, 30 of 45
-#: pairs of limp legs recovered in three hard worlds, and 38 without trials.
+#: the first one a robot still turns back to its line. A trial costs 3.5 cycles: with a share of 0.55, 30 of
+#: 45 pairs of limp legs recovered in three hard worlds, and 38 without trials.
 SLOW, PATIENCE = 0.3, 2
 
 #: Share of the commanded speed by which another posture must have been faster.
