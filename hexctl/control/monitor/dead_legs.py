@@ -114,5 +114,5 @@ class DeadLegs:
             self.start = np.maximum(self.start, 2.0 * (many & now & ~self._touched))
 
 
-def _of_legs(joints: FloatArray) -> FloatArray:
-    return joints.reshape(*joints.shape[:-1], N_LEGS, JOINTS_PER_LEG)
+def _of_legs(joints: FloatArray | BoolArray) -> FloatArray:
+    return np.asarray(joints.reshape(*joints.shape[:-1], N_LEGS, JOINTS_PER_LEG))

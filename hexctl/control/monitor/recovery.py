@@ -15,7 +15,7 @@ from hexctl.control.monitor.repertoire import SAFEST, Repertoire, walks_on
 from hexctl.control.monitor.repertoire_store import find_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
-from hexctl.gait.gait import Gait, Motion
+from hexctl.gait.gait import PACE_HZ, Gait, Motion
 from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -140,6 +140,7 @@ class GlideToStableGait(RecoveryPolicy):
             return Response(stop=True)
         faster = self._faster(robot, plan, heading_body_rad, failures)
         response = faster or Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
+        response = replace(response, gait=_at_speed(plan, response.gait))
         return response if response.stays else _sunk_over(robot, plan, heading_body_rad, failures, response)
 
     def _covering(self, robot: Robot, plan: TrialPlan) -> Repertoire | None:
@@ -167,6 +168,14 @@ class GlideToStableGait(RecoveryPolicy):
         lost = tuple(sorted({*plan.failed_legs, *legs}))
         gait = replace(plan.gait, posture=raised)
         return gait_without(robot, gait, heading_rad=heading_body_rad, legs=lost)
+
+
+def _at_speed(plan: TrialPlan, gait: Gait | None) -> Gait | None:
+    """A gait whose pace keeps the plan's speed: in a crawl feet stand for longer, and move more slowly."""
+    if gait is None or gait.phases is None:
+        return gait
+    pace_hz = gait.pace_hz * plan.gait.strokes_per_cycle / gait.strokes_per_cycle
+    return replace(gait, pace_hz=min(pace_hz, PACE_HZ.high))
 
 
 def _sunk_over(

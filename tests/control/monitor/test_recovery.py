@@ -11,6 +11,7 @@ from hexctl.control.monitor import recovery
 from hexctl.control.monitor.posture_trial import PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.monitor.repertoire_store import save_repertoire
+from hexctl.gait.gait import Motion, ideal_speed_m_s
 from hexctl.gait.posture import Posture
 from tests.control.monitor.repertoires import (
     OTHER,
@@ -62,6 +63,8 @@ def test_over_two_legs_that_drag_the_body_sinks_and_the_other_height_is_tried(
     )
     assert response.gait is not None
     gaits = (response.gait, *response.tries)
+    speeds_m_s = [ideal_speed_m_s(shipped(), gait, Motion()) for gait in (_plan().gait, *gaits)]
+    assert speeds_m_s == pytest.approx([speeds_m_s[0]] * len(speeds_m_s))
     assert [math.copysign(1, gait.posture.body_raise) for gait in gaits] == heights
 
 
@@ -95,7 +98,7 @@ def test_the_posture_of_the_plan_is_kept() -> None:
     assert response.gait.posture.body_raise == 0.03
     assert response.tries == ()
     assert response.gait.posture.tucked_legs == (2, 6)
-    assert response.gait.pace_hz == 0.5
+    assert response.gait.pace_hz * response.gait.strokes_per_cycle == pytest.approx(0.5 * 1.5)
 
 
 def test_gaits_are_ready_before_the_walk() -> None:
