@@ -138,7 +138,8 @@ class NoticedFailure:
         at_s: seconds since the walk began.
         failure: leg, kind and joint, as it assumes.
         evidence: `following` (joints do not follow targets), `support` (missing load), `effort` (missing
-            torque), `balance` (lean and contacts) or `silence` (a servo that does not answer).
+            torque), `balance` (lean and contacts), `start` (dead before the first step) or `silence` (a servo
+            that does not answer).
         did: the response, in few words.
         healed: whether the leg was found intact, or a missing one was put down for a trial.
     """

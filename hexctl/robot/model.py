@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -149,6 +149,11 @@ class Robot(ArrayFields):
         """Distance in m of the farthest nominal foot from the body's vertical axis."""
         return float(np.hypot(self.stance_feet_body[:, 0], self.stance_feet_body[:, 1]).max())
 
+    @property
+    def stance_outward_m(self) -> float:
+        """Distance in m of the nominal feet from the coxa axes."""
+        return float(np.hypot(*(self.stance_feet_body - self.mount_positions_body)[0, :2]))
+
     @cached_property
     def link_lengths_m(self) -> FloatArray:
         """Lengths of coxa, femur and tibia in the leg plane, (3,)."""
@@ -286,3 +291,13 @@ def stance_angles(coxa: Vector2, femur: Vector2, tibia: Vector2, foot: Vector2) 
     femur_rad = femur_slope - math.atan2(femur[1], femur[0])
     tibia_rad = tibia_slope - math.atan2(tibia[1], tibia[0]) - femur_rad
     return math.remainder(femur_rad, math.tau), math.remainder(tibia_rad, math.tau)
+
+
+def in_stance_of(robot: Robot, outward_m: float) -> Robot:
+    """The robot with its nominal feet at a distance outward from the coxa axes; raises InputError."""
+    feet, yaws = robot.stance_feet_body.copy(), robot.mount_yaws_rad
+    feet[:, :2] = robot.mount_positions_body[:, :2] + outward_m * np.stack([np.cos(yaws), np.sin(yaws)], -1)
+    coxa, femur, tibia = ((float(out), float(up)) for out, up in robot.link_vectors_m)
+    heights_m = (feet[:, 2] - robot.mount_positions_body[:, 2]).tolist()
+    angles = [(0.0, *stance_angles(coxa, femur, tibia, (outward_m, up_m))) for up_m in heights_m]
+    return replace(robot, stance_feet_body=feet, stance_angles_rad=np.ravel(angles))

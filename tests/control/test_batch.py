@@ -26,6 +26,7 @@ from hexctl.backends.sim.simulated_batch import SimBatch
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import check_walk
 from hexctl.errors import WrongTypeError
+from hexctl.robot.model import in_stance_of
 
 FAULTY = SensorFaults(yaw_drift_deg_per_min=200.0, pose_frozen_s=((0.9, 1.5),), position_jump_s=((1.8, 2.1),))
 
@@ -155,7 +156,7 @@ def test_a_plan_that_the_legs_cannot_make_is_refused_before_any_robot_is_built(
     place: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Forward the gait is possible; sideways, where the self-rotation leads, it is not."""
-    phantomx = load_robot("phantomx")
+    phantomx = in_stance_of(load_robot("phantomx"), 0.15)
     bad = trial(phantomx, "1", failure=Failure(leg=2))
     bad = replace(bad, plan=replace(bad.plan, gait=replace(bad.plan.gait, amplitude=0.13)))
     check_walk(phantomx, bad.plan.gait, bad.plan.motion(0.0))

@@ -10,6 +10,7 @@ import numpy as np
 
 from hexctl.control.assessment.gait_load import GaitLoad, gait_load
 from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
+from hexctl.control.assessment.stance_width import stance_width
 from hexctl.control.assessment.static_stability import most_stable_slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import AUTO, DEFAULT_GAIT, Gait, Motion, ideal_speed_m_s, make_gait
@@ -167,6 +168,7 @@ class RobotCheck:
             "to_measure": list(self.to_measure),
             "meshes": list(self.mesh_parts),
             **self.load.to_dict(),
+            **stance_width(robot, gait).to_dict(),
             "doubtful": self.verdict.doubtful,
             "warnings": list(self.warnings),
         }

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.control.monitor.body_balance import BodyBalance
+from hexctl.control.monitor.dead_legs import DeadLegs
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.leg_support import NO_TORQUE_SHARE, LegSupport
 from hexctl.control.monitor.phase_habit import cycle_parts
@@ -52,10 +53,10 @@ ALARM_TICKS = 3
 LEARNING_TICKS = 4
 
 #: Kinds of evidence, in the order of the monitor's arrays.
-EVIDENCE = ("following", "support", "effort", "balance", "silence")
+EVIDENCE = ("following", "support", "effort", "balance", "start", "silence")
 
-#: Evidence that does not show how a leg failed.
-UNTOLD = ("balance", "silence")
+#: Evidence that does not show how a leg failed, and evidence that shows it once and for all.
+UNTOLD, SETTLED = ("balance", "silence"), ("balance", "start", "silence")
 
 #: A leg has failed if its servo is silent for this much longer than usual; if `MANY` legs are, it is the bus.
 SILENT_S = 0.5
@@ -66,7 +67,7 @@ WILD_TIMES, WILD_RAD, MOST_WILD = 3.0, 0.1, 2
 #: Rows of evidence that are compared with usual values here; the balance does so itself.
 _ROWS = 3
 
-_SILENCE = EVIDENCE.index("silence")
+_EFFORT, _START, _SILENCE = (EVIDENCE.index(name) for name in ("effort", "start", "silence"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,6 +125,7 @@ class LegMonitor:
         self._wild_ticks: NDArray[np.int64] = np.zeros((*shape, N_JOINTS), dtype=np.int64)
         self._following = JointFollowing(shape, period_s, cycles, robot.joint_max_torque_nm)
         self._support = LegSupport(shape, cycles, robot.joint_max_torque_nm)
+        self._dead = DeadLegs(shape, period_s, cycles)
         # Rows as in EVIDENCE: maximum rho of each leg, missing load, longest idle joint.
         self._evidence: FloatArray = np.zeros((_ROWS, *legs))
         # Compared values: the robot's usual rho, the recent maximum of another leg.
@@ -192,6 +194,9 @@ class LegMonitor:
             if state.joint_torques_nm is None:
                 # Feet hang in the air on a bumpy floor.
                 self._ratios[1] *= self._balance.even
+        self._dead.update(state, self._none_nm, self._following.expected_rad if self._ticks else None)
+        np.maximum(self._ratios[_EFFORT], self._dead.idle, out=self._ratios[_EFFORT])
+        self._ratios[_START] = self._dead.start
         self._listen(stale)
         self.ratio = np.maximum.reduce(self._ratios) * self._watched
         self._ticks += 1
@@ -211,6 +216,7 @@ class LegMonitor:
         changed[row] = True
         taken_back: BoolArray = np.zeros_like(self.failed)
         taken_back[(*row, leg - 1)] = True
+        self._dead.forget(leg, row)
         # The usual load of that leg is known from before.
         self._be_patient(changed, anew=changed & ~taken_back)
         if self._balance is not None:
@@ -232,8 +238,9 @@ class LegMonitor:
         leg = int(np.argmax(self.new[row])) + 1
         ratios: tuple[Any, ...] = (slice(None), *row, leg - 1)
         evidence = EVIDENCE[int(np.argmax(self._ratios[ratios]))]
+        failure = self._dead.kind(leg, row) if evidence == "start" else self.kind(leg, row)
         return Suspicion(
-            failure=Failure(leg=leg, kind=UNKNOWN) if evidence in UNTOLD else self.kind(leg, row),
+            failure=Failure(leg=leg, kind=UNKNOWN) if evidence in UNTOLD else failure,
             step=step,
             evidence=evidence,
             ratio=float(self.ratio[row][leg - 1]),
@@ -302,6 +309,7 @@ class LegMonitor:
         if self.new.any():
             # One leg at a time: consequences of its failure must not be blamed on another.
             self.new &= self.ratio >= self.ratio.max(axis=-1, keepdims=True)
+            self.new &= np.cumsum(self.new, axis=-1) == 1  # of equal ones the first
             self._accept()
 
     def _accept(self) -> None:
@@ -333,11 +341,12 @@ class LegMonitor:
     ) -> Failure:
         """How leg 1..6 fails by the last cycles, up to `MOST_STILL_CYCLES`, as in `failure_shown`."""
         rho = self._following.rho[row][leg_slice(leg)]
+        quiet = rho.max() < TAKES_PART * self._threshold_then[(0, *row, leg - 1)]
         return failure_shown(
             leg,
             self._motion.of_leg(leg, row, cycles=cycles),
             rho,
-            follows=bool(rho.max() < TAKES_PART * self._threshold_then[(0, *row, leg - 1)]),
+            follows=bool(quiet and self._dead.follows[(*row, leg - 1)]),
             none_nm=self._none_nm[leg_slice(leg)],
             powered=powered,
         )

@@ -41,7 +41,7 @@ BEYOND_CONTACT = 0.4
 #: A servo with less than this share of its maximum torque gives none. A leg in the air needs some percent.
 NO_TORQUE_SHARE = 0.005
 
-#: Cycles after which the load is known; for 1.5 of them phases glide to a new gait.
+#: Cycles after which the load is known; for one of them phases glide to a new gait.
 KNOWN_AFTER_CYCLES = 2.0
 
 #: Ticks without torques and contacts after which earlier evidence is void.

@@ -1,5 +1,6 @@
 """A walk that detects failed legs, and follows its policy's response."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 
 from hexctl.control.controllers import Controller, Walk
 from hexctl.control.monitor.body_balance import signatures
-from hexctl.control.monitor.leg_monitor import UNTOLD, LegMonitor, Suspicion
+from hexctl.control.monitor.leg_monitor import SETTLED, LegMonitor, Suspicion
 from hexctl.control.monitor.leg_probe import AFTER_RELAPSE, FIRST_CYCLES, LegProbe
+from hexctl.control.monitor.posture_trial import PostureTrial
 from hexctl.control.monitor.recovery import (
     GlideToStableGait,
     RecoveryPolicy,
@@ -24,7 +26,7 @@ from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
-from hexctl.gait.gait import Gait
+from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.robot.failure import ON_TRIAL, Failure, NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
@@ -70,6 +72,7 @@ class MonitoredWalk(Controller):
         self._probes: dict[tuple[int, int], LegProbe] = {}
         self._first_tries: dict[tuple[int, int], float] = {}
         self._trials: dict[tuple[int, int], tuple[float, Failure]] = {}
+        self._posture_trials: dict[int, PostureTrial] = {}
         self._sent_rad: FloatArray = np.zeros((*start.batch_shape, N_JOINTS))
         self._news: Sequence[str] = ()
         self._monitor = LegMonitor(
@@ -126,6 +129,8 @@ class MonitoredWalk(Controller):
                 self._settle_kind(*due[1:])
             if self._probes:
                 self._try_legs(step, state)
+            if self._posture_trials:
+                self._try_postures(state)
         targets_rad = self._sent_rad = self.walk.targets_rad(step, state)
         self._monitor.sent(targets_rad, state.age_s)
         return targets_rad
@@ -233,15 +238,47 @@ class MonitoredWalk(Controller):
         )
 
     def _glide(self, responses: Mapping[int, Response]) -> None:
+        self._change_gaits({index: one.gait for index, one in responses.items() if one.gait is not None})
+        for index, response in responses.items():
+            self._posture_trials.pop(index, None)
+            if response.gait is not None and response.tries and self.hold == "line":
+                start, plan = self._start, self._plans[index]
+                speed_m_s = ideal_speed_m_s(start.robot, plan.gait, plan.motion(0.0))
+                self._posture_trials[index] = PostureTrial(
+                    (response.gait, *response.tries), self._cycle_steps(index), speed_m_s * start.period_s
+                )
+
+    def _change_gaits(self, wanted: Mapping[int, Gait]) -> None:
         if not isinstance(self.walk, VelocityWalk):
             return
         gaits = list(self.walk.gaits)
         changes: BoolArray = np.zeros(len(gaits), dtype=bool)
-        for index, response in responses.items():
-            if response.gait is not None and response.gait != gaits[index]:
-                gaits[index], changes[index] = response.gait, True
+        for index, gait in wanted.items():
+            if gait != gaits[index]:
+                gaits[index], changes[index] = gait, True
         if changes.any():
             self.walk.glide_to(gaits, changes if self._start.batch_shape else None)
+
+    def _try_postures(self, state: RobotState) -> None:
+        wanted: dict[int, Gait] = {}
+        for index, trial in self._posture_trials.items():
+            gait = trial.update(self._progress_m(state, index))
+            if gait is not None:
+                wanted[index] = gait
+                body = f"the body at {gait.posture.body_raise:+.3f} of its size"
+                self._tell(f"policy: slow; changed to {body}")
+        if wanted:
+            self._monitor.gait_changes(self._each([index in wanted for index in range(len(self.noticed))]))
+            self._change_gaits(wanted)
+
+    def _progress_m(self, state: RobotState, index: int) -> float:
+        """Measured position along the line of a walk; NaN if it is unknown."""
+        position, frame = state.base_position_world, self._start.frame
+        if position is None or frame is None:
+            return math.nan
+        heading_rad = float(np.broadcast_to(frame.heading_rad, len(self.noticed))[index])
+        x_m, y_m = position[self._row(index)][:2].tolist()
+        return float(math.cos(heading_rad) * x_m + math.sin(heading_rad) * y_m)
 
     def _try_legs(self, step: int, state: RobotState) -> None:
         if not isinstance(self.walk, VelocityWalk):
@@ -284,7 +321,7 @@ class MonitoredWalk(Controller):
         if not last and failure.kind in ("stuck", "locked"):
             self._settle_later(index, place, LOCKED_AFTER_CYCLES)
         # In the air all legs carry nothing, and follow better the less they move.
-        if before.evidence in UNTOLD or failure in (
+        if before.evidence in SETTLED or failure in (
             before.failure,
             Failure(leg=before.leg, kind="missing"),
         ):
@@ -316,6 +353,7 @@ class MonitoredWalk(Controller):
 
     def _suited(self, gaits: list[Gait]) -> list[Gait]:
         suited = []
+        self._posture_trials.clear()
         for index, gait in enumerate(gaits):
             self._plans[index] = replace(self._plans[index], gait=gait)
             answer = self._answer(index, self._failures[index]) if self.noticed[index] else Response()

@@ -5,14 +5,19 @@ from dataclasses import replace
 from hexctl import Robot, make_gait
 from hexctl.control.assessment.gait_load import GaitLoad, gait_load
 from hexctl.gait.gait import Motion
+from hexctl.robot.model import in_stance_of
 from tests.robots import shipped, without_friction
 
 AHEAD = (Motion(),)
 
 
 def changed(name: str, *, mass: float = 1.0, stiffness: float = 1.0, torque: float = 1.0) -> Robot:
-    """A shipped robot with multiples of mass (on the trunk), stiffness and torque, without dry friction."""
+    """A shipped robot with multiples of mass (on the trunk), stiffness and torque, without dry friction.
+
+    `phantomx` has a wide stance, in which its joints carry more.
+    """
     robot = without_friction(name)
+    robot = in_stance_of(robot, 0.15) if name == "phantomx" else robot
     body = replace(robot.body, mass_kg=robot.body.mass_kg + (mass - 1) * robot.mass_kg)
     servo = replace(robot.servo, stiffness_nm_per_rad=stiffness * robot.servo.stiffness_nm_per_rad)
     return replace(robot, body=body, servo=servo, joint_max_torque_nm=torque * robot.joint_max_torque_nm)

@@ -193,6 +193,26 @@ def test_a_second_leg_is_found_after_the_first() -> None:
     assert [str(suspicion) for _, suspicion in noticed] == ["leg 1 locked", "leg 4 limp"]
 
 
+@pytest.mark.parametrize("efforts", [True, False])
+@pytest.mark.parametrize(("kind", "torque_nm"), [("locked", 0.3), ("limp", 0.0), ("missing", None)])
+def test_a_leg_that_was_dead_before_the_first_step_is_found_within_three_seconds(
+    kind: str, torque_nm: float | None, efforts: bool
+) -> None:
+    breaks = _without_load(5) if torque_nm is None else _held((12, 13, 14), torque_nm=torque_nm)
+    ((_, suspicion),) = _walk(breaks, at_cycle=0.0, cycles=3.0 * PACE_HZ, efforts=efforts)
+    kinds = {kind} if efforts or kind == "missing" else {"limp", "locked"}
+    assert (suspicion.leg, suspicion.failure.kind in kinds) == (5, True)
+
+
+def test_two_legs_that_are_lost_together_are_both_found() -> None:
+    def breaks(_seen: FloatArray, torques: FloatArray) -> None:
+        torques[leg_slice(2)] = torques[leg_slice(3)] = 0.0
+
+    noticed = _walk(breaks, cycles=9.0)
+    assert {suspicion.leg for _, suspicion in noticed} == {2, 3}
+    assert noticed[1][0] < 2
+
+
 def test_a_batch_sees_what_each_robot_sees_alone() -> None:
     robot, rng = shipped(), np.random.default_rng(2)
     paces = np.array([0.9, 0.7])

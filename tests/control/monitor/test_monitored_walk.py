@@ -35,6 +35,7 @@ from hexctl.control.trial import planned_walk
 from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
+from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import FloatArray
 from tests.control.monitor.repertoires import made_up, situation
@@ -186,6 +187,26 @@ def test_a_second_leg_is_met_in_the_same_way_and_stays_up_after_a_planned_change
     assert result.status == "ok"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["limp", "missing"])
+def test_without_two_neighbours_ahead_the_robot_walks_at_half_of_its_speed_or_more(kind: str) -> None:
+    trial = _trial(f"1:{kind}@4", f"2:{kind}@4", duration_s=14.0)
+    result, walk = _walk(trial)
+    assert {one.suspicion.leg for one in walk.noticed[0]} == {1, 2}
+    ideal_m = 8.0 * ideal_speed_m_s(shipped(), trial.plan.gait, trial.plan.motion(0.0))
+    assert result.path_m[-1, 0] - result.path_m[-400, 0] > 0.5 * ideal_m
+
+
+@pytest.mark.parametrize("kind", ["limp", "locked", "missing"])
+def test_a_leg_that_is_dead_before_the_first_step_is_noticed_and_tucked(kind: str) -> None:
+    trial = replace(_trial(duration_s=3.0, self_rotation="none"), failure=Failure(leg=2, kind=kind))
+    _, walk = _walk(trial)
+    first = walk.noticed[0][0]
+    assert first.suspicion.failure == Failure(leg=2, kind=kind)
+    assert first.response.gait is not None
+    assert first.response.gait.posture.tucked_legs == (2,)
+
+
 class Faulty(ServosWrapper):
     """Servos of a whole robot whose sensors tell something else from a time on."""
 
@@ -306,9 +327,9 @@ def test_a_leg_that_the_repertoire_walks_on_with_is_not_tucked() -> None:
 @pytest.mark.slow
 def test_a_leg_on_trial_counts_as_missing_again_when_another_fails() -> None:
     """The monitor is patient then, and would learn that the leg usually carries nothing."""
-    _, walk = _walk(_trial("5:missing@3", "6:limp@11", duration_s=14.0))
+    _, walk = _walk(_trial("5:missing@3", "6:limp@10.3", duration_s=14.0))
     first, tried, other, again = walk.noticed[0][:4]
     assert (tried.healed, other.suspicion.leg, again.suspicion.failure) == (True, 6, first.suspicion.failure)
-    assert tried.suspicion.step < 550 < other.suspicion.step == again.suspicion.step
+    assert tried.suspicion.step < 515 < other.suspicion.step == again.suspicion.step
     assert other.response == again.response
     assert [failure.leg for failure in walk.believed_failures()] == [5, 6]

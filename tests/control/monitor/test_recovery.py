@@ -1,5 +1,6 @@
 """What policies decide."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -7,8 +8,10 @@ import pytest
 from hexctl import Failure, TrialPlan, make_gait
 from hexctl.control.assessment import crawl
 from hexctl.control.monitor import recovery
+from hexctl.control.monitor.posture_trial import PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.monitor.repertoire_store import save_repertoire
+from hexctl.gait.gait import Motion, ideal_speed_m_s
 from hexctl.gait.posture import Posture
 from tests.control.monitor.repertoires import (
     OTHER,
@@ -48,6 +51,42 @@ def test_failed_legs_are_tucked_and_the_others_walk_a_gait_of_their_own(
     assert response.gait.pace_hz == plan.gait.pace_hz
 
 
+@pytest.mark.parametrize(
+    ("kind", "legs", "heights"),
+    [("limp", (1, 2), [-1, 1]), ("missing", (1, 2), [-1, 1]), ("locked", (1, 2), [1]), ("limp", (1,), [1])],
+)
+def test_over_two_legs_that_drag_the_body_sinks_and_the_other_height_is_tried(
+    kind: str, legs: tuple[int, ...], heights: list[int]
+) -> None:
+    response = GlideToStableGait(None).respond(
+        shipped(), _plan(), 0.0, [Failure(leg=leg, kind=kind) for leg in legs]
+    )
+    assert response.gait is not None
+    gaits = (response.gait, *response.tries)
+    speeds_m_s = [ideal_speed_m_s(shipped(), gait, Motion()) for gait in (_plan().gait, *gaits)]
+    assert speeds_m_s == pytest.approx([speeds_m_s[0]] * len(speeds_m_s))
+    assert [math.copysign(1, gait.posture.body_raise) for gait in gaits] == heights
+
+
+@pytest.mark.parametrize(
+    ("speeds", "walked"),
+    [((0.2, 0.6), [1]), ((0.28, 0.2), [1, 0]), ((0.4, 0.9), []), ((0.2, 0.23), [1])],
+)
+def test_a_slow_robot_changes_its_posture_and_walks_the_fastest(
+    speeds: tuple[float, float], walked: list[int]
+) -> None:
+    """Twenty cycles of 50 ticks; every third position is unknown."""
+    gaits = [make_gait(shipped(), "tripod"), make_gait(shipped(), "wave")]
+    trial, now, progress_m, changes = PostureTrial(gaits, 50.0, 0.003), 0, 5.0, []
+    for tick in range(1000):
+        progress_m += 0.003 * speeds[now]
+        gait = trial.update(progress_m if tick % 3 else math.nan)
+        if gait is not None:
+            now = gaits.index(gait)
+            changes.append(now)
+    assert changes == walked
+
+
 def test_the_posture_of_the_plan_is_kept() -> None:
     gait = make_gait(shipped(), "wave")
     raised = Posture(body_raise=0.03, tucked_legs=(6,))
@@ -57,8 +96,9 @@ def test_the_posture_of_the_plan_is_kept() -> None:
     response = GlideToStableGait().respond(shipped(), plan, 0.0, [Failure(leg=2)])
     assert response.gait is not None
     assert response.gait.posture.body_raise == 0.03
+    assert response.tries == ()
     assert response.gait.posture.tucked_legs == (2, 6)
-    assert response.gait.pace_hz == 0.5
+    assert response.gait.pace_hz * response.gait.strokes_per_cycle == pytest.approx(0.5 * 1.5)
 
 
 def test_gaits_are_ready_before_the_walk() -> None:

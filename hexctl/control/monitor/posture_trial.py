@@ -1,0 +1,70 @@
+"""Trials of postures in a walk: which height of the body is the fastest, measured along the line.
+
+After a change of gait the progress over two cycles is compared with the commanded one. While the robot is
+slow, it glides to other postures, measures each in the same way, and walks the one that was the fastest last.
+Which one that is depends on what drags on the floor, on friction and on weak joints, which no model shows.
+"""
+
+import math
+from collections.abc import Sequence
+
+from hexctl.control.walks.velocity_walk import GLIDE_CYCLES
+from hexctl.gait.gait import Gait
+
+#: Cycles after a glide over which the speed is measured.
+MEASURED_CYCLES = 2.0
+
+#: Share of the commanded speed below which another posture is tried, and for how many windows in a row: in
+#: the first one a robot still turns back to its line. A trial costs 3.5 cycles: with a share of 0.55, 30 of
+#: 45 pairs of limp legs recovered in three hard worlds, and 38 without trials.
+SLOW, PATIENCE = 0.3, 2
+
+#: Share of the commanded speed by which another posture must have been faster.
+LEAST_GAIN = 0.05
+
+#: Time constant that smooths the measured position, in cycles.
+MEAN_CYCLES = 0.1
+
+
+class PostureTrial:
+    """The trial of one robot that glides to the first of some gaits; one update in each control period.
+
+    Args:
+        cycle_ticks: control periods of a gait cycle.
+        commanded_m: commanded distance in a control period.
+    """
+
+    def __init__(self, gaits: Sequence[Gait], cycle_ticks: float, commanded_m: float) -> None:
+        self._gaits, self._commanded_m = list(gaits), commanded_m
+        self._mean_share = 1 - math.exp(-1 / (MEAN_CYCLES * cycle_ticks))
+        self._begin_tick = round(GLIDE_CYCLES * cycle_ticks)
+        self._ticks = round(MEASURED_CYCLES * cycle_ticks)
+        self._tick, self._progress_m, self._from_m = 0, math.nan, math.nan
+        #: Shares of the commanded speed; a gait that was not walked yet comes first.
+        self._shares, self._now, self._slow = [math.inf] * len(gaits), 0, 0
+
+    def update(self, progress_m: float) -> Gait | None:
+        """Take the measured progress along the line, NaN if unknown; the gait to glide to now, or None."""
+        before_m = self._progress_m
+        if math.isfinite(progress_m):
+            share = self._mean_share if math.isfinite(before_m) else 1.0
+            self._progress_m = progress_m if share == 1 else before_m + share * (progress_m - before_m)
+        self._tick += 1
+        if self._tick == self._begin_tick:
+            self._from_m = self._progress_m
+        if self._tick < self._begin_tick + self._ticks:
+            return None
+        share = (self._progress_m - self._from_m) / (self._ticks * self._commanded_m)
+        return self._next(share if math.isfinite(share) else 0.0)
+
+    def _next(self, share: float) -> Gait | None:
+        """The gait to change to after the share of this one; None keeps it."""
+        self._tick = self._begin_tick  # without a glide the next window begins at once
+        self._from_m = self._progress_m
+        self._shares[self._now] = share
+        other = max(range(len(self._gaits)), key=lambda place: self._shares[place])
+        self._slow = self._slow + 1 if share < SLOW else 0
+        if self._slow < PATIENCE or self._shares[other] <= share + LEAST_GAIN:
+            return None
+        self._tick, self._slow, self._now = 0, 0, other
+        return self._gaits[other]
