@@ -10,7 +10,6 @@ import traceback
 from collections.abc import Sequence
 
 from benchmarks.catalogue import BENCHMARKS, chosen, wanted
-from benchmarks.rows import Row
 from benchmarks.scale import FULL, QUICK, Scale
 
 
@@ -47,19 +46,12 @@ def _run(name: str, prefixes: Sequence[str], as_json: bool, quick: bool) -> bool
     try:
         for row in BENCHMARKS[name](scale):
             if wanted(row, prefixes):
-                print(json.dumps(row.as_json()) if as_json else _line(row), flush=True)
+                print(json.dumps(row.as_json()) if as_json else row, flush=True)
     except Exception:  # noqa: BLE001  one benchmark that crashes must not keep the others from running
         print(f"benchmark {name} crashed:", file=sys.stderr)
         traceback.print_exc()
         return False
     return True
-
-
-def _line(row: Row) -> str:
-    """Return a row as a line of the table."""
-    verdict = {None: "", True: "holds", False: "FAILS"}[row.holds]
-    bar = "" if row.bar is None else str(row.bar)
-    return f"{row.name:<40} {row.shown:>10} {row.unit:<8} {bar:<10} {verdict:<6} {row.note}"
 
 
 if __name__ == "__main__":
