@@ -21,6 +21,10 @@ from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray
 
 LAG_S = 0.03
 
+#: Beyond that a servo may be late by this time: damping and dead time. Its estimate has a time constant in
+#: cycles and an interval in ticks, and joints slower than this do not tell it.
+MOST_LATE_S, LATE_CYCLES, LATE_TICKS, LEAST_SPEED_RAD_S = 0.15, 3.0, 4, math.radians(10.0)
+
 #: Ticks of lagged targets that a joint may be at, because servos and states are late.
 RANGE_TICKS = 4
 
@@ -81,6 +85,13 @@ class JointFollowing:
         self._away_rad, self._residual_rad = self._deviations
         self._none, self._least_variance = np.zeros(joints), np.full(joints, LEAST_VARIANCE_RAD2)
         self._lag_share = np.full(joints, 1 - math.exp(-period_s / LAG_S))
+        # The change of the lagged targets in a tick, and by how many of them a joint is usually late.
+        self._change_rad: FloatArray = np.zeros(joints)
+        self._late_ticks: FloatArray = np.zeros(joints)
+        self._late_means: FloatArray = np.zeros((2, *joints))
+        self._late_share = np.minimum(1.0, LATE_TICKS * per_tick / LATE_CYCLES)
+        self._least_change_rad2 = (LEAST_SPEED_RAD_S * period_s) ** 2
+        self._ticks = 0
         self._ring: FloatArray | None = None
         self._row = 0
         self.rho: FloatArray = np.zeros(joints)
@@ -111,7 +122,10 @@ class JointFollowing:
         np.divide(self._square, self._target_variance + self._least_variance, out=self.rho)
         coxae, femora, tibiae = self._rho_of_kinds
         self.rho_of_legs = np.maximum(np.maximum(coxae, femora), tibiae)
-        self._learn()
+        suspicious = self._learn()
+        self._ticks += 1
+        if self._ticks % LATE_TICKS == 0:
+            self._learn_late(measured, suspicious)
 
     def sent(self, targets_rad: FloatArray, age_s: float) -> None:
         """Take the targets of a tick, leading shape + (18,), sent after a state of an age."""
@@ -119,7 +133,8 @@ class JointFollowing:
             late = RANGE_TICKS + round(age_s / self._period_s)
             self._ring = np.repeat(targets_rad[np.newaxis], late, axis=0)
             self._lagged[...] = self._target_mean[...] = targets_rad
-        self._lagged += self._lag_share * (targets_rad - self._lagged)
+        self._change_rad = self._lag_share * (targets_rad - self._lagged)
+        self._lagged += self._change_rad
         self._ring[self._row] = self._lagged
         self._row = (self._row + 1) % len(self._ring)
 
@@ -130,10 +145,13 @@ class JointFollowing:
         return expected_rad if self._at_rest_rad is None else expected_rad + self._at_rest_rad
 
     def off_rad(self, measured_rad: FloatArray) -> FloatArray:
-        """Distance of joints from their lagged targets, with or without the offset at rest."""
-        off_rad = measured_rad - self._lagged
+        """Distance of joints, as late as usual, from their lagged targets, with or without the offset at rest.
+
+        A servo that moves as fast as its target has no torque left over, however late it is.
+        """
         if self._at_rest_rad is None:
             return self._none
+        off_rad = measured_rad - self._lagged + self._late_ticks * self._change_rad
         least_rad: FloatArray = np.minimum(np.abs(off_rad), np.abs(off_rad - self._at_rest_rad))
         return least_rad
 
@@ -141,12 +159,22 @@ class JointFollowing:
         """Forget the residuals of some robots, leading shape + (1,)."""
         self._square *= ~which
 
-    def _learn(self) -> None:
-        suspicious = self.rho_of_legs > self._suspicious
+    def _learn(self) -> BoolArray:
+        """Learn the habit of legs that follow; which legs do not, leading shape + (6,)."""
+        suspicious: BoolArray = self.rho_of_legs > self._suspicious
         learns = self._learns
         if np.count_nonzero(suspicious):
             learns = learns * ~suspicious.take(self._twice)
         self._habit.learn(learns * self._unusual)
+        return suspicious
+
+    def _learn_late(self, measured_rad: FloatArray, suspicious: BoolArray) -> None:
+        """Update by how much joints are late: distance from the targets over their change, least squares."""
+        change_rad = self._change_rad
+        now = np.stack([(self._lagged - measured_rad) * change_rad, change_rad * change_rad])
+        self._late_means += self._late_share * ~suspicious.take(self._legs) * (now - self._late_means)
+        late_ticks = self._late_means[0] / (self._late_means[1] + self._least_change_rad2)
+        self._late_ticks = np.clip(late_ticks, 0.0, MOST_LATE_S / self._period_s)
 
 
 class Overload:
