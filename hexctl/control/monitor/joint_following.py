@@ -145,9 +145,9 @@ class JointFollowing:
         return expected_rad if self._at_rest_rad is None else expected_rad + self._at_rest_rad
 
     def off_rad(self, measured_rad: FloatArray) -> FloatArray:
-        """Distance of joints, as late as usual, from their lagged targets, with or without the offset at rest.
+        """Distance of joints from lagged targets, as late as usual, with or without the offset at rest.
 
-        A servo that moves as fast as its target has no torque left over, however late it is.
+        A servo that moves as fast as its target may give no torque, however late it is.
         """
         if self._at_rest_rad is None:
             return self._none
