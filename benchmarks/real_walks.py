@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 #: First world and number of worlds of each figure. Nothing was tuned with them.
-LINE_WORLDS, RECOVERY_WORLDS = (9300, 30), (9400, 12)
-HEALTHY_WORLDS = {"real": (9500, 60), "transfer": (9500, 60)}
+LINE_WORLDS, RECOVERY_WORLDS = (9300, 30), (9412, 6)
+HEALTHY_WORLDS = {"real": (9500, 60), "transfer": (9600, 60)}
 
 
 def line_rows(cache: WalkCache) -> Iterator[Row]:
