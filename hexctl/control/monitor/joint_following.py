@@ -85,12 +85,13 @@ class JointFollowing:
         self._away_rad, self._residual_rad = self._deviations
         self._none, self._least_variance = np.zeros(joints), np.full(joints, LEAST_VARIANCE_RAD2)
         self._lag_share = np.full(joints, 1 - math.exp(-period_s / LAG_S))
-        # The change of the lagged targets in a tick, and by how many of them a joint is usually late.
+        # The change of the lagged targets in a tick, and its products: their ratio is by how many it is late.
         self._change_rad: FloatArray = np.zeros(joints)
-        self._late_ticks: FloatArray = np.zeros(joints)
+        self._late_now: FloatArray = np.zeros((2, *joints))
         self._late_means: FloatArray = np.zeros((2, *joints))
-        self._late_share = np.minimum(1.0, LATE_TICKS * per_tick / LATE_CYCLES)
-        self._least_change_rad2 = (LEAST_SPEED_RAD_S * period_s) ** 2
+        self._late_share = np.stack([np.minimum(1.0, LATE_TICKS * per_tick / LATE_CYCLES)] * 2)
+        self._least_change_rad2 = np.full(joints, (LEAST_SPEED_RAD_S * period_s) ** 2)
+        self._most_late_ticks = np.full(joints, MOST_LATE_S / period_s)
         self._ticks = 0
         self._ring: FloatArray | None = None
         self._row = 0
@@ -151,7 +152,10 @@ class JointFollowing:
         """
         if self._at_rest_rad is None:
             return self._none
-        off_rad = measured_rad - self._lagged + self._late_ticks * self._change_rad
+        behind, squares = self._late_means
+        late_ticks = np.maximum(behind / (squares + self._least_change_rad2), self._none)
+        off_rad = measured_rad - self._lagged
+        off_rad += np.minimum(late_ticks, self._most_late_ticks) * self._change_rad
         least_rad: FloatArray = np.minimum(np.abs(off_rad), np.abs(off_rad - self._at_rest_rad))
         return least_rad
 
@@ -169,12 +173,14 @@ class JointFollowing:
         return suspicious
 
     def _learn_late(self, measured_rad: FloatArray, suspicious: BoolArray) -> None:
-        """Update by how much joints are late: distance from the targets over their change, least squares."""
-        change_rad = self._change_rad
-        now = np.stack([(self._lagged - measured_rad) * change_rad, change_rad * change_rad])
-        self._late_means += self._late_share * ~suspicious.take(self._legs) * (now - self._late_means)
-        late_ticks = self._late_means[0] / (self._late_means[1] + self._least_change_rad2)
-        self._late_ticks = np.clip(late_ticks, 0.0, MOST_LATE_S / self._period_s)
+        """Update the means of least squares: the distance behind the targets over their change."""
+        behind, squares = self._late_now
+        np.multiply(self._lagged - measured_rad, self._change_rad, out=behind)
+        np.square(self._change_rad, out=squares)
+        change = self._late_share * (self._late_now - self._late_means)
+        if np.count_nonzero(suspicious):
+            change *= ~suspicious.take(self._twice)
+        self._late_means += change
 
 
 class Overload:
