@@ -101,8 +101,6 @@ def _velocities(random: np.random.Generator, start: WalkStart) -> FloatArray:
     turns = np.array([half_amplitude_turn_rate_rad_s(*one) for one in each])
     ways_rad, speed_m_s = random.uniform(-math.pi, math.pi, shape), speeds * random.uniform(0.1, 1.0, shape)
     turns_rad_s = turns * random.uniform(-0.5, 0.5, shape) * (random.uniform(size=shape) < 0.5)
-    velocities = np.stack(
-        (speed_m_s * np.cos(ways_rad), speed_m_s * np.sin(ways_rad), turns_rad_s), axis=-1
-    )
+    velocities = np.stack((speed_m_s * np.cos(ways_rad), speed_m_s * np.sin(ways_rad), turns_rad_s), axis=-1)
     velocities[random.uniform(size=shape) < STANDS] = 0.0
     return velocities
