@@ -55,19 +55,12 @@ def _run(name: str, options: argparse.Namespace, rows: list[Row]) -> bool:
         for row in BENCHMARKS[name](scale):
             if wanted(row, options.only):
                 rows.append(row)
-                print(json.dumps(row.as_json()) if options.json else _line(row), flush=True)
+                print(json.dumps(row.as_json()) if options.json else row, flush=True)
     except Exception:  # noqa: BLE001  one benchmark that crashes must not keep the others from running
         print(f"benchmark {name} crashed:", file=sys.stderr)
         traceback.print_exc()
         return False
     return True
-
-
-def _line(row: Row) -> str:
-    """Return a row as a line of the table."""
-    verdict = {None: "", True: "holds", False: "FAILS"}[row.holds]
-    bar = "" if row.bar is None else str(row.bar)
-    return f"{row.name:<40} {row.shown:>10} {row.unit:<8} {bar:<10} {verdict:<6} {row.note}"
 
 
 if __name__ == "__main__":

@@ -53,6 +53,11 @@ class Row:
             return None
         return self.value is not None and self.bar.holds(self.value)
 
+    def __str__(self) -> str:
+        verdict = {None: "", True: "holds", False: "FAILS"}[self.holds]
+        bar = "" if self.bar is None else str(self.bar)
+        return f"{self.name:<40} {self.shown:>10} {self.unit:<8} {bar:<10} {verdict:<6} {self.note}"
+
     def as_json(self) -> dict[str, Any]:
         """Return the row as plain JSON values."""
         return {

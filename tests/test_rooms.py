@@ -11,7 +11,7 @@ CEILINGS = {
     "backends": 10_180,
     "cli": 6_930,
     "client": 1_100,
-    "control": 12_130,
+    "control": 12_170,
     "demo": 260,
     "doctor": 570,
     "export": 2_000,

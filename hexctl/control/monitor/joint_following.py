@@ -21,6 +21,10 @@ from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray
 
 LAG_S = 0.03
 
+#: Beyond that a servo may be late by this time: damping and dead time. Its estimate has a time constant in
+#: cycles and an interval in ticks, and joints slower than this do not tell it.
+MOST_LATE_S, LATE_CYCLES, LATE_TICKS, LEAST_SPEED_RAD_S = 0.15, 3.0, 4, math.radians(10.0)
+
 #: Ticks of lagged targets that a joint may be at, because servos and states are late.
 RANGE_TICKS = 4
 
@@ -81,6 +85,14 @@ class JointFollowing:
         self._away_rad, self._residual_rad = self._deviations
         self._none, self._least_variance = np.zeros(joints), np.full(joints, LEAST_VARIANCE_RAD2)
         self._lag_share = np.full(joints, 1 - math.exp(-period_s / LAG_S))
+        # The change of the lagged targets in a tick, and its products: their ratio is by how many it is late.
+        self._change_rad: FloatArray = np.zeros(joints)
+        self._late_now: FloatArray = np.zeros((2, *joints))
+        self._late_means: FloatArray = np.zeros((2, *joints))
+        self._late_share = np.stack([np.minimum(1.0, LATE_TICKS * per_tick / LATE_CYCLES)] * 2)
+        self._least_change_rad2 = np.full(joints, (LEAST_SPEED_RAD_S * period_s) ** 2)
+        self._most_late_ticks = np.full(joints, MOST_LATE_S / period_s)
+        self._ticks = 0
         self._ring: FloatArray | None = None
         self._row = 0
         self.rho: FloatArray = np.zeros(joints)
@@ -111,7 +123,10 @@ class JointFollowing:
         np.divide(self._square, self._target_variance + self._least_variance, out=self.rho)
         coxae, femora, tibiae = self._rho_of_kinds
         self.rho_of_legs = np.maximum(np.maximum(coxae, femora), tibiae)
-        self._learn()
+        suspicious = self._learn()
+        self._ticks += 1
+        if self._ticks % LATE_TICKS == 0:
+            self._learn_late(measured, suspicious)
 
     def sent(self, targets_rad: FloatArray, age_s: float) -> None:
         """Take the targets of a tick, leading shape + (18,), sent after a state of an age."""
@@ -119,7 +134,8 @@ class JointFollowing:
             late = RANGE_TICKS + round(age_s / self._period_s)
             self._ring = np.repeat(targets_rad[np.newaxis], late, axis=0)
             self._lagged[...] = self._target_mean[...] = targets_rad
-        self._lagged += self._lag_share * (targets_rad - self._lagged)
+        self._change_rad = self._lag_share * (targets_rad - self._lagged)
+        self._lagged += self._change_rad
         self._ring[self._row] = self._lagged
         self._row = (self._row + 1) % len(self._ring)
 
@@ -130,10 +146,16 @@ class JointFollowing:
         return expected_rad if self._at_rest_rad is None else expected_rad + self._at_rest_rad
 
     def off_rad(self, measured_rad: FloatArray) -> FloatArray:
-        """Distance of joints from their lagged targets, with or without the offset at rest."""
-        off_rad = measured_rad - self._lagged
+        """Distance of joints from lagged targets, as late as usual, with or without the offset at rest.
+
+        A servo that moves as fast as its target may give no torque, however late it is.
+        """
         if self._at_rest_rad is None:
             return self._none
+        behind, squares = self._late_means
+        late_ticks = np.maximum(behind / (squares + self._least_change_rad2), self._none)
+        off_rad = measured_rad - self._lagged
+        off_rad += np.minimum(late_ticks, self._most_late_ticks) * self._change_rad
         least_rad: FloatArray = np.minimum(np.abs(off_rad), np.abs(off_rad - self._at_rest_rad))
         return least_rad
 
@@ -141,12 +163,24 @@ class JointFollowing:
         """Forget the residuals of some robots, leading shape + (1,)."""
         self._square *= ~which
 
-    def _learn(self) -> None:
-        suspicious = self.rho_of_legs > self._suspicious
+    def _learn(self) -> BoolArray:
+        """Learn the habit of legs that follow; which legs do not, leading shape + (6,)."""
+        suspicious: BoolArray = self.rho_of_legs > self._suspicious
         learns = self._learns
         if np.count_nonzero(suspicious):
             learns = learns * ~suspicious.take(self._twice)
         self._habit.learn(learns * self._unusual)
+        return suspicious
+
+    def _learn_late(self, measured_rad: FloatArray, suspicious: BoolArray) -> None:
+        """Update the means of least squares: the distance behind the targets over their change."""
+        behind, squares = self._late_now
+        np.multiply(self._lagged - measured_rad, self._change_rad, out=behind)
+        np.square(self._change_rad, out=squares)
+        change = self._late_share * (self._late_now - self._late_means)
+        if np.count_nonzero(suspicious):
+            change *= ~suspicious.take(self._twice)
+        self._late_means += change
 
 
 class Overload:

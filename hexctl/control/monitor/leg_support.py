@@ -7,8 +7,8 @@ weighted by the usual load:
     dc' = w^2 (c - c') / (0.15 cycles)          c': share of its load that the leg carries
 
 With both, the missing load is at most 0.4 above the missing contact. A joint is idle while its servo gives no
-torque although the joint is off its target; its idle cycles are weighted by w. An intact joint changes from
-push to pull in a tick or two.
+torque although the joint is off its target, as late as usual; its idle cycles are weighted by w. An intact
+joint changes from push to pull in a tick or two.
 """
 
 import math

@@ -67,6 +67,25 @@ def test_a_joint_that_always_needs_all_its_servo_to_swing_may_get_caught_for_a_c
     assert _rho(off, torques)[4] < 0.1
 
 
+def test_a_joint_that_is_late_as_usual_is_not_off_its_target() -> None:
+    """A servo with damping or dead time gives no torque while it moves as fast as its target."""
+    late_ticks, fails, limp = 5, 400, 4
+    following = JointFollowing((), 0.02, np.array(1 / TICKS_PER_CYCLE), np.full(18, 2.0))
+    sent = [np.zeros(18)] * late_ticks
+    off_rad: list[FloatArray] = []
+    for tick in range(600):
+        phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
+        measured = sent[-late_ticks].copy()
+        measured[limp] *= tick < fails
+        following.update(RobotState(measured, 0.0, True), cycle_parts(phases))
+        off_rad.append(following.off_rad(measured))
+        sent.append(0.25 * min(1.0, tick / 100) * np.repeat(np.sin(2 * np.pi * phases), 3))
+        following.sent(sent[-1], 0.0)
+    off_deg = np.degrees(off_rad[fails:])
+    assert np.delete(off_deg, limp, axis=1).max() < 2
+    assert np.mean(off_deg[:, limp] > 2) > 0.8
+
+
 def _missing(
     change: Callable[[int, BoolArray, FloatArray], FloatArray | None],
     *,
