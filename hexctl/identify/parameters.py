@@ -1,16 +1,25 @@
-"""The parameters of a servo model that an identification may change."""
+"""The parameters of servos and trunk that an identification may change."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 
 from hexctl.robot.model import Robot
-from hexctl.types import FloatArray
 
-#: Shortest dead time that counts as one: a hundredth of a step of the physics.
-NO_TIME_S = 2e-5
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One identified parameter; the deviation is the standard error of the value, in its unit.
+
+    Attributes:
+        known: whether the logs determine the value.
+    """
+
+    value: float
+    deviation: float
+    unit: str
+    known: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,53 +27,51 @@ class Parameter:
     """A number to be identified, with bounds in which the physics make sense.
 
     Attributes:
-        name: a field of `ServoValues`.
+        name: a field of `RobotValues`.
         unit: for reports.
-        step: change by which its effect is measured: a share of the value, or a time.
-        linear: searched as it is; others by their logarithm.
+        step: change by which its effect is measured: a share of the value, or in the unit.
+        absolute: whether `step` and `known_to` are in the unit, not shares of the value.
+        scaled: searched as a multiple of the stiffness.
+        known_to: largest deviation of a value that is known.
     """
 
     name: str
     unit: str
     low: float
     high: float
-    step: float = 0.03
-    linear: bool = False
+    step: float = 0.01
+    absolute: bool = False
+    scaled: bool = False
+    known_to: float = 1 / 3
 
-    def coordinate(self, value: float) -> float:
-        """Coordinate of the search for a value, within the bounds; one unit is comparable for all."""
-        value = min(max(value, self.low), self.high)
-        return value / self.scale if self.linear else float(np.log(value))
-
-    def value(self, coordinate: float) -> float:
-        """Value for a coordinate of the search."""
-        return coordinate * self.scale if self.linear else float(np.exp(coordinate))
-
-    @property
-    def scale(self) -> float:
-        """Value of one unit of a linear coordinate."""
-        return 0.1
-
-    @property
-    def coordinate_step(self) -> float:
-        """The step, in the coordinate of the search."""
-        return self.step / self.scale if self.linear else self.step
+    def estimate(self, value: float, deviation: float) -> Estimate:
+        """Estimate with a standard error in the unit."""
+        largest = self.known_to if self.absolute else self.known_to * abs(value)
+        return Estimate(value, deviation, self.unit, deviation < largest)
 
 
 #: In the order of reports. The source of the bounds: published identifications of small servos, twice as far.
+#: All torques and masses together change a motion little, each of them changes it much: they are searched as
+#: multiples of the stiffness. A motion is nearly linear in these multiples.
 PARAMETERS = {
     one.name: one
     for one in (
-        Parameter("stiffness_nm_per_rad", "N m/rad", 1e-3, 1e3),
-        Parameter("damping_nm_s_per_rad", "N m s/rad", 1e-4, 20.0),
-        Parameter("rotor_inertia_kg_m2", "kg m2", 1e-5, 0.5),
-        Parameter("dry_friction_nm", "N m", 1e-4, 5.0),
-        Parameter("gear_damping_nm_s_per_rad", "N m s/rad", 1e-4, 5.0),
-        Parameter("max_torque_nm", "N m", 1e-2, 50.0),
+        Parameter("stiffness_nm_per_rad", "N m/rad", 1e-3, 1e3, step=0.02),
+        Parameter("damping_nm_s_per_rad", "N m s/rad", 1e-4, 20.0, scaled=True),
+        Parameter("rotor_inertia_kg_m2", "kg m2", 1e-5, 0.5, scaled=True),
+        Parameter("dry_friction_nm", "N m", 1e-4, 5.0, scaled=True),
+        Parameter("gear_damping_nm_s_per_rad", "N m s/rad", 1e-4, 5.0, scaled=True),
+        Parameter("max_torque_nm", "N m", 1e-2, 50.0, scaled=True),
         Parameter("no_load_speed_rad_s", "rad/s", 0.5, 50.0),
-        Parameter("dead_time_s", "s", 0.0, 0.05, step=0.002, linear=True),
+        Parameter("dead_time_s", "s", 0.0, 0.06, step=0.0005, absolute=True, known_to=0.005),
+        Parameter("trunk_mass_kg", "kg", 1e-3, 100.0, scaled=True, known_to=0.1),
+        Parameter("trunk_com_x_m", "m", -0.5, 0.5, step=0.001, absolute=True, known_to=0.005),
+        Parameter("trunk_com_y_m", "m", -0.5, 0.5, step=0.001, absolute=True, known_to=0.005),
     )
 }
+
+#: By which `scaled` parameters are divided.
+SCALE = "stiffness_nm_per_rad"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,76 +93,51 @@ class ServoValues:
     dead_time_s: float
 
     @classmethod
-    def of(cls, robot: Robot) -> "ServoValues":
+    def of(cls, robot: Robot) -> Self:
         """Values of a robot file; those of single joint kinds by their means."""
-        speeds = robot.joint_no_load_speed_rad_s
-        return cls(
-            stiffness_nm_per_rad=float(robot.stiffness_nm_per_rad.mean()),
-            damping_nm_s_per_rad=robot.servo.damping_nm_s_per_rad,
-            rotor_inertia_kg_m2=robot.servo.rotor_inertia_kg_m2,
-            dry_friction_nm=float(robot.dry_friction_nm.mean()),
-            gear_damping_nm_s_per_rad=robot.servo.gear_damping_nm_s_per_rad,
-            max_torque_nm=float(robot.joint_max_torque_nm.mean()),
-            no_load_speed_rad_s=np.inf if speeds is None else float(speeds.mean()),
-            dead_time_s=robot.servo.dead_time_s,
-        )
+        return cls(**servo_values(robot))
 
     @property
     def back_emf_nm_s_per_rad(self) -> float:
         """Torque lost per speed with power."""
         return self.max_torque_nm / self.no_load_speed_rad_s
 
-    def with_values(self, values: Mapping[str, float]) -> "ServoValues":
-        """The same with other values of some parameters."""
-        return ServoValues(**{name: values.get(name, getattr(self, name)) for name in PARAMETERS})
 
+@dataclass(frozen=True, slots=True)
+class RobotValues(ServoValues):
+    """The servos of a robot, and the mass of its trunk with its centre in the body frame."""
 
-class PoweredServos:
-    """The servos of a compiled MuJoCo model, whose values can be changed, and whose power can be cut.
+    trunk_mass_kg: float
+    trunk_com_x_m: float
+    trunk_com_y_m: float
 
-    Args:
-        model: with `position` actuators, one a joint; its actuators keep samples for the longest dead time.
-        dofs: degrees of freedom of the joints, in the order of the actuators.
-    """
-
-    def __init__(self, model: Any, dofs: slice) -> None:
-        self._model, self._dofs, self._values = model, dofs, (0.0, 0.0, 0.0)
-        self._stiffness_nm_per_rad: FloatArray = np.zeros(model.nu)
-
-    def set(self, values: ServoValues, stiffness_nm_per_rad: FloatArray | float, dead_steps: int) -> None:
-        """Set values, the stiffness of each actuator, and a dead time in steps of the physics; power on."""
-        import mujoco
-
-        model = self._model
-        model.dof_armature[self._dofs] = values.rotor_inertia_kg_m2
-        model.dof_frictionloss[self._dofs] = values.dry_friction_nm
-        # The impedance of dry friction follows from the inertia.
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-        model.actuator_forcerange[:, 0] = -values.max_torque_nm
-        model.actuator_forcerange[:, 1] = values.max_torque_nm
-        # Half a step less, so that rounded times do not matter.
-        model.actuator_delay[:] = max(0.0, (dead_steps - 0.5) * model.opt.timestep)
-        self._values = (
-            values.damping_nm_s_per_rad,
-            values.gear_damping_nm_s_per_rad,
-            values.back_emf_nm_s_per_rad,
+    @classmethod
+    def of(cls, robot: Robot) -> Self:
+        """Values of a robot file."""
+        com_x_m, com_y_m, _ = robot.body.com_m
+        return cls(
+            **servo_values(robot),
+            trunk_mass_kg=robot.body.mass_kg,
+            trunk_com_x_m=com_x_m,
+            trunk_com_y_m=com_y_m,
         )
-        self._stiffness_nm_per_rad[:] = stiffness_nm_per_rad
-        self.power(on=True)
-
-    def power(self, *, on: bool) -> None:
-        """Switch the power; without it there is neither control nor back-EMF."""
-        model, (damping, gear_damping, back_emf) = self._model, self._values
-        stiffness = self._stiffness_nm_per_rad * on
-        model.actuator_gainprm[:, 0] = stiffness
-        model.actuator_biasprm[:, 1] = -stiffness
-        model.actuator_biasprm[:, 2] = -damping * on
-        model.dof_damping[self._dofs] = gear_damping + back_emf * on
 
 
-def between_steps(dead_time_s: float, step_s: float) -> list[tuple[int, float]]:
-    """Whole steps about a dead time, with their shares: simulations know whole steps only."""
-    whole, part = divmod(dead_time_s / step_s, 1.0)
-    if part * step_s < NO_TIME_S:
-        return [(int(whole), 1.0)]
-    return [(int(whole), 1.0 - part), (int(whole) + 1, part)]
+def servo_values(robot: Robot) -> dict[str, float]:
+    """Fields of `ServoValues` of a robot file."""
+    speeds = robot.joint_no_load_speed_rad_s
+    return {
+        "stiffness_nm_per_rad": float(robot.stiffness_nm_per_rad.mean()),
+        "damping_nm_s_per_rad": robot.servo.damping_nm_s_per_rad,
+        "rotor_inertia_kg_m2": robot.servo.rotor_inertia_kg_m2,
+        "dry_friction_nm": float(robot.dry_friction_nm.mean()),
+        "gear_damping_nm_s_per_rad": robot.servo.gear_damping_nm_s_per_rad,
+        "max_torque_nm": float(robot.joint_max_torque_nm.mean()),
+        "no_load_speed_rad_s": np.inf if speeds is None else float(speeds.mean()),
+        "dead_time_s": robot.servo.dead_time_s,
+    }
+
+
+#: Names of the parameters of servos and of a trunk.
+OF_SERVO = tuple(field.name for field in fields(ServoValues))
+OF_TRUNK = tuple(field.name for field in fields(RobotValues))[len(OF_SERVO) :]
