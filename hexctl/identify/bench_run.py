@@ -71,11 +71,6 @@ class BenchRun(ArrayFields):
         """All of a servo."""
         return OF_SERVO
 
-    @property
-    def rough(self) -> bool:
-        """A bar that swings touches nothing."""
-        return False
-
     def errors_rad(self, values: ServoValues) -> FloatArray:
         """Simulated less measured angles, (T,); `values` have the stiffness per unit of P gain."""
         import mujoco

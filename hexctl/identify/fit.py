@@ -29,14 +29,11 @@ LEAST_SHARE = 0.1
 #: Steps of the search.
 MOST_STEPS = 20
 
-#: Slopes of rough replays: steps so many times as large, to both sides.
-ROUGH_STEPS = 5
-
 #: Levenberg-Marquardt damping at first, and after a step that gained nothing, as shares of the diagonal.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3
 
 #: The search ends where a step gains less than this share, or the error is below what any sensor shows.
-ENOUGH_GAIN, SMALL_RAD = 1e-3, np.radians(0.003)
+ENOUGH_GAIN, ROUGH_GAIN, SMALL_RAD = 1e-3, 1e-2, np.radians(0.003)
 
 
 #: Called with the number of a step and the error in rad, a root of the mean robust square.
@@ -57,10 +54,6 @@ class Replay(Protocol[ReplayedT]):
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters on which the motion depends."""
-
-    @property
-    def rough(self) -> bool:
-        """Whether small changes of the values change the motion at random, as contacts do."""
 
     def errors_rad(self, values: ReplayedT) -> FloatArray:
         """Simulated less measured angles, of any shape, the same for all values."""
@@ -93,7 +86,7 @@ def fit_values(
     start: ValuesT,
     names: Sequence[str],
     *,
-    enough_gain: float = ENOUGH_GAIN,
+    rough: bool = False,
     on_step: OnStep = unreported,
 ) -> Fit[ValuesT]:
     """Values of the named parameters with the smallest robust squared error over all replays.
@@ -104,7 +97,7 @@ def fit_values(
 
     Args:
         names: of `PARAMETERS`; the others keep their values.
-        enough_gain: the search ends with a step that gains less than this share.
+        rough: end early, at a place near the solution.
         on_step: follows the search.
     """
     search = _Search(replays, start, names)
@@ -124,7 +117,7 @@ def fit_values(
         if better is None:
             break
         gain, at = 1 - better.cost / at.cost, better
-        if gain < enough_gain or at.root_mean_rad < SMALL_RAD:
+        if gain < (ROUGH_GAIN if rough else ENOUGH_GAIN) or at.root_mean_rad < SMALL_RAD:
             break
     return search.result(at, slopes)
 
@@ -201,18 +194,19 @@ class _Search(Generic[ValuesT]):
         return np.concatenate(found)
 
     def _slope(self, at: _Place, row: int, column: int) -> FloatArray:
-        one, replay = self._free[column], self._replays[row]
+        one = self._free[column]
         size = 1.0 if one.absolute else max(abs(at.place[column]), self._least[column])
         step = np.zeros(len(self._free))
-        step[column] = one.step * size * (ROUGH_STEPS if replay.rough else 1)
-        up, down = at.place + step, at.place - step
-        if not np.allclose(self.inside(up), up):
-            up = at.place
-        one_sided = up is not at.place and not replay.rough
-        if one_sided or not np.allclose(self.inside(down), down):
-            down = at.place
-        low, high = (at.parts[row] if one is at.place else self._errors(replay, one) for one in (down, up))
-        return np.asarray((high - low) / (up - down)[column])
+        step[column] = one.step * size
+        ends = [
+            place for place in (at.place + step, at.place - step) if np.allclose(self.inside(place), place)
+        ]
+        high, low = ends if len(ends) > 1 else (ends[0], at.place)
+        errors = [
+            at.parts[row] if place is at.place else self._errors(self._replays[row], place)
+            for place in (high, low)
+        ]
+        return np.asarray((errors[0] - errors[1]) / (high - low)[column])
 
     def _values(self, at: FloatArray) -> ValuesT:
         names = [one.name for one in self._free]

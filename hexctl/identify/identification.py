@@ -26,9 +26,6 @@ from hexctl.waiting import StopRequested, never
 #: Friction from which a search starts at least, as a share of the torque.
 LEAST_FRICTION = 0.02
 
-#: Gain of a step with which the first, rough search ends.
-ROUGH_GAIN = 0.01
-
 #: Least number of bench runs of which every other one is kept to judge the result.
 ENOUGH_TO_JUDGE = 4
 
@@ -121,7 +118,7 @@ def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]
         [one for one in replays if one.on_stand] or replays,
         _start(replays[0].robot),
         OF_JOINTS,
-        enough_gain=ROUGH_GAIN,
+        rough=True,
         on_step=on_step,
     ).values
     searched = [name for name in PARAMETERS if any(name in one.parameters for one in replays)]

@@ -24,6 +24,9 @@ OF_JOINTS = ("dry_friction_nm", "max_torque_nm")
 #: Parameters that a robot file has in its section `servo`.
 OF_SERVO = ("damping_nm_s_per_rad", "rotor_inertia_kg_m2", "dead_time_s", "gear_damping_nm_s_per_rad")
 
+#: Keys by which a robot file may have the stiffness of a P gain instead.
+GAIN_KEYS = ("p_gain", "stiffness_nm_per_rad_per_p_gain")
+
 #: Keys of a robot file that are measured when a parameter is known.
 MEASURED = {
     "stiffness_nm_per_rad": ("servo.stiffness_nm_per_rad",),
@@ -90,7 +93,8 @@ def _still_unknown(mapping: Mapping[str, Any], known: Mapping[str, float]) -> li
         for name in path.split("."):
             section = section.get(name, {}) if isinstance(section, dict) else {}
         if any(key.startswith(f"{path}.") for key in measured):
-            left += [inner for key in section if (inner := f"{path}.{key}") not in measured]
+            keys = [key for key in section if key not in GAIN_KEYS]
+            left += [inner for key in keys if (inner := f"{path}.{key}") not in measured]
         elif path not in measured:
             left.append(path)
     return left
@@ -100,7 +104,7 @@ def _servo(mapping: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, 
     servo = dict(mapping["servo"])
     servo.update({name: known[name] for name in OF_SERVO if name in known})
     if "stiffness_nm_per_rad" in known:
-        for key in ("p_gain", "stiffness_nm_per_rad_per_p_gain"):
+        for key in GAIN_KEYS:
             servo.pop(key, None)
         servo["stiffness_nm_per_rad"] = known["stiffness_nm_per_rad"]
     return servo

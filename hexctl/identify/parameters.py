@@ -39,7 +39,7 @@ class Parameter:
     unit: str
     low: float
     high: float
-    step: float = 0.01
+    step: float = 0.05
     absolute: bool = False
     scaled: bool = False
     known_to: float = 1 / 3
@@ -52,21 +52,22 @@ class Parameter:
 
 #: In the order of reports. The source of the bounds: published identifications of small servos, twice as far.
 #: All torques and masses together change a motion little, each of them changes it much: they are searched as
-#: multiples of the stiffness. A motion is nearly linear in these multiples.
+#: multiples of the stiffness. A motion is nearly linear in these multiples. Steps are
+#: large, because what sticks and slips moves at random on a small scale.
 PARAMETERS = {
     one.name: one
     for one in (
-        Parameter("stiffness_nm_per_rad", "N m/rad", 1e-3, 1e3, step=0.02),
+        Parameter("stiffness_nm_per_rad", "N m/rad", 1e-3, 1e3, step=0.1),
         Parameter("damping_nm_s_per_rad", "N m s/rad", 1e-4, 20.0, scaled=True),
         Parameter("rotor_inertia_kg_m2", "kg m2", 1e-5, 0.5, scaled=True),
         Parameter("dry_friction_nm", "N m", 1e-4, 5.0, scaled=True),
         Parameter("gear_damping_nm_s_per_rad", "N m s/rad", 1e-4, 5.0, scaled=True),
         Parameter("max_torque_nm", "N m", 1e-2, 50.0, scaled=True),
         Parameter("no_load_speed_rad_s", "rad/s", 0.5, 50.0),
-        Parameter("dead_time_s", "s", 0.0, 0.06, step=0.0005, absolute=True, known_to=0.005),
+        Parameter("dead_time_s", "s", 0.0, 0.06, step=0.002, absolute=True, known_to=0.005),
         Parameter("trunk_mass_kg", "kg", 1e-3, 100.0, scaled=True, known_to=0.1),
-        Parameter("trunk_com_x_m", "m", -0.5, 0.5, step=0.001, absolute=True, known_to=0.005),
-        Parameter("trunk_com_y_m", "m", -0.5, 0.5, step=0.001, absolute=True, known_to=0.005),
+        Parameter("trunk_com_x_m", "m", -0.5, 0.5, step=0.005, absolute=True, known_to=0.005),
+        Parameter("trunk_com_y_m", "m", -0.5, 0.5, step=0.005, absolute=True, known_to=0.005),
     )
 }
 

@@ -76,11 +76,6 @@ class RobotLog(ArrayFields):
         """The weight of the trunk bends the joints of a robot that stands on its feet."""
         return OF_JOINTS if self.on_stand else (*OF_JOINTS, *OF_TRUNK)
 
-    @property
-    def rough(self) -> bool:
-        """Feet that touch the floor stick and slip."""
-        return not self.on_stand
-
     def errors_rad(self, values: RobotValues) -> FloatArray:
         """Simulated less measured angles, (T, 18); stiffnesses of joints keep their proportions."""
         import mujoco

@@ -14,7 +14,7 @@ from hexctl.identify.identified_file import write_identified
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
 from hexctl.identify.robot_log import read_robot_log
 from hexctl.identify.stand_motions import StandMotions
-from hexctl.robot.configs import config_names
+from hexctl.robot.configs import config_names, find_config
 from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.runs.run import run
 from hexctl.runs.run_spec import RunSpec
@@ -123,6 +123,19 @@ def test_what_was_measured_is_no_longer_unknown(tmp_path: Path) -> None:
     assert {"body.mass_kg", "servo.rotor_inertia_kg_m2", "joints.femur.max_torque_nm"} <= set(unknown)
     assert not {"servo", "servo.stiffness_nm_per_rad", "joints.femur.dry_friction_nm"} & set(unknown)
     assert load_robot(path).body.mass_kg == load_robot("jethexa").body.mass_kg
+
+
+def test_a_p_gain_is_no_unknown_key(tmp_path: Path) -> None:
+    text = find_config("robots", "lukas").read_text().replace("unknown: [", "unknown: [servo, ")
+    (tmp_path / "mine.yaml").write_text(text)
+    result = found(stiffness_nm_per_rad=(20.0, 0.5), damping_nm_s_per_rad=(0.5, 0.01))
+    write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
+    unknown = load_robot_file(tmp_path / "identified.yaml").content.unknown
+    assert [key for key in unknown if key.startswith("servo.")] == [
+        "servo.rotor_inertia_kg_m2",
+        "servo.gear_damping_nm_s_per_rad",
+        "servo.dead_time_s",
+    ]
 
 
 def test_a_stand_shows_no_trunk() -> None:
