@@ -33,7 +33,7 @@ MOST_STEPS = 20
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3
 
 #: The search ends where a step gains less than this share, or the error is below what any sensor shows.
-ENOUGH_GAIN, ROUGH_GAIN, SMALL_RAD = 1e-3, 1e-2, np.radians(0.003)
+ENOUGH_GAIN, ROUGH_GAIN, SMALL_RAD = 1e-3, 5e-2, np.radians(0.003)
 
 
 #: Called with the number of a step and the error in rad, a root of the mean robust square.
