@@ -110,7 +110,8 @@ def fit_values(
         down = slopes.T @ (weights * at.errors)
         better = None
         while better is None and damping < MOST_DAMPING:
-            change = np.linalg.solve(square + damping * np.diag(np.diag(square)), down)
+            # A parameter without any effect stays where it is.
+            change = np.linalg.solve(square + np.diag(damping * np.diag(square) + 1e-12), down)
             tried = search.errors_at(search.inside(at.place - change))
             better = tried if tried.cost < at.cost else None
             damping = damping / 30 if better else max(LEAST_DAMPING, damping * 10)
