@@ -11,7 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.identify.servo_parameters import PoweredServos, ServoValues, between_steps
+from hexctl.identify.parameters import OF_SERVO, ServoValues
+from hexctl.identify.powered_servos import set_servos
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 #: Step of the physics, that of hexctl's simulations, and samples for the longest dead time.
@@ -65,31 +66,29 @@ class BenchRun(ArrayFields):
     measured_rad: FloatArray
     powered: BoolArray
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """All of a servo."""
+        return OF_SERVO
+
     def errors_rad(self, values: ServoValues) -> FloatArray:
         """Simulated less measured angles, (T,); `values` have the stiffness per unit of P gain."""
-        angles = [
-            share * self._angles_rad(values, steps)
-            for steps, share in between_steps(values.dead_time_s, STEP_S)
-        ]
-        return np.asarray(np.sum(angles, axis=0) - self.measured_rad)
-
-    def _angles_rad(self, values: ServoValues, dead_steps: int) -> FloatArray:
         import mujoco
 
         model = mujoco.MjModel.from_xml_string(self._xml())
-        data, servo = mujoco.MjData(model), PoweredServos(model, slice(0, 1))
-        servo.set(values, values.stiffness_nm_per_rad * self.p_gain, dead_steps)
+        data = mujoco.MjData(model)
+        power = set_servos(model, slice(0, 1), values, values.stiffness_nm_per_rad * self.p_gain)
         data.qpos[0], data.ctrl[0] = self.measured_rad[0], self.goal_rad[0]
         mujoco.mj_initCtrlHistory(model, data, 0, None, np.full((DELAY_SAMPLES, 1), self.goal_rad[0]))
-        angles_rad, on = np.empty(len(self.time_s)), True
+        angles_rad = np.empty(len(self.time_s))
         for row, steps in enumerate(np.diff(np.rint(self.time_s / STEP_S).astype(int), append=0).tolist()):
             angles_rad[row] = data.qpos[0]
-            if bool(self.powered[row]) != on:
-                servo.power(on=(on := bool(self.powered[row])))
+            if bool(self.powered[row]) != power.on:
+                power.switch(on=not power.on)
             data.ctrl[0] = self.goal_rad[row]
             if steps > 0:
                 mujoco.mj_step(model, data, steps)
-        return angles_rad
+        return angles_rad - self.measured_rad
 
     def _xml(self) -> str:
         """A hinge with the mass and the bar below it; the servo's values are set later."""

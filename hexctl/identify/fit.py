@@ -1,14 +1,18 @@
-"""Least squares over replays: parameters at which simulated servos move as measured ones did."""
+"""Least squares over replays: parameters at which simulated joints move as measured ones did."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hexctl.identify.servo_parameters import PARAMETERS, ServoValues
+from hexctl.identify.parameters import PARAMETERS, SCALE, Estimate, ServoValues
 from hexctl.types import ArrayFields, FloatArray
+
+ValuesT = TypeVar("ValuesT", bound=ServoValues)
+ReplayedT = TypeVar("ReplayedT", bound=ServoValues, contravariant=True)
 
 #: Error beyond which a sample counts less, so that single wild readings do not decide.
 WILD_RAD = np.radians(1.0)
@@ -16,14 +20,20 @@ WILD_RAD = np.radians(1.0)
 #: Samples of each replay that are compared: enough for the fastest motion.
 MOST_SAMPLES = 2000
 
-#: Parts of a single log that are left out in turn for the uncertainty.
+#: Parts of a log that are left out in turn for the uncertainty, or logs if there are as many.
 PARTS = 8
 
+#: Share of the value at the start below which the step of a slope does not shrink with the value.
+LEAST_SHARE = 0.1
+
 #: Steps of the search.
-MOST_STEPS = 15
+MOST_STEPS = 20
+
+#: Levenberg-Marquardt damping at first, and after a step that gained nothing, as shares of the diagonal.
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3
 
 #: The search ends where a step gains less than this share, or the error is below what any sensor shows.
-ENOUGH_GAIN, SMALL_RAD = 1e-3, np.radians(0.003)
+ENOUGH_GAIN, ROUGH_GAIN, SMALL_RAD = 1e-3, 5e-2, np.radians(0.003)
 
 
 #: Called with the number of a step and the error in rad, a root of the mean robust square.
@@ -34,177 +44,218 @@ def unreported(_step: int, _error_rad: float) -> None:
     """Nobody follows the search."""
 
 
-class Replay(Protocol):
-    """A measured motion that can be simulated with other servos."""
+class Replay(Protocol[ReplayedT]):
+    """A measured motion that can be simulated with other values."""
 
     @property
     def name(self) -> str:
         """For reports."""
 
-    def errors_rad(self, values: ServoValues) -> FloatArray:
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters on which the motion depends."""
+
+    def errors_rad(self, values: ReplayedT) -> FloatArray:
         """Simulated less measured angles, of any shape, the same for all values."""
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """One identified parameter; the deviation is the standard error of the value, in its unit."""
-
-    value: float
-    deviation: float
-    unit: str
-
-    @property
-    def known(self) -> bool:
-        """Whether the motions determine the value: to a third of it, or a dead time to 5 ms."""
-        return self.deviation < (0.005 if self.unit == "s" else abs(self.value) / 3)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit(ArrayFields):
+class Fit(ArrayFields, Generic[ValuesT]):
     """Result of a search.
 
     Attributes:
-        values: the servo found.
-        estimates: its searched parameters, by name.
-        before_rad: mean absolute error of each replay with the servo at the start, by its name.
-        after_rad: the same with the servo found.
+        values: what was found.
+        estimates: the searched parameters, by name.
+        before_rad: mean absolute error of each replay with the values of the start, by its name.
+        after_rad: the same with the values found.
     """
 
-    values: ServoValues
+    values: ValuesT
     estimates: Mapping[str, Estimate]
     before_rad: Mapping[str, float]
     after_rad: Mapping[str, float]
 
 
-def mean_errors_rad(replays: Sequence[Replay], values: ServoValues) -> dict[str, float]:
+def mean_errors_rad(replays: Sequence[Replay[ValuesT]], values: ValuesT) -> dict[str, float]:
     """Mean absolute error of each replay, by its name."""
     return {one.name: float(np.abs(one.errors_rad(values)).mean()) for one in replays}
 
 
-def fit_servo(
-    replays: Sequence[Replay],
-    start: ServoValues,
+def fit_values(
+    replays: Sequence[Replay[ValuesT]],
+    start: ValuesT,
     names: Sequence[str],
     *,
+    rough: bool = False,
     on_step: OnStep = unreported,
-) -> Fit:
+) -> Fit[ValuesT]:
     """Values of the named parameters with the smallest robust squared error over all replays.
 
-    Levenberg-Marquardt with the soft-L1 loss (Triggs et al. 2000, as in `scipy.optimize.least_squares`) over
-    the logarithms of positive parameters. The deviations are those of the jackknife over replays, or over
-    parts of a single one, linearised at the solution.
+    Levenberg-Marquardt with the soft-L1 loss (Triggs et al. 2000, as in `scipy.optimize.least_squares`).
+    Torques and masses are searched as multiples of the stiffness. The deviations are those of the jackknife
+    over replays or over their parts, linearised at the solution.
 
     Args:
         names: of `PARAMETERS`; the others keep their values.
+        rough: end early, at a place near the solution.
         on_step: follows the search.
     """
     search = _Search(replays, start, names)
-    at = search.start
-    cost, damping = search.cost(at), 1e-2
+    at = search.errors_at(search.start)
+    damping = FIRST_DAMPING
     for step in range(MOST_STEPS):
-        on_step(step, float(np.sqrt(2 * cost / search.samples)))
-        errors, slopes = search.linear(at)
-        weights = 1 / np.sqrt(1 + (errors / WILD_RAD) ** 2)
+        on_step(step, at.root_mean_rad)
+        slopes, weights = search.slopes(at), at.weights
         square = slopes.T @ (weights[:, None] * slopes)
-        down = slopes.T @ (weights * errors)
+        down = slopes.T @ (weights * at.errors)
         better = None
-        while better is None and damping < 1e6:
-            try_at = search.inside(
-                at - np.linalg.solve(square + damping * np.diag(np.diag(square)) + 1e-12, down)
-            )
-            new_cost = search.cost(try_at)
-            better, damping = (try_at, damping / 5) if new_cost < cost else (None, damping * 5)
+        while better is None and damping < MOST_DAMPING:
+            # A parameter without any effect stays where it is.
+            change = np.linalg.solve(square + np.diag(damping * np.diag(square) + 1e-12), down)
+            tried = search.errors_at(search.inside(at.place - change))
+            better = tried if tried.cost < at.cost else None
+            damping = damping / 30 if better else max(LEAST_DAMPING, damping * 10)
         if better is None:
             break
-        gain, at, cost = (cost - new_cost) / cost, better, new_cost
-        if gain < ENOUGH_GAIN or cost < search.samples * SMALL_RAD**2:
+        gain, at = 1 - better.cost / at.cost, better
+        if gain < (ROUGH_GAIN if rough else ENOUGH_GAIN) or at.root_mean_rad < SMALL_RAD:
             break
-    return search.result(at)
+    return search.result(at, slopes)
 
 
-class _Search:
-    """The replays as a function of coordinates."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place(ArrayFields):
+    """Errors at coordinates of the search, one array for each replay."""
 
-    def __init__(self, replays: Sequence[Replay], start: ServoValues, names: Sequence[str]) -> None:
+    place: FloatArray
+    parts: list[FloatArray]
+
+    @property
+    def errors(self) -> FloatArray:
+        return np.concatenate(self.parts)
+
+    @property
+    def weights(self) -> FloatArray:
+        return np.asarray(1 / np.sqrt(1 + (self.errors / WILD_RAD) ** 2))
+
+    @property
+    def cost(self) -> float:
+        return float(WILD_RAD**2 * (np.sqrt(1 + (self.errors / WILD_RAD) ** 2) - 1).sum())
+
+    @property
+    def root_mean_rad(self) -> float:
+        return float(np.sqrt(2 * self.cost / len(self.errors)))
+
+
+class _Search(Generic[ValuesT]):
+    """The replays as a function of coordinates.
+
+    They are the values of the parameters, some divided by the stiffness.
+    """
+
+    def __init__(self, replays: Sequence[Replay[ValuesT]], start: ValuesT, names: Sequence[str]) -> None:
         self._replays, self._first = replays, start
         self._free = [PARAMETERS[name] for name in names]
-        self.start = self.inside(
-            np.array([one.coordinate(getattr(start, one.name)) for one in self._free], dtype=float)
-        )
-        self._groups: FloatArray = np.zeros(0)
-        self.samples = 1
+        self._scaled = np.array([one.scaled for one in self._free])
+        self._scale_at = names.index(SCALE) if SCALE in names else None
+        plain = np.array([getattr(start, name) for name in names], dtype=float)
+        self.start = self.inside(np.where(self._scaled, plain / getattr(start, SCALE), plain))
+        relative = np.array([not one.absolute for one in self._free])
+        self._least = np.where(relative, LEAST_SHARE * np.abs(self.start), 0.0)
+
+    def _plain(self, at: FloatArray) -> FloatArray:
+        """Values of the parameters, within their bounds."""
+        low, high = np.array([(one.low, one.high) for one in self._free]).T
+        scale = getattr(self._first, SCALE) if self._scale_at is None else at[self._scale_at]
+        return np.clip(np.where(self._scaled, at * scale, at), low, high)
 
     def inside(self, at: FloatArray) -> FloatArray:
-        bounds = [(one.coordinate(one.low), one.coordinate(one.high)) for one in self._free]
-        low, high = np.array(bounds).T
-        return np.clip(at, low, high)
+        """The nearest coordinates within the bounds of the parameters."""
+        plain = self._plain(at)
+        scale = getattr(self._first, SCALE) if self._scale_at is None else plain[self._scale_at]
+        return np.where(self._scaled, plain / scale, plain)
 
-    def values(self, at: FloatArray) -> ServoValues:
-        given = {one.name: one.value(part) for one, part in zip(self._free, at.tolist(), strict=True)}
-        return self._first.with_values(given)
+    def errors_at(self, at: FloatArray) -> _Place:
+        with ThreadPoolExecutor() as workers:
+            return _Place(at, list(workers.map(lambda replay: self._errors(replay, at), self._replays)))
 
-    def errors(self, at: FloatArray) -> FloatArray:
-        values, parts, groups = self.values(at), [], []
-        for index, replay in enumerate(self._replays):
-            errors = replay.errors_rad(values)
-            flat = errors.reshape(len(errors), -1)
-            rows = np.arange(0, len(flat), max(1, len(flat) // MOST_SAMPLES))
-            parts.append(flat[rows].ravel())
-            part = index if len(self._replays) > 1 else PARTS * rows // len(flat)
-            groups.append(np.repeat(np.broadcast_to(part, rows.shape), flat.shape[1]))
-        self._groups = np.concatenate(groups)
-        found: FloatArray = np.concatenate(parts)
-        self.samples = len(found)
+    def slopes(self, at: _Place) -> FloatArray:
+        """Slopes of the errors, (samples, parameters)."""
+        seen = [
+            (row, column)
+            for row, replay in enumerate(self._replays)
+            for column, one in enumerate(self._free)
+            if one.name in replay.parameters
+        ]
+        found = [np.zeros((len(errors), len(self._free))) for errors in at.parts]
+        with ThreadPoolExecutor() as workers:
+            slopes = workers.map(lambda place: self._slope(at, *place), seen)
+            for (row, column), slope in zip(seen, slopes, strict=True):
+                found[row][:, column] = slope
+        return np.concatenate(found)
+
+    def _slope(self, at: _Place, row: int, column: int) -> FloatArray:
+        one = self._free[column]
+        size = 1.0 if one.absolute else max(abs(at.place[column]), self._least[column])
+        step = np.zeros(len(self._free))
+        step[column] = one.step * size
+        ends = [
+            place for place in (at.place + step, at.place - step) if np.allclose(self.inside(place), place)
+        ]
+        high, low = ends if len(ends) > 1 else (ends[0], at.place)
+        errors = [
+            at.parts[row] if place is at.place else self._errors(self._replays[row], place)
+            for place in (high, low)
+        ]
+        return np.asarray((errors[0] - errors[1]) / (high - low)[column])
+
+    def _values(self, at: FloatArray) -> ValuesT:
+        names = [one.name for one in self._free]
+        return replace(self._first, **dict(zip(names, self._plain(at).tolist(), strict=True)))
+
+    def _errors(self, replay: Replay[ValuesT], at: FloatArray) -> FloatArray:
+        errors = replay.errors_rad(self._values(at))
+        found = errors.reshape(len(errors), -1)[_rows(len(errors))].ravel()
         # A servo that flies off is as wrong as half a turn, not as wrong as infinity.
         return np.clip(np.nan_to_num(found, nan=np.pi), -np.pi, np.pi)
 
-    def cost(self, at: FloatArray) -> float:
-        share = (self.errors(at) / WILD_RAD) ** 2
-        return float(WILD_RAD**2 * (np.sqrt(1 + share) - 1).sum())
-
-    def linear(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Errors and their slopes, (samples,) and (samples, parameters)."""
-        moved = [at]
-        for index, one in enumerate(self._free):
-            there = at.copy()
-            there[index] += one.coordinate_step
-            if not np.array_equal(self.inside(there), there):
-                there[index] -= 2 * one.coordinate_step
-            moved.append(there)
-        with ThreadPoolExecutor() as workers:
-            errors, *others = workers.map(self.errors, moved)
-        slopes = [
-            (other - errors) / (there[index] - at[index])
-            for index, (other, there) in enumerate(zip(others, moved[1:], strict=True))
-        ]
-        return errors, np.stack(slopes, axis=-1)
-
-    def result(self, at: FloatArray) -> Fit:
-        values, deviations = self.values(at), self._deviations(at)
-        estimates = {}
-        for one, deviation in zip(self._free, deviations.tolist(), strict=True):
-            value = getattr(values, one.name)
-            estimates[one.name] = Estimate(
-                value, deviation * one.scale if one.linear else deviation * value, one.unit
-            )
+    def result(self, at: _Place, slopes: FloatArray) -> Fit[ValuesT]:
+        """Result at a place, with the slopes of the last step, which are those here."""
+        values, deviations = self._values(at.place), self._deviations(at, slopes)
+        estimates = {
+            one.name: one.estimate(getattr(values, one.name), deviation)
+            for one, deviation in zip(self._free, deviations.tolist(), strict=True)
+        }
         return Fit(
             values,
             estimates,
             mean_errors_rad(self._replays, self._first),
-            mean_errors_rad(self._replays, values),
+            {one.name: float(np.abs(part).mean()) for one, part in zip(self._replays, at.parts, strict=True)},
         )
 
-    def _deviations(self, at: FloatArray) -> FloatArray:
-        """Standard errors of the coordinates: the jackknife over groups, linearised."""
-        errors, slopes = self.linear(at)
-        weights = 1 / np.sqrt(1 + (errors / WILD_RAD) ** 2)
-        groups = np.unique(self._groups)
-        moves = []
-        for group in groups:
-            kept = self._groups != group
+    def _deviations(self, at: _Place, slopes: FloatArray) -> FloatArray:
+        """Standard errors of the values: the jackknife over groups, linearised."""
+        weights, errors, groups = at.weights, at.errors, self._groups(at)
+        names, moves = np.unique(groups), []
+        for group in names:
+            kept = groups != group
             left, weight = slopes[kept], weights[kept]
-            square = left.T @ (weight[:, None] * left) + 1e-12 * np.eye(len(at))
-            moves.append(np.linalg.lstsq(square, left.T @ (weight * errors[kept]), rcond=None)[0])
-        moved = np.array(moves)
-        n = len(groups)
+            square = left.T @ (weight[:, None] * left)
+            change = np.linalg.lstsq(square, left.T @ (weight * errors[kept]), rcond=None)[0]
+            moves.append(self._plain(at.place - change))
+        moved, n = np.array(moves), len(names)
         return np.asarray(np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0)))
+
+    def _groups(self, at: _Place) -> NDArray[np.int64]:
+        """Group of each error: its replay, or its part of a replay if there are few."""
+        parts = 1 if len(self._replays) >= PARTS else PARTS
+        return np.concatenate(
+            [
+                row * parts + parts * np.arange(len(errors)) // len(errors)
+                for row, errors in enumerate(at.parts)
+            ]
+        )
+
+
+def _rows(samples: int) -> slice:
+    return slice(None, None, max(1, samples // MOST_SAMPLES))

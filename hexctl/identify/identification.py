@@ -1,7 +1,7 @@
-"""`hexctl identify` as a library call: servos of a robot from its own motions, or of one on a bench."""
+"""`hexctl identify` as a library call: a robot's servos and trunk from its motions, or a servo on a bench."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,9 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, argument
 from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
-from hexctl.identify.fit import Estimate, Fit, OnStep, Replay, fit_servo, mean_errors_rad, unreported
-from hexctl.identify.robot_log import read_robot_log
-from hexctl.identify.servo_parameters import PARAMETERS, ServoValues
+from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad, unreported
+from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, Estimate, RobotValues
+from hexctl.identify.robot_log import OF_JOINTS, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.options import check_names
 from hexctl.robot.model import Robot
@@ -23,14 +23,8 @@ from hexctl.runs.run_spec import RunSpec
 from hexctl.types import ArrayFields
 from hexctl.waiting import StopRequested, never
 
-#: What the motions of a robot determine. Its greatest torque and speed come from a bench or the data sheet.
-OF_A_ROBOT = (
-    "stiffness_nm_per_rad",
-    "damping_nm_s_per_rad",
-    "rotor_inertia_kg_m2",
-    "dry_friction_nm",
-    "dead_time_s",
-)
+#: Friction from which a search starts at least, as a share of the torque.
+LEAST_FRICTION = 0.02
 
 #: Least number of bench runs of which every other one is kept to judge the result.
 ENOUGH_TO_JUDGE = 4
@@ -38,18 +32,18 @@ ENOUGH_TO_JUDGE = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification(ArrayFields):
-    """Servos that were identified.
+    """Servos that were identified, and the trunk that they carried.
 
     Attributes:
-        fit: the servo, its uncertainties, and errors by log; the stiffness of a bench is per unit of P gain.
+        fit: values, uncertainties, and errors by log; the stiffness of a bench is per unit of P gain.
         judged_rad: mean absolute error of each bench run that was not fitted, by its name; empty for robots.
         replays: logs that were fitted, then those that were judged.
         p_gain: by which a stiffness of a bench is multiplied; 1 for robots.
     """
 
-    fit: Fit
+    fit: Fit[Any]
     judged_rad: dict[str, float]
-    replays: tuple[Replay, ...]
+    replays: tuple[Replay[Any], ...]
     p_gain: float = 1.0
 
     @property
@@ -60,16 +54,20 @@ class Identification(ArrayFields):
 
     @property
     def estimates(self) -> dict[str, Estimate]:
-        """All identified values of the servo."""
+        """All identified values, by the names of `PARAMETERS`."""
         return {**self.fit.estimates, "stiffness_nm_per_rad": self.stiffness}
+
+    @property
+    def not_seen(self) -> list[str]:
+        """Parameters of the trunk that no log shows, because none is of a robot on its feet."""
+        trunk = OF_TRUNK if isinstance(self.fit.values, RobotValues) else ()
+        return [name for name in trunk if name not in self.fit.estimates]
 
     def to_dict(self) -> dict[str, Any]:
         """The object that `hexctl identify --json` prints: angles in degrees."""
         return {
-            "servo": {
-                name: {"value": one.value, "deviation": one.deviation, "unit": one.unit, "known": one.known}
-                for name, one in self.estimates.items()
-            },
+            "servo": {name: asdict(one) for name, one in self.estimates.items() if name in OF_SERVO},
+            "trunk": {name: asdict(one) for name, one in self.estimates.items() if name not in OF_SERVO},
             "error_deg": {
                 "before": _mean_deg(self.fit.before_rad),
                 "after": _mean_deg(self.fit.after_rad),
@@ -93,7 +91,7 @@ def identify(
     """Servos that explain logs: recordings (.rrd) of a robot, or runs (.json) of one servo on a bench.
 
     Args:
-        robot: replaces that of the recordings; its geometry and masses are taken as right.
+        robot: replaces that of the recordings; its geometry and the masses of its legs are taken as right.
         p_gain: of the firmware on the robot; None for the largest of the runs on the bench.
         on_step: follows the search.
 
@@ -111,13 +109,32 @@ def identify(
     if p_gain is not None:
         raise InputError(f"{argument('p_gain')}: got one with recordings; allowed: with runs on a bench")
     replays = tuple(read_robot_log(path, robot) for path in paths)
-    fit = fit_servo(replays, ServoValues.of(replays[0].robot), OF_A_ROBOT, on_step=on_step)
-    return Identification(fit, {}, replays)
+    return Identification(_fit_robot(replays, on_step), {}, replays)
+
+
+def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]:
+    """Values of servos and trunk: roughly those of the servos first, on a stand if there is a log of one."""
+    near = fit_values(
+        [one for one in replays if one.on_stand] or replays,
+        _start(replays[0].robot),
+        OF_JOINTS,
+        rough=True,
+        on_step=on_step,
+    ).values
+    searched = [name for name in PARAMETERS if any(name in one.parameters for one in replays)]
+    found = fit_values(replays, near, searched, on_step=on_step)
+    return replace(found, before_rad=mean_errors_rad(replays, RobotValues.of(replays[0].robot)))
+
+
+def _start(robot: Robot) -> RobotValues:
+    """Values of a robot file, with some friction: the effect of none cannot be measured."""
+    values = RobotValues.of(robot)
+    return replace(values, dry_friction_nm=max(values.dry_friction_nm, LEAST_FRICTION * values.max_torque_nm))
 
 
 def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStep) -> Identification:
     fitted, judged = (runs[::2], runs[1::2]) if len(runs) >= ENOUGH_TO_JUDGE else (runs, [])
-    fit = fit_servo(fitted, plain_start(fitted), list(PARAMETERS), on_step=on_step)
+    fit = fit_values(fitted, plain_start(fitted), OF_SERVO, on_step=on_step)
     gain = max(run.p_gain for run in runs) if p_gain is None else p_gain
     return Identification(fit, mean_errors_rad(judged, fit.values), (*fitted, *judged), gain)
 

@@ -10,8 +10,8 @@ from hexctl.errors import MissingExtraError
 from hexctl.identify.bench_run import BenchRun
 from hexctl.identify.fit import Replay
 from hexctl.identify.identification import Identification
+from hexctl.identify.parameters import RobotValues
 from hexctl.identify.robot_log import RobotLog
-from hexctl.identify.servo_parameters import ServoValues
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, FloatArray
 
 #: Logs and joints that are shown.
@@ -20,7 +20,7 @@ MOST_ROWS = 4
 Curve = tuple[str, FloatArray, FloatArray, FloatArray]
 
 
-def draw_identification(found: Identification, before: ServoValues | None, path: Path) -> None:
+def draw_identification(found: Identification, before: RobotValues | None, path: Path) -> None:
     """Draw some joints or runs over time; raises MissingExtraError without Matplotlib."""
     try:
         from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ def _draw(axes: Any, curve: Curve, old: Curve | None) -> None:
     axes.set_ylabel("deg")
 
 
-def _curves(replays: Sequence[Replay], values: ServoValues) -> list[Curve]:
+def _curves(replays: Sequence[Replay[Any]], values: Any) -> list[Curve]:
     """Name, times, measured and simulated angles: the last runs of a bench, or three joints of a robot."""
     curves: list[Curve] = []
     for replay in replays[-MOST_ROWS:]:

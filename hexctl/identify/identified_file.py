@@ -1,4 +1,4 @@
-"""Robot files with identified servos."""
+"""Robot files with identified servos and trunk."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,26 +18,45 @@ from hexctl.types import JOINT_KINDS
 #: Digits of identified values: more than any identification knows.
 DIGITS = 4
 
-#: Parameters that a robot file has in each joint, with their keys.
-OF_JOINTS = {"dry_friction_nm": "dry_friction_nm", "max_torque_nm": "max_torque_nm"}
+#: Parameters that a robot file has in each joint.
+OF_JOINTS = ("dry_friction_nm", "max_torque_nm")
 
 #: Parameters that a robot file has in its section `servo`.
 OF_SERVO = ("damping_nm_s_per_rad", "rotor_inertia_kg_m2", "dead_time_s", "gear_damping_nm_s_per_rad")
 
+#: Keys by which a robot file may have the stiffness of a P gain instead.
+GAIN_KEYS = ("p_gain", "stiffness_nm_per_rad_per_p_gain")
+
+#: Keys of a robot file that are measured when a parameter is known.
+MEASURED = {
+    "stiffness_nm_per_rad": ("servo.stiffness_nm_per_rad",),
+    **{name: (f"servo.{name}",) for name in OF_SERVO},
+    **{name: tuple(f"joints.{kind}.{name}" for kind in JOINT_KINDS) for name in OF_JOINTS},
+    "no_load_speed_rad_s": tuple(f"joints.{kind}.no_load_speed_deg_s" for kind in JOINT_KINDS),
+    "trunk_mass_kg": ("body.mass_kg",),
+    "trunk_com_x_m": ("body.com_m",),
+}
+
 
 def identified_text(robot_file: str | Path, found: Identification) -> str:
-    """Text of a robot file with the servos that were identified; comments outside the sections stay.
+    """Text of a robot file with the values that were identified; comments outside the sections stay.
 
-    Parameters that the motions did not determine keep the values of the file. Raises InputError for a file
-    that is no robot, or whose ranges the values contradict.
+    Parameters that the motions did not determine keep the values of the file. Keys that were measured are no
+    longer `unknown`. Raises InputError for a file that is no robot, or whose ranges the values contradict.
     """
     path = find_config("robots", str(robot_file))
     text = path.read_text(encoding="utf-8")
     mapping: dict[str, Any] = yaml_content(text)
     known = {name: _rounded(one.value) for name, one in found.estimates.items() if one.known}
-    changed = {"joints": _joints(mapping["joints"], mapping["servo"], known), "servo": _servo(mapping, known)}
+    changed: dict[str, Any] = {
+        "body": _body(mapping["body"], known),
+        "joints": _joints(mapping["joints"], mapping["servo"], known),
+        "servo": _servo(mapping, known),
+    }
+    if "unknown" in mapping:
+        changed["unknown"] = _still_unknown(mapping, known)
     for key, section in changed.items():
-        text = _with_section(text, key, section)
+        text = text if section == mapping[key] else _with_section(text, key, section)
     return text
 
 
@@ -51,11 +70,41 @@ def write_identified(robot_file: str | Path, found: Identification, output: Path
         raise
 
 
+def _body(body: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
+    """Trunk with new mass, to which its moments of inertia are proportional, and centre of mass."""
+    changed = dict(body)
+    if "trunk_mass_kg" in known:
+        changed["mass_kg"] = known["trunk_mass_kg"]
+        if "inertia_kg_m2" in body:
+            share = changed["mass_kg"] / body["mass_kg"]
+            changed["inertia_kg_m2"] = [_rounded(share * moment) for moment in body["inertia_kg_m2"]]
+    if "trunk_com_x_m" in known and "trunk_com_y_m" in known:
+        height_m = body.get("com_m", (0.0, 0.0, 0.0))[2]
+        changed["com_m"] = [known["trunk_com_x_m"], known["trunk_com_y_m"], height_m]
+    return changed
+
+
+def _still_unknown(mapping: Mapping[str, Any], known: Mapping[str, float]) -> list[str]:
+    """Unknown keys without those that were measured; a section of which some were is named key by key."""
+    measured = {key for name in known for key in MEASURED.get(name, ())}
+    left: list[str] = []
+    for path in mapping["unknown"]:
+        section: Any = mapping
+        for name in path.split("."):
+            section = section.get(name, {}) if isinstance(section, dict) else {}
+        if any(key.startswith(f"{path}.") for key in measured):
+            keys = [key for key in section if key not in GAIN_KEYS]
+            left += [inner for key in keys if (inner := f"{path}.{key}") not in measured]
+        elif path not in measured:
+            left.append(path)
+    return left
+
+
 def _servo(mapping: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
     servo = dict(mapping["servo"])
     servo.update({name: known[name] for name in OF_SERVO if name in known})
     if "stiffness_nm_per_rad" in known:
-        for key in ("p_gain", "stiffness_nm_per_rad_per_p_gain"):
+        for key in GAIN_KEYS:
             servo.pop(key, None)
         servo["stiffness_nm_per_rad"] = known["stiffness_nm_per_rad"]
     return servo
@@ -69,7 +118,7 @@ def _joints(
     usual = servo.get("stiffness_nm_per_rad", 1.0)
     own = [joint.get("stiffness_nm_per_rad", usual) for joint in changed.values()]
     for joint, stiffness in zip(changed.values(), own, strict=True):
-        joint.update({key: known[name] for name, key in OF_JOINTS.items() if name in known})
+        joint.update({name: known[name] for name in OF_JOINTS if name in known})
         if "no_load_speed_rad_s" in known:
             speed_deg_s = _rounded(float(np.degrees(known["no_load_speed_rad_s"])))
             joint["no_load_speed_deg_s"] = speed_deg_s
@@ -84,13 +133,13 @@ def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def _with_section(text: str, key: str, section: Mapping[str, Any]) -> str:
+def _with_section(text: str, key: str, section: Any) -> str:
     """The text with another value of one top-level key."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     begin, end = next(
         (name.start_mark.index, value.end_mark.index) for name, value in pairs if name.value == key
     )
-    new = yaml.safe_dump({key: dict(section)}, sort_keys=False, default_flow_style=None, width=110)
+    new = yaml.safe_dump({key: section}, sort_keys=False, default_flow_style=None, width=110)
     rest = text[end:]
     return text[:begin] + new.rstrip("\n") + (rest if rest.startswith("\n") else "\n" + rest)

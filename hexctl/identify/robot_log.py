@@ -9,13 +9,24 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.backends.sim.actuators import behind_play
 from hexctl.errors import InputError
-from hexctl.identify.servo_parameters import PoweredServos, ServoValues, between_steps
+from hexctl.identify.parameters import OF_TRUNK, RobotValues
+from hexctl.identify.powered_servos import set_servos
 from hexctl.robot.model import Robot
-from hexctl.types import N_JOINTS, ArrayFields, FloatArray
+from hexctl.types import ArrayFields, FloatArray
+
+#: What the joints of a robot determine. Its greatest torque and speed come from a bench or the data sheet.
+OF_JOINTS = (
+    "stiffness_nm_per_rad",
+    "damping_nm_s_per_rad",
+    "rotor_inertia_kg_m2",
+    "dry_friction_nm",
+    "dead_time_s",
+)
 
 #: Longest dead time of a search, for which the simulation keeps commands.
-MOST_DEAD_S = 0.052
+MOST_DEAD_S = 0.062
 
 #: Least length of a log.
 LEAST_S = 5.0
@@ -49,11 +60,10 @@ class RobotLog(ArrayFields):
 
     @cached_property
     def _asked_rad(self) -> FloatArray:
-        """Commands behind the play of the joints, (T, 18): the hysteresis of a loose gear."""
+        """Commands behind the play of the joints, (T, 18)."""
         half_rad, asked_rad = self.robot.play_rad / 2, self.commanded_rad.copy()
         for row in range(1, len(asked_rad)):
-            command_rad = self.commanded_rad[row]
-            asked_rad[row] = np.clip(asked_rad[row - 1], command_rad - half_rad, command_rad + half_rad)
+            asked_rad[row] = behind_play(asked_rad[row - 1], self.commanded_rad[row], half_rad)
         return asked_rad
 
     @cached_property
@@ -61,14 +71,13 @@ class RobotLog(ArrayFields):
         """Models of threads that search beside each other."""
         return local()
 
-    def errors_rad(self, values: ServoValues) -> FloatArray:
-        """Simulated less measured angles, (T, 18); stiffnesses of joints keep their proportions."""
-        step_s = float(self._simulation.physics.model.opt.timestep)
-        parts = between_steps(values.dead_time_s, step_s)
-        angles = [share * self._angles_rad(values, steps, step_s) for steps, share in parts]
-        return np.asarray(np.sum(angles, axis=0) - self.measured_rad)
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The weight of the trunk bends the joints of a robot that stands on its feet."""
+        return OF_JOINTS if self.on_stand else (*OF_JOINTS, *OF_TRUNK)
 
-    def _angles_rad(self, values: ServoValues, dead_steps: int, step_s: float) -> FloatArray:
+    def errors_rad(self, values: RobotValues) -> FloatArray:
+        """Simulated less measured angles, (T, 18); stiffnesses of joints keep their proportions."""
         import mujoco
 
         from hexctl.backends.sim.simulated_failure import FIRST_SPEED
@@ -78,8 +87,8 @@ class RobotLog(ArrayFields):
             self._own.model = copy.copy(self._simulation.physics.model.ptr)
         model, data = self._own.model, mujoco.MjData(self._own.model)
         share = values.stiffness_nm_per_rad / self.robot.stiffness_nm_per_rad.mean()
-        servos = PoweredServos(model, slice(FIRST_SPEED, FIRST_SPEED + N_JOINTS))
-        servos.set(values, share * self.robot.stiffness_nm_per_rad, dead_steps)
+        self._set_trunk(model, values)
+        set_servos(model, slice(FIRST_SPEED, None), values, share * self.robot.stiffness_nm_per_rad)
         start, asked_rad = self._simulation.physics.data, self._asked_rad
         data.qpos[:FIRST_JOINT] = start.qpos[:FIRST_JOINT]
         data.qpos[FIRST_JOINT:] = self.measured_rad[0]
@@ -87,13 +96,20 @@ class RobotLog(ArrayFields):
         data.history[:] = start.history
         waiting_commands(model, data.history)[:] = asked_rad[0][:, np.newaxis]
         found_rad = np.empty_like(self.measured_rad)
-        at_step = np.rint((self.time_s - self.time_s[0]) / step_s).astype(int)
+        at_step = np.rint((self.time_s - self.time_s[0]) / model.opt.timestep).astype(int)
         for row, steps in enumerate(np.diff(at_step, append=at_step[-1]).tolist()):
             found_rad[row] = data.qpos[FIRST_JOINT:]
             data.ctrl[:] = asked_rad[row]
             if steps:
                 mujoco.mj_step(model, data, steps)
-        return found_rad
+        return found_rad - self.measured_rad
+
+    def _set_trunk(self, model: Any, values: RobotValues) -> None:
+        """Change mass and centre of the trunk; its moments of inertia are proportional to the mass."""
+        whole, trunk = self._simulation.physics.model, model.body(f"{self.robot.name}/trunk").id
+        model.body_mass[trunk] = values.trunk_mass_kg
+        model.body_inertia[trunk] = whole.body_inertia[trunk] * values.trunk_mass_kg / whole.body_mass[trunk]
+        model.body_ipos[trunk, :2] = values.trunk_com_x_m, values.trunk_com_y_m
 
 
 def read_robot_log(path: Path, robot: Robot | None = None) -> RobotLog:

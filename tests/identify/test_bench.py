@@ -10,9 +10,9 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
-from hexctl.identify.fit import fit_servo
+from hexctl.identify.fit import fit_values
 from hexctl.identify.identification import identify
-from hexctl.identify.servo_parameters import ServoValues, between_steps
+from hexctl.identify.parameters import ServoValues
 
 TRUTH = ServoValues(
     stiffness_nm_per_rad=0.8,
@@ -78,7 +78,7 @@ def test_the_servo_that_made_the_runs_is_found() -> None:
             )
         },
     )
-    fit = fit_servo(runs, start, SEARCHED)
+    fit = fit_values(runs, start, SEARCHED)
     for name in SEARCHED:
         found, true = fit.estimates[name], getattr(TRUTH, name)
         assert found.known
@@ -145,10 +145,11 @@ def test_logs_of_other_kinds_are_refused(names: list[str]) -> None:
         identify(names)
 
 
-@pytest.mark.parametrize(
-    ("dead_s", "parts"), [(0.0, [(0, 1.0)]), (0.01, [(5, 1.0)]), (0.011, [(5, 0.5), (6, 0.5)])]
-)
-def test_a_dead_time_lies_between_steps(dead_s: float, parts: list[tuple[int, float]]) -> None:
-    found = between_steps(dead_s, 0.002)
-    assert [steps for steps, _ in found] == [steps for steps, _ in parts]
-    assert [share for _, share in found] == pytest.approx([share for _, share in parts])
+def test_a_dead_time_may_lie_between_steps() -> None:
+    run = bench_run(8, duration_s=2.0)
+    run = replace(run, goal_rad=0.4 * np.sin(6 * run.time_s))
+    early, middle, late = (
+        run.errors_rad(replace(TRUTH, dead_time_s=dead_s)) for dead_s in (0.010, 0.011, 0.012)
+    )
+    assert np.abs(late - early).max() > np.radians(0.2)
+    np.testing.assert_allclose(middle, (early + late) / 2, atol=np.radians(0.01))

@@ -8,14 +8,15 @@ import pytest
 
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
-from hexctl.identify.fit import Estimate, Fit, fit_servo
+from hexctl.identify.fit import Fit, fit_values
 from hexctl.identify.identification import Identification, IdentificationRun, move_on_stand
 from hexctl.identify.identified_file import write_identified
+from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
 from hexctl.identify.robot_log import read_robot_log
-from hexctl.identify.servo_parameters import ServoValues
 from hexctl.identify.stand_motions import StandMotions
-from hexctl.robot.configs import config_names
+from hexctl.robot.configs import config_names, find_config
 from hexctl.robot.loader import load_robot, load_robot_file
+from hexctl.runs.run import run
 from hexctl.runs.run_spec import RunSpec
 from hexctl.types import RobotState
 from tests.robots import shipped
@@ -51,8 +52,8 @@ def test_drawn_servos_are_found_on_the_stand(tmp_path: Path) -> None:
         commanded_rad=whole.commanded_rad[part],
         measured_rad=whole.measured_rad[part],
     )
-    fit = fit_servo(
-        [log], ServoValues.of(robot), ("stiffness_nm_per_rad", "rotor_inertia_kg_m2", "dead_time_s")
+    fit = fit_values(
+        [log], RobotValues.of(robot), ("stiffness_nm_per_rad", "rotor_inertia_kg_m2", "dead_time_s")
     )
     stiffness = 0.8 * robot.servo.stiffness_nm_per_rad
     assert fit.values.stiffness_nm_per_rad == pytest.approx(stiffness, rel=0.1)
@@ -66,17 +67,36 @@ def test_a_world_without_a_stand_is_refused() -> None:
         IdentificationRun(RunSpec(world="slope"))
 
 
-def found(**known: Estimate) -> Identification:
-    values = ServoValues.of(shipped("lukas"))
-    return Identification(Fit(values, known, {"log": 0.02}, {"log": 0.01}), {}, ())
+@pytest.mark.slow
+def test_a_load_on_the_trunk_is_found_in_a_walk(tmp_path: Path) -> None:
+    robot, shift_m = shipped("lukas"), (0.02, -0.015, 0.0)
+    world = World(added_mass_share=0.2, body_mass_shift_m=shift_m)
+    run(robot=robot, world=world, record=tmp_path / "walk.rrd", duration_s=3.0, hold="none")
+    log = read_robot_log(tmp_path / "walk.rrd")
+    assert not log.on_stand
+    fit = fit_values([log], RobotValues.of(robot), OF_TRUNK)
+    assert fit.values.trunk_mass_kg == pytest.approx(robot.body.mass_kg + 0.2 * robot.mass_kg, rel=0.03)
+    com_m = np.array(robot.body.com_m) + shift_m
+    assert fit.values.trunk_com_x_m == pytest.approx(com_m[0], abs=0.002)
+    assert fit.values.trunk_com_y_m == pytest.approx(com_m[1], abs=0.002)
+    assert all(one.known for one in fit.estimates.values())
+
+
+def found(name: str = "lukas", **given: tuple[float, float]) -> Identification:
+    """A result with values and standard errors."""
+    estimates = {key: PARAMETERS[key].estimate(*one) for key, one in given.items()}
+    return Identification(Fit(RobotValues.of(shipped(name)), estimates, {"log": 0.02}, {"log": 0.01}), {}, ())
 
 
 def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
     result = found(
-        stiffness_nm_per_rad=Estimate(20.0, 0.5, "N m/rad"),
-        rotor_inertia_kg_m2=Estimate(0.01, 0.001, "kg m2"),
-        dry_friction_nm=Estimate(0.2, 0.15, "N m"),
-        dead_time_s=Estimate(0.012, 0.001, "s"),
+        stiffness_nm_per_rad=(20.0, 0.5),
+        rotor_inertia_kg_m2=(0.01, 0.001),
+        dry_friction_nm=(0.2, 0.15),
+        dead_time_s=(0.012, 0.001),
+        trunk_mass_kg=(2.9454, 0.05),
+        trunk_com_x_m=(0.01, 0.001),
+        trunk_com_y_m=(0.02, 0.009),
     )
     path = tmp_path / "mine.yaml"
     write_identified("lukas", result, path)
@@ -89,6 +109,41 @@ def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
     np.testing.assert_array_equal(robot.mount_positions_body, before.mount_positions_body)
     assert load_robot_file(path).content.servos == load_robot_file("lukas").content.servos
     assert "# front left, middle left" in path.read_text()
+    assert robot.body.mass_kg == 2.945
+    assert robot.body.com_m == before.body.com_m
+    np.testing.assert_allclose(robot.body.inertia_kg_m2, 2 * np.array(before.body.inertia_kg_m2), rtol=1e-3)
+    assert result.not_seen == []
+
+
+def test_what_was_measured_is_no_longer_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    known = {"stiffness_nm_per_rad": (20.0, 0.02), "dry_friction_nm": (0.2, 0.02)}
+    write_identified("jethexa", found("jethexa", **known, trunk_mass_kg=(1.0, 0.3)), path)
+    unknown = load_robot_file(path).content.unknown
+    assert {"body.mass_kg", "servo.rotor_inertia_kg_m2", "joints.femur.max_torque_nm"} <= set(unknown)
+    assert not {"servo", "servo.stiffness_nm_per_rad", "joints.femur.dry_friction_nm"} & set(unknown)
+    assert load_robot(path).body.mass_kg == load_robot("jethexa").body.mass_kg
+
+
+def test_a_p_gain_is_no_unknown_key(tmp_path: Path) -> None:
+    text = find_config("robots", "lukas").read_text().replace("unknown: [", "unknown: [servo, ")
+    (tmp_path / "mine.yaml").write_text(text)
+    result = found(stiffness_nm_per_rad=(20.0, 0.5), damping_nm_s_per_rad=(0.5, 0.01))
+    write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
+    unknown = load_robot_file(tmp_path / "identified.yaml").content.unknown
+    assert [key for key in unknown if key.startswith("servo.")] == [
+        "servo.rotor_inertia_kg_m2",
+        "servo.gear_damping_nm_s_per_rad",
+        "servo.dead_time_s",
+    ]
+
+
+def test_a_stand_shows_no_trunk() -> None:
+    assert found(stiffness_nm_per_rad=(20.0, 0.02)).not_seen == [
+        "trunk_mass_kg",
+        "trunk_com_x_m",
+        "trunk_com_y_m",
+    ]
 
 
 @pytest.mark.parametrize("name", ["mine.txt", "there.yaml"])

@@ -9,11 +9,19 @@ from hexctl.backends.sim.simulation_model import Simulation
 from hexctl.types import BoolArray, FloatArray, leg_slice
 
 
+def behind_play(shaft_rad: FloatArray, servo_rad: FloatArray, half_play_rad: FloatArray) -> FloatArray:
+    """New angle of a shaft behind a servo with play.
+
+    Backlash is a hysteresis: the shaft waits until the servo has crossed the play, then follows half the play
+    behind.
+    """
+    return np.clip(shaft_rad, servo_rad - half_play_rad, servo_rad + half_play_rad)
+
+
 class ActuatorModel:
     """Applies loss, calibration error, backlash and jammed joints to targets of one or n robots.
 
-    Backlash is a hysteresis: the shaft waits until the servo has crossed the play, then follows half the play
-    behind. The delay comes after it, in MuJoCo's actuators (`simulation_model.delay_steps`).
+    The delay comes after them, in MuJoCo's actuators (`simulation_model.delay_steps`).
 
     Attributes:
         plain: whether targets reach the actuators unchanged.
@@ -97,9 +105,6 @@ class ActuatorModel:
             self._heard_rad = joint_positions_rad.copy()
         shaft_rad = joint_positions_rad + self._simulation.joint_offsets_rad
         if self._loose:
-            shaft_rad = np.clip(
-                self._shaft_rad, shaft_rad - self._half_play_rad, shaft_rad + self._half_play_rad
-            )
-            self._shaft_rad = shaft_rad
+            shaft_rad = self._shaft_rad = behind_play(self._shaft_rad, shaft_rad, self._half_play_rad)
         np.copyto(self.asked_rad, shaft_rad)
         return np.where(self._obeys, shaft_rad, self._jammed_at_rad)

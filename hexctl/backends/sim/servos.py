@@ -14,6 +14,7 @@ from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
+from hexctl.backends.sim.servo_power import ServoPower
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, held_rad, jammed_angles_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation, waiting_commands
 from hexctl.backends.sim.world import World, as_world
@@ -112,7 +113,7 @@ class SimServos(OwnServos):
         self.trial = trial
         self.facing_rad = facing_rad
         self._compiled: Simulation | None = None
-        self._limp, self._to_come = False, FailuresToCome((), 0.0)
+        self._to_come = FailuresToCome((), 0.0)
 
     @property
     def simulation(self) -> Self:
@@ -133,8 +134,7 @@ class SimServos(OwnServos):
         broken = self._first_failures
         compiled = make_simulation(self._robot, self.world, broken, self.seed, facing_rad=self.facing_rad)
         self._compiled = compiled
-        self._limp = False
-        self._keep_powered()
+        self._power = self._make_power()
         self.loss = Losses.of_commands(self.world, self.seed, self.trial)
         data = compiled.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
@@ -183,14 +183,12 @@ class SimServos(OwnServos):
         A joint sticks at its current angle, and a leg locks at its last targets. Raises RobotFaultError
         before `connect`, InputError for a failure of another leg or an `unknown` one.
         """
-        compiled, limp = self.compiled, self._limp
+        compiled, powered = self.compiled, self._power.on
         FailureEvent(at_s=0.0, leg=leg, failure=failure)  # refuses what cannot be
-        if limp:
-            self._power(on=True)
+        self._power.switch(on=True)
         compiled.failed.change(leg, failure)
-        self._keep_powered()
-        if limp:
-            self._power(on=False)
+        self._power = self._make_power()
+        self._power.switch(on=powered)
         self.sensors.torques = JointTorques.of(compiled)
         held = held_rad(compiled.failed, self._qpos, self._ctrl)
         self.actuators.leg_changed(leg, held, self._ctrl, self._waiting_rad)
@@ -204,8 +202,8 @@ class SimServos(OwnServos):
         """Command the simulated servos; a jammed joint ignores its target."""
         check_connected(self._compiled is not None, "the simulated robot")
         check_targets(targets)
-        if self._limp:
-            self._power(on=True)
+        if not self._power.on:
+            self._switch_power(on=True)
         positions = targets.joint_positions_rad
         plain = self.actuators.plain
         np.copyto(self._ctrl, positions if plain else self.actuators.drive(positions, self.loss.lost))
@@ -214,7 +212,7 @@ class SimServos(OwnServos):
     def disable_torque(self) -> bool:
         """Take the power from the servos until the next targets; the friction of their gears stays."""
         check_connected(self._compiled is not None, "the simulated robot")
-        self._power(on=False)
+        self._switch_power(on=False)
         return True
 
     def close(self) -> None:
@@ -222,23 +220,15 @@ class SimServos(OwnServos):
         if self._compiled is not None:
             self._compiled.physics.free()
             self._compiled = None
-            del self._qpos, self._ctrl, self._warnings, self._waiting_rad, self.sensors, self._powered
+            del self._qpos, self._ctrl, self._warnings, self._waiting_rad, self.sensors, self._power
 
-    def _keep_powered(self) -> None:
-        """Keep the values in force with power, beside those without: no control and no back-EMF."""
-        model = self.compiled.physics.model
-        damping = model.dof_damping[FIRST_SPEED:]
-        limp = [
-            (model.actuator_gainprm, 0.0),
-            (model.actuator_biasprm, 0.0),
-            (damping, self._robot.servo.gear_damping_nm_s_per_rad),
-        ]
-        self._powered = [(in_force, in_force.copy(), without) for in_force, without in limp]
+    def _make_power(self) -> ServoPower:
+        """Switch of the power, which is on, with the values that are in force."""
+        model, gear_damping = self.compiled.physics.model, self._robot.servo.gear_damping_nm_s_per_rad
+        return ServoPower(model, slice(FIRST_SPEED, None), gear_damping)
 
-    def _power(self, *, on: bool) -> None:
-        for in_force, whole, without in self._powered:
-            in_force[:] = whole if on else without
-        self._limp = not on
+    def _switch_power(self, *, on: bool) -> None:
+        self._power.switch(on=on)
         self.sensors.torques = JointTorques.of(self.compiled)
 
     def _step(self) -> None:

@@ -1,6 +1,7 @@
-"""`hexctl identify`: the servos of a robot from its own motions."""
+"""`hexctl identify`: the servos and the trunk of a robot from its own motions."""
 
 import json
+import math
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,10 +12,12 @@ from hexctl.backends.robot_options import RecordedOptions
 from hexctl.cli.console import (
     INTERRUPTED,
     code_of,
+    make_bar,
     print_note,
     print_result,
 )
 from hexctl.cli.output_options import JsonOption
+from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, connected
@@ -42,11 +45,12 @@ def identify(
     yes: Annotated[bool, typer.Option("--yes", help="Move the robot without a question.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.
+    """Identify the servos and the trunk of a robot from its motions.
 
-    Simulated servos are changed until their joints move as those of the log did. The geometry and the masses
-    of the robot file are taken as right. A simulated robot is in the world stand. Exit codes: 0 done, 2 bad
-    input, 3 fault of robot or link, 4 stopped, 130 interrupted.
+    The command finds stiffness, damping, rotor inertia, dry friction and dead time: simulated servos are
+    changed until their joints move as those of the log did. Mass and centre of the trunk need a log of a
+    walk. The geometry and the masses of the legs are those of the robot file. A simulated robot is in the
+    world stand. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4 stopped, 130 interrupted.
     """
     from hexctl.cli.values import is_said
 
@@ -55,6 +59,8 @@ def identify(
     paths = list(logs or ())
     if not paths:
         paths = [_moved(given, yes=yes)]
+    elif options.output is not None and not is_said(context, "robot"):
+        raise InputError("--output requires --robot with logs: the robot file that is copied and changed")
     own_robot = None
     if is_said(context, "robot") and paths[0].suffix == ".rrd":
         from hexctl.robot.loader import load_robot
@@ -93,16 +99,22 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
 
 
 def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Identification":
-    import math
-
     from hexctl.identify.identification import identify as identify_servos
 
-    def show(step: int, error_rad: float) -> None:
-        if step == 0:
-            print_note("hexctl: the search takes a minute or two")
-        print_note(f"hexctl: step {step}: error {math.degrees(error_rad):.2f} deg")
+    with _SearchProgress() as progress:
+        return identify_servos(paths, robot=robot, p_gain=options.p_gain, on_step=progress.show)
 
-    return identify_servos(paths, robot=robot, p_gain=options.p_gain, on_step=show)
+
+class _SearchProgress(WithBar):
+    """One line on stderr, on a terminal: the step of the search and its error."""
+
+    def __init__(self) -> None:
+        self._bar = make_bar("")
+        self._task = self._bar.add_task("", total=None, visible=False)
+
+    def show(self, step: int, error_rad: float) -> None:
+        text = f"search, a minute or two: step {step}, error {math.degrees(error_rad):.3f} deg"
+        self._bar.update(self._task, description=text, visible=True)
 
 
 def _write(found: "Identification", options: IdentifyOptions, paths: list[Path]) -> str | None:
@@ -112,12 +124,12 @@ def _write(found: "Identification", options: IdentifyOptions, paths: list[Path])
     from hexctl.identify.identification_picture import draw_identification
     from hexctl.identify.identified_file import write_identified
     from hexctl.identify.options import picture_of
-    from hexctl.identify.servo_parameters import ServoValues
+    from hexctl.identify.parameters import RobotValues
     from hexctl.robot.loader import load_robot
 
     output = Path(options.output)
     write_identified(str(options.robot), found, output)
-    before = None if paths[0].suffix == ".json" else ServoValues.of(load_robot(str(options.robot)))
+    before = None if paths[0].suffix == ".json" else RobotValues.of(load_robot(str(options.robot)))
     try:
         draw_identification(found, before, picture_of(output))
     except MissingExtraError as error:
@@ -131,8 +143,10 @@ def _report(found: "Identification") -> list[Any]:
 
     table = plain_table("parameter", "value", "±", "unit", "")
     for name, one in found.estimates.items():
-        said = "" if one.known else "not determined by these motions; the file keeps its value"
+        said = "" if one.known else "not determined by these logs; the file keeps its value"
         table.add_row(name, f"{one.value:.4g}", f"{one.deviation:.2g}", one.unit, said)
+    for name in found.not_seen:
+        table.add_row(name, "", "", "", "not determined without a log of a walk")
     errors = found.to_dict()["error_deg"]
     rows = [("mean error before", f"{errors['before']:.2f} deg"), ("now", f"{errors['after']:.2f} deg")]
     if errors["judged"] is not None:

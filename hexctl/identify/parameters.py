@@ -1,0 +1,144 @@
+"""The parameters of servos and trunk that an identification may change."""
+
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+
+from hexctl.robot.model import Robot
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One identified parameter; the deviation is the standard error of the value, in its unit.
+
+    Attributes:
+        known: whether the logs determine the value.
+    """
+
+    value: float
+    deviation: float
+    unit: str
+    known: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number to be identified, with bounds in which the physics make sense.
+
+    Attributes:
+        name: a field of `RobotValues`.
+        unit: for reports.
+        step: change by which its effect is measured: a share of the value, or in the unit.
+        absolute: whether `step` and `known_to` are in the unit, not shares of the value.
+        scaled: searched as a multiple of the stiffness.
+        known_to: largest deviation of a value that is known.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    step: float = 0.05
+    absolute: bool = False
+    scaled: bool = False
+    known_to: float = 1 / 3
+
+    def estimate(self, value: float, deviation: float) -> Estimate:
+        """Estimate with a standard error in the unit."""
+        largest = self.known_to if self.absolute else self.known_to * abs(value)
+        return Estimate(value, deviation, self.unit, deviation < largest)
+
+
+#: In the order of reports. The source of the bounds: published identifications of small servos, twice as far.
+#: All torques and masses together change a motion little, each of them changes it much: they are searched as
+#: multiples of the stiffness. A motion is nearly linear in these multiples. Steps are
+#: large, because what sticks and slips moves at random on a small scale.
+PARAMETERS = {
+    one.name: one
+    for one in (
+        Parameter("stiffness_nm_per_rad", "N m/rad", 1e-3, 1e3, step=0.1),
+        Parameter("damping_nm_s_per_rad", "N m s/rad", 1e-4, 20.0, scaled=True),
+        Parameter("rotor_inertia_kg_m2", "kg m2", 1e-5, 0.5, scaled=True),
+        Parameter("dry_friction_nm", "N m", 1e-4, 5.0, scaled=True),
+        Parameter("gear_damping_nm_s_per_rad", "N m s/rad", 1e-4, 5.0, scaled=True),
+        Parameter("max_torque_nm", "N m", 1e-2, 50.0, scaled=True),
+        Parameter("no_load_speed_rad_s", "rad/s", 0.5, 50.0),
+        Parameter("dead_time_s", "s", 0.0, 0.06, step=0.002, absolute=True, known_to=0.005),
+        Parameter("trunk_mass_kg", "kg", 1e-3, 100.0, scaled=True, known_to=0.1),
+        Parameter("trunk_com_x_m", "m", -0.5, 0.5, step=0.005, absolute=True, known_to=0.005),
+        Parameter("trunk_com_y_m", "m", -0.5, 0.5, step=0.005, absolute=True, known_to=0.005),
+    )
+}
+
+#: By which `scaled` parameters are divided.
+SCALE = "stiffness_nm_per_rad"
+
+
+@dataclass(frozen=True, slots=True)
+class ServoValues:
+    """One servo model, in the form of `ServoModel`: torque = stiffness * error - damping * speed, limited.
+
+    Attributes:
+        stiffness_nm_per_rad: of the reference joint or, of servos on a bench, per unit of their P gain.
+        no_load_speed_rad_s: infinite without back-EMF.
+    """
+
+    stiffness_nm_per_rad: float
+    damping_nm_s_per_rad: float
+    rotor_inertia_kg_m2: float
+    dry_friction_nm: float
+    gear_damping_nm_s_per_rad: float
+    max_torque_nm: float
+    no_load_speed_rad_s: float
+    dead_time_s: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> Self:
+        """Values of a robot file; those of single joint kinds by their means."""
+        return cls(**servo_values(robot))
+
+    @property
+    def back_emf_nm_s_per_rad(self) -> float:
+        """Torque lost per speed with power."""
+        return self.max_torque_nm / self.no_load_speed_rad_s
+
+
+@dataclass(frozen=True, slots=True)
+class RobotValues(ServoValues):
+    """The servos of a robot, and the mass of its trunk with its centre in the body frame."""
+
+    trunk_mass_kg: float
+    trunk_com_x_m: float
+    trunk_com_y_m: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> Self:
+        """Values of a robot file."""
+        com_x_m, com_y_m, _ = robot.body.com_m
+        return cls(
+            **servo_values(robot),
+            trunk_mass_kg=robot.body.mass_kg,
+            trunk_com_x_m=com_x_m,
+            trunk_com_y_m=com_y_m,
+        )
+
+
+def servo_values(robot: Robot) -> dict[str, float]:
+    """Fields of `ServoValues` of a robot file."""
+    speeds = robot.joint_no_load_speed_rad_s
+    return {
+        "stiffness_nm_per_rad": float(robot.stiffness_nm_per_rad.mean()),
+        "damping_nm_s_per_rad": robot.servo.damping_nm_s_per_rad,
+        "rotor_inertia_kg_m2": robot.servo.rotor_inertia_kg_m2,
+        "dry_friction_nm": float(robot.dry_friction_nm.mean()),
+        "gear_damping_nm_s_per_rad": robot.servo.gear_damping_nm_s_per_rad,
+        "max_torque_nm": float(robot.joint_max_torque_nm.mean()),
+        "no_load_speed_rad_s": np.inf if speeds is None else float(speeds.mean()),
+        "dead_time_s": robot.servo.dead_time_s,
+    }
+
+
+#: Names of the parameters of servos and of a trunk.
+OF_SERVO = tuple(field.name for field in fields(ServoValues))
+OF_TRUNK = tuple(field.name for field in fields(RobotValues))[len(OF_SERVO) :]
