@@ -52,7 +52,7 @@ ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
 
 
 def log_damage(error: HexctlError) -> None:
-    """Log what is left out as damaged: the default `OnDamage`."""
+    """Log omitted damaged parts: the default `OnDamage`."""
     _LOG.warning("left out: %s", error)
 
 

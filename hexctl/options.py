@@ -98,7 +98,7 @@ class Typed:
     Attributes:
         flag: without hyphens; empty for the name of the field without its unit.
         also: another flag, by which files or other tools name the same.
-        parse: makes the value of a text; raises ValueError with what it got and what is allowed.
+        parse: makes the value from a text; raises ValueError with the text and the allowed values.
         words: completion, a name in `hexctl.cli.completion`; empty for files.
     """
 

@@ -12,7 +12,7 @@ from hexctl.backends.clock import PERIOD_S, request_realtime_priority
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import FloatArray
 
-#: What is on the port is polled once in this time, after the targets of the tick if there are any.
+#: Period of polls of the port, after the targets of the tick.
 POLL_PERIOD_S = 0.02
 
 #: Interval of attempts to reopen a lost port.

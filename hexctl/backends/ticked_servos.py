@@ -27,7 +27,7 @@ PortCounters = TypeVar("PortCounters", bound=ReopenedCount)
 class TickedServos(OwnServos):
     """Eighteen servos with a local clock; `read` gives one state until the next tick."""
 
-    #: What is at the other end, as messages have it.
+    #: Name of the other end in messages.
     what = "the servos"
 
     def __init__(self, robot: Robot | str | Path, clock: Clock) -> None:

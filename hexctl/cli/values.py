@@ -9,7 +9,7 @@ from hexctl.options import Range
 
 
 def checked(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Option's parser from a function that raises ValueError with what it got and what is allowed."""
+    """Option's parser from a function that raises ValueError with the value and the allowed ones."""
 
     def parsed(text: str) -> Any:
         try:

@@ -320,8 +320,8 @@ def estop(
 ) -> StopResult:
     """Stop a robot on the network and wait until it is at rest, whichever client commands it.
 
-    Arguments are those of `ReadyStop`. Raises what `ReadyStop.wait_for_rest` raises, and InputError for a
-    link that is not allowed.
+    Arguments are those of `ReadyStop`. Raises the errors of `ReadyStop.wait_for_rest`, and InputError for an
+    invalid link.
     """
     with ReadyStop(
         connect=connect, credentials=credentials, insecure=insecure, link=link, again=False

@@ -51,7 +51,7 @@ MOST_TOGETHER = 64
 class SimTrial:
     """One simulated trial, picklable: evaluating it is a pure function of this value.
 
-    Robot and world may be given by name or path. Raises InputError for what is not allowed.
+    Robot and world may be given by name or path. Raises InputError for invalid input.
 
     Attributes:
         plan: what the robot does, and the failures its controller knows.

@@ -45,7 +45,7 @@ class Controller(ABC):
     `targets_rad` is therefore written elementwise over robots, with `...` in its indices.
 
     Attributes:
-        hold: what it holds by feedback, one of `hexctl.control.trial_plan.HOLDS` except `auto`.
+        hold: its feedback, one of `hexctl.control.trial_plan.HOLDS` except `auto`.
         velocity_body: forward and left in m/s, turn in rad/s, leading shape + (3,); None if constant.
         limited_steps: steps so far in which the commanded speed exceeded the strokes, leading shape.
         leg_phases: normalised times of the legs in the last step, leading shape + (6,); None without a cycle.

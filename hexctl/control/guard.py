@@ -44,7 +44,7 @@ class StepLimits(ArrayFields):
 
     @classmethod
     def of(cls, robot: Robot, period_s: float) -> "StepLimits":
-        """Limits of a robot that is commanded once per period."""
+        """Limits of a robot with one command per period."""
         return cls(robot.joint_lower_rad, robot.joint_upper_rad, robot.joint_max_speed_rad_s * period_s)
 
     def apply(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
@@ -80,7 +80,7 @@ MAX_EXPIRY_S = 1.0
 #: Targets that changed by more than this in the last control period belong to a motion.
 MOVES_RAD = 0.001
 
-#: Prefixes of the stops after which the robot sits down: a servo of `TOO_HOT_C`, and a battery that is low.
+#: Prefixes of the stops after which the robot sits down: a servo of `TOO_HOT_C`, and a low battery.
 HOT, LOW_BATTERY = "hot", "low battery"
 
 #: Rounding of a time to a control period, as a share of one.
@@ -139,9 +139,9 @@ class Guard(ServosWrapper):
 
         Args:
             expiry_s: maximum age of commands and states, and maximum silence of a controller.
-            tilt_of: orientation (4,) by which falls of the state that was just read are judged, or None.
+            tilt_of: orientation (4,) for judging falls of the newest state, or None.
 
-        Raises InputError for an expiry that is not above 0 and up to `MAX_EXPIRY_S`.
+        Raises InputError for an expiry outside 0 (exclusive) to `MAX_EXPIRY_S`.
         """
         check_type(expiry_s, float, "expiry")
         if not 0 < expiry_s <= MAX_EXPIRY_S:
@@ -224,7 +224,7 @@ class Guard(ServosWrapper):
         A step is measured from the target at the beginning of the control period: jumps are slewed at joint
         speed, and several commands within a period together move no further than one.
 
-        Raises EStopError while stopped, CommandRefusedError for targets that are not finite, too old or from
+        Raises EStopError while stopped, CommandRefusedError for targets that are infinite, too old or from
         the future: nothing is sent then, and the last accepted targets stay in force. Raises RobotFaultError
         when the link fails.
         """

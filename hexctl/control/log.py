@@ -192,7 +192,7 @@ class TickLog:
             self.walked_ticks += 1
 
     def note(self, texts: Sequence[str]) -> None:
-        """Note events of the tick that is recorded next."""
+        """Note events of the next recorded tick."""
         self.notes += [(len(self), text) for text in texts]
 
     def note_failures(self, by: str, failures: tuple[Failure, ...] | None) -> None:

@@ -36,7 +36,7 @@ def sit_down(
 ) -> None:
     """Lower the body and let the joints go limp, if the guard stopped the robot for heat or a low battery.
 
-    A robot that nobody commands stays as it is, limp or not. One on a link, whose own guard stopped it,
+    A robot without a commander stays as it is, limp or not. One on a link, whose own guard stopped it,
     sits down by itself. A request to stop, asked for every tick after `poll`, or a graver stop holds the
     pose. Raises RobotFaultError when the link fails.
     """

@@ -9,7 +9,7 @@ from hexctl.types import FloatArray
 #: A servo this hot stops the robot (most switch off at 70 to 80 C), and one this warm slows it.
 TOO_HOT_C, WARM_C = 68.0, 60.0
 
-#: Share of the pace that is left to servos that are almost too hot.
+#: Share of the pace that remains with almost too hot servos.
 LEAST_PACE = 0.4
 
 #: Plausible change of a temperature at once, and per second; a larger one counts once it has lasted.

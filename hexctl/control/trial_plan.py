@@ -80,7 +80,7 @@ class TrialPlan:
         changes: of the gait, in stride, ascending in time.
         trim_rad: counter-clockwise correction of the course under the hold `heading`, from an earlier walk.
         turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of an earlier walk;
-            None for a walk that is not trimmed.
+            None for a walk without a trim.
         further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
     """
 
@@ -131,7 +131,7 @@ class TrialPlan:
         self.motion(0.0)
 
     def _check_turn_trim(self) -> None:
-        """Raise InputError for a large trim, and for one of a walk that is not straight in open loop."""
+        """Raise InputError for a large trim, and for one of a walk other than straight and in open loop."""
         trim_rad_s = self.turn_trim_rad_s
         check_type(trim_rad_s, (float, type(None)), "plan.turn_trim_rad_s", "a rate in rad/s, or None")
         if trim_rad_s is None:
@@ -149,7 +149,7 @@ class TrialPlan:
             )
 
     def motion(self, yaw_rad: float) -> Motion:
-        """Motion in the frame of a body that has turned by a yaw since the trial began."""
+        """Motion in the frame of a body turned by a yaw since the start of the trial."""
         turn_rate_rad_s = self.turn_rate_rad_s if self.turn_trim_rad_s is None else self.turn_trim_rad_s
         return Motion(
             heading_rad=self.heading_rad - yaw_rad, travel=self.travel, turn_rate_rad_s=turn_rate_rad_s

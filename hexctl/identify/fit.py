@@ -17,10 +17,10 @@ ReplayedT = TypeVar("ReplayedT", bound=ServoValues, contravariant=True)
 #: Error beyond which a sample counts less, so that single wild readings do not decide.
 WILD_RAD = np.radians(1.0)
 
-#: Samples of each replay that are compared: enough for the fastest motion.
+#: Number of compared samples of each replay: enough for the fastest motion.
 MOST_SAMPLES = 2000
 
-#: Parts of a log that are left out in turn for the uncertainty, or logs if there are as many.
+#: Number of parts of a log, or of logs, omitted in turn for the uncertainty.
 PARTS = 8
 
 #: Share of the value at the start below which the step of a slope does not shrink with the value.
@@ -41,7 +41,7 @@ OnStep = Callable[[int, float], None]
 
 
 def unreported(_step: int, _error_rad: float) -> None:
-    """Nobody follows the search."""
+    """Ignore the progress of the search."""
 
 
 class Replay(Protocol[ReplayedT]):

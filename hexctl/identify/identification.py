@@ -32,12 +32,12 @@ ENOUGH_TO_JUDGE = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification(ArrayFields):
-    """Servos that were identified, and the trunk that they carried.
+    """Identified servos, and the trunk that they carry.
 
     Attributes:
         fit: values, uncertainties, and errors by log; the stiffness of a bench is per unit of P gain.
-        judged_rad: mean absolute error of each bench run that was not fitted, by its name; empty for robots.
-        replays: logs that were fitted, then those that were judged.
+        judged_rad: mean absolute error of each judged bench run, by its name; empty for robots.
+        replays: fitted logs, then judged ones.
         p_gain: by which a stiffness of a bench is multiplied; 1 for robots.
     """
 

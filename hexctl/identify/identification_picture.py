@@ -14,7 +14,7 @@ from hexctl.identify.parameters import RobotValues
 from hexctl.identify.robot_log import RobotLog
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, FloatArray
 
-#: Logs and joints that are shown.
+#: Maximum number of shown logs and joints.
 MOST_ROWS = 4
 
 Curve = tuple[str, FloatArray, FloatArray, FloatArray]

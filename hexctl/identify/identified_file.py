@@ -27,7 +27,7 @@ OF_SERVO = ("damping_nm_s_per_rad", "rotor_inertia_kg_m2", "dead_time_s", "gear_
 #: Keys by which a robot file may have the stiffness of a P gain instead.
 GAIN_KEYS = ("p_gain", "stiffness_nm_per_rad_per_p_gain")
 
-#: Keys of a robot file that are measured when a parameter is known.
+#: Keys of a robot file that a known parameter replaces.
 MEASURED = {
     "stiffness_nm_per_rad": ("servo.stiffness_nm_per_rad",),
     **{name: (f"servo.{name}",) for name in OF_SERVO},
@@ -39,9 +39,9 @@ MEASURED = {
 
 
 def identified_text(robot_file: str | Path, found: Identification) -> str:
-    """Text of a robot file with the values that were identified; comments outside the sections stay.
+    """Text of a robot file with the identified values; comments outside the sections stay.
 
-    Parameters that the motions did not determine keep the values of the file. Keys that were measured are no
+    Parameters that the motions did not determine keep the values of the file. Measured keys are no
     longer `unknown`. Raises InputError for a file that is no robot, or whose ranges the values contradict.
     """
     path = find_config("robots", str(robot_file))
@@ -85,7 +85,7 @@ def _body(body: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]
 
 
 def _still_unknown(mapping: Mapping[str, Any], known: Mapping[str, float]) -> list[str]:
-    """Unknown keys without those that were measured; a section of which some were is named key by key."""
+    """Unknown keys without the measured ones; a partly measured section is named key by key."""
     measured = {key for name in known for key in MEASURED.get(name, ())}
     left: list[str] = []
     for path in mapping["unknown"]:

@@ -11,7 +11,7 @@ from hexctl.options import Range, Typed, check_fields
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifyOptions(RecordedOptions):
-    """Options of an identification; raises InputError for values that are not allowed."""
+    """Options of an identification; raises InputError for invalid values."""
 
     PANEL: ClassVar = "Result"
 
@@ -41,5 +41,5 @@ class IdentifyOptions(RecordedOptions):
 
 
 def picture_of(output: Path) -> Path:
-    """Path of the picture beside a robot file."""
+    """Path of the picture next to a robot file."""
     return output.with_suffix(".png")

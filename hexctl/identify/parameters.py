@@ -32,7 +32,7 @@ class Parameter:
         step: change by which its effect is measured: a share of the value, or in the unit.
         absolute: whether `step` and `known_to` are in the unit, not shares of the value.
         scaled: searched as a multiple of the stiffness.
-        known_to: largest deviation of a value that is known.
+        known_to: maximum standard error of a known value.
     """
 
     name: str

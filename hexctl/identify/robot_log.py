@@ -16,7 +16,7 @@ from hexctl.identify.powered_servos import set_servos
 from hexctl.robot.model import Robot
 from hexctl.types import ArrayFields, FloatArray
 
-#: What the joints of a robot determine. Its greatest torque and speed come from a bench or the data sheet.
+#: Parameters that the joints of a robot determine. Maximum torque and speed come from a bench or data sheet.
 OF_JOINTS = (
     "stiffness_nm_per_rad",
     "damping_nm_s_per_rad",
@@ -68,7 +68,7 @@ class RobotLog(ArrayFields):
 
     @cached_property
     def _own(self) -> local:
-        """Models of threads that search beside each other."""
+        """Models of parallel search threads."""
         return local()
 
     @property
@@ -116,7 +116,7 @@ def read_robot_log(path: Path, robot: Robot | None = None) -> RobotLog:
     """Log of a recording (.rrd); a robot replaces that of the recording.
 
     Recordings of `hexctl identify` are of a robot on a stand, others of one on the floor. Rows without a
-    measured angle are left out. Raises InputError for a file that is damaged, no recording, or too short.
+    measured angle are left out. Raises InputError for a damaged or too short file, or none of a recording.
     """
     from hexctl.recording.recorded_trial import read_trial
 

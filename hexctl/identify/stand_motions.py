@@ -12,7 +12,7 @@ SHARE, MOST_RAD = 0.6, 0.45
 #: Share of the speed limit that motions use.
 SPEED_SHARE = 0.9
 
-#: Slow waves show stiffness and friction, fast ones inertia, steps the dead time and the greatest torque.
+#: Slow waves show stiffness and friction, fast ones inertia, steps the dead time and the maximum torque.
 WAVES_HZ = (0.25, 0.5, 1.0, 2.0, 3.0)
 WAVE_S, STEP_S, PAUSE_S = 4.0, 1.0, 1.0
 

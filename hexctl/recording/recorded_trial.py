@@ -282,7 +282,7 @@ class _Ticks:
         return Samples(self.rows(times_ns), values)
 
     def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
-        """Index of the state at each tick, from states that are recorded when they change, (T,)."""
+        """Index of the state at each tick, from states recorded on change, (T,)."""
         indices = np.array([names.index(state) if state in names else 0 for state in states], dtype=np.int64)
         return self.last(times_ns, indices, 0)
 

@@ -82,7 +82,7 @@ def _each_value(asked: AskedFailures) -> Iterable[Failure | FailureEvent]:
 
 
 def read_failures_before(asked: AskedFailures, failed_legs: AskedLegs, instead: str) -> tuple[Failure, ...]:
-    """Failures before a walk; raises InputError for others, with `instead` as what is allowed."""
+    """Failures before a walk; raises InputError for others, with `instead` as the allowed values."""
     failures, events = read_failures(asked, failed_legs)
     if events:
         raise InputError(f"{argument('failure')}: got '{events[0]}'; allowed: {instead}")

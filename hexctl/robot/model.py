@@ -249,7 +249,7 @@ _OPTIONAL_SHAPES = {
 
 
 def changed_fields(part: Any) -> list[tuple[str, Any]]:
-    """Names and values of the fields of a robot or a part of it that are not at their defaults."""
+    """Names and values of the non-default fields of a robot or a part of it."""
     return [
         (field.name, getattr(part, field.name))
         for field in fields(part)

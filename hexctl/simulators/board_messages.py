@@ -123,7 +123,7 @@ def _no_files(message: Any, system: int, component: int) -> list[Any]:
     return [common.MAVLink_file_transfer_protocol_message(0, system, component, bytes(payload))]
 
 
-#: What is answered, by the name of the message.
+#: Answers by the name of the message.
 ANSWERS: dict[str, Callable[[Any, int, int], list[Any]]] = {
     "COMMAND_LONG": _command,
     "COMMAND_INT": _command,

@@ -96,7 +96,7 @@ class SocketLine:
 
 
 class Closing(Protocol):
-    """What is closed at the end."""
+    """Resources to close at the end."""
 
     def close(self) -> None:
         """Close it."""
@@ -105,7 +105,7 @@ class Closing(Protocol):
 class RunningBoard(ABC):
     """Runs unconnected servos in real time, and serves an open line, which it closes, between their ticks."""
 
-    #: What it is, as messages have it.
+    #: Name in messages.
     what = "board"
 
     #: Names of the counts besides `ticks`, the control periods.

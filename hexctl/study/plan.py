@@ -22,7 +22,7 @@ ResultT = TypeVar("ResultT")
 class Plan(ABC):
     """Settings of simulations. The annotations of its fields have their types, choices and ranges."""
 
-    #: What is counted in the cache.
+    #: Counted unit of the cache.
     UNIT: ClassVar[str] = "walks"
 
     def __post_init__(self) -> None:

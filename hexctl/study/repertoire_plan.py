@@ -128,7 +128,7 @@ class RepertoirePlan(Plan):
 
     @cached_property
     def cases(self) -> tuple[RepertoireCase, ...]:
-        """Return what is walked in each of the worlds, situation by situation."""
+        """Return the walks in each of the worlds, situation by situation."""
         return tuple(
             RepertoireCase(failures=texts_of(failures), heading_deg=heading_deg, candidate=candidate)
             for failures, heading_deg in self.situations

@@ -229,7 +229,7 @@ def load_link(
     """Link of a file, or the default one; the other arguments override it.
 
     `given_as` is the endpoint's option in messages. Relative credentials in a file start at the file's
-    folder. Raises InputError with file, key, value and what is allowed.
+    folder. Raises InputError with file, key, value and allowed values.
     """
     if endpoint:
         Endpoint.parse(endpoint, argument(given_as))

@@ -45,7 +45,7 @@ class Damage:
         return len(self.garbled) > MOST_IDS
 
     def description(self, path: str) -> str:
-        """What is wrong, and what to do."""
+        """Cause and remedy."""
         if self.noisy:
             return (
                 f"unsolicited bytes on {path} at {self.baud} baud: noise, a missing ground, a wrong baud "
@@ -70,7 +70,7 @@ class Damage:
 
 
 class Listener:
-    """Collects what is no answer while ids of a line are asked, and confirms it."""
+    """Collect bytes outside answers while ids of a line are pinged, and confirm them."""
 
     def __init__(self, packets: PacketLine) -> None:
         self.packets = packets
@@ -109,7 +109,7 @@ class Listener:
     def is_noisy(self) -> bool:
         """Whether bytes come while nothing is asked."""
         line = self.packets.line
-        line.time.sleep(FIRST_TIMEOUT_S)  # what is late belongs to a question
+        line.time.sleep(FIRST_TIMEOUT_S)  # a late answer belongs to a request
         line.discard()
         deadline_s = line.time.now() + LISTENS_S
         while line.time.now() < deadline_s:

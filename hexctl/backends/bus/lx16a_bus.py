@@ -36,7 +36,7 @@ MOVE_BYTES = 10
 #: Time since the goals of a control period in which positions are asked.
 SPAN_S = 0.0175
 
-#: What is read besides positions, in turn: one reading of them for each round of all positions.
+#: Readings besides positions, in turn: one for each round of all positions.
 OTHERS = (lx.READ_VOLTAGE, lx.READ_TEMPERATURE, lx.READ_LOAD)
 
 

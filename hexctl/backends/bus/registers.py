@@ -166,7 +166,7 @@ def bit_words(words: Mapping[int, str], bits: int) -> str:
     return ", ".join(each for bit, each in words.items() if bits >> bit & 1)
 
 
-#: Error byte of protocol 1.0: how the servo is, and what is wrong with an instruction (ROBOTIS e-Manual).
+#: Error byte of protocol 1.0: state of the servo and errors of an instruction (ROBOTIS e-Manual).
 _ERRORS_1 = {0: "voltage", 2: "hot", 5: "overload"}
 _REFUSALS_1 = {1: "angle limit", 3: "range", 4: "checksum", 6: "instruction"}
 

@@ -29,7 +29,7 @@ class SerialLine:
     """An open serial device, without the echo of its adapter.
 
     Attributes:
-        echoes: whether the adapter returns what is written, as some half-duplex adapters do.
+        echoes: whether the adapter returns written bytes, as some half-duplex adapters do.
         free_s: when the wire has carried everything written.
 
     Raises RobotFaultError when the device cannot be opened.

@@ -99,7 +99,7 @@ class ServoBus(ABC):
         self._beyond: BoolArray = np.zeros(count, dtype=bool)  # servos that may not hold where they are
 
     def find(self) -> BoolArray:
-        """Which servos answer, (n,); learns whether the adapter echoes, and what is no answer (`damage`)."""
+        """Which servos answer, (n,); detects an echo of the adapter and bytes outside answers (`damage`)."""
         self._packets.learn_echo()
         listener = Listener(self._packets)
         found = [listener.look(servo.servo_id, servo.reads) for servo in self.servos]

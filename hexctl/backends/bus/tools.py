@@ -237,7 +237,7 @@ def baud_advice(path: str, driver: str, bauds: Collection[int]) -> str:
 
 
 def damage_report(damage: Damage, path: str, driver: str) -> str:
-    """What is wrong; damage at many ids also with the baud rates at which servos answer."""
+    """The fault; for damage at many ids also the baud rates at which servos answer."""
     advice = baud_advice(path, driver, (damage.baud,)) if damage.at_many_ids else ""
     return damage.description(path) + advice
 

@@ -9,7 +9,7 @@ from hexctl.backends.sim.simulated_failure import FIRST_SPEED
 from hexctl.backends.sim.simulation_model import Simulation
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
-#: A back-EMF below this is the rounding of one that is not there.
+#: A back-EMF below this is a rounding error.
 LEAST_BACK_EMF = 1e-12
 
 

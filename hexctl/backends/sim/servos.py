@@ -223,7 +223,7 @@ class SimServos(OwnServos):
             del self._qpos, self._ctrl, self._warnings, self._waiting_rad, self.sensors, self._power
 
     def _make_power(self) -> ServoPower:
-        """Switch of the power, which is on, with the values that are in force."""
+        """Switch of the power, initially on, with the current values."""
         model, gear_damping = self.compiled.physics.model, self._robot.servo.gear_damping_nm_s_per_rad
         return ServoPower(model, slice(FIRST_SPEED, None), gear_damping)
 

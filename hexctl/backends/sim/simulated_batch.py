@@ -18,7 +18,7 @@ from hexctl.types import FloatArray, RobotState
 
 
 def batch_layout(servos: SimServos) -> tuple[object, ...]:
-    """Ticks, delays and model sizes, which must be equal in simulations that are stepped together."""
+    """Ticks, delays and model sizes, which must be equal in simulations stepped together."""
     model, world = servos.compiled.physics.model.ptr, servos.world
     sizes = [getattr(model, name) for name in dir(model) if name.startswith("n") and name != "names"]
     counts = tuple(size for size in sizes if isinstance(size, int))
@@ -28,7 +28,7 @@ def batch_layout(servos: SimServos) -> tuple[object, ...]:
 class SimBatch:
     """Copies of connected simulations: same model, same state, same future noise.
 
-    A copy that is stepped with the same targets as its original gives bit-identical states.
+    A copy stepped with the targets of its original gives bit-identical states.
 
     Args:
         servos: one simulation, or several of the same `batch_layout`, with separate worlds and failures.

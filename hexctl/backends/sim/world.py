@@ -30,7 +30,7 @@ Offset = Annotated[Number, Field(ge=-1, le=1, allow_inf_nan=False)]
 #: Members of one family; the legs of a prior take theirs from blocks far apart.
 MAX_MEMBERS = 1 << 20
 
-#: Quantities of a world that are lists, whose elements are drawn independently.
+#: List quantities of a world, whose elements are drawn independently.
 _PARTS = {
     "body_mass_shift_m": 3,
     "payload_position_m": 3,
@@ -204,7 +204,7 @@ class World(Section):
         return step_s
 
 
-#: Of quantities that are one number or several: bounds of one, bounds of each, and how many there may be.
+#: Quantities with one number or several: bounds of one, bounds of each, and maximum count.
 _SEVERAL = {
     "servo_backlash_deg": ((0.0, 20.0), (0.0, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
     "joint_stiffness": ((0.01, 20.0), (0.01, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
@@ -322,7 +322,7 @@ class DomainRandomization(BaseModel):
         return self.kinds[number % len(self.kinds)]
 
     def spare(self, distribution: Distribution, first: int, count: int) -> FloatArray:
-        """Values, (count,), of one more quantity of the members that is not part of a world."""
+        """Values, (count,), of one more quantity of the members, outside the world."""
         return distribution.at(self._shares(first, count)[:, -1])
 
     @cached_property
@@ -337,7 +337,7 @@ class DomainRandomization(BaseModel):
         sequence = Sobol(self._dimensions, scramble=True, rng=np.random.default_rng(self.seed))
         if first:
             sequence.fast_forward(first)
-        # One at a time keeps SciPy from warning about the balance of what is left out.
+        # One at a time keeps SciPy from warning about unbalanced draws.
         return np.asarray(np.concatenate([sequence.random(1) for _ in range(count)]))
 
     def _world(self, shares: Sequence[float] | FloatArray, kind: Kind) -> World:

@@ -119,7 +119,7 @@ def identify(
 ) -> None:
     """Move one servo after the other by 5 degrees and back, and ask which joint it was.
 
-    Hold the robot so that its legs hang free. What is found is printed as the section servos of a robot file;
+    Hold the robot so that its legs hang free. The result is printed as the section servos of a robot file;
     no robot file is written.
     """
     from hexctl.cli.prompts import CalibrationPrompt, check_answerable

@@ -58,6 +58,6 @@ def link_in_words(counts: Mapping[str, int] | None) -> str:
     if not counts:
         return ""
     troubles = in_words({name: n for name, n in counts.items() if name != "received"})
-    if "received" not in counts:  # a bus counts what it asks for
+    if "received" not in counts:  # a bus counts its requests
         return troubles or "nothing yet"
     return f"{counted(counts['received'], 'messages')} came; {troubles or 'none lost'}"

@@ -17,7 +17,7 @@ FINDINGS, SIMULATION = Panel("Findings"), Panel("Simulation")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckOptions(WalkOptions):
-    """Options of a check of a robot; raises InputError for values and combinations that are not allowed."""
+    """Options of a check of a robot; raises InputError for invalid values and combinations."""
 
     PANEL: ClassVar = "Walk"
 

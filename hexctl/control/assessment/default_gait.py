@@ -18,7 +18,7 @@ from hexctl.robot.formats.robot_import import ImportedRobot
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.servo_map import servo_map_of
 
-#: Shares of the usual stride that are tried, and the stances, the best first.
+#: Tried shares of the usual stride, and the stances, the best first.
 SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
 
 #: A foot of a soft robot keeps this share of a step, if a higher one is in reach: multiples of the usual one.
@@ -27,7 +27,7 @@ WANTED_LIFT, STEPS = 0.7, (1.5, 2.0)
 #: Points of a cycle and headings of the first look at a gait.
 POINTS, LOOK_RAD = 40, HEADINGS_RAD[::3]
 
-#: Stances for each stride of which the load is calculated, and share of the possible pace that is taken.
+#: Number of stances per stride with a calculated load, and the used share of the possible pace.
 LOADS, PACE_SHARE = 2, 0.9
 
 #: A slower default gait is none.

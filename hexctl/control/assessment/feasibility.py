@@ -21,7 +21,7 @@ from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.raw_map import RawMap, joints_beyond, joints_beyond_travel
 from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
 
-#: Points of one gait cycle that are evaluated.
+#: Evaluated points of one gait cycle.
 POINTS = 720
 
 #: Shares of the needed joint speed: a robot below cannot walk, and one above is hardly slowed by clipping.

@@ -32,7 +32,7 @@ WALKS, CRAWLS, DOUBTFUL, NO_GAIT = VERDICTS
 #: Default directions of travel.
 DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in (0, 90, 180, 270))
 
-#: Maximum number of lost legs that are judged: with four, two feet are left.
+#: Maximum number of lost legs: with four, two feet are left.
 MOST_JUDGED = 3
 
 #: Maximum number of legs that may carry nothing: of the others three carry while one swings.

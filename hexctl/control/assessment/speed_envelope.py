@@ -19,7 +19,7 @@ from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 #: Directions of travel, counter-clockwise from forward.
 DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 45))
 
-#: Shares of the maximum stroke that are tried, and points of a cycle at which they are.
+#: Tried shares of the maximum stroke, and checked points of a cycle.
 SHARES = np.linspace(0.05, 1.0, 20)
 POINTS = 120
 
@@ -98,7 +98,7 @@ def _possible(robot: Robot, gait: Gait, motion: Motion, points: int) -> BoolArra
 
 
 def _greatest(possible: BoolArray) -> FloatArray:
-    """Maximum share that is possible for all six legs, and without each of them, (7,)."""
+    """Maximum possible share with all six legs, and without each of them, (7,)."""
     rows = [possible.all(axis=-1)]
     rows += [np.delete(possible, leg, axis=-1).all(axis=-1) for leg in range(N_LEGS)]
     # A share counts if every smaller one is possible too.

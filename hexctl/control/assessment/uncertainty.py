@@ -27,7 +27,7 @@ LOOSE_TOLERANCE = 1e-8
 #: Factor of the contact time: floor and feet a third softer or harder.
 CONTACT_FACTOR = 4 / 3
 
-#: Outcomes of walks that have no end.
+#: Outcomes of walks without an end.
 ENDLESS = ("fell", "diverged")
 
 #: The smallest time step of a world.

@@ -10,7 +10,7 @@ from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
-#: Ticks that are summed together: a tick then costs two copies.
+#: Number of ticks per block of the sums: a tick then costs two copies.
 BLOCK_TICKS = 64
 
 #: Ticks of the soft start, in which speed and lean are not those of the gait.

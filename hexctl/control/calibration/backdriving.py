@@ -20,16 +20,16 @@ from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap, reference_deg
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, FloatArray
 
-#: Measurements of a joint that are averaged.
+#: Number of averaged measurements of a joint.
 READS = 8
 
 #: A joint moves if its measurements differ by more; hands shake by about a third of that.
 STILL_DEG = 1.0
 
-#: How long to wait for a joint that is still and measured often enough.
+#: How long to wait for enough measurements of a resting joint.
 PATIENCE_S = 4.0
 
-#: A measurement that is newer by this counts as another one.
+#: Minimum time between two measurements.
 AGAIN_S = 0.003
 
 #: Minimum movement that shows the direction of the counts.

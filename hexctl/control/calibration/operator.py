@@ -1,4 +1,4 @@
-"""The operator of a calibration: questions, answers, and what is saved."""
+"""The operator of a calibration: questions, answers and saved files."""
 
 import math
 from collections.abc import Callable

@@ -71,7 +71,7 @@ def calibrate(
     check_options(name, **given)
     servos = _calibrated(name, BackendOptions(robot=file.robot, robot_file=file, **given))
     result = CalibrationResult(file.path)
-    # One joint at a time, slowly: a computer that is busy for a moment must not end a long session.
+    # One joint at a time, slowly: a busy moment of the computer must not end a long session.
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
         guard.clock.tick()
         operator.tell(INTRODUCTION)

@@ -34,7 +34,7 @@ class Identification:
     """Servos whose joints are known; `model` is of servos that do not report it.
 
     Attributes:
-        output: file for the section `servos`, or None; a draft next to it keeps what is known so far.
+        output: file for the section `servos`, or None; a draft next to it keeps the results so far.
     """
 
     driver: str
@@ -47,7 +47,7 @@ class Identification:
 
     @property
     def draft(self) -> Path | None:
-        """File with what is known so far, until it is complete."""
+        """File with the results so far, until it is complete."""
         return None if self.output is None else self.output.with_name(f"{self.output.name}.part")
 
     @property

@@ -84,7 +84,7 @@ class Diagnosis:
     """Result of a standing test; the source of evidence is one of `SOURCES`.
 
     Attributes:
-        notes: for the operator: probes that were stopped or left out, and what is unknown.
+        notes: for the operator: stopped or omitted probes, and unknown values.
         unfinished: whether the test ended before any joint had moved far enough.
     """
 

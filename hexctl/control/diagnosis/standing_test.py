@@ -178,7 +178,7 @@ class Observed:
         return len(self._rows)
 
     def add(self, state: RobotState, targets_rad: FloatArray) -> None:
-        """Append a state that was read and the targets that are sent after it."""
+        """Append a state and the targets sent after it."""
         self.measured = self.measured and state.measured
         unknown = np.full(N_LEGS, np.nan)
         contacts = state.foot_contacts

@@ -59,11 +59,11 @@ class Drive:
             `glide` in a simulation and `stop` elsewhere.
         hold: `auto` corrects slip by the measured pose or yaw; `none` does not.
         failure: of legs, as in `RunSpec`; a simulation breaks them.
-        told: False if the walk has to detect the failures of a simulation.
+        told: False if the walk has to detect simulated failures.
         recorders: take every tick, as in `run_trial`.
         options: fields of `BackendOptions`; times of events count from the first stand.
 
-    Raises InputError for what is not allowed, before anything is opened or moves.
+    Raises InputError for invalid input, before anything is opened or moves.
     """
 
     def __init__(

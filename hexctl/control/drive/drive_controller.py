@@ -183,7 +183,7 @@ class DriveController(Controller):
         return self._pace * self._limits.limited(self.decision.velocity.array, legs)
 
     def _take_pace(self, state: RobotState, step: int) -> None:
-        """Walk slower with warm servos, and say so once."""
+        """Walk slower with warm servos, and report it once."""
         if state.servos is None:
             return
         temperatures_c = self._temperatures.take(state.servos.temperatures_c, step * self._period_s)
@@ -222,7 +222,7 @@ class DriveController(Controller):
             self._walk.change_gait(gait)
 
     def _suited(self, gait: Gait) -> Gait:
-        """The gait that the policy gives for the legs that are not known to have failed."""
+        """The policy's gait for the legs without a known failure."""
         if not self._known:
             return gait
         response = self._policy.respond(self._robot, TrialPlan(gait=gait), 0.0, self._known)

@@ -1,15 +1,15 @@
 """Dead legs, compared with the other legs and with the commanded motion: a habit is not needed.
 
-A leg that was dead before the first step has no other habit, and neither has the second of two legs that are
-lost together. Two signs need none:
+A leg dead before the first step has no other habit, and neither has the second of two legs
+lost together. Two signs need no habit:
 
 - A leg gives no torque in any of its joints for most of a cycle, while the other legs do: limp or missing.
 - In the first cycle its joints do not move with their targets: locked or limp. With sums over its joints,
 
       gain = sum cov(measured, target) / sum var(target)
 
-  it is near 1 for a leg that follows, near 0 for one that does not. Without torques, a foot that has not
-  touched the floor since the start is missing.
+  it is near 1 for a leg that follows, near 0 for one that does not. Without torques, a foot without
+  contact since the start is missing.
 """
 
 import math
@@ -61,7 +61,7 @@ class DeadLegs:
         self.start: FloatArray = np.zeros(legs)
 
     def update(self, state: RobotState, none_nm: FloatArray, expected_rad: FloatArray | None) -> None:
-        """Take the state of a tick, torques that are none, (18,), and angles that follow, or None."""
+        """Update with a state, torques (18,) below which there is none, and expected angles or None."""
         self._walked_s += self._period_s
         if state.joint_torques_nm is not None:
             gives = np.logical_or.reduce(_of_legs(np.abs(state.joint_torques_nm) >= none_nm), axis=-1)
@@ -80,7 +80,7 @@ class DeadLegs:
             self.start = np.zeros_like(self.start)
 
     def forget(self, leg: int, row: tuple[int, ...] = ()) -> None:
-        """Give a leg, 1..6, that is put down again time to show torque."""
+        """Give a leg, 1..6, time to show torque after it is put down again."""
         self._idle_s[(*row, leg - 1)], self.follows[(*row, leg - 1)] = 0.0, True
 
     def kind(self, leg: int, row: tuple[int, ...] = ()) -> Failure:
@@ -107,7 +107,7 @@ class DeadLegs:
         self.start = tells * (1 - share) / (1 - LEAST_GAIN)
 
     def _touch(self, contacts: BoolArray, now: BoolArray) -> None:
-        """Accuse feet that have not touched the floor, if most have."""
+        """Accuse feet without contact if most feet had contact."""
         self._touched = self._touched | contacts
         if self._walked_s > TOUCHED_S and not self._touched.all():
             many = np.count_nonzero(self._touched, axis=-1, keepdims=True) > N_LEGS // 2

@@ -22,7 +22,7 @@ from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray
 LAG_S = 0.03
 
 #: Beyond that a servo may be late by this time: damping and dead time. Its estimate has a time constant in
-#: cycles and an interval in ticks, and joints slower than this do not tell it.
+#: cycles and an interval in ticks, and minimum joint speed for learning it.
 MOST_LATE_S, LATE_CYCLES, LATE_TICKS, LEAST_SPEED_RAD_S = 0.15, 3.0, 4, math.radians(10.0)
 
 #: Ticks of lagged targets that a joint may be at, because servos and states are late.
@@ -37,10 +37,10 @@ MEAN_CYCLES = 0.4
 #: A servo is at its limit between these shares of the maximum torque observed in the other legs.
 ALL_IT_HAS, MORE_THAN_ALL = 0.85, 1.05
 
-#: Until that is known, for so many cycles, it may be at its limit from this share of its rated torque on.
+#: Cycles until it is known, and share of the rated torque that counts as the limit until then.
 KNOWN_AFTER_CYCLES, MUCH = 2.0, 0.4
 
-#: Share of that maximum torque that is forgotten in a cycle.
+#: Decay of that maximum torque per cycle.
 FORGOTTEN_PER_CYCLE = 0.02
 
 #: Ticks between comparisons with the other legs. Cycles are rarely a multiple of it.

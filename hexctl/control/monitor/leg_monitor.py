@@ -26,13 +26,13 @@ from hexctl.types import (
     leg_slice,
 )
 
-#: Rho of a failed joint, and the multiple of the robot's usual rho that is added.
+#: Rho of a failed joint, and the added multiple of the robot's usual rho.
 LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 
 #: Missing share of load of a failed leg, the added multiple of other legs' maximum, and the limit of the sum.
 LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.99
 
-#: Idle cycles of a joint without power, and the multiple of the most of another leg that is added.
+#: Idle cycles of a joint without power, and the added multiple of another leg's maximum.
 LEAST_IDLE, TIMES_IDLE = 0.14, 1.0
 
 #: Time constants in cycles of the usual rho, of other legs and of the leg itself (slower: a failure must not
@@ -64,7 +64,7 @@ SILENT_S = 0.5
 #: A jump by this multiple of a joint's maximum step plus this angle is an outlier, at most so often in a row.
 WILD_TIMES, WILD_RAD, MOST_WILD = 3.0, 0.1, 2
 
-#: Rows of evidence that are compared with usual values here; the balance does so itself.
+#: Number of kinds of evidence compared with usual values here; the balance does so itself.
 _ROWS = 3
 
 _EFFORT, _START, _SILENCE = (EVIDENCE.index(name) for name in ("effort", "start", "silence"))
@@ -99,7 +99,7 @@ class LegMonitor:
     Robots of a batch are simulated: all of them measure torques, or none. Legs have the leading shape + (6,).
 
     Args:
-        believed: legs that are known to have failed; they are not watched.
+        believed: known failed legs; they are not watched.
         signatures_of: signatures of a leg for `BodyBalance`; None leaves it out.
 
     Attributes:
@@ -234,7 +234,7 @@ class LegMonitor:
         self._be_patient(which[..., np.newaxis])
 
     def suspicion(self, step: int, row: tuple[int, ...] = ()) -> Suspicion:
-        """The suspicion of the leg that was detected in the last tick, of one robot of a batch."""
+        """The suspicion of the leg detected in the last tick, of one robot of a batch."""
         leg = int(np.argmax(self.new[row])) + 1
         ratios: tuple[Any, ...] = (slice(None), *row, leg - 1)
         evidence = EVIDENCE[int(np.argmax(self._ratios[ratios]))]

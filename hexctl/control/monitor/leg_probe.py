@@ -55,7 +55,7 @@ class LegProbe:
         return follows
 
     def _follows(self) -> bool:
-        """Whether all joints that were moved followed: slope of the measured angles over the targets."""
+        """Whether all moved joints followed: slope of the measured angles over the targets."""
         if not self._rows:  # its time passed while the leg was not in the air
             return False
         targets, measured = np.array(self._rows).swapaxes(0, 1) - np.mean(self._rows, axis=0)[:, np.newaxis]

@@ -34,7 +34,7 @@ from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, le
 #: all joints have moved, only to distinguish locked legs from stuck joints.
 KIND_AFTER_CYCLES, LOCKED_AFTER_CYCLES = 0.4, 1.5
 
-#: Trial in cycles of a missing leg that was put down: by then missing load is detected.
+#: Trial in cycles of a missing leg after it is put down: by then missing load is detected.
 TRIAL_CYCLES = 3.0
 
 LEGS = np.arange(1, N_LEGS + 1)
@@ -67,7 +67,7 @@ class MonitoredWalk(Controller):
             policy.prepare(start.robot, plan, heading_rad)
         self._stopping = False
         self._stopped: dict[int, str] = {}
-        self._trouble = ""  # what is wrong with the policy
+        self._trouble = ""  # error of the policy
         self._unsettled: list[tuple[int, int, int, float]] = []
         self._probes: dict[tuple[int, int], LegProbe] = {}
         self._first_tries: dict[tuple[int, int], float] = {}

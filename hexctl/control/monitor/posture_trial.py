@@ -1,8 +1,8 @@
 """Trials of postures in a walk: which height of the body is the fastest, measured along the line.
 
 After a change of gait the progress over two cycles is compared with the commanded one. While the robot is
-slow, it glides to other postures, measures each in the same way, and walks the one that was the fastest last.
-Which one that is depends on what drags on the floor, on friction and on weak joints, which no model shows.
+slow, it glides to other postures, measures each in the same way, and keeps the fastest one.
+The result depends on dragging feet, friction and weak joints, which no model predicts.
 """
 
 import math
@@ -40,7 +40,7 @@ class PostureTrial:
         self._begin_tick = round(GLIDE_CYCLES * cycle_ticks)
         self._ticks = round(MEASURED_CYCLES * cycle_ticks)
         self._tick, self._progress_m, self._from_m = 0, math.nan, math.nan
-        #: Shares of the commanded speed; a gait that was not walked yet comes first.
+        #: Shares of the commanded speed; unwalked gaits come first.
         self._shares, self._now, self._slow = [math.inf] * len(gaits), 0, 0
 
     def update(self, progress_m: float) -> Gait | None:

@@ -136,7 +136,7 @@ class Situation:
 
     @property
     def kinds(self) -> tuple[object, ...]:
-        """Key of situations that are estimated together: kind and joint; pairs stand by themselves."""
+        """Key of situations with a common estimate: kind and joint; each pair has its own."""
         if len(self.failed) > 1:
             return self.failed, self.heading_deg
         return (*((kind, joint) for _, kind, joint in self.failed), self.walks)
@@ -173,7 +173,7 @@ class Choice:
     walks: int
 
 
-#: Fields of a repertoire that are stored as they are, before its symmetries and situations.
+#: Fields of a repertoire stored unchanged, before its symmetries and situations.
 PLAIN = ("robot", "robot_fingerprint", "pace_hz", "amplitude", "height", "direction_step_deg")
 
 

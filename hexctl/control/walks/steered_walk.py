@@ -1,4 +1,4 @@
-"""A walk that is steered along the line of its trial."""
+"""A walk steered along the line of its trial."""
 
 from collections.abc import Sequence
 

@@ -27,7 +27,7 @@ from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of,
 #: A position or yaw missing for longer is lost: its part of the law then decays.
 LOST_AFTER_S = 1.0
 
-#: A value that is constant for longer is not measured any more.
+#: A value constant for longer counts as lost.
 FROZEN_AFTER_S = 4.0
 
 #: With room for rounding: sums and products of control periods are judged alike.
@@ -47,7 +47,7 @@ class SteeringGains:
     Attributes:
         look_ahead: D, as a multiple of L.
         integral: sigma.
-        turn: K, the share of a yaw error that is corrected in a cycle.
+        turn: K, the corrected share of a yaw error per cycle.
         turn_integral: K_i, per cycle.
         mean_cycles: time constant that smooths deviation and yaw error, in cycles.
     """

@@ -210,7 +210,7 @@ class TurnSteps:
         self._weighted = self._precision @ USUAL_STEP
 
     def command_rad(self, missing_rad: float) -> float:
-        """The angle to command for one that is missing."""
+        """The angle to command for a missing one."""
         share, besides_rad = self._estimate()
         effective_rad = (missing_rad - besides_rad) / max(LEAST_SHARE, share)
         return float(effective_rad + math.copysign(self._swallowed_rad, effective_rad))

@@ -86,7 +86,7 @@ class LegImport:
         return link
 
     def _masses(self, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mass, centre of mass from the joint, and tensor about it, of a link and all that is fixed to it.
+        """Mass, centre of mass from the joint, and tensor about it, of a link and everything fixed to it.
 
         Shapes (6,), (6, 3) and (6, 3, 3), the latter two along outward, left and up of each leg at angle
         zero; a tensor is NaN if a heavy part has none.

@@ -12,7 +12,7 @@ HINGES = ("revolute", "continuous")
 #: Kinds of joints that carry nothing: the other link moves freely.
 LOOSE = ("floating", "planar")
 
-#: A link that has less than this share of the mass needs no moments of inertia.
+#: A link with less than this share of the mass needs no moments of inertia.
 LIGHT_SHARE = 0.05
 
 #: Limits of a description: the time to place links grows with the square of their number.
@@ -79,7 +79,7 @@ class TreeLink:
         mass_kg: None if missing.
         com_m: centre of mass in the frame of the link.
         inertia_kg_m2: about the centre of mass, along the axes of the link, (3, 3), or None if missing.
-        unread: meshes that were not read, each with the reason.
+        unread: unread meshes, each with the reason.
     """
 
     name: str
@@ -92,7 +92,7 @@ class TreeLink:
 
 @dataclass(frozen=True, eq=False)
 class JoinedMass:
-    """Links that are fixed to one another, as one body, along the axes of a common frame.
+    """Links fixed to one another, as one body, along the axes of a common frame.
 
     Attributes:
         com_m: centre of mass, (3,); the origin if nothing has a mass.
@@ -202,7 +202,7 @@ class LinkTree:
         return tuple(reversed(found))
 
     def rigid(self, link: str) -> list[str]:
-        """A link and all links that are fixed to it."""
+        """A link and all links fixed to it."""
         found = [link]
         for child in self.children.get(link, ()):
             if not self.joints[child].hinge and not self.joints[child].loose:
@@ -214,7 +214,7 @@ class LinkTree:
         return [link, *(name for child in self.children.get(link, ()) for name in self.carried(child))]
 
     def unread(self, links: list[str]) -> tuple[str, ...]:
-        """Meshes of links that were not read."""
+        """Unread meshes of links."""
         return tuple(dict.fromkeys(text for name in links for text in self.links[name].unread))
 
 

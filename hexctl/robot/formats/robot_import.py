@@ -265,7 +265,7 @@ class _Import:
         return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
 
     def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
-        """Leave out centres of mass that are those of evenly filled capsules."""
+        """Leave out centres of mass equal to those of evenly filled capsules."""
         bare = {
             kind: {key: value for key, value in link.items() if key != "com_m"}
             for kind, link in self._links.items()

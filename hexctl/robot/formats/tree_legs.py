@@ -33,7 +33,7 @@ class TreeLeg(ArrayFields):
     """A leg in hexctl's terms.
 
     Attributes:
-        tips: the tibia and the links that are fixed to it.
+        tips: the tibia and the links fixed to it.
         mount_m: coxa axis, in axes of the body from the root, (3,).
         yaw_rad: direction of the leg at angle zero.
         vectors_m: coxa, femur and tibia as (outward, up) at angle zero, (3, 2).
@@ -120,7 +120,7 @@ def _leg(
 
 
 def _check_axes(chain: tuple[TreeJoint, ...], axes: list[FloatArray]) -> None:
-    """Refuse a chain that is no leg: a vertical hinge, then two level and parallel ones."""
+    """Refuse a chain other than a leg: a vertical hinge, then two level and parallel ones."""
     off = math.sin(AXIS_TOLERANCE_RAD)
     if np.linalg.norm(axes[0][:2]) > off:
         raise InputError(
@@ -145,7 +145,7 @@ def _foot(
 ) -> tuple[FloatArray, str]:
     """Foot in the frame of the tibia, and why it is a guess, or an empty text.
 
-    It is the far end of all that is fixed to the tibia. A frame or the centre of a sphere next to that end
+    It is the far end of everything fixed to the tibia. A frame or the centre of a sphere next to that end
     counts before the end itself.
 
     Args:
@@ -194,7 +194,7 @@ def _far_end(tree: LinkTree, tips: list[str], knee: FloatArray) -> tuple[FloatAr
 
 
 def _outermost(points: FloatArray) -> FloatArray:
-    """Middle of the points of a mesh that are farthest from the knee, (1, 3)."""
+    """Middle of the mesh points farthest from the knee, (1, 3)."""
     lengths_m = np.linalg.norm(points, axis=-1)
     return np.asarray(points[lengths_m > 0.98 * lengths_m.max()].mean(axis=0, keepdims=True))
 

@@ -76,7 +76,7 @@ def _link(element: Element, path: Path) -> TreeLink:
 
 
 def _solids(parts: list[Element], path: Path) -> tuple[list[Solid], list[str]]:
-    """Solids of the visual or the collision parts of a link, and the meshes among them that are not read."""
+    """Solids of the visual or the collision parts of a link, and the unread meshes among them."""
     solids, unread = [], []
     for part in parts:
         try:

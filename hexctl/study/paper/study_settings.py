@@ -170,7 +170,7 @@ def _design(count: int) -> list[list[float]]:
     from scipy.stats.qmc import Sobol
 
     sequence = Sobol(len(FACTORS), scramble=True, rng=np.random.default_rng(SEED))
-    # One at a time keeps SciPy from warning about the balance of what is left out.
+    # One at a time keeps SciPy from warning about unbalanced draws.
     return [sequence.random(1)[0].tolist() for _ in range(count)]
 
 

@@ -115,7 +115,7 @@ class Told(RecoveryMethod):
         self._policy = GlideToStableGait()
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Return walks that know what is to come."""
+        """Return walks with knowledge of the future failures."""
         return ToldWalk(start, self._policy, to_come)
 
 
@@ -218,7 +218,7 @@ class OpenLoopBest(RecoveryMethod):
         return self._found[id(plan)].trials if id(plan) in self._found else 0
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Walks that know what is to come, and with which gait they go on."""
+        """Walks with knowledge of the future failures and their next gaits."""
         told_s = [min([event.at_s for event in events], default=math.inf) for events in to_come]
         known = [self._found.get(id(plan)) for plan in start.plans]
         gaits = {index: each.gait for index, each in enumerate(known) if each is not None}

@@ -230,7 +230,7 @@ class RecoveryPlan(HeldOutExperiment):
         return (Drawing(name="recovery", draw=draw, here=here),)
 
     def remarks(self, found: "DataFrame") -> list[str]:
-        """Return the gaits, and what is left out of all numbers."""
+        """Return the gaits, and the omissions from all numbers."""
         gaits = f"Gaits {', '.join(self.gaits)}; failures within the gait cycle after 8 s."
         return [gaits, *report.aside_lines(found)]
 

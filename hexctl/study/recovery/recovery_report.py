@@ -242,7 +242,7 @@ def set_table(rows: "DataFrame", methods: Sequence[str]) -> Table:
 
 
 def aside_lines(rows: "DataFrame") -> list[str]:
-    """Return what is left out of all numbers, in words; nothing if there is none."""
+    """Return the omissions from all numbers, in words; nothing if there are none."""
     aside = rows[rows["set_aside"]]
     places = dict.fromkeys(aside["robot"] + " in " + aside["place"])
     if not places:

@@ -74,7 +74,7 @@ def make_search(
     seed = plan.seed_of(spec, run)
     if optimizer not in PRIORED:
         return Deduplication(make_optimizer(optimizer, spec.space, seed), seed)
-    # No `uncertainty_m`: the simulated world stands for the robot here, and its walks are what is true.
+    # No `uncertainty_m`: the simulated world stands for the robot here, and its walks are the truth.
     search = Bayes(
         spec.space,
         seed,

@@ -68,7 +68,7 @@ class TransferSettings(LandscapePlan):
     one_leg: bool = False
 
     def specs(self) -> list[LandscapeSpec]:
-        """Specs of the landscapes, world by world; a world's number is the seed of what is drawn in it."""
+        """Specs of the landscapes, world by world; a world's number is the seed of its draws."""
         return [
             LandscapeSpec(
                 robot=self.robot,
