@@ -28,6 +28,12 @@ class IdleSupervisor:
         self._commanded_at_s = 0.0
         self._held = False
 
+    @property
+    def holds_after_stop(self) -> bool:
+        """Whether the robot holds its pose after a stop, until its next command."""
+        stopped = self._guard.stopped not in (None, "expired")
+        return (self._held or stopped) and not self._guard.stop_allows_sitting
+
     def commanded(self, now_s: float) -> None:
         """Note that a command reached the servos at `now_s` on their clock."""
         self.name, self._commanded_at_s, self._held = "commanded", now_s, False

@@ -2,7 +2,7 @@
 
 Most servos hold their last goal without a program. The keeper waits on a pipe for the ticks of the server.
 When the pipe closes, or no tick comes for a second, it kills the server, opens the port, and lets the robot
-sit down softly or hold, as set in its robot file.
+sit down softly or hold, as set in its robot file. A stopped robot holds: somebody may be touching it.
 """
 
 import contextlib
@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import IO
 
@@ -37,8 +37,8 @@ KEPT_BACKENDS = (*BUS_DRIVERS, "pca9685")
 #: A server without a tick for this long hangs.
 SILENT_S = 1.0
 
-#: Byte of a tick, and the byte with which the server dismisses the keeper.
-TICK, GOODBYE = b".", b"q"
+#: Byte of a tick, of a tick with a stopped robot, and the byte with which the server dismisses the keeper.
+TICK, STOPPED, GOODBYE = b".", b"s", b"q"
 
 #: Time for joints to settle, and how near to their goals they then are.
 SETTLES_S, ARRIVED_RAD = 0.4, 0.35
@@ -92,10 +92,10 @@ class Keeper:
         os.set_blocking(self._pipe.fileno(), False)
         self.lost = False
 
-    def tick(self) -> None:
-        """Report that the server lives; never waits."""
+    def tick(self, *, stopped: bool) -> None:
+        """Report that the server lives, and whether the robot holds after a stop; never waits."""
         try:
-            os.write(self._pipe.fileno(), TICK)
+            os.write(self._pipe.fileno(), STOPPED if stopped else TICK)
         except BlockingIOError:
             return
         except OSError:
@@ -121,17 +121,21 @@ class Keeper:
             self._pipe.close()
 
 
-def wait_for_the_end(pipe: int, silent_s: float = SILENT_S) -> str | None:
-    """Wait for the server's end: `gone` (pipe closed), `hangs` (silent after a tick), None (goodbye)."""
+def wait_for_the_end(pipe: int, silent_s: float = SILENT_S) -> tuple[str, bool] | None:
+    """Wait for the server's end: `gone` (pipe closed) or `hangs` (silent after a tick); None after a goodbye.
+
+    The second value is whether the robot was stopped at the last tick.
+    """
     timeout_s: float | None = None
+    data = b""
     while True:
         if not select.select([pipe], [], [], timeout_s)[0]:
-            return "hangs"
-        data = os.read(pipe, 4096)
+            return "hangs", data.endswith(STOPPED)
+        last, data = data, os.read(pipe, 4096)
         if GOODBYE in data:
             return None
         if not data:
-            return "gone" if timeout_s is not None else None
+            return ("gone", last.endswith(STOPPED)) if timeout_s is not None else None
         timeout_s = silent_s
 
 
@@ -204,13 +208,14 @@ def main(words: str, *, pipe: int = 0) -> int:
     server = given.pop("server")
     spec = KeeperSpec(**given)
     spec.servos()  # imports modules and reads files in advance
-    how = wait_for_the_end(pipe)
-    if how is None:
+    end = wait_for_the_end(pipe)
+    if end is None:
         return 0
+    how, stopped = end
     if how == "hangs" and os.getppid() == server:
         os.kill(server, signal.SIGKILL)
     try:
-        done = take_over(spec)
+        done = take_over(replace(spec, sits=spec.sits and not stopped))
     except HexctlError as error:
         print(f"hexctl: serve {how}, and the keeper failed: {error}", file=sys.stderr)  # noqa: T201
         return 3

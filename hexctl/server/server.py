@@ -59,7 +59,7 @@ class RobotServer:
         simulated: Mapping[str, str] | None = None,
         sit_after_s: float = SIT_AFTER_S,
         on_event: Callable[[str], None] = lambda _: None,
-        on_tick: Callable[[], str | None] = lambda: None,
+        on_tick: Callable[[bool], str | None] = lambda _: None,
         ros: "RosBridge | None" = None,
         stop_file: StopFile | None = None,
         clear: str = CLEAR_COMMAND,
@@ -70,7 +70,8 @@ class RobotServer:
             backend: name of the servos' backend, for the status.
             simulated: `world` and `failure` of a simulation, for the status; None for a real robot.
             on_event: takes a line for each change of controller, stop and posture, on the event log's thread.
-            on_tick: called in every control period; must be fast. A returned line is an event.
+            on_tick: called in every control period with whether the robot holds after a stop; must be fast. A
+                returned line is an event.
             ros: node in ROS 2, not started.
             clear: command that ends a stop, for the events.
         """
@@ -260,7 +261,9 @@ class RobotServer:
         self._note_standstill()
         self._ticked_s = self._time.now()
         self._ticks += 1
-        if (event := self._on_tick() or self._stop_socket.take_event()) is not None:
+        if (
+            event := self._on_tick(self._idle.holds_after_stop) or self._stop_socket.take_event()
+        ) is not None:
             self._event_log.add(event)
         state = self._guard.read()
         self._check_expiry()

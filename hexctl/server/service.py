@@ -192,11 +192,11 @@ def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Calla
     return stop
 
 
-def _ticks_of(keeper: "Keeper | None") -> Callable[[], str | None]:
-    def tick() -> str | None:
+def _ticks_of(keeper: "Keeper | None") -> Callable[[bool], str | None]:
+    def tick(stopped: bool) -> str | None:
         if keeper is None or keeper.lost:
             return None
-        keeper.tick()
+        keeper.tick(stopped=stopped)
         return KEEPER_LOST if keeper.lost else None
 
     return tick

@@ -15,6 +15,7 @@ from hexctl.backends.bus.tools import scan_bus
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.backends.zenoh.zenoh_client import ZenohServos
+from hexctl.client.stop_client import clear_stop, estop
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
@@ -39,8 +40,20 @@ WALK = ("hexctl", "run", "--backend", "zenoh", "--duration", "60", "--no-record"
 FITTING = {"model": "sts3215", "femur": {"offset_deg": -10}, "tibia": {"offset_deg": 40}}
 
 
-@pytest.mark.parametrize(("written", "how"), [(b"...", "gone"), (b"", None), (b"..q", None), (b"q", None)])
-def test_a_pipe_that_closes_without_goodbye_means_a_server_has_gone(written: bytes, how: str | None) -> None:
+@pytest.mark.parametrize(
+    ("written", "how"),
+    [
+        (b"...", ("gone", False)),
+        (b"..s", ("gone", True)),
+        (b"s.", ("gone", False)),
+        (b"", None),
+        (b"..q", None),
+        (b"sq", None),
+    ],
+)
+def test_a_pipe_that_closes_without_goodbye_means_a_server_has_gone(
+    written: bytes, how: tuple[str, bool] | None
+) -> None:
     end, begin = os.pipe()
     os.write(begin, written)
     os.close(begin)
@@ -48,10 +61,11 @@ def test_a_pipe_that_closes_without_goodbye_means_a_server_has_gone(written: byt
     os.close(end)
 
 
-def test_ticks_that_end_are_a_server_that_hangs() -> None:
+@pytest.mark.parametrize(("ticks", "stopped"), [(b".", False), (b".s", True)])
+def test_ticks_that_end_are_a_server_that_hangs(ticks: bytes, stopped: bool) -> None:
     end, begin = os.pipe()
-    os.write(begin, b".")
-    assert wait_for_the_end(end, silent_s=0.05) == "hangs"
+    os.write(begin, ticks)
+    assert wait_for_the_end(end, silent_s=0.05) == ("hangs", stopped)
     os.close(begin)
     os.close(end)
 
@@ -87,6 +101,28 @@ def test_a_robot_whose_server_ends_in_mid_motion_sits_down(tmp_path: Path) -> No
             wait_until(lambda: f"serve gone: the robot {SAT}" in server.said(), "the keeper")
         end = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
         assert _goals(tmp_path, bus.port) == pytest.approx(end, abs=0.01)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("cleared", [False, True])
+def test_a_stopped_robot_whose_server_ends_holds(tmp_path: Path, cleared: bool) -> None:
+    """Somebody may be touching it, also after the stop is cleared and before the next command."""
+    file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
+    file.rename(tmp_path / "robot.yaml")
+    robot = ("--robot", str(tmp_path / "robot.yaml"))
+    with board("--bus", "feetech", "--backend", "mock", *robot) as bus:
+        with (
+            served(tmp_path, *robot, "--connect", bus.port, backend="feetech") as server,
+            program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
+        ):
+            wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
+            estop(connect=server.endpoint)
+            if cleared:
+                clear_stop(connect=server.endpoint)
+            server.signal(signal.SIGKILL)
+            wait_until(lambda: "serve gone: the robot holds" in server.said(), "the keeper")
+        sitting = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
+        assert np.abs(_goals(tmp_path, bus.port) - sitting).max() > 0.1
 
 
 @pytest.mark.realtime
@@ -179,7 +215,8 @@ def test_joints_that_do_not_follow_keep_it_from_sitting_only_where_they_are_many
             servo.write(servo._table.torque.address, b"\1")
             if joint in tripped:
                 servo.trip()
-        raised._positions_rad += np.isin(np.arange(18), tripped) * 0.6  # far from where they sit
+        # Farther from where they sit.
+        raised._positions_rad += np.isin(np.arange(18), tripped) * np.tile([0.6, -0.6, 0.6], 6)
         said = take_over(keeper("dynamixel", file, bus.path))
         names = ", ".join(JOINT_NAMES[joint].replace("_", " ") for joint in tripped)
         assert said == done.format(f"{names} do not follow")
