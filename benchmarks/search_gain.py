@@ -1,29 +1,44 @@
-"""What trials bring to steered walks: how much slower than the fastest of all gaits the best one tried is.
+"""What trials bring: to steered walks in speed, to walks in open loop in how near to the line they end.
 
-All gaits walk once in worlds outside every prior, and searches are replayed on what they did, so that each of
-them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table `speed`
-of the results; with `--save` it writes it, too.
+Speed: all gaits walk once in worlds outside every prior, and searches are replayed on what they did, so that
+each of them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table
+`speed` of the results; with `--save` it writes it, too.
+
+Open loop: searches walk in worlds outside every prior, one locked leg in each, legs in turn, with 1 cm of
+noise on the path. `python -m benchmarks.search_gain open-loop transfer 8110 30 trim` prints a line of figures
+of one of `OPEN_LOOP` searches. Every walk counts, and none of a baseline comes before. The best walk is the
+one that was measured to end nearest; its distance is the true one.
 """
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.results import put, results
+from hexctl.adapt.arena import body_heading_rad
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizer import Observation, Optimizer, Trim
 from hexctl.adapt.optimizers.baselines import RandomSearch
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.score_bayes import ScoreBayes
-from hexctl.adapt.prior.prior import ScorePrior, load_score_prior
+from hexctl.adapt.optimizers.trim import TrimSearch
+from hexctl.adapt.prior import drift_belief
+from hexctl.adapt.prior.prior import ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
-from hexctl.adapt.prior.samples import ranked_codes, score_samples_of
+from hexctl.adapt.prior.samples import DriftSamples, drift_samples_of, ranked_codes, score_samples_of
 from hexctl.adapt.space import GaitSpace
-from hexctl.backends.sim.world import DomainRandomization, load_randomization
-from hexctl.control.assessment.static_stability import stable_slots_of, usual_posture
+from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
+from hexctl.control.assessment.static_stability import slots_by_stability, stable_slots_of, usual_posture
+from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
+from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.study.held_out import with_sensors
@@ -55,6 +70,9 @@ SAVED_AS = {
 #: Kept points, five a second, over whose mean the way of a walk is taken for the regret: with position noise
 #: of a centimetre the last one alone would make the luckiest gait the best.
 END_POINTS = 10
+
+#: The prior of walks in open loop.
+OPEN_LOOP_PRIOR = "ant-locked-rear-30s.npz"
 
 #: Makes the search of a run.
 MakeSearch = Callable[[int], Optimizer]
@@ -159,8 +177,143 @@ def _mean(percent: FloatArray) -> str:
     return f"{percent.mean():.1f} ± {percent.std(ddof=1) / np.sqrt(percent.size):.1f}"
 
 
+#: Sensors of walks in open loop, and the target.
+POSITION_NOISE_M, TARGET_M = 0.01, 0.025
+
+#: Walks of an open-loop search whose end is not confirmed.
+MOST_WALKS = 6
+
+
+class NoCourse(TrimSearch):
+    """Trims the turn alone."""
+
+    def trim(self, code: int) -> Trim:
+        """Trim without a course."""
+        return Trim(0.0, super().trim(code).turn_rad_s)
+
+
+def _trim(known: DriftSamples, stable: Sequence[int], *, kind: type[TrimSearch] = TrimSearch) -> Optimizer:
+    cycle_s = 1 / load_robot("ant").gait.pace_hz
+    return kind(GaitSpace((known.leg,)), 0, codes=stable, samples=known, cycle_s=cycle_s)
+
+
+def _auto_first(known: DriftSamples, stable: Sequence[int]) -> Optimizer:
+    """Begins with the safest gait and knows no prior."""
+    return TrimSearch(GaitSpace((known.leg,)), 0, codes=stable, cycle_s=1 / load_robot("ant").gait.pace_hz)
+
+
+#: Searches in open loop by name, and what they leave out.
+OPEN_LOOP: dict[str, Callable[[DriftSamples, Sequence[int]], Optimizer]] = {
+    "trim": _trim,
+    "no-prior": _auto_first,
+    "no-offset": partial(_trim, kind=NoCourse),
+    "no-secant": _trim,  # with `GAIN_SD` of the belief next to nothing
+    "random": lambda known, _: Deduplication(RandomSearch(GaitSpace((known.leg,)), known.leg), 0),
+}
+
+
+@dataclass(kw_only=True)
+class OpenLoop:
+    """A search in one world: its walks by measured and true distance from the line, in their order.
+
+    `confirmed` is the number of walks after which one within the target was confirmed, 0 for none.
+    """
+
+    number: int
+    world: World
+    leg: int
+    search: Optimizer
+    walks_m: list[tuple[float, float]] = field(default_factory=list)
+    codes: list[int] = field(default_factory=list)
+    confirmed: int = 0
+    again: Trim | None = None
+
+    def trial(self) -> SimTrial:
+        """The next walk; at a finer time step if it confirms the last one."""
+        world, code, trim = self.world, self.codes[-1] if self.again else 0, self.again
+        if trim is None:
+            (code,) = self.search.ask()
+            trim = self.search.trim(code)
+        else:
+            world = world.model_copy(update={"time_step_s": min(CONFIRM_STEP_S, world.time_step_s)})
+        self.codes.append(code)
+        gait = replace(make_gait(load_robot("ant"), "demo"), slots=self.search.space.slots_of(code))
+        plan = TrialPlan(gait=gait, belief=Failure(leg=self.leg))
+        if trim is not None:
+            plan = replace(plan, trim_rad=trim.course_rad, turn_trim_rad_s=trim.turn_rad_s)
+        return SimTrial(
+            robot="ant",
+            plan=plan,
+            failure=plan.belief,
+            world=world,
+            seed=self.number,
+            trial=len(self.codes),
+        )
+
+    def take(self, result: TrialResult) -> None:
+        """Learn from a walk, and have one that is within the target confirmed."""
+        code, seen = self.codes[-1], Observation.of(result)
+        off_m = result.deviation.final if result.valid and result.deviation else INVALID_SCORE
+        true_m = result.true_deviation.final if result.true_deviation else 1.0
+        self.walks_m.append((off_m, true_m))
+        if self.again is not None:
+            self.search.repeat(code, off_m, seen)
+            self.confirmed = len(self.codes) if off_m <= TARGET_M else 0
+            self.again = None
+            return
+        self.search.tell([code], [off_m], [seen])
+        self.again = seen.trim if off_m <= TARGET_M and self.search.trims else None
+
+    def best_m(self, walks: int) -> float:
+        """True distance of the walk that was measured to end nearest."""
+        return min(self.walks_m[:walks])[1]
+
+
+def walk_open_loop(
+    family: str, first: int, worlds: int, name: str, walks: int = MOST_WALKS
+) -> list[OpenLoop]:
+    """Search in members of a family until an end is confirmed, all worlds walk by walk together."""
+    robot, members = load_robot("ant"), load_randomization(family).members(first, worlds)
+    prior, searched = load_prior(shipped_priors() / OPEN_LOOP_PRIOR), []
+    for number, member in enumerate(members, first):
+        leg = 1 + number % N_LEGS
+        noise = member.sensor_noise.model_copy(update={"position_m": POSITION_NOISE_M})
+        plan = TrialPlan(gait=make_gait(robot, "demo"), belief=Failure(leg=leg))
+        heading_rad, space = body_heading_rad(plan, robot), GaitSpace((leg,))
+        ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
+        search = OPEN_LOOP[name](
+            drift_samples_of(prior, robot, leg), [space.code_of(slots) for slots in ranked]
+        )
+        world = member.model_copy(update={"sensor_noise": noise})
+        searched.append(OpenLoop(number=number, world=world, leg=leg, search=search))
+    for _ in range(walks):
+        left = [one for one in searched if not one.confirmed]
+        for one, result in zip(left, run_sim_trials([one.trial() for one in left]), strict=True):
+            one.take(result)
+    return searched
+
+
+def open_loop_lines(searched: Sequence[OpenLoop]) -> list[str]:
+    """Figures in cm after each number of walks: mean, median and 90th percentile; and walks to confirm."""
+    lines = []
+    for walks in range(1, max(len(one.codes) for one in searched) + 1):
+        off_cm = 100 * np.array([one.best_m(walks) for one in searched])
+        ranks = np.percentile(off_cm, [50, 90])
+        lines.append(f"after {walks}: {off_cm.mean():.1f} cm, median {ranks[0]:.1f}, 90th {ranks[1]:.1f}")
+    counts = np.array([one.confirmed or np.inf for one in searched])
+    lines.append(f"confirmed: {np.isfinite(counts).mean():.0%}, after {np.median(counts):g} walks (median)")
+    return lines
+
+
 def main(folder: Path = FOLDER, *, save: bool = False) -> None:
     """Walk the gaits that the cache lacks, and print the table."""
+    if sys.argv[1:2] == ["open-loop"]:
+        family, first, worlds, name = sys.argv[2:6]
+        if name == "no-secant":
+            drift_belief.GAIN_SD = 1e-6
+        searched = walk_open_loop(family, int(first), int(worlds), name)
+        sys.stdout.write("\n".join([f"{name}, {family}:{first}, n {worlds}", *open_loop_lines(searched), ""]))
+        return
     robot = load_robot("ant")
     asked = specs(robot, load_randomization(FAMILY), FIRST_WORLD, WORLDS)
     landscapes = evaluate(asked, WalkCache(folder))

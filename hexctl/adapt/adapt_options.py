@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from hexctl.backends.robot_options import FAILURE, RobotOptions, check_backend_options
 from hexctl.control.telemetry_watch import TOO_HOT_C
@@ -16,6 +16,9 @@ from hexctl.robot.failure_grammar import read_failures_before
 BEFORE_SEARCH = "a failure before the search, such as 5:limp"
 
 WALK, ON_ROBOT = Panel("Walk"), Panel("On a robot")
+
+#: Whether a search trims its walks.
+TrimChoice = Literal["auto", "off"]
 
 BUDGET = Range(low=1, high=100_000, whole=True)
 
@@ -37,17 +40,22 @@ class AdaptOptions(RobotOptions):
     """Most trials to walk, {}."""
 
     optimizer: Annotated[Any, Typed(words="optimizers")] = None
-    """What chooses the next gait: bayes (knows simulated worlds), trim (one gait again, with the trim that
-    its ends tell), random, exhaustive, or one of the paper's pso, psosp, dps, debest, derand; or
-    package.module:Class. (default: trim with --hold heading and the objectives final and progress, else
-    bayes where a prior fits, else random)
+    """What chooses the next gait: trim (straightens one gait by its paths, see --trim), bayes (knows
+    simulated worlds), random, exhaustive, or one of the paper's pso, psosp, dps, debest, derand; or
+    package.module:Class. (default: trim, else bayes if a prior fits, else random)
 
     In Python also a class.
     """
 
+    trim: TrimChoice = "auto"
+    """Whether trials are trimmed: their course, and in open loop their turn, is corrected by what earlier
+    walks drifted. off searches gaits only. (default: auto, with the objectives final and progress, --hold
+    none or heading, and no other --optimizer)
+    """
+
     prior: Annotated[str | Path | None, Typed(words="priors"), RARE] = None
-    """Prior, what bayes believes before the first trial: auto (made by hexctl prior build, or shipped), a
-    file, or none. (default: auto)
+    """Prior, what trim and bayes believe before the first trial: auto (made by hexctl prior build, or
+    shipped), a file, or none. (default: auto)
     """
 
     early_stop: Annotated[bool, RARE] = False
@@ -64,7 +72,7 @@ class AdaptOptions(RobotOptions):
     target: Annotated[str | float | None, Typed()] = None
     """Stop once the objective is this small: in its unit, which is metres (0.05), but s/m for speed, degrees
     for tilt and m/s for steadiness; or as a share of the ideal distance of a walk (1%); bayes once it is
-    90 % sure. (default: 0.025 with bayes and trim, else none)
+    90 % sure, trim once another walk confirms it. (default: 0.025 with bayes and trim, else none)
     """
 
     target_m: Annotated[float | None, Range(low=0, above=True), UNTYPED] = None

@@ -34,7 +34,6 @@ from hexctl.adapt.setting import (
     load_setting,
     log_note,
     start_note,
-    trimmed_plan,
 )
 from hexctl.adapt.stance import with_stance
 from hexctl.adapt.trial_loop import AdaptLoop, OnBaseline, OnConfirmation, OnTrial
@@ -203,7 +202,7 @@ class Adaptation:
             spec=session.spec,
             robot=setting.robot,
             world=setting.world,
-            plan_for=partial(trimmed_plan, setting, session),
+            plan_for=setting.plan_for,
             folder=store.folder_of(session.name) if self._record else None,
             stop_requested=stop_requested,
             live=live,

@@ -1,12 +1,10 @@
 """The best known gaits for a walk: `hexctl run --gait best`."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
-from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.prior.prior import PriorKey, open_prior
 from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.adapt.prior.samples import covering, ranked_codes
@@ -17,6 +15,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, make_gait, names_best
@@ -31,9 +30,9 @@ class BestGait:
     """The best known gaits for a walk.
 
     Attributes:
-        spec: of the walk, with gait and posture; of a session also its self-rotation, and its trim (hold
-            `heading`) or turn (no hold). With a prior the self-rotation is unchanged. For a gait to change
-            to, only the slots.
+        spec: of the walk, with gait and posture; of a session also its self-rotation and trim. With a prior
+            the self-rotation is unchanged. For a gait to change to, only the slots.
+
         source: gaits and their origin, for people.
     """
 
@@ -90,8 +89,8 @@ def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> Best
     robot, failure = as_robot(spec.robot), spec.failures[0]
     if session:
         known = load_session(session, folder)
-        found, slots = _of_session(spec, robot, failure, known)
-        return _with_trim(found, slots, known) if trimmed else found
+        found, trim = _of_session(spec, robot, failure, known)
+        return _with_trim(found, trim) if trimmed else found
     return _of_prior(spec, robot, failure, Path(folder))
 
 
@@ -141,7 +140,7 @@ def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
 
 def _of_session(
     spec: RunSpec, robot: Robot, failure: Failure, session: Session
-) -> tuple[BestGait, Sequence[int]]:
+) -> tuple[BestGait, TrialResult]:
     own, best, what = session.spec, session.best_walk, f"{argument('gait')}: got best:{session.name}"
     if own.robot_fingerprint != robot.fingerprint:
         raise InputError(f"{what}, a session of {own.robot}; allowed: of {robot.name} as it is described now")
@@ -151,8 +150,7 @@ def _of_session(
             f"{failure}"
         )
     if best is None:
-        lacks = "knows no trim of its best gait" if own.optimizer == TRIM else "has no valid walk"
-        raise InputError(f"{what}, which {lacks}; allowed: another session, or auto")
+        raise InputError(f"{what}, which has no valid walk; allowed: another session, or auto")
     rotation = own.self_rotation if spec.self_rotation == AUTO_ROTATION else spec.self_rotation
     body_raise = own.body_raise if spec.body_raise is None else spec.body_raise
     gait: str | Slots = best.slots
@@ -161,22 +159,20 @@ def _of_session(
         source = f"gait {best.gait}, as good as any trial of the session {session.name}"
     else:
         source = f"gait {best.code}, trial {best.index} of the session {session.name}"
-    return BestGait(spec=_walk_with(spec, gait, body_raise, rotation), source=source), best.slots
+    return BestGait(spec=_walk_with(spec, gait, body_raise, rotation), source=source), best.result
 
 
-def _with_trim(found: BestGait, slots: Sequence[int], session: Session) -> BestGait:
-    """A walk with the trim (hold `heading`) or turn (no hold) of its gait; a turn needs a heading."""
-    spec = found.spec
-    trim_rad, turn_rad_s = session.trim_rad(slots), session.turn_trim_rad_s(slots)
-    if spec.hold == "heading" and spec.trim_rad is None and trim_rad is not None:
-        text = f"{found.source}, with its trim of {math.degrees(trim_rad):.2f} degrees"
-        return BestGait(spec=replace(spec, trim_rad=trim_rad), source=text)
-    if spec.hold == "none" and spec.turn_rate_rad_s is None and turn_rad_s is not None:
-        text = f"{found.source}, with its turn of {math.degrees(turn_rad_s):.3f} degrees/s"
-        heading_rad = session.spec.heading_rad if spec.heading_rad is None else spec.heading_rad
-        turned = replace(spec, turn_rate_rad_s=turn_rad_s, heading_rad=heading_rad)
-        return BestGait(spec=turned, source=text)
-    return found
+def _with_trim(found: BestGait, walk: TrialResult) -> BestGait:
+    """A walk with the trim that a walk of its gait had, if both hold the same, unless it has its own."""
+    spec, turn_rad_s = found.spec, walk.turn_trim_rad_s
+    if walk.trim_rad is None or walk.hold != spec.hold or spec.trim_rad is not None:
+        return found
+    if spec.turn_rate_rad_s is not None or spec.turn_trim_rad_s is not None:
+        return found
+    text = f"{found.source}, with its trim of {math.degrees(walk.trim_rad):.2f} degrees"
+    if turn_rad_s is not None:
+        text += f" and {math.degrees(turn_rad_s):.3f} degrees/s"
+    return BestGait(spec=replace(spec, trim_rad=walk.trim_rad, turn_trim_rad_s=turn_rad_s), source=text)
 
 
 def _walk_with(spec: RunSpec, gait: str | Slots, body_raise: float, rotation: str) -> RunSpec:

@@ -27,11 +27,13 @@ class Answer:
         word: `measured`; `fell`; `skip`: the trial is invalid; `again`: repeat the walk; `quit`: end.
         distance_m: progress along the line.
         signed_m: deviation from it, left positive.
+        before_m: points of the path before its end, (distance, deviation) each, in their order.
     """
 
     word: Literal["measured", "fell", "skip", "again", "quit"]
     distance_m: float = math.nan
     signed_m: float = math.nan
+    before_m: tuple[tuple[float, float], ...] = ()
 
 
 class Operator(Protocol):
@@ -51,7 +53,7 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
     """Result of a walk completed with an operator's answer; NaN if not measured."""
     if answer.word == "quit":
         return replace(result, status="aborted", stopped="requested")
-    unknown = _path(result, math.nan, math.nan)
+    unknown = _path(result)
     bare = replace(result, distance_m=None, cost_of_transport=None, deviation=None, path_m=unknown)
     if answer.word == "fell":
         return replace(bare, status="fell")
@@ -67,7 +69,7 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
         distance_m=distance_m,
         cost_of_transport=cost_of_transport(robot, result.energy_j, distance_m),
         deviation=Deviation(abs(signed_m), math.nan, math.nan, signed_m),
-        path_m=_path(result, distance_m, signed_m),
+        path_m=_path(result, *answer.before_m, (distance_m, signed_m)),
     )
 
 
@@ -88,8 +90,13 @@ def not_walked(robot: Robot, plan: TrialPlan) -> TrialResult:
     )
 
 
-def _path(result: TrialResult, distance_m: float, signed_m: float) -> FloatArray:
-    """Path of which only the end is known, (T, 2)."""
+def _path(result: TrialResult, *points_m: tuple[float, float]) -> FloatArray:
+    """Path of which some points are known, (T, 2), at the ticks by which a steady walk has come so far."""
     path = np.full((max(1, round(result.duration_s / PERIOD_S)), 2), np.nan)
-    path[-1] = distance_m, signed_m
+    if points_m:
+        points = np.array(points_m)
+        ways_m = np.hypot(*np.diff(points, axis=0, prepend=0.0).T).cumsum()
+        lost = min(RAMP_DURATION_S / 2 / result.duration_s, 1.0)  # of the time, in the soft start
+        share = lost + (1 - lost) * ways_m / max(float(ways_m[-1]), 1e-9)
+        path[np.rint(share * len(path)).astype(int) - 1] = points
     return path

@@ -19,6 +19,24 @@ from hexctl.types import ArrayFields, FloatArray
 UNFINISHED = ("fell", "diverged", "cut_short", "aborted")
 
 
+#: Digits of a trim in degrees.
+TRIM_DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Trim:
+    """Correction of a walk, counter-clockwise: of its course, and in open loop of its turn rate."""
+
+    course_rad: float = 0.0
+    turn_rad_s: float = 0.0
+
+    @classmethod
+    def rounded(cls, course_deg: float | None, turn_deg_s: float | None) -> "Trim":
+        """Trim of degrees, 0 for None, rounded so that a command line repeats it exactly."""
+        angles = (math.radians(round(degrees or 0.0, TRIM_DIGITS)) for degrees in (course_deg, turn_deg_s))
+        return cls(*angles)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observation(ArrayFields):
     """The course of one walk; its status is one of `hexctl.control.trial_result.STATUSES`.
@@ -26,12 +44,14 @@ class Observation(ArrayFields):
     Attributes:
         path_m: progress and signed deviation at equal intervals, the last row at the end, (T, 2).
         yaw_change_rad: of the body; None if not measured.
+        trim: that the walk had.
     """
 
     path_m: FloatArray
     duration_s: float
     yaw_change_rad: float | None
     status: str
+    trim: Trim = Trim()
 
     @classmethod
     def of(cls, result: TrialResult) -> "Observation":
@@ -41,6 +61,7 @@ class Observation(ArrayFields):
             duration_s=result.duration_s,
             yaw_change_rad=result.yaw_change_rad,
             status=result.status,
+            trim=Trim(course_rad=result.trim_rad or 0.0, turn_rad_s=result.turn_trim_rad_s or 0.0),
         )
 
     @property
@@ -125,6 +146,9 @@ class Optimizer(ABC):
     #: True for a search whose `finished` decides when the target is reached.
     judges_target: bool = False
 
+    #: True for a search that trims its walks, and learns from each walk of the session, by `repeat`.
+    trims: bool = False
+
     def __init__(self, space: GaitSpace, seed: int) -> None:
         check_type(space, GaitSpace, "space", "a GaitSpace, as GaitSpace((5,))")
         check_type(seed, int, "seed", "0 or more")
@@ -156,6 +180,10 @@ class Optimizer(ABC):
     def repeat(self, code: int, score: float, observation: Observation) -> None:
         """Learn from a walk without an ask, such as a repeat of the best gait; most searches ignore it."""
         return
+
+    def trim(self, code: int) -> Trim | None:
+        """Trim of the next walk of a gait; None from searches that do not trim."""
+        return None
 
     def predict(self, code: int) -> Prediction | None:
         """Current prediction for a gait; None from searches without predictions."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
+from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.runner import TrialRunner, WalkedTrial, check_not_stopped
 from hexctl.adapt.sessions.session_spec import SessionSpec
@@ -60,13 +61,20 @@ class ResetFreeRunner:
     operator: Operator | None = None
     note: Note = lambda _text: None
 
-    def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+    def walk(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
         """Run one trial from the robot's position.
 
         Raises RobotStoppedError if the robot is stopped before the start, RobotFaultError for one that is
         lost or without a position.
         """
-        plan = self.runner.plan_for(slots)
+        plan = self.runner.plan_for(slots, trim)
         if self.runner.spec.cool_down_c is not None:
             cool_down(self.servos, self.runner.spec.cool_down_c, self.runner.stop_requested, self.note)
         if self.operator is not None:
@@ -110,7 +118,7 @@ class ResetFreeRunner:
         None or what failed.
         """
         robot = self.runner.robot
-        plan = self.runner.plan_for(turn_gait(robot).slots)
+        plan = self.runner.plan_for(turn_gait(robot).slots, None)
         speed_m_s = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
         reach_m = speed_m_s * plan.duration_s
         start = arena.start(reach_m)
@@ -245,7 +253,7 @@ def yaw_note(spec: SessionSpec, servos: Guard | None) -> str | None:
     if comes_true(lambda: servos.peek().base_quaternion_world is not None, YAW_COMES_S):
         return None
     said = "this robot tells no yaw, so that its walks cannot hold their heading"
-    instead = "; --optimizer trim --hold none learns a turn from the ends alone"
+    instead = "; --hold none learns a turn from its paths"
     return said + (instead if spec.optimizer == TRIM else "")
 
 

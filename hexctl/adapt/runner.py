@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
 from hexctl.adapt.sessions.unfinished import note_created, unfinished
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
@@ -89,15 +90,22 @@ class TrialRunner:
     spec: SessionSpec
     robot: Robot
     world: World | None
-    plan_for: Callable[[Slots], TrialPlan]
+    plan_for: Callable[[Slots, Trim | None], TrialPlan]
     folder: Path | None
     stop_requested: StopRequested = never
     live: LiveView | None = None
     meshes: Meshes = field(default_factory=dict)
 
-    def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+    def walk(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
         """Run one trial in its own simulation."""
-        plan = self.plan_for(slots)
+        plan = self.plan_for(slots, trim)
         # The simulated failure; the plan has the one that the controller knows.
         broken = self.spec.broken
         options = BackendOptions.of(

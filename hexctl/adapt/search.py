@@ -53,7 +53,7 @@ def new_spec(
     """
     options = AdaptOptions(**asked)
     measure, free = as_objective(options.objective), options.optimizer is None
-    spec = _with_trim(_with_target(_spec_of(options, measure), options.target), options.prior, free=free)
+    spec = _with_trim(_with_target(_spec_of(options, measure), options.target), free=free)
     check_numbers(spec)
     _check_options(spec, measure)
     if spec.optimizer not in (BAYES, TRIM):
@@ -61,8 +61,6 @@ def new_spec(
     spec, setting = _in_its_setting(spec, options.body_raise)
     if options.uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
-    if free and spec.optimizer == TRIM:  # it was chosen where no prior is asked for by name
-        return spec
     prior = None if options.prior is None else str(options.prior)
     return choose_prior(
         spec, setting, prior, free=free, folders=prior_folders(folder), note=note, advice=advice
@@ -183,15 +181,17 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
     return spec
 
 
-def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> SessionSpec:
-    """Spec of a trim search, by default with a held heading: a second walk of one gait is worth most then."""
-    asked = prior not in (None, "auto", "none") or spec.early_stop or spec.count_repeats
-    ends = spec.objective in ("final", "progress") and spec.hold == "heading"
-    if free and ends and not asked and spec.worth_m is None:
+def _with_trim(spec: SessionSpec, *, free: bool) -> SessionSpec:
+    """Spec of a search that trims, the default for straight walks without a held line."""
+    of_codes = spec.trim == "off" or spec.early_stop or spec.count_repeats or spec.worth_m is not None
+    ends = spec.objective in ("final", "progress") and spec.hold in ("none", "heading")
+    if free and ends and not of_codes:
         spec = replace(spec, optimizer=TRIM)
     if spec.optimizer != TRIM:
         return spec
     got = f"{argument('optimizer')}: got {TRIM} with"
+    if spec.trim == "off":
+        raise InputError(f"{got} {argument('trim')} off; allowed: without")
     if spec.objective_unit != "m":  # first, as it may be what chose the hold
         raise InputError(
             f"{got} {argument('objective')} {spec.objective}; allowed: with one in metres, such as final"

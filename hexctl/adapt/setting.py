@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
+from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_files import check_prior
 from hexctl.adapt.prior.samples import covering
-from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
@@ -62,9 +62,13 @@ class Setting:
         """The robot that walks."""
         return self.robot_file.robot
 
-    def plan_for(self, slots: Slots) -> TrialPlan:
-        """Plan of the trial of a gait."""
-        return replace(self.plan, gait=replace(self.plan.gait, slots=slots))
+    def plan_for(self, slots: Slots, trim: Trim | None = None) -> TrialPlan:
+        """Plan of the trial of a gait; in open loop only a trim turns."""
+        plan = replace(self.plan, gait=replace(self.plan.gait, slots=slots))
+        if trim is None:
+            return plan
+        turn_rad_s = trim.turn_rad_s if plan.hold == "none" else None
+        return replace(plan, trim_rad=trim.course_rad, turn_trim_rad_s=turn_rad_s)
 
     def in_posture(self, posture: str) -> "Setting":
         """Setting with gaits in one of `hexctl.control.assessment.static_stability.POSTURES`."""
@@ -111,16 +115,6 @@ def load_setting(spec: SessionSpec) -> Setting:
     )
     check_plan(robot, plan)
     return Setting(file, world, plan, prior_of(spec, robot, plan))
-
-
-def trimmed_plan(setting: Setting, session: Session, slots: Slots) -> TrialPlan:
-    """Plan of the next trial of a gait, with its learned trim."""
-    plan, spec = setting.plan_for(slots), session.spec
-    if spec.hold != "none":
-        return replace(plan, trim_rad=session.trim_rad(slots) or 0.0)
-    if spec.optimizer != TRIM:
-        return plan
-    return replace(plan, turn_trim_rad_s=session.turn_trim_rad_s(slots) or 0.0)
 
 
 def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScorePrior | None:
@@ -183,7 +177,7 @@ def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, no
             spec,
             uncertainty_m=round(found.numerical_m, 4),
             uncertainty_caveat=found.caveat(str(spec.broken)),
-            confirmed_uncertainty_m=_confirmed_m(spec, setting.world, found),
+            confirmed_uncertainty_m=_confirmed_m(setting.world, found),
         )
     if spec.duration_s >= MEASURED_S:
         command = _measuring(spec, setting.world)
@@ -191,10 +185,9 @@ def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, no
     return spec
 
 
-def _confirmed_m(spec: SessionSpec, world: World, found: SimulationUncertainty) -> float:
-    """Uncertainty of the walks that confirm a gait; 0 if they would be no finer, or of a trim."""
-    finer = world.time_step_s > CONFIRM_STEP_S and spec.optimizer != TRIM
-    return found.confirmed_m or 0.0 if finer else 0.0
+def _confirmed_m(world: World, found: SimulationUncertainty) -> float:
+    """Uncertainty of the walks that confirm a gait; 0 if they would be no finer."""
+    return found.confirmed_m or 0.0 if world.time_step_s > CONFIRM_STEP_S else 0.0
 
 
 def _measuring(spec: SessionSpec, world: World) -> str:

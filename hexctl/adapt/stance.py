@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.runner import check_not_stopped
 from hexctl.adapt.sessions.session_spec import SessionSpec
@@ -44,6 +45,8 @@ def with_stance(
     Raises the errors of `connected_deflection_rad`.
     """
     if spec.ask or not isinstance(setting.prior, Prior) or setting.prior.sag_rad is None:
+        return spec
+    if spec.optimizer != BAYES:
         return spec
     if servos is None:
         sag_rad = simulated_deflection_rad(setting.robot, setting.world, setting.plan, spec.seed, spec.broken)

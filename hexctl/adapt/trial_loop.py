@@ -1,6 +1,5 @@
 """The loop of trials: ask for a gait, walk it, tell the score, store the trial."""
 
-import math
 from collections.abc import Callable
 from itertools import takewhile
 from typing import Any, Protocol
@@ -8,10 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from hexctl.adapt.objectives import Objective, make_objective
-from hexctl.adapt.optimizer import Observation, Optimizer
-from hexctl.adapt.optimizers.trim import wanted_trim_rad, wanted_turn_trim_rad_s
+from hexctl.adapt.optimizer import Observation, Optimizer, Trim
 from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
-from hexctl.adapt.sessions.recommendation import Contender, next_to_confirm
+from hexctl.adapt.sessions.recommendation import next_to_confirm
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk as StoredWalk
 from hexctl.adapt.sessions.store import SessionStore
@@ -36,8 +34,15 @@ NOT_WORTH = "not worth another trial"
 class Walk(Protocol):
     """Walks a gait."""
 
-    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
-        """Walk the trial of an index, until `should_stop` of its path.
+    def __call__(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
+        """Walk the trial of an index with a trim, until `should_stop` of its path.
 
         The index of a baseline is `BASELINE_INDEX`; its code is 0 if its slots have none.
         """
@@ -78,7 +83,7 @@ class AdaptLoop:
         Args:
             objective: by default the one in its spec.
             stable_slots: of the gait `auto`, if the baseline has it.
-            walk_finely: walks at the time step `CONFIRM_STEP_S`; None if nothing is to be confirmed.
+            walk_finely: walks at the time step `CONFIRM_STEP_S`; None on a real robot.
         """
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
@@ -117,8 +122,8 @@ class AdaptLoop:
         self._store.keep(self._session)
 
     def _walk_baseline(self) -> bool:
-        """Walk the missing gaits of the baseline, unknown to the optimizer; False when interrupted."""
-        session, space = self._session, self._optimizer.space
+        """Walk the missing gaits of the baseline; False when interrupted."""
+        session, optimizer = self._session, self._optimizer
         walked = {walk.gait for walk in session.baseline}
         for name in [] if session.trials else session.spec.baseline_gaits:
             if name in walked:
@@ -126,9 +131,9 @@ class AdaptLoop:
             if self._stop_requested():
                 return False
             slots = self._baseline_slots[name]
-            code = _code_of(space, slots)
+            code = _code_of(optimizer.space, slots)
             what = f"the baseline {name}"
-            one = self._checked(self._walk(BASELINE_INDEX, code or 0, slots, None), what)
+            one = self._checked(self._walk(BASELINE_INDEX, code or 0, slots, None, None), what)
             if _interrupted(one, what):
                 return False
             record = BaselineRecord(
@@ -139,12 +144,16 @@ class AdaptLoop:
                 margin_m=self._margin_m(slots),
                 **_stored(one),
             )
-            self._keep(record, one, self._on_baseline)
+            if learns := optimizer.trims and code is not None:
+                optimizer.repeat(code, record.score, Observation.of(one.result))
+            self._keep(record, one, self._on_baseline, optimizer.state() if learns else None)
         return True
 
     def _search(self) -> str:
         spec = self._session.spec
         while len(self._session.trials) < spec.budget - spec.confirm:
+            if not self._confirm_last():
+                return "interrupted"
             if self._reached():
                 return "target"
             if self._optimizer.finished:
@@ -159,6 +168,8 @@ class AdaptLoop:
             should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
             if not self._try(code, should_stop):
                 return "interrupted"
+        if not self._confirm_last():
+            return "interrupted"
         if self._optimizer.finished:
             return "confirmed"
         return "target" if self._reached() else "budget"
@@ -169,11 +180,28 @@ class AdaptLoop:
         self._session.settled_on = None if predicted is None else {"code": code, **predicted.as_json()}
 
     def _reached(self) -> bool:
-        """Whether the best trial so far is within the target, unless the optimizer judges that."""
-        if self._optimizer.judges_target:
+        """Whether the best trial so far is within the target, unless the optimizer judges that.
+
+        Trimmed walks are within it if a walk that confirms one is.
+        """
+        session, optimizer, target_m = self._session, self._optimizer, self._session.spec.target_m
+        if optimizer.judges_target or target_m is None:
             return False
-        target_m, best = self._session.spec.target_m, self._session.best
-        return target_m is not None and best is not None and best.score <= target_m
+        if optimizer.trims:
+            within = [trial for trial in session.trials if trial.score <= target_m]
+            again = [session.confirmation_of(trial) for trial in within]
+            return any(walk is not None and walk.score <= target_m for walk in again)
+        return session.best is not None and session.best.score <= target_m
+
+    def _confirm_last(self) -> bool:
+        """Confirm a trimmed trial that is within the target; return False when interrupted."""
+        session, target_m = self._session, self._session.spec.target_m
+        if not self._optimizer.trims or target_m is None or not session.trials:
+            return True
+        last = session.trials[-1]
+        if last.score > target_m or session.confirmation_of(last) is not None:
+            return True
+        return not self._stop_requested() and self._confirmed(last, teaches=True)
 
     def _confirm(self) -> bool:
         """Repeat the best gait as often as asked; return False when interrupted."""
@@ -188,27 +216,34 @@ class AdaptLoop:
 
     def _confirm_finely(self) -> bool:
         while self._walk_finely is not None and (found := next_to_confirm(self._session)) is not None:
-            if self._stop_requested() or not self._confirmed(found, self._walk_finely):
+            if self._stop_requested() or not self._confirmed(found.walk):
                 return False
         return True
 
-    def _confirmed(self, found: Contender, walk: Walk) -> bool:
-        """Walk a contender at a finer time step and store it; return False when interrupted."""
-        index = found.walk.index if isinstance(found.walk, TrialRecord) else BASELINE_INDEX
-        code, slots = found.walk.code, found.walk.slots
-        what = f"the confirmation of gait {code}"
-        one = self._checked(walk(index, code or 0, slots, None), what)
+    def _confirmed(self, found: TrialRecord | BaselineRecord, *, teaches: bool = False) -> bool:
+        """Walk a gait again, in simulation at a finer time step, and store it; False when interrupted.
+
+        It teaches the optimizer unless the search has ended: with a greater budget it may go on.
+        """
+        index = found.index if isinstance(found, TrialRecord) else BASELINE_INDEX
+        code, slots, optimizer = found.code, found.slots, self._optimizer
+        what, walk = f"the confirmation of gait {code}", self._walk_finely or self._walk
+        one = self._checked(
+            walk(index, code or 0, slots, None, found.trim if optimizer.trims else None), what
+        )
         if _interrupted(one, what):
             return False
         record = ConfirmationRecord(
             code=code,
             slots=slots,
             score=self._scored(one, what),
-            margin_m=found.walk.margin_m,
-            time_step_s=CONFIRM_STEP_S,
+            margin_m=found.margin_m,
+            time_step_s=None if self._walk_finely is None else CONFIRM_STEP_S,
             **_stored(one),
         )
-        self._keep(record, one, self._on_confirmation)
+        if teaches and code is not None:
+            optimizer.repeat(code, record.score, Observation.of(one.result))
+        self._keep(record, one, self._on_confirmation, optimizer.state() if teaches else None)
         return True
 
     def _repeats(self) -> int:
@@ -218,7 +253,7 @@ class AdaptLoop:
         """Walk a code as the next trial, learn from it and store it; return False when interrupted."""
         optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
         predicted, what = optimizer.predict(code), f"trial {index}"
-        walked = self._checked(self._walk(index, code, slots, should_stop), what)
+        walked = self._checked(self._walk(index, code, slots, should_stop, optimizer.trim(code)), what)
         if _interrupted(walked, what):
             return False
         score, seen = self._scored(walked, f"{what}, gait {code}"), Observation.of(walked.result)
@@ -300,11 +335,8 @@ def _check_recording(walked: WalkedTrial, done: str) -> None:
 
 def _stored(walked: WalkedTrial) -> dict[str, Any]:
     points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
-    wanted_rad, wanted_rad_s = wanted_trim_rad(walked.result), wanted_turn_trim_rad_s(walked.result)
     return {
         "outcome": walked.result.to_dict(),
         "path_m": points[np.isfinite(points).all(axis=1)].tolist(),
         "recording": None if walked.recording is None else str(walked.recording),
-        "wanted_trim_deg": None if wanted_rad is None else math.degrees(wanted_rad),
-        "wanted_turn_trim_deg_s": None if wanted_rad_s is None else math.degrees(wanted_rad_s),
     }

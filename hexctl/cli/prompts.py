@@ -18,7 +18,10 @@ from hexctl.waiting import StopRequested
 LOOK_S = 0.1
 
 WORDS = ("fell", "skip", "again", "quit")
-HELP = 'two numbers in metres such as "4.1 -0.12", or fell, skip, again, quit'
+HELP = (
+    'two numbers in metres such as "4.1 -0.12", after those of points on the way if you have some, such as '
+    '"2 0.1 4.1 -0.12"; or fell, skip, again, quit'
+)
 
 
 def can_answer() -> bool:
@@ -79,18 +82,23 @@ class TrialPrompt:
 
     def measure(self, index: int, *, at_most_m: float) -> Answer:
         """Ask for the outcome of a trial until the answer is understood."""
-        question = f"{_walk_name(index)}: metres along the line and metres to its left (right: -): "
+        question = (
+            f"{_walk_name(index)}: metres along the line and metres to its left (right: -), the end last: "
+        )
         while True:
             said = self._ask(question)
             if said in WORDS:
                 return Answer(word=said)  # type: ignore[arg-type]  # a word of WORDS
             try:
-                distance_m, signed_m = (float(number) for number in said.replace(",", " ").split())
+                numbers = [float(number) for number in said.replace(",", " ").split()]
+                *before_m, (distance_m, signed_m) = zip(numbers[::2], numbers[1::2], strict=True)
             except ValueError:
                 question = f"got {said!r}; allowed: {HELP}: "
                 continue
-            if all(abs(number) <= at_most_m for number in (distance_m, signed_m)):
-                return Answer(word="measured", distance_m=distance_m, signed_m=signed_m)
+            if all(abs(number) <= at_most_m for number in numbers):
+                return Answer(
+                    word="measured", distance_m=distance_m, signed_m=signed_m, before_m=tuple(before_m)
+                )
             question = f"got {said!r}; allowed: up to {at_most_m:.1f} m, in metres: "
 
     def _ask(self, question: str) -> str:

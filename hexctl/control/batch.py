@@ -59,6 +59,7 @@ class SimTrial:
         facing_rad: yaw in which the robot is put down; the plan's heading counts from there.
         events: failures that come during the walk, and legs that heal.
         further_failures: other legs that the simulation breaks.
+        trial: number of the trial in its world; sensor noise differs between trials.
     """
 
     robot: Robot
@@ -69,6 +70,7 @@ class SimTrial:
     facing_rad: float
     events: tuple[FailureEvent, ...]
     further_failures: tuple[Failure, ...]
+    trial: int
 
     def __init__(
         self,
@@ -81,6 +83,7 @@ class SimTrial:
         facing_rad: float = 0.0,
         events: Sequence[FailureEvent] = (),
         further_failures: Sequence[Failure] = (),
+        trial: int = 0,
     ) -> None:
         check_type(plan, TrialPlan, "trial.plan", "a TrialPlan")
         check_type(failure, (Failure, type(None)), "trial.failure", "a Failure, as Failure(leg=5), or None")
@@ -89,7 +92,7 @@ class SimTrial:
         check_type(facing_rad, float, "trial.facing_rad")
         values = (
             *(as_robot(robot), plan, failure, as_world(world), seed, facing_rad, tuple(events)),
-            tuple(further_failures),
+            *(tuple(further_failures), trial),
         )
         for place, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, place.name, value)
@@ -104,6 +107,7 @@ class SimTrial:
             facing_rad=self.facing_rad,
             events=self.events,
             further_failures=self.further_failures,
+            trial=self.trial,
         )
 
     def put_down_turned(self, miss_rad: float = 0.0) -> "SimTrial":
@@ -118,7 +122,7 @@ class SimTrial:
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
         told = (plan.belief, plan.further_failures)
         broken = (self.failure, self.further_failures, self.events)
-        return (self.world, self.seed, *broken, *told, start, *self.shared_walk())
+        return (self.world, self.seed, self.trial, *broken, *told, start, *self.shared_walk())
 
     def shared_walk(self) -> tuple[object, ...]:
         """Key of trials that one controller can lead."""

@@ -34,7 +34,8 @@ TRIM_DEG = Range(low=-45, high=45, degrees=True)
 MAX_TRIM_RAD = math.radians(TRIM_DEG.high)
 
 #: A larger curve, 120 degrees in 30 s, is not trimmed either.
-MAX_TURN_TRIM_RAD_S = math.radians(4.0)
+TURN_TRIM_DEG_S = Range(low=-4, high=4, unit="deg/s", degrees=True)
+MAX_TURN_TRIM_RAD_S = math.radians(TURN_TRIM_DEG_S.high)
 
 
 def suited_rotation(self_rotation: str, hold: str, *, chosen_gait: bool) -> str:
@@ -78,9 +79,10 @@ class TrialPlan:
         settle_s: time to reach the stance and come to rest.
         hold: one of `HOLDS`; `none` is open loop, as in the paper.
         changes: of the gait, in stride, ascending in time.
-        trim_rad: counter-clockwise correction of the course under the hold `heading`, from an earlier walk.
-        turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of an earlier walk;
-            None for a walk without a trim.
+        trim_rad: counter-clockwise correction of the course from earlier walks, under the hold `heading` or,
+            with a `turn_trim_rad_s`, in open loop.
+        turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of earlier walks; None
+            for a walk without a trim.
         further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
     """
 
@@ -150,10 +152,10 @@ class TrialPlan:
 
     def motion(self, yaw_rad: float) -> Motion:
         """Motion in the frame of a body turned by a yaw since the start of the trial."""
-        turn_rate_rad_s = self.turn_rate_rad_s if self.turn_trim_rad_s is None else self.turn_trim_rad_s
-        return Motion(
-            heading_rad=self.heading_rad - yaw_rad, travel=self.travel, turn_rate_rad_s=turn_rate_rad_s
-        )
+        heading_rad, turn_rate_rad_s = self.heading_rad - yaw_rad, self.turn_rate_rad_s
+        if self.turn_trim_rad_s is not None:
+            heading_rad, turn_rate_rad_s = heading_rad + self.trim_rad, self.turn_trim_rad_s
+        return Motion(heading_rad=heading_rad, travel=self.travel, turn_rate_rad_s=turn_rate_rad_s)
 
     @property
     def straight(self) -> bool:

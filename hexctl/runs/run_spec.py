@@ -17,6 +17,7 @@ from hexctl.control.trial_plan import (
     DURATION_S,
     HEADING_DEG,
     TRIM_DEG,
+    TURN_TRIM_DEG_S,
     AskedRotation,
     GaitChange,
     Hold,
@@ -129,10 +130,17 @@ class RunSpec(RecordedOptions, WalkOptions):
     """
 
     trim_rad: Annotated[float | None, TRIM_DEG, RARE] = None
-    """With --hold heading, course correction in degrees, {}, counter-clockwise: after a walk that ended E to
-    the left after S, -atan(E / S) more. (default: 0)
+    """With --hold heading or --turn-trim, course correction in degrees, {}, counter-clockwise: after a walk
+    that ended E to the left after S, -atan(E / S) more. (default: 0)
 
     In Python in rad: `trimmed_rad` of `hexctl.control.walks.steering` has the one for the next walk.
+    """
+
+    turn_trim_rad_s: Annotated[float | None, TURN_TRIM_DEG_S, RARE] = None
+    """With --hold none, turn that removes the curve of a straight walk, in degrees per second, {}, counter-
+    clockwise, as hexctl adapt learns it. (default: none)
+
+    In Python in rad/s.
     """
 
     def __post_init__(self) -> None:
@@ -197,9 +205,15 @@ class RunSpec(RecordedOptions, WalkOptions):
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
             if value is not None:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
-        if self.trim_rad is not None and self.hold != "heading":
+        if self.turn_trim_rad_s is not None and self.hold != "none":
             raise UnusedError(
-                f"{argument('trim_rad')} requires hold heading; got hold {self.hold}",
+                f"{argument('turn_trim_rad_s')} requires hold none; got hold {self.hold}",
+                field="turn_trim_rad_s",
+            )
+        if self.trim_rad is not None and self.hold != "heading" and self.turn_trim_rad_s is None:
+            raise UnusedError(
+                f"{argument('trim_rad')} requires hold heading or {argument('turn_trim_rad_s')}; got hold "
+                f"{self.hold}",
                 field="trim_rad",
             )
         arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
@@ -302,6 +316,7 @@ def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
         self_rotation=rotation,
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,
+        turn_trim_rad_s=spec.turn_trim_rad_s,
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizer import Optimizer, Trim
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.trim import TrimSearch
@@ -22,7 +22,7 @@ from hexctl.adapt.trial_loop import AdaptLoop, Walk
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
 from tests.adapt.priors import MadeUpModel, made_up_bayes, standing_samples
-from tests.adapt.walking import SPEC, Landscape, result_of
+from tests.adapt.walking import SPEC, Landscape, arc_of
 
 #: Long enough that a kill falls anywhere in a trial, its writing and its telling.
 TRIAL_S = 0.002
@@ -41,20 +41,24 @@ def optimizer_of(spec: SessionSpec) -> Optimizer:
 
 
 class Drifting:
-    """Walks that drift aside, with noise of their ends, and the trim that their session has learned."""
+    """Walks that curve, each with noise of its own, less by their trim."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
-        trim_rad = self._session.trim_rad(slots) or 0.0
-        signed_m = 4.0 * math.tan(0.03 + trim_rad) + 0.02 * math.sin(1.7 * index)
-        return WalkedTrial(result=replace(result_of(signed_m), hold="heading", trim_rad=trim_rad))
+    def __call__(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
+        trim = trim or Trim()
+        drift = Trim(0.03 + 0.01 * math.sin(1.7 * index), 0.02)
+        return WalkedTrial(result=arc_of(drift, trim, gain=0.8))
 
 
 def landscape_of(session: Session) -> Walk:
     """Made-up walks of a session."""
-    return Drifting(session) if session.spec.optimizer == "trim" else Landscape()
+    return Drifting() if session.spec.optimizer == "trim" else Landscape()
 
 
 class Slow:
@@ -63,9 +67,16 @@ class Slow:
     def __init__(self, walk: Walk) -> None:
         self._walk = walk
 
-    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+    def __call__(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
         time.sleep(TRIAL_S)
-        return self._walk(index, code, slots, should_stop)
+        return self._walk(index, code, slots, should_stop, trim)
 
 
 def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | None = None) -> None:
@@ -84,6 +95,6 @@ def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | No
 
 SPECS_TO_KILL = {
     "dps": replace(SPEC, optimizer="dps", budget=100),
-    "trim": replace(SPEC, optimizer="trim", hold="heading", budget=60, target_m=1e-9),
+    "trim": replace(SPEC, optimizer="trim", budget=60, target_m=1e-9),
     "bayes": replace(SPEC, optimizer="bayes", budget=60, sag_rad=MadeUpModel().sags(1, 700)[0].tolist()),
 }

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.optimizer import Observation, Trim
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
@@ -106,7 +106,14 @@ class MadeUpWorld:
         self.walked: list[int] = []
         self._features, self._fallen = features, fallen
 
-    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+    def __call__(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
         self.walked.append(code)
         path = path_of(self._features[code - 1])
         ticks = round(DURATION_S / PERIOD_S)

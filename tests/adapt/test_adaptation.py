@@ -71,6 +71,7 @@ def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> 
         duration_s=3.0,
         prior="none",
         seed=2,
+        target_m=1e-9,
         on_trial=lambda _, trial: seen.append(trial.index),
     )
     assert seen == [1, 2]
@@ -225,6 +226,7 @@ def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
             self_rotation="none",
             backend="tests.cli.adaptkits:EStopped",
             prior="none",
+            trim="off",
             record=False,
             baseline=False,
         )
@@ -264,11 +266,11 @@ def test_a_target_may_be_a_share_of_the_distance() -> None:
 
 
 def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
-    uncertain = new_spec(failed_leg=5)
+    uncertain = new_spec(failed_leg=5, trim="off")
     assert uncertain.worth_m == pytest.approx(uncertain.uncertainty_m)
-    assert new_spec(failed_leg=5, uncertainty_m=0).worth_m == pytest.approx(0.001)
+    assert new_spec(failed_leg=5, trim="off", uncertainty_m=0).worth_m == pytest.approx(0.001)
     assert new_spec(failed_leg=5, worth_m=0.01).worth_m == 0.01
-    assert new_spec(failed_leg=5, prior="none").worth_m is None
+    assert new_spec(failed_leg=5, trim="off", prior="none").worth_m is None
 
 
 def test_a_search_without_a_valid_trial_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -326,7 +328,6 @@ def test_walks_are_confirmed_where_a_finer_step_says_more(tmp_path: Path) -> Non
     keep_uncertainty(shipped(), load_world(fine), replace(FOUND, confirmed_m=0.01), folder=tmp_path)
     at_fine = spec_of(tmp_path, notes, world=str(fine), duration_s=40.0)
     assert (at_fine.uncertainty_m, at_fine.confirmed_uncertainty_m) == (FOUND.step_m, 0.0)
-    assert spec_of(tmp_path, notes, optimizer="trim", hold="none").confirmed_uncertainty_m == 0.0
     assert spec_of(tmp_path, notes, objective="mean").confirmed_uncertainty_m == 0.0
 
 
@@ -340,7 +341,7 @@ def test_there_is_none_on_a_robot_of_other_scores_and_of_short_walks(
 
 
 def test_what_noise_is_believed_is_stored() -> None:
-    simulated, real = (new_spec(failed_leg=5, backend=backend) for backend in ("sim", "mock"))
+    simulated, real = (new_spec(failed_leg=5, trim="off", backend=backend) for backend in ("sim", "mock"))
     assert (simulated.noise_m, real.noise_m) == (SIMULATED_NOISE_M, REAL_NOISE_M)
     assert real.worth_m == pytest.approx(REAL_NOISE_M)
     assert [noise_m(spec) for spec in (simulated, real)] == [SIMULATED_NOISE_M, REAL_NOISE_M]

@@ -15,7 +15,6 @@ from hexctl.adapt.best import best_gait
 from hexctl.adapt.prior.prior import load_prior, save_prior
 from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.store import load_session
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
@@ -143,48 +142,29 @@ def test_by_a_session_it_is_that_of_the_baseline_where_no_trial_is_better(
 
 
 @pytest.mark.slow
-def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path) -> None:
-    session = short_session(tmp_path, budget=1, hold="heading", target_m=1.0)
-    assert session.best is not None
-    trim_rad = session.trim_rad(session.best.slots)
+@pytest.mark.parametrize("hold", ["none", "heading"])
+def test_by_a_session_that_trims_it_walks_with_the_trim(hold: str, tmp_path: Path) -> None:
+    session = short_session(tmp_path, budget=2, hold=hold, target_m=1e-9)
+    best = session.best_walk
+    assert best is not None
+    trim_rad, turn_rad_s = best.trim.course_rad, best.trim.turn_rad_s if hold == "none" else None
     assert trim_rad
-    asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2), hold="heading")
+    asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2), hold=hold)
     found = best_gait(asked, tmp_path)
-    assert Run(found.spec).plan.trim_rad == trim_rad
-    assert found.source.endswith(f"with its trim of {session.best_trim_deg:.2f} degrees")
-    assert best_gait(replace(asked, trim_rad=0.01), tmp_path).spec.trim_rad == 0.01
+    plan = Run(found.spec).plan
+    assert plan.trim_rad == pytest.approx(trim_rad)
+    assert plan.turn_trim_rad_s == pytest.approx(turn_rad_s)
+    assert f"with its trim of {math.degrees(trim_rad):.2f} degrees" in found.source
+    assert f"--trim {math.degrees(trim_rad):.4f}" in closing_lines(session, "budget")
     assert best_gait(replace(asked, hold="line"), tmp_path).spec.trim_rad is None
-
-
-@pytest.mark.slow
-def test_by_a_session_that_learned_a_turn_it_walks_in_open_loop_with_the_turn(tmp_path: Path) -> None:
-    session = short_session(
-        tmp_path, budget=2, hold="none", heading_rad=math.pi / 2, optimizer="trim", target_m=1e-9
-    )
-    assert session.best is not None
-    turn_rad_s = session.turn_trim_rad_s(session.best.slots)
-    assert turn_rad_s
-    asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2), hold="none")
-    found = best_gait(asked, tmp_path)
-    assert Run(found.spec).plan.turn_rate_rad_s == turn_rad_s
-    assert found.spec.heading_rad == pytest.approx(np.pi / 2)
-    assert Run(found.spec).plan.travel == 1.0
-    rate = f"{np.degrees(turn_rad_s):.3f}"
-    assert found.source.endswith(f"with its turn of {rate} degrees/s")
-    assert f"--hold none --heading 90 --turn {rate}" in closing_lines(session, "budget")
-    assert best_gait(replace(asked, hold="line"), tmp_path).spec.turn_rate_rad_s is None
+    if hold == "heading":
+        assert best_gait(replace(asked, trim_rad=0.01), tmp_path).spec.trim_rad == 0.01
+        return
     given = best_gait(replace(asked, turn_rate_rad_s=0.01, heading_rad=0.1), tmp_path).spec
-    assert (given.turn_rate_rad_s, given.heading_rad) == (0.01, 0.1)
+    assert (given.turn_rate_rad_s, given.trim_rad) == (0.01, None)
     later = best_gait(replace(asked, gait="wave", then=(f"{asked.gait}@2",)), tmp_path)
-    assert later.spec.turn_rate_rad_s is None
-    assert "its turn" not in later.source
-
-
-def test_a_session_that_searched_a_trim_and_knows_none_names_no_gait(tmp_path: Path) -> None:
-    name = stored_session(tmp_path, 0.03, "trim", tripod=0.01)
-    assert "walk on with" not in closing_lines(load_session(name, tmp_path), "budget")
-    with pytest.raises(InputError, match=r", which knows no trim of its best gait; allowed: another session"):
-        best_gait(spec(gait=f"best:{name}", failure=Failure(leg=2)), tmp_path)
+    assert later.spec.turn_trim_rad_s is None
+    assert "its trim" not in later.source
 
 
 def test_a_walk_may_change_to_the_best_gait(built: Path) -> None:

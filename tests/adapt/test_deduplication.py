@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
 from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedError
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
@@ -153,6 +153,8 @@ def test_help_goes_on_after_a_restore(stop: int) -> None:
 
 SEEN = Observation(path_m=np.zeros((3, 2)), duration_s=1.0, yaw_change_rad=0.0, status="ok")
 
+TRIM = Trim(0.01, 0.02)
+
 FORECAST = Prediction(signed_m=0.1, sd_m=0.2, trial_sd_m=0.3, chance=0.4, target_m=0.05)
 
 
@@ -175,6 +177,9 @@ class Outspoken(Scripted):
 
     def recommended(self) -> int | None:
         return 17
+
+    def trim(self, code: int) -> Trim | None:
+        return TRIM
 
     def predict(self, code: int) -> Prediction | None:
         return FORECAST
@@ -208,12 +213,22 @@ def test_everything_that_the_search_says_passes_through(paper_count: bool) -> No
     assert inner.repeated == [(5, 0.5, SEEN)]
     optimizer.tell(optimizer.ask(2), [0.1, 0.2], [SEEN, None])
     assert inner.seen == [SEEN, None]
-    fields = ("judges_target", "exhausted", "finished", "worthwhile", "space", "name")
+    fields = ("judges_target", "trims", "exhausted", "finished", "worthwhile", "space", "name")
     assert [getattr(optimizer, name) for name in fields] == [getattr(inner, name) for name in fields]
-    assert (optimizer.recommended(), optimizer.predict(3)) == (17, FORECAST)
+    assert (optimizer.recommended(), optimizer.predict(3), optimizer.trim(3)) == (17, FORECAST, TRIM)
     assert optimizer.early_stopping(3) is never_stop
     public = {name for name in {*vars(Optimizer), *Optimizer.__annotations__} if not name.startswith("_")}
-    methods = {"recommended", "predict", "early_stopping", "ask", "tell", "state", "restore", "repeat"}
+    methods = {
+        "recommended",
+        "predict",
+        "early_stopping",
+        "ask",
+        "tell",
+        "state",
+        "restore",
+        "repeat",
+        "trim",
+    }
     assert public | {"space"} == {*fields, *methods}, "is it passed through?"
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from hexctl.adapt.adaptation import Adaptation
 from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.runner import WalkedTrial
@@ -113,7 +114,14 @@ class Ends:
         self.ends, self.aborted = ends, aborted
         self.walked: list[int] = []
 
-    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+    def __call__(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
         if self.aborted:
             return WalkedTrial(result=result_of(0.0, "aborted"))
         self.walked.append(code)
@@ -241,7 +249,7 @@ def test_a_simulated_search_confirms_in_its_own_world_at_a_finer_step(tmp_path: 
     options: dict[str, Any] = {"prior": "none", "optimizer": "random", "baseline": False}
     spec = new_spec(failed_leg=2, budget=1, duration_s=2.0, world="slope", **options)
     spec = replace(spec, uncertainty_m=0.02, confirmed_uncertainty_m=0.005)
-    seen: list[float] = []
+    seen: list[float | None] = []
     result = Adaptation(spec, folder=tmp_path, record=False).run(
         on_confirmation=lambda _, walk: seen.append(walk.time_step_s)
     )

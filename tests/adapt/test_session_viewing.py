@@ -181,7 +181,8 @@ def test_beliefs_that_are_not_those_of_the_session_are_not_shown(
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        *((name, f"{name} expects nothing of gaits that it has not walked") for name in (*OPTIMIZERS, TRIM)),
+        *((name, f"{name} expects nothing of gaits that it has not walked") for name in OPTIMIZERS),
+        (TRIM, "trim expects each trimmed gait to end on its line"),
         ("no.such.module:Search", "what no.such.module:Search expects of the gaits is not known here"),
     ],
 )

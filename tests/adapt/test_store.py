@@ -590,7 +590,7 @@ def test_a_session_that_was_killed_is_resumed_with_one_recording_of_each_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    spec = new_spec(failed_leg=5, prior="none", budget=2, baseline=False, duration_s=1.0)
+    spec = new_spec(failed_leg=5, prior="none", trim="off", budget=2, baseline=False, duration_s=1.0)
     name = (
         Adaptation(spec).run(stop_requested=lambda: len(list(tmp_path.rglob("trial-*.rrd"))) > 1).session.name
     )

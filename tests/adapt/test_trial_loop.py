@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, as_objective
+from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, Bayes
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.runner import WalkedTrial
@@ -153,7 +154,7 @@ def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_p
 
     class Watching(Landscape):
         def __call__(  # type: ignore[override]
-            self, index: int, code: int, slots: tuple[int, ...], enough: object = None
+            self, index: int, code: int, slots: tuple[int, ...], enough: object = None, trim: object = None
         ) -> object:
             other = SessionStore(tmp_path)
             seen.append(len(load_session(stored_names(other.folder)[-1], other.folder).trials))
@@ -242,7 +243,14 @@ class CutOff(MadeUpWorld):
         super().__init__(features)
         self._after = after
 
-    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+    def __call__(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
         if len(self.walked) >= self._after:
             return WalkedTrial(result=result_of(0.0, "aborted"))
         return super().__call__(index, code, slots, should_stop)
@@ -271,7 +279,14 @@ class NoRoom(Landscape):
         super().__init__(cut_after=cut_after)
         self._full_at = full_at
 
-    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+    def __call__(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
         walked = super().__call__(index, code, slots, should_stop)
         return replace(walked, recording_error=OSError("disk full")) if index == self._full_at else walked
 

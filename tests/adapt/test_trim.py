@@ -1,6 +1,5 @@
-"""Heading trims and turns: what walks teach of a gait's bias, and the sessions that walk with them."""
+"""Trims: what paths teach of a gait's drift, the search that corrects it, and its sessions."""
 
-import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -8,40 +7,41 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hexctl.adapt.adaptation import Adaptation, adapt
 from hexctl.adapt.adaptation_result import AdaptationResult
-from hexctl.adapt.optimizers.trim import (
-    WALKS,
-    TrimSearch,
-    mean_trim_rad,
-    mean_turn_trim_rad_s,
-    wanted_trim_rad,
-    wanted_turn_trim_rad_s,
-)
+from hexctl.adapt.drift import drift_of
+from hexctl.adapt.measurement import Answer, measured
+from hexctl.adapt.optimizer import Observation, Trim
+from hexctl.adapt.optimizers.trim import TrimSearch
+from hexctl.adapt.prior.drift_belief import COUPLED, GAIN
+from hexctl.adapt.prior.prior import load_prior
+from hexctl.adapt.prior.prior_files import shipped_priors
+from hexctl.adapt.prior.samples import drift_samples_of
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.setting import load_setting
 from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.control.trial_plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
-from hexctl.gait.encoding import Slots
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import AUTO
+from hexctl.runs.run_spec import RunSpec, plan_of
 from hexctl.testing.optimizer_conformance import ONE_FAILED, Make, OptimizerConformance
-from tests.adapt.walking import closing_lines, result_of
+from tests.adapt.walking import arc_of, closing_lines
+from tests.robots import shipped
 
-#: How far a made-up gait walks, and its drift aside.
-WAY_M = 4.0
+CYCLE_S = 1 / 0.9
 
-DRIFT_RAD = math.radians(2.0)
-
-#: Of the end of a made-up walk.
-NOISE_M = 0.02
+#: Seconds of a walk of 30 s at full stride.
+STEADY_S = 30.0 - RAMP_DURATION_S / 2
 
 
 class TestTrimSearch(OptimizerConformance):
+    spaces = (ONE_FAILED,)
     seeded = False
 
     @pytest.fixture
@@ -54,180 +54,251 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.chdir(tmp_path)
 
 
-def ended(
-    angle_rad: float, *, trim_rad: float | None, status: str = "ok", noise_m: float = 0.0
-) -> TrialResult:
-    """The result of a walk that drifts aside at an angle."""
-    signed_m = WAY_M * math.tan(angle_rad) + noise_m
-    hold = "none" if trim_rad is None else "heading"
-    return replace(result_of(signed_m, status), hold=hold, trim_rad=trim_rad)
-
-
-class Drifting:
-    """Walks whose gaits all drift aside alike, each end with noise of its own.
-
-    In open loop they curve instead, and a turn is a tenth weaker than it is commanded.
+class Robot:
+    """A made-up robot whose gaits drift, each walk with noise of its own.
 
     Attributes:
-        status: of walks by their code; others are `ok`.
-        caveat: why they hold less than they should, or None.
-        hold: what walks hold.
-        drift_rad: how far they drift aside.
-        curve_rad_s: how fast they turn in open loop.
+        drift: of all gaits.
+        noise_rad: of the course of gaits by their code; others repeat exactly.
+        status: of walks of gaits by their code; others are `ok`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, drift: Trim, *, gain: float = 0.85) -> None:
+        self.drift, self.gain = drift, gain
+        self.noise_rad: dict[int, float] = {}
         self.status: dict[int, str] = {}
-        self.caveat: str | None = None
-        self.hold, self.drift_rad, self.curve_rad_s = "heading", DRIFT_RAD, math.radians(-1.5)
+        self.hold = "none"
+        self.walked = 0
 
-    def walk(self, runner: TrialRunner, index: int, code: int, slots: Slots) -> WalkedTrial:
-        """Walk a gait with the trim of its plan, as far as what is held allows."""
-        plan = runner.plan_for(slots)
-        trim_rad = plan.trim_rad if self.hold == "heading" else None
-        angle_rad, noise_m = self.drift_rad + (trim_rad or 0.0), NOISE_M * math.sin(1.7 * index)
-        if plan.turn_trim_rad_s is not None:
-            angle_rad = (self.curve_rad_s + 0.9 * plan.turn_trim_rad_s) * plan.duration_s / 2
-        status = self.status.get(code, "ok")
-        result = ended(angle_rad, trim_rad=trim_rad, status=status, noise_m=noise_m)
-        return WalkedTrial(
-            result=replace(result, turn_trim_rad_s=plan.turn_trim_rad_s, hold_caveat=self.caveat)
-        )
+    def result(self, code: int, trim: Trim | None) -> TrialResult:
+        """Result of the next walk of a gait."""
+        self.walked += 1
+        noise_rad = self.noise_rad.get(code, 0.0) * (1 if self.walked % 2 else -1)
+        drift = replace(self.drift, course_rad=self.drift.course_rad + noise_rad)
+        walk = arc_of(drift, trim or Trim(), gain=self.gain, status=self.status.get(code, "ok"))
+        if self.hold == "heading":
+            walk = replace(walk, hold="heading", turn_trim_rad_s=None)
+        return walk if trim is not None else replace(walk, trim_rad=None, turn_trim_rad_s=None)
+
+    def searched(self, search: TrimSearch, walks: int) -> list[tuple[int, float]]:
+        """Code and deviation of each walk of a search."""
+        done = []
+        for _ in range(walks):
+            (code,) = search.ask()
+            result = self.result(code, search.trim(code))
+            search.tell([code], [float(abs(result.path_m[-1, 1]))], [Observation.of(result)])
+            done.append((code, abs(float(result.path_m[-1, 1]))))
+        return done
+
+
+def drift_in(path_m: Any, duration_s: float = 30.0) -> Any:
+    observation = Observation(path_m=path_m, duration_s=duration_s, yaw_change_rad=None, status="ok")
+    return drift_of(observation, CYCLE_S)
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.01])
+def test_an_arc_has_its_course_and_its_turn_whatever_sways(noise_m: float) -> None:
+    arc = arc_of(Trim(0.05, 0.02), Trim())
+    sway_m = 0.02 * np.sin(math.tau * np.arange(1500) / 1500 * 27)[:, np.newaxis]
+    found = drift_in(arc.path_m + sway_m + noise_m * np.random.default_rng(3).normal(size=(1500, 2)))
+    assert found.half_turn_rad == pytest.approx(0.02 * STEADY_S / 2, abs=0.005 + noise_m)
+    assert found.course_rad == pytest.approx(0.05 + 0.02 * STEADY_S / 2, abs=0.01 + noise_m)
+    assert found.way_m == pytest.approx(4.0, abs=0.2)
+
+
+def tape(arc: TrialResult, *ticks: int) -> TrialResult:
+    """A walk that is measured by a tape at some ticks and at its end."""
+    points = [(float(x), float(y)) for x, y in arc.path_m[[*ticks, -1]]]
+    answer = Answer(
+        word="measured", distance_m=points[-1][0], signed_m=points[-1][1], before_m=tuple(points[:-1])
+    )
+    setting = load_setting(new_spec(failed_leg=5, prior="none"))
+    return measured(arc, answer, setting.robot, setting.plan)
+
+
+def test_points_of_a_tape_tell_the_turn_and_the_end_alone_an_arc_along_the_line() -> None:
+    arc = arc_of(Trim(0.05, 0.02), Trim())
+    found = drift_in(tape(arc, 400, 800, 1200).path_m)
+    assert found.half_turn_rad == pytest.approx(0.02 * STEADY_S / 2, rel=0.1)
+    alone = drift_in(tape(arc).path_m)
+    assert alone.half_turn_rad == alone.course_rad == pytest.approx(found.course_rad, abs=0.01)
+    assert drift_in(np.full((1500, 2), np.nan)) is None
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    course_deg=st.floats(-8, 8),
+    turn_deg_s=st.floats(-2.2, 2.2),
+    gain=st.floats(0.6, 1.2),
+    points=st.sampled_from([1500, 3]),
+)
+def test_the_law_converges_whatever_a_gait_drifts(
+    course_deg: float, turn_deg_s: float, gain: float, points: int
+) -> None:
+    robot = Robot(Trim(math.radians(course_deg), math.radians(turn_deg_s)), gain=gain)
+    search = TrimSearch(ONE_FAILED, 0, cycle_s=CYCLE_S)
+    for _ in range(6):
+        (code,) = search.ask()
+        result = robot.result(code, search.trim(code))
+        if points == 3:
+            result = replace(
+                result, path_m=np.where(np.arange(1500)[:, None] % 500 == 499, result.path_m, np.nan)
+            )
+        search.tell([code], [1.0], [Observation.of(result)])
+    assert abs(result.path_m[-1, 1]) < 0.05
+    assert code == 1, "it stays with a gait that can be straightened"
+
+
+@pytest.mark.parametrize(
+    ("noise_rad", "status", "floor_m", "drift", "walks", "changed"),
+    [
+        (0.0, "ok", 2.0, Trim(0.02, 0.02), 6, False),
+        (0.15, "ok", 2.0, Trim(0.02, 0.02), 6, True),
+        (0.0, "fell", 2.0, Trim(0.02, 0.02), 2, True),
+        (0.0, "no_progress", 4.1, Trim(0.02, 0.0), 2, True),
+        (0.0, "no_progress", 3.8, Trim(0.02, 0.05), 2, False),
+        (0.0, "ok", 2.0, Trim(0.0, 0.2), 3, True),
+    ],
+    ids=["repeats", "does not repeat", "falls", "too slow", "lost in a curve", "beyond the limits"],
+)
+def test_the_code_changes_if_trimming_it_promises_less(
+    noise_rad: float, status: str, floor_m: float, drift: Trim, walks: int, changed: bool
+) -> None:
+    robot = Robot(drift)
+    robot.noise_rad, robot.status = {1: noise_rad}, {1: status}
+    codes = [
+        code for code, _ in robot.searched(TrimSearch(ONE_FAILED, 0, cycle_s=CYCLE_S, floor_m=floor_m), walks)
+    ]
+    assert codes[0] == 1
+    assert (codes[-1] != 1) == changed
+
+
+def test_a_prior_names_the_gait_that_drifts_most_surely_and_its_first_trim() -> None:
+    samples = drift_samples_of(load_prior(shipped_priors() / "ant-locked-rear-30s.npz"), shipped(), 5)
+    search = TrimSearch(ONE_FAILED, 0, samples=samples, cycle_s=CYCLE_S)
+    (code,) = search.ask()
+    mean_rad = samples.drifts_rad.mean(axis=0)[code - 1]
+    spread_rad = samples.drifts_rad[..., 0].std(axis=0)
+    assert spread_rad[code - 1] < np.percentile(spread_rad, 10)
+    trim = search.trim(code)
+    left_rad = mean_rad[1] + COUPLED * trim.course_rad + GAIN * trim.turn_rad_s * STEADY_S / 2
+    assert left_rad == pytest.approx(0.0, abs=1e-5)
+    assert trim.course_rad == pytest.approx(mean_rad[1] - mean_rad[0], abs=1e-5)
+    mirrored = -samples.drifts_rad.mean(axis=0)
+    assert np.allclose(np.sort(mirrored[:, 0]), np.sort(samples.drifts_rad.mean(axis=0)[:, 0]), atol=2e-3)
 
 
 @pytest.fixture
-def drifting(monkeypatch: pytest.MonkeyPatch) -> Drifting:
+def robot(monkeypatch: pytest.MonkeyPatch) -> Robot:
     """Made-up walks instead of a simulation."""
-    made = Drifting()
-    monkeypatch.setattr(TrialRunner, "walk", lambda runner, *trial: made.walk(runner, *trial[:3]))
+    made = Robot(Trim(0.03, math.radians(-1.5)))
+
+    def walk(_: TrialRunner, *trial: Any) -> WalkedTrial:
+        _index, code, _slots, _stop, trim = trial
+        return WalkedTrial(result=made.result(code, trim))
+
+    monkeypatch.setattr(TrialRunner, "walk", walk)
     return made
 
 
 def search(**options: Any) -> AdaptationResult:
-    return adapt(5, record=False, **{"hold": "heading", "baseline": False, **options})
+    return adapt(5, record=False, **{"prior": "none", "baseline": False, **options})
 
 
-def test_a_walk_wants_what_would_have_ended_it_on_its_line() -> None:
-    drifted = ended(DRIFT_RAD, trim_rad=0.01)
-    # The mean over the last second is a little short of the end, and on the same straight way.
-    assert wanted_trim_rad(drifted) == pytest.approx(0.01 - DRIFT_RAD)
-    assert wanted_trim_rad(ended(DRIFT_RAD, trim_rad=None)) is None, "it held no heading"
-    assert wanted_trim_rad(ended(DRIFT_RAD, trim_rad=0.01, status="no_progress")) is None
-    by_tape = np.full((1500, 2), np.nan)
-    by_tape[-1] = 4.1, -0.12
-    measured = replace(drifted, path_m=by_tape)
-    assert wanted_trim_rad(measured) == pytest.approx(0.01 + math.atan2(0.12, 4.1))
-    assert wanted_trim_rad(replace(drifted, path_m=-by_tape)) is None, "it went backward"
+@pytest.mark.usefixtures("robot")
+def test_a_session_straightens_one_gait_confirms_it_and_prints_how_to_walk_it() -> None:
+    result = search(budget=9)
+    session, scores = result.session, [trial.score for trial in result.trials]
+    assert (session.spec.optimizer, result.ended) == ("trim", "target")
+    assert scores[0] > 1.0 > 0.025 >= scores[-1]
+    assert len({trial.code for trial in result.trials}) == 1
+    (confirmation,) = session.confirmations
+    best = session.best_walk
+    assert best is not None
+    assert (confirmation.trim, confirmation.time_step_s) == (best.trim, 0.0005)
+    words = closing_lines(session, result.ended).splitlines()[-1].split()
+    options = dict(zip(words[5::2], words[6::2], strict=True))
+    spec = RunSpec(
+        failed_leg=5,
+        gait=int(options["--gait"]),
+        hold="none",
+        trim_rad=math.radians(float(options["--trim"])),
+        turn_trim_rad_s=math.radians(float(options["--turn-trim"])),
+    )
+    spec.check()
+    plan = plan_of(spec, shipped())
+    assert (plan.trim_rad, plan.turn_trim_rad_s) == (best.trim.course_rad, best.trim.turn_rad_s)
+    row, walked = flat_rows(session)[-1], session.as_json()["trials"][-1]
+    assert (
+        row["turn_trim_deg_s"]
+        == walked["turn_trim_deg_s"]
+        == pytest.approx(math.degrees(best.trim.turn_rad_s))
+    )
 
 
-def test_the_trim_of_a_gait_is_the_mean_and_within_what_a_plan_takes() -> None:
-    assert mean_trim_rad([]) == 0.0
-    assert mean_trim_rad([0.01, 0.03]) == pytest.approx(0.02)
-    assert mean_trim_rad([2.0]) == MAX_TRIM_RAD
-    assert mean_trim_rad([-2.0]) == -MAX_TRIM_RAD
+def test_a_walk_that_cannot_be_confirmed_teaches_and_the_search_goes_on(robot: Robot) -> None:
+    robot.noise_rad = dict.fromkeys(range(1, 121), 0.01)
+    result = search(budget=6, target_m=0.02)
+    scores = [walk.score for walk in result.session.confirmations]
+    assert len(scores) >= 1
+    assert (result.ended == "target") == any(score <= 0.02 for score in scores)
 
 
-def test_one_gait_is_walked_until_it_fails_then_the_next() -> None:
-    trim = TrimSearch(ONE_FAILED, 0, codes=[7, *range(1, 7), *range(8, 121)])
-    walked = []
-    for score in itertools.chain([0.1] * WALKS, [1e6], [0.1]):
-        walked += trim.ask()
-        trim.tell(walked[-1:], [score])
-    assert walked == [7] * WALKS + [1, 2]
-    with pytest.raises(InputError, match="trim"):
-        TrimSearch(ONE_FAILED, 0, codes=[1, 2])
-
-
-@pytest.mark.usefixtures("drifting")
-def test_the_trim_is_the_mean_of_all_walks_of_the_gait_and_of_no_other() -> None:
-    result = search(target_m=1e-6, budget=WALKS + 2)
-    trials = result.trials
-    for trial in trials:
-        wanted = [one.wanted_trim_deg for one in trials[: trial.index - 1] if one.code == trial.code]
-        assert trial.outcome["trim_deg"] == pytest.approx(
-            np.mean(np.array(wanted, dtype=float)) if wanted else 0.0
-        )
-    assert len({trial.code for trial in trials}) == 2
-    assert trials[WALKS].outcome["trim_deg"] == 0.0, "another gait has a bias of its own"
-    errors_deg = [abs(trial.outcome["trim_deg"] + math.degrees(DRIFT_RAD)) for trial in trials[:WALKS]]
-    assert errors_deg[WALKS - 1] < errors_deg[1], "more walks know the bias better"
-
-
-@pytest.mark.usefixtures("drifting")
+@pytest.mark.usefixtures("robot")
 def test_the_baseline_teaches_the_first_trial() -> None:
     result = search(baseline=True)
     auto = next(walk for walk in result.baseline if walk.gait == AUTO)
+    assert auto.outcome["turn_trim_deg_s"] is None, "the baseline is not trimmed"
     assert result.trials[0].slots == auto.slots
-    assert result.trials[0].outcome["trim_deg"] == pytest.approx(auto.wanted_trim_deg)
-    assert (result.ended, len(result.trials)) == ("target", 1)
+    assert result.trials[0].score < 0.3 < auto.score
 
 
-def test_an_invalid_walk_teaches_nothing_and_another_gait_is_next(drifting: Drifting) -> None:
-    first = search(budget=1, target_m=1e-6).trials[0].code
-    drifting.status = {first: "fell"}
-    trials = search(budget=3).trials
-    assert [trial.wanted_trim_deg is None for trial in trials] == [True, False, False]
-    assert trials[0].code == first
-    assert trials[1].code == trials[2].code != first
-    assert trials[1].outcome["trim_deg"] == 0.0
+@pytest.mark.usefixtures("robot")
+def test_a_resumed_session_walks_as_an_uninterrupted_one() -> None:
+    options: dict[str, Any] = {"baseline": True, "target_m": 1e-6}
+    whole, part = search(budget=5, **options), search(budget=2, **options)
+    assert Adaptation.resume(part.session.name, budget=5, record=False).run().trials == whole.trials
 
 
-def test_a_robot_that_holds_nothing_learns_nothing(drifting: Drifting) -> None:
-    drifting.hold = "none"
-    drifting.caveat = "no yaw was measured"
-    result = search(budget=2)
-    assert [trial.outcome["trim_deg"] for trial in result.trials] == [None, None]
-    assert result.session.best_trim_deg is None
-    lines = closing_lines(result.session, result.ended).splitlines()
-    (said,) = [
-        line for line in lines if line.startswith("walks held less than heading: no yaw was measured;")
-    ]
-    assert said.endswith("--optimizer trim --hold none learns a turn from the ends alone")
-    assert not any(line.startswith("walk on with") for line in lines)
+@pytest.mark.parametrize(
+    ("options", "optimizer"),
+    [
+        ({}, "trim"),
+        ({"objective": "progress"}, "trim"),
+        ({"hold": "heading"}, "trim"),
+        ({"trim": "off"}, "bayes"),
+        ({"trim": "off", "prior": "none"}, "random"),
+        ({"trim": "off", "optimizer": "pso"}, "pso"),
+        ({"optimizer": "pso"}, "pso"),
+        ({"objective": "mean"}, "random"),
+        ({"hold": "line"}, "random"),
+        ({"early_stop": True}, "bayes"),
+    ],
+    ids=str,
+)
+def test_straight_walks_are_trimmed_unless_a_search_of_codes_is_asked_for(
+    options: dict[str, Any], optimizer: str
+) -> None:
+    assert new_spec(failed_leg=5, **options).optimizer == optimizer
 
 
-def test_a_walk_in_open_loop_wants_a_turn_against_its_curve() -> None:
-    curved = replace(ended(0.2, trim_rad=None), turn_trim_rad_s=0.01)
-    assert wanted_turn_trim_rad_s(curved) == pytest.approx(0.01 - 2 * 0.2 / 30.0)
-    assert wanted_turn_trim_rad_s(replace(curved, status="fell")) is None
-    assert wanted_turn_trim_rad_s(replace(curved, turn_trim_rad_s=None)) is None, "it is not asked for"
-    assert wanted_trim_rad(curved) is None
+def test_a_held_heading_is_trimmed_by_its_course_only(robot: Robot) -> None:
+    robot.hold, robot.drift = "heading", Trim(math.radians(2.0), 0.0)
+    result = search(hold="heading", budget=3, baseline=True)
+    assert len(result.trials) == 1
+    assert result.trials[0].outcome["trim_deg"] == pytest.approx(-2.0, abs=0.1)
+    assert result.trials[0].outcome["turn_trim_deg_s"] is None
+    walk_on = closing_lines(result.session, result.ended).splitlines()[-1]
+    assert f"--hold heading --trim {result.trials[0].outcome['trim_deg']:.4f}" in walk_on
 
 
-def test_far_off_walks_count_little_for_the_turn_and_near_ones_alike() -> None:
-    assert mean_turn_trim_rad_s([]) == 0.0
-    assert mean_turn_trim_rad_s([(0.0, 9.0, 30.0)]) == MAX_TURN_TRIM_RAD_S
-    far, near = (0.0, 0.030, 30.0), (0.030, 0.033, 30.0)
-    assert mean_turn_trim_rad_s([far, near]) == pytest.approx(0.033, abs=0.0003)
-    one, other = (0.033, 0.0332, 30.0), (0.033, 0.0328, 30.0)
-    assert mean_turn_trim_rad_s([one, other]) == pytest.approx(0.033)
-
-
-def test_a_session_in_open_loop_learns_a_turn_where_it_is_asked_to(drifting: Drifting) -> None:
-    drifting.hold = "none"
-    whole = search(hold="none", optimizer="trim", budget=4, target_m=0.001)
-    ends_m = [trial.score for trial in whole.trials]
-    assert ends_m[0] > 1.0
-    assert max(ends_m[2:]) < 2 * NOISE_M
-    (code,) = {trial.code for trial in whole.trials}
-    turned = [trial.outcome["turn_trim_deg_s"] for trial in whole.trials]
-    assert turned[0] == 0.0
-    assert turned[1] == pytest.approx(whole.trials[0].wanted_turn_trim_deg_s)
-    assert whole.session.best_turn_trim_deg_s == pytest.approx(1.5 / 0.9, rel=0.05)
-    last = closing_lines(whole.session, whole.ended).splitlines()[-1]
-    turn = f"--turn {whole.session.best_turn_trim_deg_s:.3f}"
-    assert last.startswith(
-        f"walk on with: hexctl run --failed-leg 5 --gait {code} --hold none --heading 0 {turn}"
-    )
-    part = search(hold="none", optimizer="trim", budget=2, target_m=0.001)
-    assert Adaptation.resume(part.session.name, budget=4, record=False).run().trials == whole.trials
-
-
-def test_a_trimmed_turn_leaves_the_line_straight_and_is_refused_elsewhere() -> None:
+def test_a_trimmed_walk_keeps_its_line_and_is_refused_elsewhere() -> None:
     plan = load_setting(new_spec(failed_leg=5)).plan
     assert plan.turn_trim_rad_s is None
-    trimmed = replace(plan, turn_trim_rad_s=0.02)
-    assert (trimmed.straight, trimmed.motion(0.0).turn_rate_rad_s) == (True, 0.02)
+    trimmed = replace(plan, turn_trim_rad_s=0.02, trim_rad=0.1)
+    motion = trimmed.motion(0.3)
+    assert (trimmed.straight, motion.turn_rate_rad_s) == (True, 0.02)
+    assert motion.heading_rad == pytest.approx(plan.motion(0.3).heading_rad + 0.1)
     assert replace(plan, turn_trim_rad_s=0.0).motion(0.3) == plan.motion(0.3)
     for wrong in ({"hold": "heading"}, {"turn_rate_rad_s": 0.1}, {"travel": 0.0}):
         with pytest.raises(InputError, match="turn trim"):
@@ -237,33 +308,19 @@ def test_a_trimmed_turn_leaves_the_line_straight_and_is_refused_elsewhere() -> N
 
 
 @pytest.mark.slow
-def test_a_simulated_walk_in_open_loop_is_straightened_by_its_ends_alone() -> None:
+def test_a_simulated_walk_in_open_loop_is_straightened() -> None:
     result = adapt(
         failure="3:limp",
         world="transfer:202",
-        optimizer="trim",
         duration_s=15.0,
+        prior="none",
         target_m=0.001,
         budget=3,
         baseline=False,
         record=False,
     )
-    assert result.session.spec.hold == "none"
     first_m, *_, last_m = [trial.score for trial in result.trials]
     assert last_m < 0.3 * first_m
-
-
-@pytest.mark.usefixtures("drifting")
-def test_trims_are_in_json_and_in_exports() -> None:
-    session = search(budget=1, target_m=1.0).session
-    (trial,) = session.trials
-    (row,) = flat_rows(session)
-    outcome = session.as_json()
-    assert row["trim_deg"] == trial.outcome["trim_deg"]
-    assert row["wanted_trim_deg"] == outcome["trials"][0]["wanted_trim_deg"] == trial.wanted_trim_deg
-    assert outcome["best_trim_deg"] == session.best_trim_deg
-    walk_on = closing_lines(session, "budget").splitlines()[-1]
-    assert f"--gait {trial.code} --hold heading --trim {session.best_trim_deg:.2f}" in walk_on
 
 
 @pytest.mark.parametrize(
@@ -272,10 +329,10 @@ def test_trims_are_in_json_and_in_exports() -> None:
         ({"hold": "heading", "self_rotation": "none"}, STAND_UP),
         ({"optimizer": "trim", "self_rotation": "none"}, STAND_UP),
         ({"hold": "heading"}, 0.0),
-        ({"prior": "none", "self_rotation": "none"}, 0.0),
+        ({"trim": "off", "prior": "none", "self_rotation": "none"}, 0.0),
         ({"hold": "heading", "self_rotation": "none", "body_raise": 0.0}, 0.0),
     ],
-    ids=["held", "trimmed", "trailing", "open loop", "given"],
+    ids=["held", "trimmed", "trailing", "of codes", "given"],
 )
 def test_a_body_stands_up_off_a_locked_leg_that_does_not_trail(
     options: dict[str, Any], body_raise: float
@@ -293,8 +350,7 @@ def test_a_body_stands_up_off_a_locked_leg_that_does_not_trail(
         ({"hold": "heading", "objective": "speed"}, "optimizer"),
         ({"objective": "speed"}, "optimizer"),
         ({"hold": "heading", "count_repeats": True}, "optimizer"),
-        ({"hold": "heading", "early_stop": True}, "early_stop"),
-        ({"hold": "heading", "prior": "auto"}, "prior"),
+        ({"trim": "off"}, "trim"),
     ],
     ids=str,
 )

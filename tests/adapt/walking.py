@@ -1,21 +1,25 @@
 """Trials without a robot: a made-up landscape that the loop walks."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hexctl.adapt.objectives import OBJECTIVES
+from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
+from hexctl.backends.clock import PERIOD_S
 from hexctl.cli.render.adapt_output import closing_parts
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.encoding import Slots
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
 from tests.robots import shipped
 
@@ -37,6 +41,25 @@ def result_of(deviation_m: float, status: str = "ok") -> TrialResult:
         yaw_change_rad=0.1,
         clipped_ticks=0,
         path_m=path,
+    )
+
+
+def arc_of(drift: Trim, trim: Trim, *, gain: float = 1.0, status: str = "ok") -> TrialResult:
+    """The result of a walk of 4 m along an arc, by its drift and its trim, whose turn has a gain."""
+    times_s = PERIOD_S * np.arange(1, 1501)
+    steps_m = 4.0 / 29.0 * PERIOD_S * np.minimum(times_s / RAMP_DURATION_S, 1.0)
+    turned_rad = (drift.turn_rad_s + gain * trim.turn_rad_s) * (times_s - RAMP_DURATION_S / 2)
+    direction_rad = drift.course_rad + trim.course_rad + turned_rad
+    path_m = np.cumsum([steps_m * np.cos(direction_rad), steps_m * np.sin(direction_rad)], axis=1).T
+    distance_m, signed_m = path_m[-1].tolist()
+    off_m = np.abs(path_m[:, 1])
+    return replace(
+        result_of(signed_m, status),
+        distance_m=distance_m,
+        deviation=Deviation(abs(signed_m), float(off_m.mean()), float(off_m.max()), signed_m),
+        path_m=path_m,
+        trim_rad=trim.course_rad,
+        turn_trim_rad_s=trim.turn_rad_s,
     )
 
 
@@ -104,7 +127,14 @@ class Landscape:
         self.walked: list[int] = []
         self._cut_after = cut_after
 
-    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+    def __call__(
+        self,
+        index: int,
+        code: int,
+        slots: Slots,
+        should_stop: Enough | None = None,
+        trim: Trim | None = None,
+    ) -> WalkedTrial:
         if self._cut_after is not None and len(self.walked) >= self._cut_after:
             return WalkedTrial(result=result_of(0.0, "aborted"))
         self.walked.append(code)

@@ -9,8 +9,12 @@ from benchmarks.search_gain import (
     AFTER,
     END_POINTS,
     FAMILY,
+    OPEN_LOOP,
+    OPEN_LOOP_PRIOR,
+    OpenLoop,
     lines_of,
     losses,
+    open_loop_lines,
     regrets,
     searches,
     specs,
@@ -18,11 +22,16 @@ from benchmarks.search_gain import (
     told_scores,
 )
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.backends.sim.world import load_randomization
+from hexctl.adapt.prior.prior import load_prior
+from hexctl.adapt.prior.prior_files import shipped_priors
+from hexctl.adapt.prior.samples import drift_samples_of
+from hexctl.backends.sim.world import World, load_randomization
 from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.control.trial_result import Deviation
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_score_prior
+from tests.adapt.walking import result_of
 from tests.robots import shipped
 from tests.study.made_up import made_up_in
 
@@ -83,3 +92,16 @@ def test_a_prior_that_knows_the_gaits_is_ahead_of_chance_and_of_a_shuffled_one(
 def test_the_table_has_a_line_for_each_search() -> None:
     lines = lines_of({"bayes": np.array([[0.1, 0.02], [0.3, 0.0]])})
     assert lines[-1] == "| bayes | 20.0 ± 10.0 (30.0) | 1.0 ± 1.0 (2.0) |"
+
+
+def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
+    known = drift_samples_of(load_prior(shipped_priors() / OPEN_LOOP_PRIOR), shipped(), 5)
+    one = OpenLoop(number=1, world=World(), leg=5, search=OPEN_LOOP["trim"](known, range(1, 121)))
+    steps = []
+    for off_m in (0.3, 0.01, 0.03, 0.02, 0.02):
+        steps.append(one.trial().world.time_step_s)
+        one.take(replace(result_of(off_m), true_deviation=Deviation(off_m + 0.01, 0.1, 0.1, off_m)))
+    assert steps == [0.002, 0.002, 0.0005, 0.002, 0.0005]
+    assert one.confirmed == 5
+    assert [one.best_m(walks) for walks in (1, 2)] == pytest.approx([0.31, 0.02])
+    assert open_loop_lines([one])[-1] == "confirmed: 100%, after 5 walks (median)"

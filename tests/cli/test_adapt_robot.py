@@ -33,7 +33,10 @@ ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 
 #: Trials whose times are known: no self-rotation, one second of walk.
-SHORT = ["--self-rotation", "none", "--duration", "1", "--no-record", "--no-baseline", "--budget", "3"]
+SHORT = [
+    *("--self-rotation", "none", "--duration", "1", "--no-record", "--no-baseline", "--budget", "3"),
+    *("--trim", "off"),
+]
 
 
 @pytest.fixture(autouse=True)
@@ -198,7 +201,7 @@ def test_ctrl_c_ends_a_question() -> None:
 
 TWIN = ["adapt", "--failed-leg", "5", "--backend", "tests.adapt.staying:StayingSim", "--no-record"]
 TWIN += ["--no-baseline"]
-SMALL = ["--duration", "6", "--arena", "0.6", "--budget", "5"]
+SMALL = ["--duration", "6", "--arena", "0.6", "--budget", "5", "--trim", "off"]
 
 
 def json_and_err(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> tuple[Any, str]:
@@ -226,7 +229,7 @@ def test_a_twin_is_led_to_the_circle_that_a_camera_sees(capsys: pytest.CaptureFi
     middle = np.array([1.0, 0.8])
     camera = Camera.looking(WEBCAM, np.array([-0.2, 0.8, 1.3]), np.array([*middle, 0.0]))
     place = saved(Path.cwd(), replace(SEEN, camera=CameraPose.of(camera)))
-    outcome, err = json_and_err(capsys, *TWIN, "--duration", "6", "--arena", str(place), "--budget", "5")
+    outcome, err = json_and_err(capsys, *TWIN, "--duration", "6", "--arena", str(place), *SMALL[-4:])
     home, radius_m = np.array(outcome["home_m"]), outcome["arena_m"]
     assert f"{radius_m:g} m" in err
     assert 0.4 < radius_m < np.hypot(*home), "it began outside"
@@ -243,7 +246,17 @@ def test_how_a_robot_stands_is_measured_where_it_measures(
 ) -> None:
     """Before the session is made, and so before its first gait is chosen."""
     save_prior(standing_prior(), Path("x.npz"))
-    words = ["adapt", "--failed-leg", "5", "--backend", backend, "--no-record", "--no-baseline"]
+    words = [
+        "adapt",
+        "--failed-leg",
+        "5",
+        "--backend",
+        backend,
+        "--no-record",
+        "--no-baseline",
+        "--trim",
+        "off",
+    ]
     words += ["--duration", "6"]
     code = 4 if KITS in backend else 0  # kits do not move, so that no trial is valid
     outcome, err = json_and_err(capsys, *words, "--prior", "x.npz", "--budget", "1", code=code)

@@ -175,6 +175,8 @@ OUTCOME = {
     "deviation_m": {"signed": 0.006},
     "yaw_change_deg": 0.0,
     "clipped_ticks": 0,
+    "trim_deg": None,
+    "turn_trim_deg_s": None,
 }
 WALKED: dict[str, Any] = {"path_m": [], "recording": None}
 
@@ -225,6 +227,16 @@ def fallen_tripod() -> Session:
     return made
 
 
+TRIMMED = "--hold none --trim 1.2300 --turn-trim -0.4560 --self-rotation rear"
+
+
+def trimmed() -> Session:
+    made = session(optimizer="trim", hold="none")
+    outcome = {**OUTCOME, "trim_deg": 1.23, "turn_trim_deg_s": -0.456}
+    made.trials[0] = replace(made.trials[0], outcome=outcome)
+    return made
+
+
 STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation": "none", "body_raise": 0.012}
 
 
@@ -250,6 +262,7 @@ STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation"
             "walk on with",
             "hexctl run --failed-leg 5 --gait 17 --body-raise 0.012",
         ),
+        (trimmed, "walk on with", f"hexctl run --failed-leg 5 --gait 17 {TRIMMED}"),
         (
             lambda: session(hold="none", heading_rad=math.radians(20.0)),
             "walk on with",
@@ -265,7 +278,6 @@ def test_nothing_is_said_of_what_is_not_known_or_not_learned() -> None:
     other = session(uncertainty_m=0.0213, objective="scores:heading_lost", objective_unit="rad")
     for made in (session(), other):
         assert "±" not in closing_lines(made, "budget") + "\n".join(opening_lines(made))
-    assert "walk on with" not in closing(session(optimizer="trim", hold="none"))
     none_yet = replace(session(0.001, uncertainty_m=0.0213), trials=[])
     assert not {"walk on with", "confirmed"} & closing(none_yet, "interrupted").keys()
 

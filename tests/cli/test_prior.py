@@ -24,7 +24,7 @@ from tests.robots import shipped
 pytestmark = pytest.mark.slow
 
 BUILD = ["prior", "build", "--duration", "6", "--worlds", "2", "--legs", "5"]
-ADAPT = ["adapt", "--failed-leg", "5", "--no-record", "--no-baseline"]
+ADAPT = ["adapt", "--failed-leg", "5", "--no-record", "--no-baseline", "--trim", "off"]
 STEERED = [*ADAPT, "--objective", "speed"]
 
 

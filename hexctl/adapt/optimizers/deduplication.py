@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
 
@@ -46,7 +46,7 @@ class Deduplication(Optimizer):
             raise InputError(f"patience: got {patience}; allowed: 1 or more")
         # The substitutes must differ from the codes that the same seed gives the search.
         self._random = np.random.default_rng(seed).spawn(1)[0]
-        self.name, self.judges_target = inner.name, inner.judges_target
+        self.name, self.judges_target, self.trims = inner.name, inner.judges_target, inner.trims
         self._inner = inner
         self._rules = {"patience": patience, "paper_count": paper_count}
         self._patience, self._paper_count = patience, paper_count
@@ -78,6 +78,10 @@ class Deduplication(Optimizer):
     def repeat(self, code: int, score: float, observation: Observation) -> None:
         """Pass a walk without an ask to the wrapped optimizer."""
         self._inner.repeat(code, score, observation)
+
+    def trim(self, code: int) -> Trim | None:
+        """As the wrapped optimizer."""
+        return self._inner.trim(code)
 
     def predict(self, code: int) -> Prediction | None:
         """As the wrapped optimizer."""

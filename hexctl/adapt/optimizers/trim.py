@@ -1,131 +1,185 @@
-"""Trims: the bias of a gait, learned from its walks, and the search that needs it.
+"""`trim`: search codes and trims together: straighten the gait that promises most, by its paths.
 
-A robot that holds its heading without a position drifts sideways at a repeatable angle. A walk with the trim
-t that ends e to the left of its line, s along it, would have ended on the line with
+A gait curves alike in each walk, so a second walk of it with the drift of the first taken out is worth more
+than a walk of another gait. A trim turns with the walk and shifts its course:
 
-    t' = t - atan2(e, s)
+    h' = b - a        w' = -(b + q h') / g
 
-The trim of a gait is the mean of the t' of all its valid walks, which averages out noise.
-
-In open loop a robot curves: the direction of its end is half of its turn. A walk of the duration T with the
-turn w wants
-
-    w' = w - 2 atan2(e, s) / T
-
-Each w' has the weight 1 / variance, with a tenth of its correction and `NOISE_RAD` as standard deviations:
-large first corrections are a tenth wrong.
+with the drift (a, b) and the gains g and q that `DriftBelief` expects. If the turn is small already it stays,
+and h' = -(a + g w) / (1 + q) brings the end to the line. A gait promises what is left then: its noise
+between walks, and the turn that exceeds the limits. A gait that was not walked promises the noise of a usual
+one and a share of its unknown drift, over the walks that it takes to learn its trim. The next walk is of the
+gait that promises to end nearest to its line.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.drift import Drift, drift_of, half_steady_s
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
+from hexctl.adapt.prior.acquisition import chance_within
+from hexctl.adapt.prior.drift_belief import GAIN_SD, DriftBelief, TrimmedWalk
+from hexctl.adapt.prior.samples import DriftSamples
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.assessment.score import END_TICKS
 from hexctl.control.trial_plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
-from hexctl.control.trial_result import TrialResult
-from hexctl.control.walks.steering import trimmed_rad
 from hexctl.errors import InputError
 
-#: Walks of a gait after which a trim that has not brought it within the target is taken not to converge.
-WALKS = 4
+#: How much nearer another gait has to end to be worth the walks that teach its trim.
+PRICE = 1.5
 
-#: Standard deviation of the direction in which open-loop walks end, and relative error of a correction.
-NOISE_RAD = math.radians(0.3)
-WRONG = 0.1
-
-
-def wanted_trim_rad(result: TrialResult) -> float | None:
-    """Trim with which a walk would have ended on its line, counter-clockwise.
-
-    Its end is the mean of the last second, to reduce noise. None for an invalid walk, or one without a held
-    heading.
-    """
-    end_m = _end_m(result)
-    if result.trim_rad is None or end_m is None:
-        return None
-    return trimmed_rad(result.trim_rad, distance_m=end_m[0], signed_m=end_m[1])
-
-
-def wanted_turn_trim_rad_s(result: TrialResult) -> float | None:
-    """Turn that would end an open-loop walk on its line, counter-clockwise; None if untrimmed or invalid."""
-    end_m = _end_m(result)
-    if result.turn_trim_rad_s is None or end_m is None:
-        return None
-    return result.turn_trim_rad_s - 2 * math.atan2(end_m[1], end_m[0]) / result.duration_s
-
-
-def _end_m(result: TrialResult) -> tuple[float, float] | None:
-    """End of a valid walk, along its line and to its left; None if unknown."""
-    end_m = result.path_m[-END_TICKS:]
-    end_m = end_m[np.isfinite(end_m).all(axis=-1)]
-    if not result.valid or not len(end_m):
-        return None
-    distance_m, signed_m = end_m.mean(axis=0).tolist()
-    # A walk shorter than its soft start may be valid.
-    return (distance_m, signed_m) if distance_m > 0 else None
-
-
-def mean_trim_rad(wanted_rad: Iterable[float]) -> float:
-    """Trim of a gait from those of its walks, within the limits of a plan; 0 without any."""
-    wanted = list(wanted_rad)
-    mean_rad = sum(wanted) / len(wanted) if wanted else 0.0
-    return min(max(mean_rad, -MAX_TRIM_RAD), MAX_TRIM_RAD)
-
-
-def mean_turn_trim_rad_s(walks: Iterable[tuple[float, float, float]]) -> float:
-    """Turn trim of a gait of walks (turn, wanted turn, duration), within a plan's limits; 0 without walks."""
-    rates, weights = [], []
-    for walked_rad_s, wanted_rad_s, duration_s in walks:
-        noise_rad_s = 2 * NOISE_RAD / duration_s
-        rates.append(wanted_rad_s)
-        weights.append(1 / (noise_rad_s**2 + (WRONG * (wanted_rad_s - walked_rad_s)) ** 2))
-    if not rates:
-        return 0.0
-    mean_rad_s = sum(weight * rate for weight, rate in zip(weights, rates, strict=True)) / sum(weights)
-    return min(max(mean_rad_s, -MAX_TURN_TRIM_RAD_S), MAX_TURN_TRIM_RAD_S)
+#: Half turns up to this are left: small trims of the turn are lost in what the feet slip, and the course
+#: alone brings the end to the line.
+SMALL_TURN_RAD = math.radians(2.5)
 
 
 class TrimSearch(Optimizer):
-    """Walks one gait until its trim has converged; the next gait only if that fails.
-
-    Gaits differ in their bias, but a trim corrects all alike: a second walk of the first gait is worth more
-    than another gait. The next gait follows an invalid walk, or `WALKS` walks without reaching the target.
+    """Walks the gait that promises most with a trim; `exhausted` when every gait has failed.
 
     Args:
         seed: not used.
-        codes: of the gaits, the most promising one first; None is from 1 on.
+        codes: of all gaits, the one with the best static margin first; None is from 1 on.
+        samples: drifts in the worlds of a prior; None without a prior.
+        target_m: deviation that is good enough.
+        duration_s: of a walk.
+        cycle_s: of a gait.
+        floor_m: minimum distance of a valid walk.
+        way_m: distance of a walk of any gait, without a prior.
+        turns: whether walks turn with a trim; False if they hold their heading.
     """
 
     name = "trim"
+    trims = True
 
-    def __init__(self, space: GaitSpace, seed: int, *, codes: Sequence[int] | None = None) -> None:
+    def __init__(
+        self,
+        space: GaitSpace,
+        seed: int,
+        *,
+        codes: Sequence[int] | None = None,
+        samples: DriftSamples | None = None,
+        target_m: float = 0.025,
+        duration_s: float = 30.0,
+        cycle_s: float = 1.0,
+        floor_m: float = 0.0,
+        way_m: float = 4.0,
+        turns: bool = True,
+    ) -> None:
         super().__init__(space, seed)
         self._codes = list(range(1, space.size + 1) if codes is None else codes)
         if sorted(self._codes) != list(range(1, space.size + 1)):
             raise InputError(f"trim: got {len(self._codes)} codes; allowed: each of 1..{space.size} once")
-        self._index, self._walks = 0, 0
+        self._samples, self._target_m, self._turns = samples, target_m, turns
+        self._floor_m = floor_m
+        self._cycle_s, self._half_s = cycle_s, half_steady_s(duration_s)
+        self._way_m = np.full(space.size, way_m) if samples is None else samples.way_m
+        self._forget()
 
     @property
     def exhausted(self) -> bool:
-        """True when the trim of every gait has failed."""
-        return self._index == len(self._codes)
+        """True when every gait has failed."""
+        return len(self._failed) == self.space.size
+
+    def trim(self, code: int) -> Trim:
+        """Trim that the belief expects to straighten the next walk of a gait."""
+        return self._straightened(code)[0]
+
+    def predict(self, code: int) -> Prediction:
+        """Where the next walk of a gait is expected to end."""
+        left_rad, way_m = self._straightened(code)[1], float(self._way_m[code - 1])
+        sd_m = way_m * self._belief.forecast(code).sd_rad
+        trial_sd_m = math.hypot(sd_m, way_m * self._belief.noise_rad(code))
+        mean_m = way_m * math.sin(left_rad)
+        chance = float(chance_within(np.array(mean_m), np.array(trial_sd_m), self._target_m))
+        return Prediction(
+            signed_m=mean_m, sd_m=sd_m, trial_sd_m=trial_sd_m, chance=chance, target_m=self._target_m
+        )
+
+    def repeat(self, code: int, score: float, observation: Observation) -> None:
+        """Learn from a walk without an ask."""
+        self._learn_observed([code], [score], [observation])
+
+    def promise_m(self, code: int) -> float:
+        """How far off its line a trimmed gait is expected to end."""
+        left_rad, noise_rad = self._straightened(code)[1], self._belief.noise_rad(code)
+        if code not in self._walked:
+            unknown_rad = GAIN_SD * self._belief.forecast(code).sd_rad
+            noise_rad = PRICE * math.hypot(noise_rad, unknown_rad)
+        return float(self._way_m[code - 1]) * math.hypot(left_rad, noise_rad)
+
+    def _straightened(self, code: int) -> tuple[Trim, float]:
+        """The trim of a gait, and the course that is left, because trims have limits."""
+        expected = self._belief.forecast(code)
+        gain, coupled = expected.gain * self._half_s, expected.coupled
+        course_rad, turn_rad_s = self._walked.get(code, (0.0, 0.0))
+        left_rad = expected.half_turn_rad + gain * turn_rad_s + coupled * course_rad
+        if self._turns and (code not in self._walked or abs(left_rad) > SMALL_TURN_RAD):
+            course_rad = expected.half_turn_rad - expected.course_rad
+            turn_rad_s = -(expected.half_turn_rad + coupled * course_rad) / gain
+        turn_rad_s = _limited(turn_rad_s, MAX_TURN_TRIM_RAD_S)
+        course_rad = _limited(-(expected.course_rad + gain * turn_rad_s) / (1 + coupled), MAX_TRIM_RAD)
+        left_rad = expected.course_rad + gain * turn_rad_s + (1 + coupled) * course_rad
+        return Trim.rounded(math.degrees(course_rad), math.degrees(turn_rad_s)), left_rad
 
     def _suggest(self, count: int) -> list[int]:
-        return [self._codes[self._index]]
+        """One gait for any count: the next trim needs its walk."""
+        left = [code for code in self._codes if code not in self._failed] or self._codes
+        return [min(left, key=self.promise_m)]
 
     def _learn(self, codes: list[int], scores: list[float]) -> None:
-        self._walks += 1
-        if scores[0] >= INVALID_SCORE or self._walks == WALKS:
-            self._index, self._walks = self._index + 1, 0
+        self._learn_observed(codes, scores, [None] * len(codes))
+
+    def _learn_observed(
+        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
+    ) -> None:
+        for code, one in zip(codes, observations, strict=True):
+            drift = drift_of(one, self._cycle_s) if one is not None and one.finished else None
+            trim, status = (Trim(), "unknown") if one is None else (one.trim, one.status)
+            numbers = None if drift is None else [drift.course_rad, drift.half_turn_rad, drift.way_m]
+            self._take([code, status, trim.course_rad, trim.turn_rad_s, numbers])
+
+    def _take(self, walk: list[Any]) -> None:
+        code, status, course_trim_rad, turn_trim_rad_s, numbers = walk
+        if not 1 <= code <= self.space.size:
+            raise ValueError(f"a walk of code {code}")
+        self._walks.append(walk)
+        drift = None if numbers is None else Drift(**dict(zip(Drift.__slots__, numbers, strict=True)))
+        slow = status == "no_progress" and (drift is None or drift.walked_m < self._floor_m)
+        if slow or status not in ("ok", "unknown", "no_progress"):
+            self._failed.add(code)
+        if drift is None:
+            return
+        self._walked[code] = course_trim_rad, turn_trim_rad_s
+        self._belief.observe(
+            TrimmedWalk(
+                code=code,
+                course_trim_rad=course_trim_rad,
+                half_turn_trim_rad=turn_trim_rad_s * self._half_s,
+                drift=drift,
+            )
+        )
+
+    def _forget(self) -> None:
+        self._belief = DriftBelief(
+            self.space.failed_legs[0], self.space.size, self._samples, turns=self._turns
+        )
+        self._walks: list[list[Any]] = []
+        self._walked: dict[int, tuple[float, float]] = {}  # the last trim of each code
+        self._failed: set[int] = set()
 
     def _search_state(self) -> dict[str, Any]:
-        return {"codes": list(self._codes), "place": self._index, "walks": self._walks}
+        return {"codes": list(self._codes), "walks": [list(walk) for walk in self._walks]}
 
     def _restore_search(self, state: dict[str, Any]) -> None:
-        self._codes = [int(code) for code in state["codes"]]
-        self._index, self._walks = int(state["place"]), int(state["walks"])
+        codes = [int(code) for code in state["codes"]]
+        walks = [list(walk) for walk in state["walks"]]
+        self._codes = codes
+        self._forget()
+        for walk in walks:
+            self._take(walk)
+
+
+def _limited(angle_rad: float, most_rad: float) -> float:
+    return min(max(angle_rad, -most_rad), most_rad)

@@ -198,7 +198,7 @@ class Belief:
         # Square root of the worlds' covariance: columns are gait-major, as all flat arrays here.
         self._root = apart.reshape(worlds, -1) / np.sqrt(max(worlds - 1, 1))
         self._shape = UNEXPLAINED * np.einsum("mgi,mgj->ij", apart, apart) / (worlds * len(self._mean))
-        self._alike = likeness(samples.leg, COMMON_SHARE, ALIKE_SHARE) * _outer(_spread(apart[..., FINAL]))
+        self._alike = likeness(samples.leg, COMMON_SHARE, ALIKE_SHARE) * _outer(spread_of(apart[..., FINAL]))
         self._noise_m = noise_m
         self._seen = _Seen()
         if sag_rad is not None and samples.sag_rad is not None:
@@ -327,7 +327,7 @@ def likeness(leg: int, common: float, alike: float) -> FloatArray:
     return np.asarray(common + near + (1 - common - alike) * np.eye(len(apart_cycles)))
 
 
-def _spread(apart: FloatArray) -> FloatArray:
+def spread_of(apart: FloatArray) -> FloatArray:
     """Spread of each gait over the worlds relative to that of all: sensitive gaits surprise more."""
     spread = apart.std(axis=0)
     # A gait that always fell has no known spread, which is not a spread of zero.

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
-from hexctl.adapt.optimizers.shipped import BAYES
+from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.prior.prior import KIND, SCORES
 from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
 from hexctl.adapt.prior.samples import covering
@@ -35,12 +35,12 @@ def choose_prior(
     note: Note,
     advice: Advice,
 ) -> SessionSpec:
-    """Spec with its optimizer and prior: `bayes` if a prior is wanted and fits.
+    """Spec with its optimizer and prior: `trim`, or `bayes` if a prior is wanted and fits.
 
     Args:
         spec: of a session, without a prior.
         wanted: `auto`, `none`, or the path or name of a prior; None is `auto`.
-        free: whether no optimizer was requested: a missing prior is no error then.
+        free: whether no optimizer was requested; then, and with trim, a missing prior is no error.
         folders: searched for priors, in this order.
         note: called with the reason if a session has no prior.
         advice: describes how to make the missing prior.
@@ -51,19 +51,21 @@ def choose_prior(
     if not _wants_prior(spec, wanted, free):
         return spec
     key, covered = setting.prior_key, covering(setting.robot, setting.plan)
-    reason = _other_objective(spec)
+    reason = "" if spec.optimizer == TRIM and spec.hold == "none" else _other_objective(spec)
     if not reason and named:
         path = named_prior(str(wanted), folders)
         check_prior(path, key, covers=covered)
-        return _with_bayes(spec, path)
+        return _with_prior(spec, path)
     if not reason:
         found = find_prior(key, folders, covers=covered)
         if found.path is not None:
-            return _with_bayes(spec, found.path)
+            return _with_prior(spec, found.path)
         reason = found.reason
-    if not free or named or spec.early_stop or spec.worth_m is not None:
+    needed = spec.optimizer == BAYES and not free
+    if needed or named or spec.early_stop or spec.worth_m is not None:
         raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
-    note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
+    if spec.hold == "none" or spec.optimizer != TRIM:
+        note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
     return spec
 
 
@@ -82,7 +84,11 @@ def _other_objective(spec: SessionSpec) -> str:
 def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
     """Whether to search for a prior; raises InputError for contradicting options."""
     believes = spec.optimizer == BAYES and not free
-    if not (free or believes) or wanted == "none" or (spec.count_repeats and free and wanted is None):
+    if (
+        not (free or believes or spec.optimizer == TRIM)
+        or wanted == "none"
+        or (spec.count_repeats and free and wanted is None)
+    ):
         if believes:
             raise InputError(
                 f"{argument('prior')}: got none with {argument('optimizer')} bayes; allowed: auto or a file"
@@ -110,9 +116,12 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
     return True
 
 
-def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
+def _with_prior(spec: SessionSpec, path: Path) -> SessionSpec:
     digest = str(KIND.read_head(path).get("digest", ""))
-    kept = replace(spec, optimizer=BAYES, prior=str(path), prior_digest=digest)
+    kept = replace(spec, prior=str(path), prior_digest=digest)
+    if spec.optimizer == TRIM:
+        return kept
+    kept = replace(kept, optimizer=BAYES)
     if spec.hold != "none":
         _check_scored(spec)
         return kept

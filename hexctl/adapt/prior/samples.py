@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.adapt.drift import half_steady_s
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Outcomes, Prior, ScorePrior
 from hexctl.adapt.prior.prior_files import Covers
@@ -99,6 +100,48 @@ def score_samples_of(prior: ScorePrior, robot: Robot, leg: int, objective: str) 
     filled = _filled(known)
     filled[:, never] = filled[:, ~never].mean(axis=0).max()
     return ScoreSamples(leg=leg, log_scores=filled, valid=np.concatenate(valid).mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class DriftSamples:
+    """Drift of the gaits of a failed leg in the worlds of a prior.
+
+    Attributes:
+        drifts_rad: course and half turn of each gait in each world, (worlds, gaits, 2).
+        way_m: mean distance from start to end of each gait, (gaits,).
+    """
+
+    leg: int
+    drifts_rad: FloatArray
+    way_m: FloatArray
+
+
+def drift_samples_of(prior: Prior, robot: Robot, leg: int) -> DriftSamples:
+    """Drifts of a prior's worlds for one failed leg; raises InputError as `samples_of` does."""
+    drifts, ways = [], []
+    for symmetry, source in _sources_in(prior, robot, leg):
+        order, row = np.argsort(moved_codes(symmetry, source)), prior.legs.index(source)
+        path_m = np.stack([prior.progress_m[row], prior.signed_m[row]], axis=-1)[:, order]
+        sign = -1.0 if symmetry.mirrored else 1.0
+        drifts.append(sign * _drifts_rad(path_m, prior.key.duration_s))
+        ways.append(np.hypot(*np.moveaxis(path_m[:, :, -1], -1, 0)))
+    known = np.concatenate(drifts)
+    if not np.isfinite(known).any():
+        raise InputError(
+            f"prior: leg {leg} fell with every gait in every world; nothing can be told from that"
+        )
+    way_m = _filled(np.concatenate(ways)).mean(axis=0)
+    return DriftSamples(leg=leg, drifts_rad=_filled(known), way_m=way_m)
+
+
+def _drifts_rad(path_m: FloatArray, duration_s: float) -> FloatArray:
+    """Course and half turn of paths of checkpoints, (..., CHECKPOINTS, 2), as of `drift_of`, (..., 2)."""
+    steps_m = np.diff(path_m, axis=-2)
+    direction_rad = np.unwrap(np.arctan2(steps_m[..., 1], steps_m[..., 0]), axis=-1)
+    apart_s = duration_s * (np.arange(1.0, CHECKPOINTS) - CHECKPOINTS / 2) / CHECKPOINTS
+    turn_rad_s = direction_rad @ apart_s / (apart_s @ apart_s)
+    course_rad = np.arctan2(path_m[..., -1, 1], path_m[..., -1, 0])
+    return np.stack([course_rad, turn_rad_s * half_steady_s(duration_s)], axis=-1)
 
 
 def ranked_codes(prior: Prior | ScorePrior, robot: Robot, leg: int, objective: str = "speed") -> list[int]:

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.control.assessment.uncertainty_store import DISTINCT
-from hexctl.gait.encoding import Slots
 
 #: Walks that may be recommended.
 Walk = TrialRecord | BaselineRecord
@@ -30,8 +28,8 @@ class Walks(Protocol):
     trials: list[TrialRecord]
     baseline: list[BaselineRecord]
 
-    def confirmation_of(self, slots: Slots) -> ConfirmationRecord | None:
-        """The walk of a gait at a finer time step, or None."""
+    def confirmation_of(self, found: Walk) -> ConfirmationRecord | None:
+        """The walk that confirms the gait of another walk with its trim, or None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +112,7 @@ def _trials(session: Walks) -> list[Contender]:
     """Valid trials; only the confirmed ones once there are enough."""
     trials = _valid(_contender(session, trial, searched=True) for trial in session.trials)
     confirmed = [trial for trial in trials if trial.confirmation is not None]
-    known = {trial.walk.slots for trial in confirmed}
+    known = {(trial.walk.slots, trial.walk.trim) for trial in confirmed}
     return confirmed if len(known) >= MOST_CONFIRMED else trials
 
 
@@ -125,14 +123,13 @@ def _unresolved(session: Walks) -> list[Contender]:
 
 
 def _contender(session: Walks, walk: Walk, *, searched: bool) -> Contender:
-    spec, confirmation = session.spec, session.confirmation_of(walk.slots)
+    spec, confirmation = session.spec, session.confirmation_of(walk)
     uncertainty_m = spec.uncertainty_m if confirmation is None else spec.confirmed_uncertainty_m
     return Contender(
         walk=walk,
         searched=searched,
         score=walk.score if confirmation is None else confirmation.score,
-        # A search for a trim repeats one gait, whose ends differ by more than what a time step changes.
-        uncertainty_m=uncertainty_m if spec.objective == "final" and spec.optimizer != TRIM else 0.0,
+        uncertainty_m=uncertainty_m if spec.objective == "final" else 0.0,
         confirmation=confirmation,
     )
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import Objective, undominated
-from hexctl.adapt.optimizers.shipped import TRIM
-from hexctl.adapt.optimizers.trim import mean_trim_rad, mean_turn_trim_rad_s
 from hexctl.adapt.sessions.recommendation import recommended
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import (
@@ -39,7 +37,7 @@ class Session:
         ended: why its search ended, as `AdaptLoop.run` returns it; None while it can be resumed.
         settled_on: gait that the optimizer recommends and its `Prediction.as_json`, or None.
         baseline: walks with the robot's usual gaits, before the first trial.
-        confirmations: walks at a finer time step, after the search.
+        confirmations: walks that confirm a gait, in simulation at a finer time step.
         stored_bytes: last known size of its file.
     """
 
@@ -54,9 +52,10 @@ class Session:
     confirmations: list[ConfirmationRecord] = field(default_factory=list)
     stored_bytes: int = field(default=0, compare=False, repr=False)
 
-    def confirmation_of(self, slots: Sequence[int]) -> ConfirmationRecord | None:
-        """The walk of a gait at a finer time step, or None."""
-        return next((walk for walk in self.confirmations if walk.slots == tuple(slots)), None)
+    def confirmation_of(self, found: WalkRecord) -> ConfirmationRecord | None:
+        """The walk that confirms the gait of another walk with its trim, or None."""
+        same = (walk for walk in self.confirmations if (walk.slots, walk.trim) == (found.slots, found.trim))
+        return next(same, None)
 
     @property
     def walked_s(self) -> float:
@@ -71,46 +70,9 @@ class Session:
 
     @property
     def best_walk(self) -> TrialRecord | BaselineRecord | None:
-        """The recommended walk; if a trim was searched, None for a gait without a known one."""
+        """The recommended walk."""
         found = recommended(self)
-        if found is None or self.spec.optimizer != TRIM:
-            return None if found is None else found.walk
-        trims = (self.trim_rad(found.walk.slots), self.turn_trim_rad_s(found.walk.slots))
-        return found.walk if any(trim is not None for trim in trims) else None
-
-    def trim_rad(self, slots: Sequence[int]) -> float | None:
-        """Learned trim of a gait, the mean over its walks, baseline included; None if unknown."""
-        walks = self._walks_of(slots)
-        wanted = [walk.wanted_trim_deg for walk in walks if walk.wanted_trim_deg is not None]
-        return mean_trim_rad(map(math.radians, wanted)) if wanted else None
-
-    def turn_trim_rad_s(self, slots: Sequence[int]) -> float | None:
-        """Learned turn of a gait in open loop; None without a trimmed walk."""
-        walks = [
-            (
-                math.radians(walk.outcome["turn_trim_deg_s"]),
-                math.radians(walk.wanted_turn_trim_deg_s),
-                float(walk.outcome["duration_s"]),
-            )
-            for walk in self._walks_of(slots)
-            if walk.wanted_turn_trim_deg_s is not None
-        ]
-        return mean_turn_trim_rad_s(walks) if walks else None
-
-    def _walks_of(self, slots: Sequence[int]) -> list[WalkRecord]:
-        return [walk for walk in (*self.baseline, *self.trials) if walk.slots == tuple(slots)]
-
-    @property
-    def best_trim_deg(self) -> float | None:
-        """Learned trim for the gait of the best trial, in degrees; None without one."""
-        trim_rad = None if self.best is None else self.trim_rad(self.best.slots)
-        return None if trim_rad is None else math.degrees(trim_rad)
-
-    @property
-    def best_turn_trim_deg_s(self) -> float | None:
-        """Learned turn in open loop for the best gait, in degrees per second; None without one."""
-        trim_rad_s = None if self.best is None else self.turn_trim_rad_s(self.best.slots)
-        return None if trim_rad_s is None else math.degrees(trim_rad_s)
+        return None if found is None else found.walk
 
     def pareto(self, objectives: Sequence[Objective]) -> list[tuple[TrialRecord, list[float]]]:
         """Pareto front of the valid trials with their scores, sorted by the first one.
@@ -134,6 +96,8 @@ class Session:
         found, target_m = recommended(self), self.spec.target_m
         if found is None or found.confirmation is None or target_m is None:
             return None
+        if not found.uncertainty_m:
+            return float(found.score <= target_m)
         reach_m = math.sqrt(2.0) * found.uncertainty_m
         below, above = (target_m - found.score) / reach_m, (target_m + found.score) / reach_m
         return 0.5 * (math.erf(below) + math.erf(above))
@@ -146,6 +110,8 @@ class Session:
             "gait": walk.gait if isinstance(walk, BaselineRecord) else None,
             "code": walk.code,
             "slots": list(walk.slots),
+            "trim_deg": walk.outcome["trim_deg"],
+            "turn_trim_deg_s": walk.outcome["turn_trim_deg_s"],
             "score": found.score,
             "uncertainty_m": found.uncertainty_m or None,
             "confirmed": found.confirmation is not None,
@@ -162,8 +128,6 @@ class Session:
             "baseline": [walk.as_json() for walk in self.baseline],
             "trials": [trial.as_json() for trial in self.trials],
             "best": None if best is None else best.as_json(),
-            "best_trim_deg": self.best_trim_deg,
-            "best_turn_trim_deg_s": self.best_turn_trim_deg_s,
             "found": best is not None,
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,

@@ -65,7 +65,9 @@ def search_steps(session: Session) -> tuple[SearchStep, ...]:
 def _without(spec: SessionSpec) -> str:
     if spec.optimizer == BAYES:
         return "with this objective bayes expects scores and not ends of walks, which are not shown"
-    if spec.optimizer in (*OPTIMIZERS, TRIM):
+    if spec.optimizer == TRIM:
+        return "trim expects each trimmed gait to end on its line, give or take its noise"
+    if spec.optimizer in OPTIMIZERS:
         return f"{spec.optimizer} expects nothing of gaits that it has not walked"
     return f"what {spec.optimizer} expects of the gaits is not known here"
 
@@ -120,7 +122,7 @@ def _step(session: Session, done: int, known: _Known | None, missing: str) -> Se
     lines += [f"- {_next(session, following, known)}"]
     if known is None:
         lines += [f"- {missing}"]
-    if session.baseline:
+    if session.baseline and session.spec.optimizer != TRIM:
         gaits = ", ".join(walk.gait for walk in session.baseline)
         lines += [f"- the search does not see the baseline walks: {gaits}"]
     if known is not None:

@@ -69,7 +69,7 @@ def _number(value: object) -> object:
 
 
 def walk_line(walk: Walk, optimizer_state: dict[str, Any] | None) -> bytes:
-    """Line of a walk; of a trial with the optimizer's state. Raises TypeError if JSON cannot hold it."""
+    """Line of a walk, with the optimizer's state if it learned from it; TypeError if JSON cannot hold it."""
     state = {} if optimizer_state is None else {"state": optimizer_state}
     return _text({_KINDS[type(walk)]: asdict(walk), **state})
 
@@ -135,8 +135,10 @@ def take_in(session: Session, walk: Walk, optimizer_state: dict[str, Any] | None
             session.optimizer_state = optimizer_state
         case BaselineRecord():
             session.baseline.append(walk)
+            session.optimizer_state = optimizer_state or session.optimizer_state
         case ConfirmationRecord():
             session.confirmations.append(walk)
+            session.optimizer_state = optimizer_state or session.optimizer_state
 
 
 def damage_text(error: BaseException) -> str:

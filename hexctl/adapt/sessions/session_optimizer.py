@@ -12,10 +12,10 @@ from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.prior.prior import Prior, ScorePrior
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, noise_m
-from hexctl.adapt.prior.samples import samples_of, score_samples_of
+from hexctl.adapt.prior.samples import drift_samples_of, samples_of, score_samples_of
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.assessment.score import progress_floor_m
+from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
 from hexctl.control.assessment.static_stability import slots_by_stability
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.robot.model import Robot
@@ -28,7 +28,7 @@ def make_search(
     prior: Prior | ScorePrior | None,
     optimizer: OptimizerClass | None = None,
 ) -> Optimizer:
-    """Fresh optimizer of a session: `bayes` with a prior, else the one in its spec.
+    """Fresh optimizer of a session: `trim`, `bayes` with a prior, else the one in its spec.
 
     `optimizer` is its class, if it cannot be imported by the name in the spec.
     """
@@ -36,7 +36,19 @@ def make_search(
     if spec.optimizer == TRIM:
         heading_rad = body_heading_rad(plan, robot)
         ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
-        return TrimSearch(space, spec.seed, codes=[space.code_of(slots) for slots in ranked])
+        known = drift_samples_of(prior, robot, spec.broken.leg) if isinstance(prior, Prior) else None
+        return TrimSearch(
+            space,
+            spec.seed,
+            codes=[space.code_of(slots) for slots in ranked],
+            samples=known,
+            target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
+            duration_s=spec.duration_s,
+            cycle_s=1 / plan.gait.pace_hz,
+            floor_m=progress_floor_m(robot, plan, plan.duration_s),
+            way_m=ideal_distance_m(robot, plan, plan.duration_s),
+            turns=spec.hold == "none",
+        )
     if prior is None:
         inner = make_optimizer(optimizer or spec.optimizer, space, spec.seed)
         return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)

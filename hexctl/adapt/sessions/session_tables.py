@@ -22,9 +22,7 @@ LAST_COLUMNS = (
     "hold",
     *QUALITIES,
     "trim_deg",
-    "wanted_trim_deg",
     "turn_trim_deg_s",
-    "wanted_turn_trim_deg_s",
     "margin_m",
 )
 

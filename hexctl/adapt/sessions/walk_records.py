@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.optimizer import Trim
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
 from hexctl.gait.gait import AUTO
 from hexctl.types import N_LEGS
@@ -89,9 +90,6 @@ class WalkRecord:
         outcome: its result, as `TrialResult.to_dict` writes it.
         path_m: progress and signed deviation along the walk, five points a second.
         recording: path of the recording, or None.
-        wanted_trim_deg: trim with which it would have ended on its line; None without a held heading, or if
-            invalid.
-        wanted_turn_trim_deg_s: turn with which a trimmed open-loop walk would have; else None.
         margin_m: minimum static stability margin of its gait over a cycle; None if unknown.
     """
 
@@ -100,9 +98,12 @@ class WalkRecord:
     outcome: Annotated[dict[str, Any], _as(_Outcome)]
     path_m: list[_Point]
     recording: str | None
-    wanted_trim_deg: float | None = None
-    wanted_turn_trim_deg_s: float | None = None
     margin_m: float | None = None
+
+    @property
+    def trim(self) -> Trim:
+        """Trim of the walk; of none without one."""
+        return Trim.rounded(self.outcome["trim_deg"], self.outcome["turn_trim_deg_s"])
 
     @property
     def result(self) -> TrialResult:
@@ -146,9 +147,7 @@ class WalkRecord:
             "score": self.score if self.valid else None,
             **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
             **{name: outcome[name] for name in ("stopped", "clipped_ticks", "hold", *QUALITIES, "trim_deg")},
-            "wanted_trim_deg": self.wanted_trim_deg,
             "turn_trim_deg_s": outcome["turn_trim_deg_s"],
-            "wanted_turn_trim_deg_s": self.wanted_turn_trim_deg_s,
             "margin_m": None if self.margin_m is None else round(self.margin_m, 4),
         }
 
@@ -227,10 +226,13 @@ class BaselineRecord(WalkRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ConfirmationRecord(WalkRecord):
-    """A walk of a gait at a finer time step, no trial; `code` is None outside the session's gaits."""
+    """A walk that confirms a gait with its trim, no trial; `code` is None outside the session's gaits.
+
+    `time_step_s` is the finer one of a simulation, None on a real robot.
+    """
 
     code: int | None
-    time_step_s: Annotated[float, Field(gt=0)]
+    time_step_s: Annotated[float, Field(gt=0)] | None
 
     @property
     def name(self) -> str:

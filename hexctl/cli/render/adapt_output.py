@@ -123,13 +123,14 @@ def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]
 
 def header_line(session: Session) -> str:
     """Names of the columns."""
-    trim = "     trim" if _trims(session.spec) else ""
+    trim = f"{'trim':>9}" if _trims(session.spec) else ""
+    trim += f"{'turn':>11}" if trim and session.spec.hold == "none" else ""
     score = "" if session.spec.objective == "final" else f"{'score':>10}"
     return f"walk   gait  {'slots':<11}  {'end':>13}  {'distance':>8}{score}{trim}  status"
 
 
 def _trims(spec: SessionSpec) -> bool:
-    return spec.hold == "heading" or spec.optimizer == TRIM
+    return spec.optimizer == TRIM
 
 
 def opening_lines(session: Session) -> list[str]:
@@ -191,7 +192,7 @@ def robot_name(file: str) -> str:
 def trial_line(session: Session, trial: TrialRecord) -> Text:
     """Table line of a trial; green if it is the best so far, red if it is invalid."""
     before = [one for one in session.trials if one.index < trial.index]
-    again = any((other.code, _trim(other)) == (trial.code, _trim(trial)) for other in before)
+    again = any((other.code, other.trim) == (trial.code, trial.trim) for other in before)
     note = ", repeat" if again and not session.spec.count_repeats else ""
     best = trial.valid and all(trial.score < other.score for other in before)
     style = "green" if best else "" if trial.valid else "red"
@@ -209,7 +210,7 @@ def confirmation_line(session: Session, walk: ConfirmationRecord) -> Text:
     """Line of a walk at a finer time step."""
     named = (gait for gait, slots in NAMED_SLOTS.items() if walk.code is None and slots == walk.slots)
     name = next(named, "-" if walk.code is None else f"{walk.code}")
-    note = f" at {1000 * walk.time_step_s:g} ms"
+    note = ", confirms" if walk.time_step_s is None else f" at {1000 * walk.time_step_s:g} ms"
     return Text(_walk_text(session.spec, walk, "", name, note), style="cyan" if walk.valid else "red")
 
 
@@ -220,7 +221,7 @@ def _walk_text(spec: SessionSpec, walk: WalkRecord, index: str, gait: str, note:
     slots = ",".join(str(slot) for slot in walk.slots)
     score = "" if spec.objective == "final" else f"{walk.score:>10.3f}" if walk.valid else f"{'-':>10}"
     return (
-        f"{index:>4} {gait:>6}  {slots:<11}  {end:<13}  {distance:>8}{score}{_trim(walk)}  "
+        f"{index:>4} {gait:>6}  {slots:<11}  {end:<13}  {distance:>8}{score}{_trim(spec, walk)}  "
         f"{_status(walk)}{note}{_cause(walk)}"
     )
 
@@ -230,11 +231,14 @@ def _status(walk: WalkRecord) -> str:
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
 
 
-def _trim(walk: WalkRecord) -> str:
-    trim_deg, turn_deg_s = (walk.outcome.get(name) for name in ("trim_deg", "turn_trim_deg_s"))
-    if turn_deg_s is not None:
-        return f" {turn_deg_s:>+6.2f}\N{DEGREE SIGN}/s"
-    return "" if trim_deg is None else f"  {trim_deg:>+6.2f}\N{DEGREE SIGN}"
+def _trim(spec: SessionSpec, walk: WalkRecord) -> str:
+    """Columns of the trim; empty for a walk without one."""
+    if not _trims(spec):
+        return ""
+    trim_deg, turn_deg_s = (walk.outcome[name] for name in ("trim_deg", "turn_trim_deg_s"))
+    course = "-" if trim_deg is None else f"{trim_deg:+.2f}\N{DEGREE SIGN}"
+    turn = "-" if turn_deg_s is None else f"{turn_deg_s:+.3f}\N{DEGREE SIGN}/s"
+    return f"{course:>9}" + (f"{turn:>11}" if spec.hold == "none" else "")
 
 
 def _cause(walk: WalkRecord) -> str:
@@ -355,8 +359,9 @@ def _name(walk: TrialRecord | BaselineRecord) -> str:
 def _surety_lines(session: Session, found: Contender | None) -> list[str]:
     spec, settled = session.spec, session.settled_on
     if found is not None and found.confirmation is not None:
-        step = f"{1000 * found.confirmation.time_step_s:g} ms"
-        known = f"± {in_cm(found.uncertainty_m)} by a walk at a time step of {step}"
+        if (step_s := found.confirmation.time_step_s) is None:
+            return ["accuracy: confirmed by another walk"]
+        known = f"± {in_cm(found.uncertainty_m)} by a walk at a time step of {1000 * step_s:g} ms"
         return [f"accuracy: {known}{_reached(session)}"]
     if found is not None and spec.uncertainty_text:
         return [f"accuracy: ± {in_cm(spec.uncertainty_m)} by the simulation's time step"]
@@ -399,11 +404,11 @@ def _gain(session: Session, found: Contender | None, scale: float, unit: str) ->
 
 
 def _less_lines(session: Session) -> list[str]:
-    """Why walks held less than possible, and how a search for a trim works without a yaw."""
+    """Why walks held less than possible, and how a trim works without a yaw."""
     caveats = dict.fromkeys(trial.outcome.get("hold_caveat") for trial in session.trials)
     lines = [f"walks held less than {session.spec.hold}: {caveat}" for caveat in caveats if caveat]
     if lines and session.spec.optimizer == TRIM:
-        lines[-1] += "; without a yaw, --optimizer trim --hold none learns a turn from the ends alone"
+        lines[-1] += "; without a yaw, --hold none learns a turn from the paths"
     return lines
 
 
@@ -437,14 +442,14 @@ def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
 
 
 def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
-    """Hold and trim of a gait; a turn keeps its heading."""
+    """Hold, heading and trim of a walk, which are rounded to what is printed here."""
     heading, hold = f"{math.degrees(session.spec.heading_rad):g}", session.spec.hold
-    trim_rad, turn_rad_s = session.trim_rad(walk.slots), session.turn_trim_rad_s(walk.slots)
-    if turn_rad_s is not None:
-        return {"hold": "none", "heading": heading, "turn": f"{math.degrees(turn_rad_s):.3f}"}
+    trim_deg, turn_deg_s = (walk.outcome[name] for name in ("trim_deg", "turn_trim_deg_s"))
     options: dict[str, str] = {} if hold == RunSpec().hold else {"hold": hold}
-    if trim_rad is not None:
-        options = {"hold": "heading", "trim": f"{math.degrees(trim_rad):.2f}"}
+    if trim_deg is not None:
+        options |= {"trim": f"{trim_deg:.4f}"}
+    if turn_deg_s is not None:
+        options |= {"turn-trim": f"{turn_deg_s:.4f}"}
     return options if heading == "0" else {**options, "heading": heading}
 
 

@@ -84,7 +84,7 @@ def score(
         cost_of_transport=cost_of_transport(robot, energy_j, distance_m if _goes_straight(plan) else None),
         tilt_deg=lean_deg(quaternions_world),
         steadiness=unsteadiness_m_s(positions_world),
-        trim_rad=plan.trim_rad if hold == "heading" else None,
+        trim_rad=plan.trim_rad if hold == "heading" or plan.turn_trim_rad_s is not None else None,
         turn_trim_rad_s=plan.turn_trim_rad_s,
         noticed=noticed,
         controller=controller,
