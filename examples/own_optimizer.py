@@ -1,4 +1,4 @@
-"""Search a straight gait with a custom optimizer: one that tries all gaits, from the last to the first.
+"""Search for a straight gait with a custom optimizer: one that tries all gaits, from the last to the first.
 
 Run it with `python examples/own_optimizer.py`, or `hexctl adapt --optimizer own_optimizer:Backwards`.
 """

@@ -123,7 +123,7 @@ def demo(
     on_confirmation: OnConfirmation | None = None,
     stop_requested: StopRequested = never,
 ) -> DemoResult:
-    """Let a leg fail during a walk, recover, search a gait for the other legs, and draw the walks as a race.
+    """Let a leg fail during a walk, recover, search for a gait of the others, and draw the walks as a race.
 
     Args:
         budget: most trials of the search.

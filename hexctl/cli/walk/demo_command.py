@@ -43,7 +43,7 @@ def demo(
 ) -> None:
     """Break a leg of a simulated robot in mid-walk, and see it recover.
 
-    The robot walks twice in one world, without recovery and with it; then hexctl adapt searches the gait
+    The robot walks twice in one world, without recovery and with it; then hexctl adapt searches for the gait
     that goes straight without that leg. Ctrl-C stops it. Exit codes: 0 done, 3 fault, 130 interrupted.
     """
     check_writable(runs_folder())
