@@ -111,6 +111,8 @@ def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
     assert "# front left, middle left" in path.read_text()
     assert robot.body.mass_kg == 2.945
     assert robot.body.com_m == before.body.com_m
+    assert robot.body.inertia_kg_m2 is not None
+    assert before.body.inertia_kg_m2 is not None
     np.testing.assert_allclose(robot.body.inertia_kg_m2, 2 * np.array(before.body.inertia_kg_m2), rtol=1e-3)
     assert result.not_seen == []
 
