@@ -104,7 +104,7 @@ def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
         record=False,
     )
     assert result.session.spec.broken.kind == "unknown"
-    assert "the simulation breaks leg 5 limp; the controller is told leg 5 unknown" in notes
+    assert "simulated failure: leg 5 limp; the controller assumes leg 5 unknown" in notes
 
 
 @pytest.mark.usefixtures("landscape")

@@ -8,7 +8,7 @@ The result depends on dragging feet, friction and weak joints, which no model pr
 import math
 from collections.abc import Sequence
 
-from hexctl.control.walks.velocity_walk import GLIDE_CYCLES
+from hexctl.control.walks.velocity_walk import glide_cycles
 from hexctl.gait.gait import Gait
 
 #: Cycles after a glide over which the speed is measured.
@@ -37,7 +37,7 @@ class PostureTrial:
     def __init__(self, gaits: Sequence[Gait], cycle_ticks: float, commanded_m: float) -> None:
         self._gaits, self._commanded_m = list(gaits), commanded_m
         self._mean_share = 1 - math.exp(-1 / (MEAN_CYCLES * cycle_ticks))
-        self._begin_tick = round(GLIDE_CYCLES * cycle_ticks)
+        self._begin_tick = round(glide_cycles(gaits[0]) * cycle_ticks)
         self._ticks = round(MEASURED_CYCLES * cycle_ticks)
         self._tick, self._progress_m, self._from_m = 0, math.nan, math.nan
         #: Shares of the commanded speed; unwalked gaits come first.

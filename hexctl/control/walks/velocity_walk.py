@@ -29,8 +29,8 @@ FULL_SPEED_S = 0.5
 #: Maximum strokes as a multiple of the gait's amplitude; longer ones are scaled down, all feet alike.
 OVERDRIVE = 1.2
 
-#: Duration of a change of gait. In 1.5 cycles one of 45 robots fell on its way to a crawl, in one cycle none.
-GLIDE_CYCLES = 1.0
+#: Duration of a change of gait, and of one to a crawl on four legs: in 1.5 cycles one of 45 robots fell.
+GLIDE_CYCLES, CRAWL_GLIDE_CYCLES = 1.5, 1.0
 
 #: What sets the speed: the length of the strokes, the pace, or both.
 SPEED_BY = ("stride", "pace", "both")
@@ -125,11 +125,13 @@ class VelocityWalk(Controller):
         now = self.leave_plain()
         pattern = self._pattern_of(self.gaits, plain=False)
         shifted = now.phases + nearest_phases(now.phases, pattern.phases, pattern.stepping)
-        going = _Glide(now, now, np.ones(self._shape)[()]) if self._glide is None else self._glide
+        ones: FloatArray = np.ones(self._shape)[()]
+        going = _Glide(now, now, ones, ones) if self._glide is None else self._glide
         self._glide = _Glide(
             _mixed(begins, now, going.before),
             _mixed(begins, replace(pattern, phases=shifted), going.later),
             chosen(begins, 0.0, going.share),
+            chosen(begins, self._each([glide_cycles(gait) for gait in self.gaits]), going.cycles),
         )
 
     def leave_plain(self) -> StepPattern:
@@ -246,16 +248,22 @@ class MotionWalk(VelocityWalk):
         return self._each(rows)
 
 
+def glide_cycles(gait: Gait) -> float:
+    """Duration of a change to a gait, in cycles."""
+    return CRAWL_GLIDE_CYCLES if len(gait.posture.tucked_legs) > 1 else GLIDE_CYCLES
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Glide:
-    """A change of gait between two patterns, by a share of 0 to 1, leading shape."""
+    """A change of gait between two patterns, by a share of 0 to 1, over some cycles, leading shapes."""
 
     before: StepPattern
     later: StepPattern
     share: FloatArray
+    cycles: FloatArray
 
     def after(self, cycles: FloatArray) -> "_Glide":
-        return replace(self, share=np.minimum(1.0, self.share + cycles / GLIDE_CYCLES))
+        return replace(self, share=np.minimum(1.0, self.share + cycles / self.cycles))
 
     @property
     def pattern(self) -> StepPattern:

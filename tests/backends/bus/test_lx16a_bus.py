@@ -159,24 +159,24 @@ def test_a_move_behind_lost_answers_has_the_time_of_a_joint_that_missed_the_move
 
 def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
     bus, board, _ = _bus()
-    _servo(board, 4).limits = (330, 350)
+    _servo(board, 4).limits = (311, 331)
     bus.settings(bus.find())
     bus.hold(stance_counts(MAP), EVERY)
     goals = stance_counts(MAP)
-    goals[4] = 400
+    goals[4] = 381
     bus.write_goals(goals)
-    assert _within(lambda: _positions(bus)[4] == 350)
-    assert bus.poll_all()[4].error == "goal beyond the limits 330 to 350 stored in the servo"
+    assert _within(lambda: _positions(bus)[4] == 331)
+    assert bus.poll_all()[4].error == "goal beyond the limits 311 to 331 stored in the servo"
     assert _servo(board, 4).holds
 
 
 def _bus_with_a_joint_at(counts: int) -> tuple[Lx16aBus, BusBoard, FloatArray]:
-    """A bus whose fourth joint was moved by hand beyond the limits 330 to 350, and where its joints are."""
+    """A bus whose fourth joint was moved by hand beyond the limits 311 to 331, and where its joints are."""
     bus, board, _ = _bus()
     here = stance_counts(MAP)
     here[4] = counts
     board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]
-    _servo(board, 4).limits = (330, 350)
+    _servo(board, 4).limits = (311, 331)
     bus.settings(bus.find())
     assert _within(lambda: _positions(bus) == here.tolist())
     return bus, board, here
@@ -184,23 +184,23 @@ def _bus_with_a_joint_at(counts: int) -> tuple[Lx16aBus, BusBoard, FloatArray]:
 
 def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_torque() -> None:
     """It was driven to the limit, 12 degrees away, in 20 ms as the torque was switched on."""
-    bus, board, here = _bus_with_a_joint_at(400)
+    bus, board, here = _bus_with_a_joint_at(381)
     holds = bus.hold(here, EVERY)
     assert np.flatnonzero(~holds).tolist() == [4]
     bus.write_goals(stance_counts(MAP))
-    assert bus.poll_all()[4].error == "stands beyond the limits 330 to 350 stored in the servo"
+    assert bus.poll_all()[4].error == "stands beyond the limits 311 to 331 stored in the servo"
     assert not _servo(board, 4).loaded
     assert _servo(board, 4)._time_s == 0, "no move came"
-    assert _positions(bus)[4] == 400
+    assert _positions(bus)[4] == 381
     bus.set_torque(False)
     assert bus.poll_all()[4].error == ""
 
 
 def test_a_joint_a_little_beyond_a_stored_limit_moves_to_it() -> None:
-    bus, board, here = _bus_with_a_joint_at(355)
+    bus, board, here = _bus_with_a_joint_at(336)
     bus.hold(here, EVERY)
     bus.poll_all()
-    assert _servo(board, 4)._goal == 350
+    assert _servo(board, 4)._goal == 331
     assert "stands" not in bus.poll_all()[4].error
 
 
