@@ -199,9 +199,9 @@ class _Search(Generic[ValuesT]):
         size = 1.0 if one.absolute else max(abs(at.place[column]), self._least[column])
         step = np.zeros(len(self._free))
         step[column] = one.step * size
-        ends = [
-            place for place in (at.place + step, at.place - step) if np.allclose(self.inside(place), place)
-        ]
+        both = at.place + step, at.place - step
+        # If other parameters are at both bounds, neither end is inside: they stay within them all the same.
+        ends = [place for place in both if np.allclose(self.inside(place), place)] or both
         high, low = ends if len(ends) > 1 else (ends[0], at.place)
         errors = [
             at.parts[row] if place is at.place else self._errors(self._replays[row], place)
@@ -244,7 +244,8 @@ class _Search(Generic[ValuesT]):
             change = np.linalg.lstsq(square, left.T @ (weight * errors[kept]), rcond=None)[0]
             moves.append(self._plain(at.place - change))
         moved, n = np.array(moves), len(names)
-        return np.asarray(np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0)))
+        deviations = np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
+        return np.where(slopes.any(axis=0), deviations, np.inf)
 
     def _groups(self, at: _Place) -> NDArray[np.int64]:
         """Group of each error: its replay, or its part of a replay if there are few."""

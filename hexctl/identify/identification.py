@@ -1,12 +1,13 @@
 """`hexctl identify` as a library call: a robot's servos and trunk from its motions, or a servo on a bench."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.robot_options import RecordedOptions
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.preparation import WalkStart
@@ -14,7 +15,7 @@ from hexctl.errors import InputError, argument
 from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
 from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad, unreported
 from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, Estimate, RobotValues
-from hexctl.identify.robot_log import OF_JOINTS, RobotLog, read_robot_log
+from hexctl.identify.robot_log import OF_JOINTS, ON_STAND, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.options import check_names
 from hexctl.robot.model import Robot
@@ -66,8 +67,8 @@ class Identification(ArrayFields):
     def to_dict(self) -> dict[str, Any]:
         """The object that `hexctl identify --json` prints: angles in degrees."""
         return {
-            "servo": {name: asdict(one) for name, one in self.estimates.items() if name in OF_SERVO},
-            "trunk": {name: asdict(one) for name, one in self.estimates.items() if name not in OF_SERVO},
+            "servo": {name: one.to_dict() for name, one in self.estimates.items() if name in OF_SERVO},
+            "trunk": {name: one.to_dict() for name, one in self.estimates.items() if name not in OF_SERVO},
             "error_deg": {
                 "before": _mean_deg(self.fit.before_rad),
                 "after": _mean_deg(self.fit.after_rad),
@@ -77,7 +78,7 @@ class Identification(ArrayFields):
         }
 
 
-def _mean_deg(errors_rad: "dict[str, float] | Any") -> float:
+def _mean_deg(errors_rad: Mapping[str, float]) -> float:
     return float(np.degrees(np.mean(list(errors_rad.values()))))
 
 
@@ -159,11 +160,11 @@ class IdentificationRun(Run):
     @property
     def title(self) -> str:
         """Title of recordings and live views, by which they are known as those of a robot on a stand."""
-        return f"{self.robot.name} identification"
+        return f"{self.robot.name} {ON_STAND}"
 
     @property
     def _what(self) -> str:
-        return "identification"
+        return ON_STAND
 
     def _make_motions(self, start: WalkStart) -> StandMotions:
         return StandMotions(start.robot, start.period_s)
@@ -171,7 +172,7 @@ class IdentificationRun(Run):
     @property
     def motions_s(self) -> float:
         """Duration of the motions."""
-        return StandMotions(self.robot, 0.02).duration_s
+        return StandMotions(self.robot, PERIOD_S).duration_s
 
 
 def move_on_stand(*, stop_requested: StopRequested = never, **where: Any) -> RunResult:
