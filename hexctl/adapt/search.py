@@ -202,6 +202,9 @@ def _with_trim(spec: SessionSpec, *, free: bool) -> SessionSpec:
         )
     if spec.count_repeats:
         raise InputError(f"{got} {argument('count_repeats')}; allowed: without, each walk counts")
+    for name, given in (("early_stop", spec.early_stop), ("worth_m", spec.worth_m is not None)):
+        if given:
+            raise InputError(f"{got} {argument(name)}; allowed: without, or with bayes")
     known = spec.target_m is not None or spec.target_share is not None
     return spec if known else replace(spec, target_m=DEFAULT_TARGET_M)
 
