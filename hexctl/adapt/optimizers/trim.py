@@ -14,7 +14,7 @@ gait that promises to end nearest to its line.
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -52,6 +52,9 @@ class TrimSearch(Optimizer):
 
     name = "trim"
     trims = True
+
+    #: Standard deviation of the turn gain that the belief starts with.
+    gain_sd: ClassVar[float] = GAIN_SD
 
     def __init__(
         self,
@@ -162,9 +165,8 @@ class TrimSearch(Optimizer):
         )
 
     def _forget(self) -> None:
-        self._belief = DriftBelief(
-            self.space.failed_legs[0], self.space.size, self._samples, turns=self._turns
-        )
+        leg, gaits = self.space.failed_legs[0], self.space.size
+        self._belief = DriftBelief(leg, gaits, self._samples, turns=self._turns, gain_sd=self.gain_sd)
         self._walks: list[list[Any]] = []
         self._walked: dict[int, tuple[float, float]] = {}  # the last trim of each code
         self._failed: set[int] = set()
