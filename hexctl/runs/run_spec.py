@@ -137,8 +137,8 @@ class RunSpec(RecordedOptions, WalkOptions):
     """
 
     turn_trim_rad_s: Annotated[float | None, TURN_TRIM_DEG_S, RARE] = None
-    """With --hold none, turn that removes the curve of a straight walk, in degrees per second, {}, counter-
-    clockwise, as hexctl adapt learns it. (default: none)
+    """With --hold none, turn that removes the curve of a straight walk, in degrees per second, {},
+    counter-clockwise, as hexctl adapt learns it. (default: none)
 
     In Python in rad/s.
     """
