@@ -26,6 +26,7 @@ from hexctl.adapt.optimizers.baselines import RandomSearch
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.score_bayes import ScoreBayes
 from hexctl.adapt.optimizers.trim import TrimSearch
+from hexctl.adapt.prior.drift_belief import DriftBelief
 from hexctl.adapt.prior.prior import ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
 from hexctl.adapt.prior.prior_files import shipped_priors
@@ -184,10 +185,16 @@ POSITION_NOISE_M, TARGET_M = 0.01, DEFAULT_TARGET_M
 MOST_WALKS = 6
 
 
-class KnownGain(TrimSearch):
+class SureOfGain(DriftBelief):
     """Learns no gain of the turn."""
 
     gain_sd = 1e-6
+
+
+class KnownGain(TrimSearch):
+    """Trims the turn by its usual gain."""
+
+    belief = SureOfGain
 
 
 class NoCourse(TrimSearch):

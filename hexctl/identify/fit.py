@@ -35,13 +35,8 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3
 #: The search ends where a step gains less than this share, or the error is below what any sensor shows.
 ENOUGH_GAIN, ROUGH_GAIN, SMALL_RAD = 1e-3, 5e-2, np.radians(0.003)
 
-
 #: Called with the number of a step and the error in rad, a root of the mean robust square.
 OnStep = Callable[[int, float], None]
-
-
-def unreported(_step: int, _error_rad: float) -> None:
-    """Ignore the progress of the search."""
 
 
 class Replay(Protocol[ReplayedT]):
@@ -87,7 +82,7 @@ def fit_values(
     names: Sequence[str],
     *,
     rough: bool = False,
-    on_step: OnStep = unreported,
+    on_step: OnStep = lambda _step, _error_rad: None,
 ) -> Fit[ValuesT]:
     """Values of the named parameters with the smallest robust squared error over all replays.
 
@@ -200,7 +195,6 @@ class _Search(Generic[ValuesT]):
         step = np.zeros(len(self._free))
         step[column] = one.step * size
         both = at.place + step, at.place - step
-        # If other parameters are at both bounds, neither end is inside: they stay within them all the same.
         ends = [place for place in both if np.allclose(self.inside(place), place)] or both
         high, low = ends if len(ends) > 1 else (ends[0], at.place)
         errors = [

@@ -13,8 +13,8 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, argument
 from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
-from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad, unreported
-from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, Estimate, RobotValues
+from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad
+from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
 from hexctl.identify.robot_log import OF_JOINTS, ON_STAND, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.options import check_names
@@ -48,15 +48,11 @@ class Identification(ArrayFields):
     p_gain: float = 1.0
 
     @property
-    def stiffness(self) -> Estimate:
-        """Stiffness at the P gain."""
-        found = self.fit.estimates["stiffness_nm_per_rad"]
-        return replace(found, value=found.value * self.p_gain, deviation=found.deviation * self.p_gain)
-
-    @property
     def estimates(self) -> dict[str, Estimate]:
-        """All identified values, by the names of `PARAMETERS`."""
-        return {**self.fit.estimates, "stiffness_nm_per_rad": self.stiffness}
+        """All identified values, by the names of `PARAMETERS`; the stiffness at the P gain."""
+        one = self.fit.estimates[SCALE]
+        stiffness = replace(one, value=one.value * self.p_gain, deviation=one.deviation * self.p_gain)
+        return {**self.fit.estimates, SCALE: stiffness}
 
     @property
     def not_seen(self) -> list[str]:
@@ -87,7 +83,7 @@ def identify(
     *,
     robot: Robot | None = None,
     p_gain: float | None = None,
-    on_step: OnStep = unreported,
+    on_step: OnStep = lambda _step, _error_rad: None,
 ) -> Identification:
     """Servos that explain logs: recordings (.rrd) of a robot, or runs (.json) of one servo on a bench.
 
@@ -158,12 +154,7 @@ class IdentificationRun(Run):
         self.plan = replace(self.plan, belief=None, further_failures=(), travel=0.0)
 
     @property
-    def title(self) -> str:
-        """Title of recordings and live views, by which they are known as those of a robot on a stand."""
-        return f"{self.robot.name} {ON_STAND}"
-
-    @property
-    def _what(self) -> str:
+    def _walk_text(self) -> str:
         return ON_STAND
 
     def _make_motions(self, start: WalkStart) -> StandMotions:

@@ -52,9 +52,7 @@ class TrimSearch(Optimizer):
 
     name = "trim"
     trims = True
-
-    #: Standard deviation of the turn gain that the belief starts with.
-    gain_sd: ClassVar[float] = GAIN_SD
+    belief: ClassVar[type[DriftBelief]] = DriftBelief
 
     def __init__(
         self,
@@ -166,7 +164,7 @@ class TrimSearch(Optimizer):
 
     def _forget(self) -> None:
         leg, gaits = self.space.failed_legs[0], self.space.size
-        self._belief = DriftBelief(leg, gaits, self._samples, turns=self._turns, gain_sd=self.gain_sd)
+        self._belief = self.belief(leg, gaits, self._samples, turns=self._turns)
         self._walks: list[list[Any]] = []
         self._walked: dict[int, tuple[float, float]] = {}  # the last trim of each code
         self._failed: set[int] = set()

@@ -17,6 +17,7 @@ The noise of a gait is estimated from what its walks leave unexplained.
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,25 +73,16 @@ class DriftForecast:
 
 
 class DriftBelief:
-    """Belief about the gaits of a failed leg.
+    """Belief about the gaits of a failed leg; `samples` None stands for any world.
 
-    Args:
-        samples: drifts in the worlds of a prior; None stands for any world.
-        turns: False for walks that hold their heading, whose course is trimmed without a turn.
-        gain_sd: standard deviation of the turn gain between worlds.
+    `turns` is False for walks that hold their heading, whose course is trimmed without a turn.
     """
 
-    def __init__(
-        self,
-        leg: int,
-        gaits: int,
-        samples: DriftSamples | None,
-        *,
-        turns: bool = True,
-        gain_sd: float = GAIN_SD,
-    ) -> None:
+    gain_sd: ClassVar[float] = GAIN_SD
+
+    def __init__(self, leg: int, gaits: int, samples: DriftSamples | None, *, turns: bool = True) -> None:
         self._gains = np.array([GAIN, COUPLED if turns else 0.0])
-        self._gains_covariance = np.diag([gain_sd**2, COUPLED_SD**2 if turns else 0.0])
+        self._gains_covariance = np.diag([self.gain_sd**2, COUPLED_SD**2 if turns else 0.0])
         alike = likeness(leg, COMMON_SHARE, ALIKE_SHARE)
         if samples is None:
             turn, beside = HALF_TURN_SD_RAD**2, BESIDE_SD_RAD**2

@@ -15,7 +15,7 @@ from hexctl.gait.gait import Gait
 MEASURED_CYCLES = 2.0
 
 #: Share of the commanded speed below which another posture is tried, and for how many windows in a row: in
-#: the first one a robot still turns back to its line. A trial costs 3.5 cycles: with a share of 0.55, 30 of
+#: the first one a robot still turns back to its line. A trial costs 3 cycles: with a share of 0.55, 30 of
 #: 45 pairs of limp legs recovered in three hard worlds, and 38 without trials.
 SLOW, PATIENCE = 0.3, 2
 
@@ -52,21 +52,15 @@ class PostureTrial:
         self._tick, self._unknown_ticks = self._tick + 1, self._unknown_ticks + 1
         if not math.isfinite(progress_m):
             return None
-        self._smooth(progress_m)
-        if self._tick < self._begin_tick:
-            return None
-        if math.isnan(self._from_m):
+        before_m = progress_m if math.isnan(self._progress_m) else self._progress_m
+        share = 1 - math.exp(-self._unknown_ticks / self._mean_ticks)
+        self._progress_m, self._unknown_ticks = before_m + share * (progress_m - before_m), 0
+        if self._tick >= self._begin_tick and math.isnan(self._from_m):
             self._from_tick, self._from_m = self._tick, self._progress_m
         ticks = self._tick - self._from_tick
-        if ticks < self._ticks:
+        if math.isnan(self._from_m) or ticks < self._ticks:
             return None
         return self._next((self._progress_m - self._from_m) / (ticks * self._commanded_m))
-
-    def _smooth(self, progress_m: float) -> None:
-        before_m, ticks, self._unknown_ticks = self._progress_m, self._unknown_ticks, 0
-        share = 1 - math.exp(-ticks / self._mean_ticks)
-        known = math.isfinite(before_m)
-        self._progress_m = before_m + share * (progress_m - before_m) if known else progress_m
 
     def _next(self, share: float) -> Gait | None:
         """The gait to change to after the share of this one; None keeps it."""
