@@ -96,8 +96,8 @@ def specs(robot: Robot, family: DomainRandomization, first: int, worlds: int) ->
     ]
 
 
-def told_scores(landscape: Landscape) -> FloatArray:
-    """What a session is told of each gait: its time per metre, (gaits,)."""
+def session_scores(landscape: Landscape) -> FloatArray:
+    """Scores of the gaits in a session: time per metre, (gaits,)."""
     distance_m = np.where(landscape.valid, landscape.number("distance_m"), 1.0)
     return np.where(landscape.valid, landscape.spec.duration_s / distance_m, INVALID_SCORE)
 
@@ -125,7 +125,7 @@ def codes_of(search: Optimizer, scores: FloatArray, trials: int) -> list[int]:
 
 def regrets(landscape: Landscape, codes: Sequence[int]) -> list[float]:
     """Loss of the best gait so far by its score after each of `AFTER`, the gait `auto` walked before."""
-    spec, scores, lost = landscape.spec, told_scores(landscape), losses(landscape)
+    spec, scores, lost = landscape.spec, session_scores(landscape), losses(landscape)
     auto = spec.space.code_of(stable_slots_of(spec.robot, spec.trial(1).plan))
     walked = [auto, *codes]
     return [float(lost[min(walked[: 1 + count], key=lambda code: scores[code - 1]) - 1]) for count in AFTER]
@@ -151,7 +151,7 @@ def table(prior: ScorePrior, landscapes: Sequence[Landscape]) -> dict[str, Float
     """Regrets of each search in each world after each of `AFTER`, the mean over its runs, (worlds, n)."""
     rows: dict[str, list[FloatArray]] = {}
     for landscape in landscapes:
-        spec, scores = landscape.spec, told_scores(landscape)
+        spec, scores = landscape.spec, session_scores(landscape)
         ranking = ranked_codes(prior, spec.robot, spec.leg)
         rows.setdefault("order of the prior", []).append(np.array(regrets(landscape, ranking)))
         for name, (runs, make) in searches(prior, spec.robot, spec.leg).items():
