@@ -1,13 +1,13 @@
-"""What trials bring: to steered walks in speed, to walks in open loop in how near to the line they end.
+"""Gain of a search over its trials: in speed of steered walks, in distance from the line in open loop.
 
-Speed: all gaits walk once in worlds outside every prior, and searches are replayed on what they did, so that
-each of them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table
-`speed` of the results; with `--save` it writes it, too.
+Speed: all gaits walk once in held-out worlds, and searches are replayed on these walks. Each search can
+therefore be judged after any number of trials. `python -m benchmarks.search_gain` prints the table `speed` of
+the results; with `--save` it writes it, too.
 
-Open loop: searches walk in worlds outside every prior, one locked leg in each, legs in turn, with 1 cm of
-noise on the path. `python -m benchmarks.search_gain open-loop transfer 8110 30 trim` prints a line of figures
-of one of `OPEN_LOOP` searches. Every walk counts, and none of a baseline comes before. The best walk is the
-one that was measured to end nearest; its distance is the true one.
+Open loop: searches walk in held-out worlds, one locked leg in each, legs in turn, with 1 cm of noise on the
+path. `python -m benchmarks.search_gain open-loop transfer 8110 30 trim` prints the figures of one search of
+`OPEN_LOOP`. Every walk counts, and there is no baseline. The best walk is the one with the smallest measured
+distance; its true distance is printed.
 """
 
 import sys
@@ -26,8 +26,9 @@ from hexctl.adapt.optimizers.baselines import RandomSearch
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.score_bayes import ScoreBayes
 from hexctl.adapt.optimizers.trim import TrimSearch
-from hexctl.adapt.prior import drift_belief
+from hexctl.adapt.prior.drift_belief import DriftBelief
 from hexctl.adapt.prior.prior import ScorePrior, load_prior, load_score_prior
+from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import DriftSamples, drift_samples_of, ranked_codes, score_samples_of
 from hexctl.adapt.space import GaitSpace
@@ -53,7 +54,7 @@ FAMILY, FIRST_WORLD, WORLDS = "transfer", 300, 10
 #: The prior that is believed.
 PRIOR = "ant-locked-none-30s-line.npz"
 
-#: Numbers of trials after which regrets are told; 0 is `--gait auto` alone.
+#: Numbers of trials after which regrets are printed; 0 is `--gait auto` alone.
 AFTER = (0, 1, 2, 3, 5, 10)
 
 #: Runs of searches that draw random numbers.
@@ -95,8 +96,8 @@ def specs(robot: Robot, family: DomainRandomization, first: int, worlds: int) ->
     ]
 
 
-def told_scores(landscape: Landscape) -> FloatArray:
-    """What a session is told of each gait: its time per metre, (gaits,)."""
+def session_scores(landscape: Landscape) -> FloatArray:
+    """Scores of the gaits in a session: time per metre, (gaits,)."""
     distance_m = np.where(landscape.valid, landscape.number("distance_m"), 1.0)
     return np.where(landscape.valid, landscape.spec.duration_s / distance_m, INVALID_SCORE)
 
@@ -124,7 +125,7 @@ def codes_of(search: Optimizer, scores: FloatArray, trials: int) -> list[int]:
 
 def regrets(landscape: Landscape, codes: Sequence[int]) -> list[float]:
     """Loss of the best gait so far by its score after each of `AFTER`, the gait `auto` walked before."""
-    spec, scores, lost = landscape.spec, told_scores(landscape), losses(landscape)
+    spec, scores, lost = landscape.spec, session_scores(landscape), losses(landscape)
     auto = spec.space.code_of(stable_slots_of(spec.robot, spec.trial(1).plan))
     walked = [auto, *codes]
     return [float(lost[min(walked[: 1 + count], key=lambda code: scores[code - 1]) - 1]) for count in AFTER]
@@ -150,7 +151,7 @@ def table(prior: ScorePrior, landscapes: Sequence[Landscape]) -> dict[str, Float
     """Regrets of each search in each world after each of `AFTER`, the mean over its runs, (worlds, n)."""
     rows: dict[str, list[FloatArray]] = {}
     for landscape in landscapes:
-        spec, scores = landscape.spec, told_scores(landscape)
+        spec, scores = landscape.spec, session_scores(landscape)
         ranking = ranked_codes(prior, spec.robot, spec.leg)
         rows.setdefault("order of the prior", []).append(np.array(regrets(landscape, ranking)))
         for name, (runs, make) in searches(prior, spec.robot, spec.leg).items():
@@ -160,7 +161,7 @@ def table(prior: ScorePrior, landscapes: Sequence[Landscape]) -> dict[str, Float
 
 
 def lines_of(rows: Mapping[str, FloatArray]) -> list[str]:
-    """Table in Markdown: mean regret over the worlds, its standard error and the greatest one, in percent."""
+    """Table in Markdown: mean regret over the worlds, its standard error and the maximum, in percent."""
     head = ["slower by, in %", *(f"after {count}" for count in AFTER)]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for name, values in rows.items():
@@ -178,14 +179,26 @@ def _mean(percent: FloatArray) -> str:
 
 
 #: Sensors of walks in open loop, and the target.
-POSITION_NOISE_M, TARGET_M = 0.01, 0.025
+POSITION_NOISE_M, TARGET_M = 0.01, DEFAULT_TARGET_M
 
 #: Walks of an open-loop search whose end is not confirmed.
 MOST_WALKS = 6
 
 
+class SureOfGain(DriftBelief):
+    """Learns no gain of the turn."""
+
+    gain_sd = 1e-6
+
+
+class KnownGain(TrimSearch):
+    """Trims the turn by its usual gain."""
+
+    belief = SureOfGain
+
+
 class NoCourse(TrimSearch):
-    """Trims the turn alone."""
+    """Trims only the turn."""
 
     def trim(self, code: int) -> Trim:
         """Trim without a course."""
@@ -207,7 +220,7 @@ OPEN_LOOP: dict[str, Callable[[DriftSamples, Sequence[int]], Optimizer]] = {
     "trim": _trim,
     "no-prior": _auto_first,
     "no-offset": partial(_trim, kind=NoCourse),
-    "no-secant": _trim,  # with `GAIN_SD` of the belief next to nothing
+    "no-secant": partial(_trim, kind=KnownGain),
     "random": lambda known, _: Deduplication(RandomSearch(GaitSpace((known.leg,)), known.leg), 0),
 }
 
@@ -309,8 +322,6 @@ def main(folder: Path = FOLDER, *, save: bool = False) -> None:
     """Walk the gaits that the cache lacks, and print the table."""
     if sys.argv[1:2] == ["open-loop"]:
         family, first, worlds, name = sys.argv[2:6]
-        if name == "no-secant":
-            drift_belief.GAIN_SD = 1e-6
         searched = walk_open_loop(family, int(first), int(worlds), name)
         sys.stdout.write("\n".join([f"{name}, {family}:{first}, n {worlds}", *open_loop_lines(searched), ""]))
         return

@@ -32,7 +32,6 @@ class BestGait:
     Attributes:
         spec: of the walk, with gait and posture; of a session also its self-rotation and trim. With a prior
             the self-rotation is unchanged. For a gait to change to, only the slots.
-
         source: gaits and their origin, for people.
     """
 

@@ -200,8 +200,9 @@ def _with_trim(spec: SessionSpec, *, free: bool) -> SessionSpec:
         raise InputError(
             f"{got} {argument('hold')} {spec.hold}; allowed: with heading, or none for a robot without a yaw"
         )
-    if spec.count_repeats:
-        raise InputError(f"{got} {argument('count_repeats')}; allowed: without, each walk counts")
+    for name in ("count_repeats", "early_stop", "worth_m"):
+        if getattr(spec, name) not in (None, False):
+            raise InputError(f"{got} {argument(name)}; allowed: without")
     known = spec.target_m is not None or spec.target_share is not None
     return spec if known else replace(spec, target_m=DEFAULT_TARGET_M)
 

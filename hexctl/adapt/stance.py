@@ -44,9 +44,9 @@ def with_stance(
 
     Raises the errors of `connected_deflection_rad`.
     """
-    if spec.ask or not isinstance(setting.prior, Prior) or setting.prior.sag_rad is None:
+    if spec.ask or spec.optimizer != BAYES:
         return spec
-    if spec.optimizer != BAYES:
+    if not isinstance(setting.prior, Prior) or setting.prior.sag_rad is None:
         return spec
     if servos is None:
         sag_rad = simulated_deflection_rad(setting.robot, setting.world, setting.plan, spec.seed, spec.broken)

@@ -26,7 +26,6 @@ from hexctl.waiting import StopRequested, never
 #: Ticks between two stored points of a path: 5 Hz.
 PATH_STRIDE = 10
 
-
 #: Why a search ended whose optimizer expects too little of another trial.
 NOT_WORTH = "not worth another trial"
 

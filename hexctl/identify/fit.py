@@ -35,13 +35,8 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3
 #: The search ends where a step gains less than this share, or the error is below what any sensor shows.
 ENOUGH_GAIN, ROUGH_GAIN, SMALL_RAD = 1e-3, 5e-2, np.radians(0.003)
 
-
 #: Called with the number of a step and the error in rad, a root of the mean robust square.
 OnStep = Callable[[int, float], None]
-
-
-def unreported(_step: int, _error_rad: float) -> None:
-    """Ignore the progress of the search."""
 
 
 class Replay(Protocol[ReplayedT]):
@@ -87,7 +82,7 @@ def fit_values(
     names: Sequence[str],
     *,
     rough: bool = False,
-    on_step: OnStep = unreported,
+    on_step: OnStep = lambda _step, _error_rad: None,
 ) -> Fit[ValuesT]:
     """Values of the named parameters with the smallest robust squared error over all replays.
 
@@ -199,9 +194,8 @@ class _Search(Generic[ValuesT]):
         size = 1.0 if one.absolute else max(abs(at.place[column]), self._least[column])
         step = np.zeros(len(self._free))
         step[column] = one.step * size
-        ends = [
-            place for place in (at.place + step, at.place - step) if np.allclose(self.inside(place), place)
-        ]
+        both = at.place + step, at.place - step
+        ends = [place for place in both if np.allclose(self.inside(place), place)] or both
         high, low = ends if len(ends) > 1 else (ends[0], at.place)
         errors = [
             at.parts[row] if place is at.place else self._errors(self._replays[row], place)
@@ -244,7 +238,8 @@ class _Search(Generic[ValuesT]):
             change = np.linalg.lstsq(square, left.T @ (weight * errors[kept]), rcond=None)[0]
             moves.append(self._plain(at.place - change))
         moved, n = np.array(moves), len(names)
-        return np.asarray(np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0)))
+        deviations = np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
+        return np.where(slopes.any(axis=0), deviations, np.inf)
 
     def _groups(self, at: _Place) -> NDArray[np.int64]:
         """Group of each error: its replay, or its part of a replay if there are few."""

@@ -1,20 +1,21 @@
 """`hexctl identify` as a library call: a robot's servos and trunk from its motions, or a servo on a bench."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.robot_options import RecordedOptions
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, argument
 from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
-from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad, unreported
-from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, Estimate, RobotValues
-from hexctl.identify.robot_log import OF_JOINTS, RobotLog, read_robot_log
+from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad
+from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
+from hexctl.identify.robot_log import OF_JOINTS, ON_STAND, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.options import check_names
 from hexctl.robot.model import Robot
@@ -47,15 +48,11 @@ class Identification(ArrayFields):
     p_gain: float = 1.0
 
     @property
-    def stiffness(self) -> Estimate:
-        """Stiffness at the P gain."""
-        found = self.fit.estimates["stiffness_nm_per_rad"]
-        return replace(found, value=found.value * self.p_gain, deviation=found.deviation * self.p_gain)
-
-    @property
     def estimates(self) -> dict[str, Estimate]:
-        """All identified values, by the names of `PARAMETERS`."""
-        return {**self.fit.estimates, "stiffness_nm_per_rad": self.stiffness}
+        """All identified values, by the names of `PARAMETERS`; the stiffness at the P gain."""
+        one = self.fit.estimates[SCALE]
+        stiffness = replace(one, value=one.value * self.p_gain, deviation=one.deviation * self.p_gain)
+        return {**self.fit.estimates, SCALE: stiffness}
 
     @property
     def not_seen(self) -> list[str]:
@@ -66,8 +63,8 @@ class Identification(ArrayFields):
     def to_dict(self) -> dict[str, Any]:
         """The object that `hexctl identify --json` prints: angles in degrees."""
         return {
-            "servo": {name: asdict(one) for name, one in self.estimates.items() if name in OF_SERVO},
-            "trunk": {name: asdict(one) for name, one in self.estimates.items() if name not in OF_SERVO},
+            "servo": {name: one.to_dict() for name, one in self.estimates.items() if name in OF_SERVO},
+            "trunk": {name: one.to_dict() for name, one in self.estimates.items() if name not in OF_SERVO},
             "error_deg": {
                 "before": _mean_deg(self.fit.before_rad),
                 "after": _mean_deg(self.fit.after_rad),
@@ -77,7 +74,7 @@ class Identification(ArrayFields):
         }
 
 
-def _mean_deg(errors_rad: "dict[str, float] | Any") -> float:
+def _mean_deg(errors_rad: Mapping[str, float]) -> float:
     return float(np.degrees(np.mean(list(errors_rad.values()))))
 
 
@@ -86,7 +83,7 @@ def identify(
     *,
     robot: Robot | None = None,
     p_gain: float | None = None,
-    on_step: OnStep = unreported,
+    on_step: OnStep = lambda _step, _error_rad: None,
 ) -> Identification:
     """Servos that explain logs: recordings (.rrd) of a robot, or runs (.json) of one servo on a bench.
 
@@ -157,13 +154,8 @@ class IdentificationRun(Run):
         self.plan = replace(self.plan, belief=None, further_failures=(), travel=0.0)
 
     @property
-    def title(self) -> str:
-        """Title of recordings and live views, by which they are known as those of a robot on a stand."""
-        return f"{self.robot.name} identification"
-
-    @property
-    def _what(self) -> str:
-        return "identification"
+    def _walk_text(self) -> str:
+        return ON_STAND
 
     def _make_motions(self, start: WalkStart) -> StandMotions:
         return StandMotions(start.robot, start.period_s)
@@ -171,7 +163,7 @@ class IdentificationRun(Run):
     @property
     def motions_s(self) -> float:
         """Duration of the motions."""
-        return StandMotions(self.robot, 0.02).duration_s
+        return StandMotions(self.robot, PERIOD_S).duration_s
 
 
 def move_on_stand(*, stop_requested: StopRequested = never, **where: Any) -> RunResult:

@@ -19,19 +19,22 @@ from hexctl.types import JOINT_KINDS
 DIGITS = 4
 
 #: Parameters that a robot file has in each joint.
-OF_JOINTS = ("dry_friction_nm", "max_torque_nm")
+JOINT_KEYS = ("dry_friction_nm", "max_torque_nm")
 
 #: Parameters that a robot file has in its section `servo`.
-OF_SERVO = ("damping_nm_s_per_rad", "rotor_inertia_kg_m2", "dead_time_s", "gear_damping_nm_s_per_rad")
+SERVO_KEYS = ("damping_nm_s_per_rad", "rotor_inertia_kg_m2", "dead_time_s", "gear_damping_nm_s_per_rad")
 
 #: Keys by which a robot file may have the stiffness of a P gain instead.
 GAIN_KEYS = ("p_gain", "stiffness_nm_per_rad_per_p_gain")
 
+#: Parameters of the centre of the trunk, which is one key: both are known, or it stays.
+CENTRE = {"trunk_com_x_m", "trunk_com_y_m"}
+
 #: Keys of a robot file that a known parameter replaces.
 MEASURED = {
     "stiffness_nm_per_rad": ("servo.stiffness_nm_per_rad",),
-    **{name: (f"servo.{name}",) for name in OF_SERVO},
-    **{name: tuple(f"joints.{kind}.{name}" for kind in JOINT_KINDS) for name in OF_JOINTS},
+    **{name: (f"servo.{name}",) for name in SERVO_KEYS},
+    **{name: tuple(f"joints.{kind}.{name}" for kind in JOINT_KINDS) for name in JOINT_KEYS},
     "no_load_speed_rad_s": tuple(f"joints.{kind}.no_load_speed_deg_s" for kind in JOINT_KINDS),
     "trunk_mass_kg": ("body.mass_kg",),
     "trunk_com_x_m": ("body.com_m",),
@@ -48,6 +51,8 @@ def identified_text(robot_file: str | Path, found: Identification) -> str:
     text = path.read_text(encoding="utf-8")
     mapping: dict[str, Any] = yaml_content(text)
     known = {name: _rounded(one.value) for name, one in found.estimates.items() if one.known}
+    if not known.keys() >= CENTRE:
+        known = {name: value for name, value in known.items() if name not in CENTRE}
     changed: dict[str, Any] = {
         "body": _body(mapping["body"], known),
         "joints": _joints(mapping["joints"], mapping["servo"], known),
@@ -78,7 +83,7 @@ def _body(body: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]
         if "inertia_kg_m2" in body:
             share = changed["mass_kg"] / body["mass_kg"]
             changed["inertia_kg_m2"] = [_rounded(share * moment) for moment in body["inertia_kg_m2"]]
-    if "trunk_com_x_m" in known and "trunk_com_y_m" in known:
+    if known.keys() >= CENTRE:
         height_m = body.get("com_m", (0.0, 0.0, 0.0))[2]
         changed["com_m"] = [known["trunk_com_x_m"], known["trunk_com_y_m"], height_m]
     return changed
@@ -102,7 +107,7 @@ def _still_unknown(mapping: Mapping[str, Any], known: Mapping[str, float]) -> li
 
 def _servo(mapping: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
     servo = dict(mapping["servo"])
-    servo.update({name: known[name] for name in OF_SERVO if name in known})
+    servo.update({name: known[name] for name in SERVO_KEYS if name in known})
     if "stiffness_nm_per_rad" in known:
         for key in GAIN_KEYS:
             servo.pop(key, None)
@@ -118,7 +123,7 @@ def _joints(
     usual = servo.get("stiffness_nm_per_rad", 1.0)
     own = [joint.get("stiffness_nm_per_rad", usual) for joint in changed.values()]
     for joint, stiffness in zip(changed.values(), own, strict=True):
-        joint.update({name: known[name] for name in OF_JOINTS if name in known})
+        joint.update({name: known[name] for name in JOINT_KEYS if name in known})
         if "no_load_speed_rad_s" in known:
             speed_deg_s = _rounded(float(np.degrees(known["no_load_speed_rad_s"])))
             joint["no_load_speed_deg_s"] = speed_deg_s

@@ -1,7 +1,7 @@
 """The parameters of servos and trunk that an identification may change."""
 
-from dataclasses import dataclass, fields
-from typing import Self
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 
@@ -10,9 +10,10 @@ from hexctl.robot.model import Robot
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """One identified parameter; the deviation is the standard error of the value, in its unit.
+    """One identified parameter.
 
     Attributes:
+        deviation: standard error of the value, in its unit; infinite if the value has no effect on the logs.
         known: whether the logs determine the value.
     """
 
@@ -20,6 +21,10 @@ class Estimate:
     deviation: float
     unit: str
     known: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values: an infinite deviation is None."""
+        return asdict(self) | {"deviation": self.deviation if np.isfinite(self.deviation) else None}
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,9 @@ OF_JOINTS = (
 #: Longest dead time of a search, for which the simulation keeps commands.
 MOST_DEAD_S = 0.062
 
+#: Last word of the titles of recordings on a stand.
+ON_STAND = "identification"
+
 #: Least length of a log.
 LEAST_S = 5.0
 
@@ -129,7 +132,7 @@ def read_robot_log(path: Path, robot: Robot | None = None) -> RobotLog:
     return RobotLog(
         path.name,
         trial.robot,
-        str(trial.properties.get("title", "")).endswith("identification"),
+        str(trial.properties.get("title", "")).endswith(ON_STAND),
         time_s,
         trial.commanded_rad[whole],
         trial.measured_rad[whole],

@@ -133,12 +133,12 @@ class RunSpec(RecordedOptions, WalkOptions):
     """With --hold heading or --turn-trim, course correction in degrees, {}, counter-clockwise: after a walk
     that ended E to the left after S, -atan(E / S) more. (default: 0)
 
-    In Python in rad: `trimmed_rad` of `hexctl.control.walks.steering` has the one for the next walk.
+    In Python in rad.
     """
 
     turn_trim_rad_s: Annotated[float | None, TURN_TRIM_DEG_S, RARE] = None
-    """With --hold none, turn that removes the curve of a straight walk, in degrees per second, {}, counter-
-    clockwise, as hexctl adapt learns it. (default: none)
+    """With --hold none, turn that removes the curve of a straight walk, in degrees per second, {},
+    counter-clockwise, as hexctl adapt learns it. (default: none)
 
     In Python in rad/s.
     """

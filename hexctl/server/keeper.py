@@ -2,7 +2,8 @@
 
 Most servos hold their last goal without a program. The keeper waits on a pipe for the ticks of the server.
 When the pipe closes, or no tick comes for a second, it kills the server, opens the port, and lets the robot
-sit down softly or hold, as set in its robot file. A stopped robot holds: somebody may be touching it.
+sit down softly or hold, as set in its robot file. A stopped robot holds because a person may be touching
+it.
 """
 
 import contextlib
@@ -67,13 +68,14 @@ class KeeperSpec:
 
     def servos(self) -> LegServos:
         """The servos, not connected."""
-        return make_servos(self.backend, _options(self))
+        return make_servos(self.backend, _options(self.robot, self.connect))
 
 
 @lru_cache(maxsize=1)
-def _options(spec: KeeperSpec) -> BackendOptions:
-    file = load_robot_file(spec.robot)
-    return BackendOptions(robot=file.robot, robot_file=file, connect=spec.connect)
+def _options(robot: str, connect: str | None) -> BackendOptions:
+    """Options of the servos; the robot file is read once, in advance."""
+    file = load_robot_file(robot)
+    return BackendOptions(robot=file.robot, robot_file=file, connect=connect)
 
 
 class Keeper:

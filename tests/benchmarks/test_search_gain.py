@@ -17,9 +17,9 @@ from benchmarks.search_gain import (
     open_loop_lines,
     regrets,
     searches,
+    session_scores,
     specs,
     table,
-    told_scores,
 )
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.prior.prior import load_prior
@@ -62,8 +62,8 @@ def test_a_loss_is_against_the_fastest_valid_gait() -> None:
     assert losses(made)[118] == 0.0
     assert losses(made)[0] == pytest.approx(1 - 2.0 / way_m[118])
     assert losses(made)[119] == 1.0
-    assert told_scores(made)[119] == INVALID_SCORE
-    assert told_scores(made)[0] == pytest.approx(6.0 / 2.0)
+    assert session_scores(made)[119] == INVALID_SCORE
+    assert session_scores(made)[0] == pytest.approx(6.0 / 2.0)
 
 
 def test_regrets_begin_with_the_gait_auto_and_never_grow() -> None:

@@ -13,6 +13,7 @@ from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
 from hexctl.identify.fit import fit_values
 from hexctl.identify.identification import identify
 from hexctl.identify.parameters import ServoValues
+from hexctl.types import FloatArray
 
 TRUTH = ServoValues(
     stiffness_nm_per_rad=0.8,
@@ -143,6 +144,23 @@ def test_times_that_stand_still_are_refused(tmp_path: Path) -> None:
 def test_logs_of_other_kinds_are_refused(names: list[str]) -> None:
     with pytest.raises(InputError, match="LOG"):
         identify(names)
+
+
+class _Line:
+    """A motion on which the dry friction has no effect, and the stiffness a linear one."""
+
+    name, parameters = "line", ("stiffness_nm_per_rad", "dry_friction_nm")
+
+    def errors_rad(self, values: ServoValues) -> FloatArray:
+        return 0.01 * (values.stiffness_nm_per_rad - 2.0) * np.linspace(0.1, 1.0, 100)
+
+
+def test_a_parameter_without_effect_is_not_known() -> None:
+    estimates = fit_values([_Line()], TRUTH, _Line.parameters).estimates
+    stiffness, friction = (estimates[name] for name in _Line.parameters)
+    assert stiffness.known
+    assert stiffness.value == pytest.approx(2.0, rel=0.01)
+    assert (friction.known, friction.to_dict()["deviation"]) == (False, None)
 
 
 def test_a_dead_time_may_lie_between_steps() -> None:

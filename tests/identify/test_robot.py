@@ -127,6 +127,17 @@ def test_what_was_measured_is_no_longer_unknown(tmp_path: Path) -> None:
     assert load_robot(path).body.mass_kg == load_robot("jethexa").body.mass_kg
 
 
+def test_a_centre_of_which_one_part_is_known_stays_unknown(tmp_path: Path) -> None:
+    text = find_config("robots", "lukas").read_text().replace("unknown: [", "unknown: [body.com_m, ")
+    (tmp_path / "mine.yaml").write_text(text)
+    centre = {"trunk_com_x_m": (0.01, 0.001), "trunk_com_y_m": (0.02, 0.009)}
+    result = found("lukas", stiffness_nm_per_rad=(20.0, 0.5), **centre)
+    write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
+    file = load_robot_file(tmp_path / "identified.yaml")
+    assert file.robot.body.com_m == shipped("lukas").body.com_m
+    assert "body.com_m" in file.content.unknown
+
+
 def test_a_p_gain_is_no_unknown_key(tmp_path: Path) -> None:
     text = find_config("robots", "lukas").read_text().replace("unknown: [", "unknown: [servo, ")
     (tmp_path / "mine.yaml").write_text(text)

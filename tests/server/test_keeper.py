@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,7 @@ def test_a_robot_file_that_is_edited_meanwhile_does_not_keep_it_from_the_servos(
     before = spec.servos().robot
     file.write_text("servos: {", encoding="utf-8")
     assert spec.servos().robot == before
+    assert replace(spec, sits=False).servos().robot == before, "of a robot that was stopped"
 
 
 def _goals(folder: Path, device: str) -> FloatArray:

@@ -14,7 +14,7 @@ gait that promises to end nearest to its line.
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class TrimSearch(Optimizer):
 
     name = "trim"
     trims = True
+    belief: ClassVar[type[DriftBelief]] = DriftBelief
 
     def __init__(
         self,
@@ -162,9 +163,8 @@ class TrimSearch(Optimizer):
         )
 
     def _forget(self) -> None:
-        self._belief = DriftBelief(
-            self.space.failed_legs[0], self.space.size, self._samples, turns=self._turns
-        )
+        leg, gaits = self.space.failed_legs[0], self.space.size
+        self._belief = self.belief(leg, gaits, self._samples, turns=self._turns)
         self._walks: list[list[Any]] = []
         self._walked: dict[int, tuple[float, float]] = {}  # the last trim of each code
         self._failed: set[int] = set()

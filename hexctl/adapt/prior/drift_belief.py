@@ -17,6 +17,7 @@ The noise of a gait is estimated from what its walks leave unexplained.
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ NOISE_WEIGHT = 1.0
 #: Noise of the half turn over that of the course.
 TURN_NOISE = 2.0
 
-#: Drift without a prior: standard deviation of the half turn, and of the course beside it.
+#: Drift without a prior: standard deviation of the half turn, and of the course less the half turn.
 HALF_TURN_SD_RAD, BESIDE_SD_RAD = math.radians(15.0), math.radians(2.0)
 
 #: Passes in which noise and drift are estimated in turn.
@@ -77,9 +78,11 @@ class DriftBelief:
     `turns` is False for walks that hold their heading, whose course is trimmed without a turn.
     """
 
+    gain_sd: ClassVar[float] = GAIN_SD
+
     def __init__(self, leg: int, gaits: int, samples: DriftSamples | None, *, turns: bool = True) -> None:
         self._gains = np.array([GAIN, COUPLED if turns else 0.0])
-        self._gains_covariance = np.diag([GAIN_SD**2, COUPLED_SD**2 if turns else 0.0])
+        self._gains_covariance = np.diag([self.gain_sd**2, COUPLED_SD**2 if turns else 0.0])
         alike = likeness(leg, COMMON_SHARE, ALIKE_SHARE)
         if samples is None:
             turn, beside = HALF_TURN_SD_RAD**2, BESIDE_SD_RAD**2
@@ -96,7 +99,7 @@ class DriftBelief:
             self._covariance = flat.T @ flat / max(len(flat) - 1, 1) + np.kron(alike, shape)
         self._walks: list[TrimmedWalk] = []
         self._noise_rad: dict[int, float] = {}
-        self._weights = self._surprise = np.zeros(0)
+        self._weights = np.zeros(0)
 
     def observe(self, walk: TrimmedWalk) -> None:
         """Add a walk."""

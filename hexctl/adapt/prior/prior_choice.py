@@ -96,7 +96,7 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
         if wanted not in (None, "none"):
             raise InputError(
                 f"{argument('prior')}: got {wanted} with {argument('optimizer')} {spec.optimizer}; allowed: "
-                "with bayes"
+                "with trim or bayes"
             )
         if spec.early_stop and ":" not in spec.optimizer:
             raise InputError(

@@ -40,8 +40,8 @@ class SessionSpec(AdaptOptions):
             without `bayes`, and for steered walks.
         prior_digest: hash of the prior when the session began.
         baseline_gaits: named gaits that are walked before the first trial.
-        sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers, None for a
-            an unmeasured joint; None if the prior or the robot does not provide it.
+        sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers, None for an
+            unmeasured joint; None if the prior or the robot does not provide it.
         versions: of the software that decides how trials end, by package.
     """
 

@@ -14,6 +14,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from hexctl.adapt.objectives import Objective
+from hexctl.adapt.optimizer import TRIM_DIGITS
 from hexctl.adapt.optimizers.bayes import SURE
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.runner import LegFailedError
@@ -447,9 +448,9 @@ def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
     trim_deg, turn_deg_s = (walk.outcome[name] for name in ("trim_deg", "turn_trim_deg_s"))
     options: dict[str, str] = {} if hold == RunSpec().hold else {"hold": hold}
     if trim_deg is not None:
-        options |= {"trim": f"{trim_deg:.4f}"}
+        options |= {"trim": f"{trim_deg:.{TRIM_DIGITS}f}"}
     if turn_deg_s is not None:
-        options |= {"turn-trim": f"{turn_deg_s:.4f}"}
+        options |= {"turn-trim": f"{turn_deg_s:.{TRIM_DIGITS}f}"}
     return options if heading == "0" else {**options, "heading": heading}
 
 

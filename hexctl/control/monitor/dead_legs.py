@@ -81,7 +81,8 @@ class DeadLegs:
 
     def forget(self, leg: int, row: tuple[int, ...] = ()) -> None:
         """Give a leg, 1..6, time to show torque after it is put down again."""
-        self._idle_s[(*row, leg - 1)], self.follows[(*row, leg - 1)] = 0.0, True
+        place = (*row, leg - 1)
+        self._idle_s[place], self.idle[place], self.follows[place] = 0.0, 0.0, True
 
     def kind(self, leg: int, row: tuple[int, ...] = ()) -> Failure:
         """How leg 1..6 has failed by the evidence of the start."""

@@ -15,7 +15,7 @@ from hexctl.gait.gait import Gait
 MEASURED_CYCLES = 2.0
 
 #: Share of the commanded speed below which another posture is tried, and for how many windows in a row: in
-#: the first one a robot still turns back to its line. A trial costs 3.5 cycles: with a share of 0.55, 30 of
+#: the first one a robot still turns back to its line. A trial costs 3 cycles: with a share of 0.55, 30 of
 #: 45 pairs of limp legs recovered in three hard worlds, and 38 without trials.
 SLOW, PATIENCE = 0.3, 2
 
@@ -36,35 +36,39 @@ class PostureTrial:
 
     def __init__(self, gaits: Sequence[Gait], cycle_ticks: float, commanded_m: float) -> None:
         self._gaits, self._commanded_m = list(gaits), commanded_m
-        self._mean_share = 1 - math.exp(-1 / (MEAN_CYCLES * cycle_ticks))
+        self._mean_ticks = MEAN_CYCLES * cycle_ticks
         self._begin_tick = round(glide_cycles(gaits[0]) * cycle_ticks)
         self._ticks = round(MEASURED_CYCLES * cycle_ticks)
-        self._tick, self._progress_m, self._from_m = 0, math.nan, math.nan
+        self._tick, self._unknown_ticks, self._from_tick = 0, 0, 0
+        self._progress_m, self._from_m = math.nan, math.nan
         #: Shares of the commanded speed; unwalked gaits come first.
         self._shares, self._now, self._slow = [math.inf] * len(gaits), 0, 0
 
     def update(self, progress_m: float) -> Gait | None:
-        """Take the measured progress along the line, NaN if unknown; the gait to glide to now, or None."""
-        before_m = self._progress_m
-        if math.isfinite(progress_m):
-            share = self._mean_share if math.isfinite(before_m) else 1.0
-            self._progress_m = progress_m if share == 1 else before_m + share * (progress_m - before_m)
-        self._tick += 1
-        if self._tick == self._begin_tick:
-            self._from_m = self._progress_m
-        if self._tick < self._begin_tick + self._ticks:
+        """Take the measured progress along the line, NaN if unknown; the gait to glide to now, or None.
+
+        A window begins and ends with a known progress: a robot that loses its position is not slow.
+        """
+        self._tick, self._unknown_ticks = self._tick + 1, self._unknown_ticks + 1
+        if not math.isfinite(progress_m):
             return None
-        share = (self._progress_m - self._from_m) / (self._ticks * self._commanded_m)
-        return self._next(share if math.isfinite(share) else 0.0)
+        before_m = progress_m if math.isnan(self._progress_m) else self._progress_m
+        share = 1 - math.exp(-self._unknown_ticks / self._mean_ticks)
+        self._progress_m, self._unknown_ticks = before_m + share * (progress_m - before_m), 0
+        if self._tick >= self._begin_tick and math.isnan(self._from_m):
+            self._from_tick, self._from_m = self._tick, self._progress_m
+        ticks = self._tick - self._from_tick
+        if math.isnan(self._from_m) or ticks < self._ticks:
+            return None
+        return self._next((self._progress_m - self._from_m) / (ticks * self._commanded_m))
 
     def _next(self, share: float) -> Gait | None:
         """The gait to change to after the share of this one; None keeps it."""
-        self._tick = self._begin_tick  # without a glide the next window begins at once
-        self._from_m = self._progress_m
+        self._from_tick, self._from_m = self._tick, self._progress_m  # without a glide, the next window
         self._shares[self._now] = share
         other = max(range(len(self._gaits)), key=lambda place: self._shares[place])
         self._slow = self._slow + 1 if share < SLOW else 0
         if self._slow < PATIENCE or self._shares[other] <= share + LEAST_GAIN:
             return None
-        self._tick, self._slow, self._now = 0, 0, other
+        self._tick, self._from_m, self._slow, self._now = 0, math.nan, 0, other
         return self._gaits[other]

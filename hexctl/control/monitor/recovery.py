@@ -139,9 +139,11 @@ class GlideToStableGait(RecoveryPolicy):
         if len(legs) > MOST_RECOVERED:
             return Response(stop=True)
         faster = self._faster(robot, plan, heading_body_rad, failures)
+        if faster is not None and faster.stays:
+            return faster
         response = faster or Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
         response = replace(response, gait=_at_speed(plan, response.gait))
-        return response if response.stays else _sunk_over(robot, plan, heading_body_rad, failures, response)
+        return _sunk_over(robot, plan, heading_body_rad, failures, response)
 
     def _covering(self, robot: Robot, plan: TrialPlan) -> Repertoire | None:
         return next((one for one in self._repertoires if one.covers(robot, plan)), None)

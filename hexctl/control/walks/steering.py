@@ -163,11 +163,6 @@ class Course(ArrayFields):
     yaw_rad: float
 
 
-def trimmed_rad(trim_rad: float, *, signed_m: float, distance_m: float) -> float:
-    """Trim for the next walk with a held heading, trim - atan2(e, s), which removes a constant drift."""
-    return trim_rad - math.atan2(signed_m, distance_m)
-
-
 def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
     """What a walk can hold: `line`, only `heading` without a position, `none` in turns and arcs."""
     if plan.hold == "none" or not plan.straight or frame is None:

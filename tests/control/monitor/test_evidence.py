@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hexctl.control.monitor.dead_legs import DeadLegs
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.leg_probe import FIRST_CYCLES, LATER, LegProbe
 from hexctl.control.monitor.leg_support import LegSupport
@@ -65,6 +66,18 @@ def test_a_joint_that_always_needs_all_its_servo_to_swing_may_get_caught_for_a_c
     assert _rho(off, torques)[4] > 0.5, "one that swung with ease before is jammed"
     torques[:, 4] = 1.0
     assert _rho(off, torques)[4] < 0.1
+
+
+def test_a_dead_leg_that_is_put_down_again_starts_anew() -> None:
+    dead = DeadLegs((), 0.02, np.array(1 / TICKS_PER_CYCLE))
+    torques_nm = np.ones(18)
+    torques_nm[:3] = 0.0
+    for _ in range(100):
+        dead.update(RobotState(np.zeros(18), 0.0, True, joint_torques_nm=torques_nm), np.full(18, 0.1), None)
+    assert dead.idle[0] > 1
+    dead.forget(1)
+    dead.update(RobotState(np.zeros(18), 0.0, True, joint_torques_nm=np.ones(18)), np.full(18, 0.1), None)
+    assert not dead.idle.any()
 
 
 def test_a_joint_that_is_late_as_usual_is_not_off_its_target() -> None:

@@ -87,6 +87,14 @@ def test_a_slow_robot_changes_its_posture_and_walks_the_fastest(
     assert changes == walked
 
 
+def test_a_robot_that_loses_its_position_is_not_slow() -> None:
+    """It walks at half of its speed; the position is unknown for four cycles in every eight."""
+    gaits = [make_gait(shipped(), "tripod"), make_gait(shipped(), "wave")]
+    trial = PostureTrial(gaits, 50.0, 0.003)
+    changes = [trial.update(0.0015 * tick if tick % 400 < 200 else math.nan) for tick in range(2000)]
+    assert set(changes) == {None}
+
+
 def test_the_posture_of_the_plan_is_kept() -> None:
     gait = make_gait(shipped(), "wave")
     raised = Posture(body_raise=0.03, tucked_legs=(6,))

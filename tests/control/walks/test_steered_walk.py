@@ -31,7 +31,7 @@ from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trace import TrialFrame
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import Course, trimmed_rad
+from hexctl.control.walks.steering import Course
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.ik.legs import foot_positions_body
 from hexctl.types import FloatArray
@@ -281,7 +281,7 @@ def test_one_measured_end_trims_the_next_walk_that_holds_its_heading() -> None:
     assert before.deviation is not None
     assert before.distance_m is not None
     assert before.deviation.final > 0.05
-    trim_rad = trimmed_rad(0.0, signed_m=before.deviation.signed, distance_m=before.distance_m)
+    trim_rad = -math.atan2(before.deviation.signed, before.distance_m)
     trials = [replace(first, plan=replace(first.plan, trim_rad=one)) for one in (trim_rad, 0.0)]
     second, same = run_sim_trials(trials)
     assert second.deviation is not None
