@@ -252,7 +252,7 @@ def yaw_note(spec: SessionSpec, servos: Guard | None) -> str | None:
         return None
     if comes_true(lambda: servos.peek().base_quaternion_world is not None, YAW_COMES_S):
         return None
-    said = "this robot tells no yaw, so that its walks cannot hold their heading"
+    said = "this robot reports no yaw, so its walks cannot hold their heading"
     instead = "; --hold none learns a turn from its paths"
     return said + (instead if spec.optimizer == TRIM else "")
 

@@ -25,7 +25,7 @@ def draw_identification(found: Identification, before: RobotValues | None, path:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise MissingExtraError("pictures", "the picture of an identification") from error
+        raise MissingExtraError("the picture of an identification", "study") from error
     curves = _curves(found.replays, found.fit.values)
     figure = Figure(figsize=(9, 2.4 * len(curves)), layout="constrained")
     axes = figure.subplots(len(curves), 1, squeeze=False)[:, 0]

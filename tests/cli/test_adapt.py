@@ -291,7 +291,7 @@ import resource, signal, sys
 from hexctl.cli.main import exit_code
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
-words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none"
+words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none --trim off"
 sys.exit(exit_code([*words.split(), *sys.argv[1:]]))
 """
 

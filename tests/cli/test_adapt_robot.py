@@ -170,7 +170,7 @@ def test_who_puts_it_down_is_told_how_and_whether_its_yaw_is_known(
 ) -> None:
     monkeypatch.setattr("hexctl.adapt.reset_free.YAW_COMES_S", 0.0)
     answer(monkeypatch, "quit\n")
-    assert adapt(kit, "--ask", "--hold", hold, "--self-rotation", rotation) == 130
+    assert adapt(kit, "--ask", "--trim", "auto", "--hold", hold, "--self-rotation", rotation) == 130
     told = capsys.readouterr().err
     assert all(word in told for word in said)
     assert not any(word in told for word in unsaid)

@@ -107,7 +107,9 @@ def test_legs_that_cross_and_soft_servos_leave_open_whether_the_robot_walks(
     assert printed.count(f"cross for {100 * report['legs_cross_share']:.0f} % of the cycle") == 1
     assert f"legs: {one} and {other} overlap by {-1000 * report['least_leg_clearance_m']:.0f} mm" in printed
     text = (config_root() / "robots" / "phantomx.yaml").read_text()
-    heavy.write_text(text.replace("mass_kg: 1.522", "mass_kg: 8.0"))
+    heavy.write_text(
+        text.replace("mass_kg: 1.522", "mass_kg: 8.0").replace("outward_m: 0.096", "outward_m: 0.15")
+    )
     report = check_json(capsys, str(heavy))
     assert report["sag_deg"] > 8
     assert report["dragging_legs"]

@@ -20,7 +20,12 @@ from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.runner import LegFailedError
 from hexctl.adapt.search_progress import CONFIRMATION_WALKS, SearchBar
 from hexctl.adapt.sessions.comparison import scores_without_search
-from hexctl.adapt.sessions.recommendation import Contender, recommended, straightest_baseline
+from hexctl.adapt.sessions.recommendation import (
+    Contender,
+    contenders,
+    recommended,
+    straightest_baseline,
+)
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import (
@@ -401,6 +406,10 @@ def _gain(session: Session, found: Contender | None, scale: float, unit: str) ->
         return ""
     if found.searched:
         return f"; the search gains {scale * (best.score - found.score):.1f} {unit}".rstrip()
+    trials = [one for one in contenders(session) if one.searched and one.score < found.score]
+    if trials:
+        trial = trials[0]
+        return f"; not distinguishable from {trial.walk.name}, {scale * trial.score:.1f} {unit}".rstrip()
     return "; the search found none better"
 
 

@@ -132,11 +132,12 @@ def _verdict(report: dict[str, Any]) -> list[str]:
         if report["speed_holds"]
         else f"speed: too fast, the guard clips it{upto and f'; kept{upto}'}",
         _torque(report),
-        _stance(report),
+        *([_stance(report)] if report["proposed_five_leg_drive"] != report["five_leg_drive"] else []),
         *(f"warning: {warning}" for warning in report["warnings"]),
         *_servo_verdicts(report),
         *([f"feet: {spacing:g} m apart or more"] if report["feet_stay_apart"] else []),
         *_load_verdicts(report),
+        *([_stance(report)] if report["proposed_five_leg_drive"] == report["five_leg_drive"] else []),
         *_to_measure(report),
     ]
 
@@ -155,12 +156,14 @@ def _stance(report: dict[str, Any]) -> str:
     """Drive of the servos on five legs, and the stance that `stance_width` proposes."""
     own_m, drive = report["stance_outward_m"], report["five_leg_drive"]
     other_m, other = report["proposed_outward_m"], report["proposed_five_leg_drive"]
-    needs = "are out of reach" if drive is None else f"need up to {100 * drive:.0f} % of a servo's drive"
+    needs = (
+        "do not reach the floor" if drive is None else f"need up to {100 * drive:.0f} % of a servo's drive"
+    )
     text = f"stance: five legs {needs} at outward_m {own_m:g}"
     if drive is not None and drive <= 1:
         return text
     if other is None:
-        return f"{text}, and narrower"
+        return f"{text} and at narrower ones"
     return f"{text}; proposed: {other_m:g} ({100 * other:.0f} %)"
 
 

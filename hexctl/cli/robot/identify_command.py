@@ -27,6 +27,9 @@ from hexctl.identify.options import IdentifyOptions
 if TYPE_CHECKING:
     from hexctl.identify.identification import Identification
 
+#: Error of the result above that of the robot file from which a warning is printed.
+WORSE_DEG = 0.02
+
 CONSENT = "The legs of a robot on a stand move for {:.0f} s, at up to 90 % of their speed limits."
 
 
@@ -67,11 +70,23 @@ def identify(
 
         own_robot = load_robot(str(options.robot))
     found = _identified(paths, own_robot, options)
-    written = _write(found, options, paths)
+    errors = found.to_dict()["error_deg"]
+    if errors["after"] > errors["before"] + WORSE_DEG:
+        print_note("hexctl: the result fits no better than the robot file: has a leg failed in these logs?")
+    if not as_json:
+        print_result(*_report(found))
+    try:
+        written = _write(found, options, paths)
+    except OSError as error:
+        again = f"{' '.join(map(str, paths))} --robot {options.robot}"
+        raise InputError(
+            f"--output: {options.output} cannot be written ({error.strerror}); allowed: a new file; "
+            f"continue with: hexctl identify {again} -o FILE"
+        ) from error
     if as_json:
         print_result(json.dumps(found.to_dict() | {"output": written}))
-        return
-    print_result(*_report(found), *([] if written is None else ["", f"wrote {written}"]))
+    elif written is not None:
+        print_result("", f"wrote {written}")
 
 
 def _moved(given: dict[str, Any], *, yes: bool) -> Path:
