@@ -254,7 +254,7 @@ STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation"
         (
             lambda: session(0.05, uncertainty_m=0.0213),
             "without a search",
-            "tripod 5.0 cm; the search found none",
+            "tripod 5.0 cm; not distinguishable from trial 1",
         ),
         (fallen_tripod, "without a search", "tripod fell"),
         (
