@@ -86,7 +86,7 @@ def test_joints_are_identified_and_no_robot_file_is_written(
         assert file.read_text() == before
         words = ["servos", "identify", "5", "--robot", str(file), "--output", "x"]
         assert exit_code(words) == 2
-        assert "--output: got it with --robot" in capsys.readouterr().err
+        assert "--output" in capsys.readouterr().err
 
 
 @pytest.mark.realtime

@@ -151,7 +151,7 @@ def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority:
 
 def test_where_no_robot_is(authority: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as hung:  # its kernel goes on taking connections
-        assert "nobody answers" in refused(Link(endpoint=f"tcp/127.0.0.1:{hung.getsockname()[1]}"))
+        assert "no answer" in refused(Link(endpoint=f"tcp/127.0.0.1:{hung.getsockname()[1]}"))
     assert "nothing listens" in refused(Link(endpoint=f"tcp/127.0.0.1:{free_port()}"))
     assert "nowhere.invalid" in refused(Link(endpoint="tcp/nowhere.invalid:7447", insecure=True))
     assert "no robot" in refused(Link(endpoint=f"quic/127.0.0.1:{free_port()}", credentials=authority))
