@@ -32,9 +32,6 @@ BOOSTS = {
     "api/": 0.3,
 }
 
-#: Where the page of the fault matrix has the matrix.
-MATRIX = "<!-- fault matrix -->"
-
 #: A figure that is no link yet.
 FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
 
@@ -81,8 +78,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     boost = next((boost for path, boost in BOOSTS.items() if page.file.src_uri.startswith(path)), 1)
     page.meta.setdefault("search", {}).setdefault("boost", boost)
     markdown = LISTED_ELSEWHERE.sub(r"\g<0>\n    options: {members: false, show_signature: false}", markdown)
-    markdown = markdown.replace(MATRIX, fault_matrix()) if MATRIX in markdown else markdown
-    return GENERATED.sub(lambda found: PARTS[found[1]](), LINK.sub(r"](\1\2)", markdown))
+    parts = {**PARTS, "fault_matrix": fault_matrix}
+    return GENERATED.sub(lambda found: parts[found[1]](), LINK.sub(r"](\1\2)", markdown))
 
 
 def fault_matrix() -> str:

@@ -3,7 +3,7 @@
 The path is cut into cycles of the gait, the soft start left out. The mean position of a cycle has neither
 the sway of the body nor most of the sensor's noise; chords between such means give the direction of travel,
 and a straight line fitted to it over time the turn rate. A path of a few points (a tape) has chords between
-its points, and one of which only the end is known is taken for an arc that begins along the line.
+its points. If only the end is known, the walk counts as an arc that begins along the line.
 """
 
 import math
@@ -15,12 +15,12 @@ from hexctl.adapt.optimizer import Observation
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.types import FloatArray
 
-#: Seconds at the end of a walk over whose mean its end is taken.
+#: Duration over which the end of a walk is averaged.
 END_S = 1.0
 
 
 def half_steady_s(duration_s: float) -> float:
-    """Half of the time in which a walk of a duration would have come as far without a soft start."""
+    """Half of the duration that the same distance takes without a soft start."""
     return max(duration_s - RAMP_DURATION_S / 2, RAMP_DURATION_S / 2) / 2
 
 

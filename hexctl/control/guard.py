@@ -224,7 +224,7 @@ class Guard(ServosWrapper):
         A step is measured from the target at the beginning of the control period: jumps are slewed at joint
         speed, and several commands within a period together move no further than one.
 
-        Raises EStopError while stopped, CommandRefusedError for targets that are infinite, too old or from
+        Raises EStopError while stopped, CommandRefusedError for targets that are non-finite, too old or from
         the future: nothing is sent then, and the last accepted targets stay in force. Raises RobotFaultError
         when the link fails.
         """

@@ -1,7 +1,7 @@
 """`trim`: search codes and trims together: straighten the gait that promises most, by its paths.
 
-A gait curves alike in each walk, so a second walk of it with the drift of the first taken out is worth more
-than a walk of another gait. A trim turns with the walk and shifts its course:
+A gait drifts similarly in each walk. A second walk that removes the drift of the first is therefore worth
+more than a walk of another gait. A trim changes the turn of a walk and its course:
 
     h' = b - a        w' = -(b + q h') / g
 
@@ -30,8 +30,8 @@ from hexctl.errors import InputError
 #: How much nearer another gait has to end to be worth the walks that teach its trim.
 PRICE = 1.5
 
-#: Half turns up to this are left: small trims of the turn are lost in what the feet slip, and the course
-#: alone brings the end to the line.
+#: Half turns up to this are not corrected: slip absorbs small trims of the turn, and the course brings the
+#: end to the line.
 SMALL_TURN_RAD = math.radians(2.5)
 
 
@@ -40,9 +40,9 @@ class TrimSearch(Optimizer):
 
     Args:
         seed: not used.
-        codes: of all gaits, the one with the best static margin first; None is from 1 on.
+        codes: of all gaits, the one with the best static margin first; None is ascending order.
         samples: drifts in the worlds of a prior; None without a prior.
-        target_m: deviation that is good enough.
+        target_m: accepted deviation.
         duration_s: of a walk.
         cycle_s: of a gait.
         floor_m: minimum distance of a valid walk.
@@ -111,7 +111,7 @@ class TrimSearch(Optimizer):
         return float(self._way_m[code - 1]) * math.hypot(left_rad, noise_rad)
 
     def _straightened(self, code: int) -> tuple[Trim, float]:
-        """The trim of a gait, and the course that is left, because trims have limits."""
+        """The trim of a gait, and the remaining course error, because trims have limits."""
         expected = self._belief.forecast(code)
         gain, coupled = expected.gain * self._half_s, expected.coupled
         course_rad, turn_rad_s = self._walked.get(code, (0.0, 0.0))

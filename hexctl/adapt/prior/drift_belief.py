@@ -27,8 +27,8 @@ from hexctl.adapt.prior.belief import ALIKE_SHARE, COMMON_SHARE, UNEXPLAINED, li
 from hexctl.adapt.prior.samples import DriftSamples
 from hexctl.types import FloatArray
 
-#: Turn of the robot per commanded turn, its standard deviation between worlds, and the least that is
-#: believed: play in the joints swallows small turns, but not larger ones.
+#: Turn of the robot per commanded turn, its standard deviation between worlds, and its minimum: play in the
+#: joints absorbs small turns, but not larger ones.
 GAIN, GAIN_SD, LEAST_GAIN = 0.75, 0.25, 0.6
 
 #: Half turn per trimmed course, and its standard deviation between worlds.
@@ -107,13 +107,13 @@ class DriftBelief:
         self._condition()
 
     def noise_rad(self, code: int) -> float:
-        """Standard deviation of the course between walks of a gait; of one not walked, of a usual one."""
+        """Standard deviation of the course between walks of a gait; of an unwalked one, the usual noise."""
         if code in self._noise_rad:
             return self._noise_rad[code]
         return math.exp(float(np.mean(np.log([NOISE_RAD, *self._noise_rad.values()]))))
 
     def forecast(self, code: int) -> DriftForecast:
-        """Drift that a gait is expected to have, and how well its course is known once it is trimmed."""
+        """Expected drift of a gait, and the standard deviation of its course after the trim."""
         rows = np.array([2 * code - 2, 2 * code - 1])
         mean = np.append(self._mean[rows], self._gains)
         covariance = np.zeros((4, 4))

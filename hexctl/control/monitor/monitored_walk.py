@@ -265,8 +265,7 @@ class MonitoredWalk(Controller):
             gait = trial.update(self._progress_m(state, index))
             if gait is not None:
                 wanted[index] = gait
-                body = f"the body at {gait.posture.body_raise:+.3f} of its size"
-                self._tell(f"policy: slow; changed to {body}")
+                self._tell(f"policy: slow; body height changed to {gait.posture.body_raise:+.3f} of the size")
         if wanted:
             self._monitor.gait_changes(self._each([index in wanted for index in range(len(self.noticed))]))
             self._change_gaits(wanted)

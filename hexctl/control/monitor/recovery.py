@@ -22,8 +22,8 @@ from hexctl.robot.model import Robot
 from hexctl.robot.plugins import made_of
 from hexctl.types import N_LEGS
 
-#: Share of the height of the stance by which the body sinks. Without the two legs ahead, both limp, `ant`
-#: then made 0.79 of the speed instead of 0.22, and four legs carry it on weak servos without falls.
+#: Share of the stance height by which the body sinks. With both front legs limp, `ant` then keeps 0.79 of its
+#: speed instead of 0.22, and four legs with weak servos carry it without falls.
 SINK = 0.29
 
 #: Failures over two of which the body sinks: the legs drag or are gone. A locked leg would hold it up.
@@ -173,7 +173,7 @@ class GlideToStableGait(RecoveryPolicy):
 
 
 def _at_speed(plan: TrialPlan, gait: Gait | None) -> Gait | None:
-    """A gait whose pace keeps the plan's speed: in a crawl feet stand for longer, and move more slowly."""
+    """A gait whose pace keeps the plan's speed: feet move more slowly in the longer stance of a crawl."""
     if gait is None or gait.phases is None:
         return gait
     pace_hz = gait.pace_hz * plan.gait.strokes_per_cycle / gait.strokes_per_cycle
