@@ -33,7 +33,7 @@ def draw_servo_terms(folder: Path) -> Path:
     with mpl.rc_context(READABLE):
         figure = Figure(figsize=(9.0, 3.2), layout="constrained")
         ax = figure.subplots()
-        for place, (name, values) in enumerate(reversed(servos.items())):
+        for place, values in enumerate(reversed(servos.values())):
             errors_deg = np.degrees(list(mean_errors_rad(runs, values).values()))
             color = hex_color(BEST_COLOR) if values is servo else INK
             low, high = np.quantile(errors_deg, (0.1, 0.9))
