@@ -17,7 +17,7 @@ from generated_reference import PARTS  # noqa: E402  a neighbour of this file
 #: A link out of docs/ to a shipped file, by its `../` and its path.
 LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
 
-#: How much a class of pages counts in the search: most users look for tutorials and how-to pages, lists have every word.
+#: How much classes of pages count in the search: lists have every word, and most users look for what to do.
 BOOSTS = {"api/index.md": 0.7, "api/": 0.3, "reference/": 0.7, "results/": 0.5}
 
 #: Words for the search that pages lack, by page; the theme indexes tags like titles.
@@ -67,7 +67,8 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Point links to shipped files at their place in the site, and write the generated references."""
     name = page.file.src_uri
-    page.meta["search"] = {"boost": next((boost for path, boost in BOOSTS.items() if name.startswith(path)), 1)}
+    boost = next((boost for path, boost in BOOSTS.items() if name.startswith(path)), 1)
+    page.meta["search"] = {"boost": boost}
     page.meta["tags"] = [KEYWORDS[name]] if name in KEYWORDS else []
     markdown = LISTED_ELSEWHERE.sub(r"\g<0>\n    options: {members: false, show_signature: false}", markdown)
     parts = {**PARTS, "fault_matrix": fault_matrix}
