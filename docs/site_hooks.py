@@ -65,7 +65,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Point links to shipped files at their place, write generated references, weigh the page in the search."""
+    """Point links to shipped files at their place, write generated references, weigh the page in search."""
     name = page.file.src_uri
     boost = next((boost for path, boost in BOOSTS.items() if name.startswith(path)), 1)
     page.meta["search"] = {"boost": boost}
