@@ -24,6 +24,7 @@ from hexctl.export.export_options import (
 )
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
 from hexctl.files import OnDamage, file_instead, log_damage
+from hexctl.options import check_names
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.robot.configs import config_names, config_root
 from hexctl.robot.formats.mjcf import mjcf_of
@@ -134,6 +135,7 @@ def export(
     """
     if not sources:
         raise InputError("export: got nothing; allowed: a robot, recordings, or a session")
+    check_names(export, options, ExportOptions)
     asked = ExportOptions(to=to, output=output, **options)
     kind = _format(asked.to, asked.output)
     path = _free(_output(sources[0], kind, asked.output))
