@@ -51,7 +51,7 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
         return [f"next: {clearing}"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
     may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST
-    ignored = outcome.get("noticed") and outcome["options"].get("policy") == "walk-on"
+    ignored = outcome.get("noticed") and outcome.get("options", {}).get("policy") == "walk-on"
     if ignored or (outcome["status"] == "aborted" and _stopped_for_a_leg(outcome)):
         return ["next: the same with --policy glide, which continues without the leg"]
     if may_walk and outcome["gait"]["name"] != AUTO and _is_slow(outcome):
