@@ -21,6 +21,7 @@ from hexctl.errors import (
     MissingExtraError,
     ReachError,
     is_of_disk,
+    room_hint,
     shortened,
 )
 
@@ -210,13 +211,13 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except TyperException as error:
         return _print_error(usage_text(error), error.exit_code)
     except (InputError, LimitError, ReachError, MissingExtraError) as error:
-        return _print_error(in_flags(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
+        return _print_error(_worded(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
     except HexctlError as error:
-        return _print_error(in_flags(error), FAULT)
+        return _print_error(_worded(error), FAULT)
     except OSError as error:
         if not isinstance(error.filename, str | bytes):
             raise
-        text = f"{os.fsdecode(error.filename)}: {error.strerror}"
+        text = f"{os.fsdecode(error.filename)}: {error.strerror}{room_hint(error)}"
         return _print_error(text, FAULT if is_of_disk(error) else BAD_INPUT)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
@@ -226,6 +227,12 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, _CutOffError):
         return _print_error("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else 0
+
+
+def _worded(error: HexctlError) -> str:
+    """Text of an error, with the next step on a full disk unless it names one."""
+    text = in_flags(error)
+    return text if "; free some space" in text else f"{text}{room_hint(error.__cause__)}"
 
 
 #: Commands that list the values of an argument, by its name in the help text.

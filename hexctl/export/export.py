@@ -13,7 +13,7 @@ import numpy as np
 from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import RUNS, StoreError
 from hexctl.control.log import frame_columns, joint_fields
-from hexctl.errors import InputError, MissingExtraError, argument
+from hexctl.errors import InputError, MissingExtraError, argument, is_of_disk
 from hexctl.export.export_options import (
     FORMATS,
     ROBOT_FORMATS,
@@ -157,7 +157,8 @@ def export(
         raise
     except OSError as error:
         reason = file_instead(path.parent) or error.strerror
-        raise InputError(f"export: {path} cannot be written ({reason}); allowed: a new file") from error
+        allowed = "" if is_of_disk(error) else "; allowed: a new file"
+        raise InputError(f"export: {path} cannot be written ({reason}){allowed}") from error
     return path
 
 
@@ -233,7 +234,12 @@ def _write_robot(sources: Sequence[str | Path | Robot], kind: str, path: Path, *
 
 def write_ros2(robot: Robot, folder: Path) -> None:
     """Write a launch file, layouts of RViz and Foxglove, and the URDF of a robot into a new folder."""
-    shutil.copytree(config_root() / "ros", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    root = config_root() / "ros"
+    for file in root.rglob("*"):  # copytree would hide why a file cannot be written
+        if file.is_file() and file.parent.name != "__pycache__":
+            target = folder / file.relative_to(root)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(file, target)
     (folder / f"{robot.name}.urdf").write_text(urdf_of(robot), encoding="utf-8")
 
 
