@@ -244,6 +244,8 @@ def _bad_value(error: typer.BadParameter) -> str:
         return f"{origin}: {error.message}"
     if error.param is not None and not error.message and error.param.metavar in LISTED_BY:
         return f"{error.format_message().rstrip('.')}; {LISTED_BY[error.param.metavar]} prints the names"
+    if error.param is not None and not error.message and error.ctx is not None:
+        return f"{error.format_message().rstrip('.')}; {error.ctx.get_usage().replace('Usage', 'usage')}"
     if error.param is None or "; allowed: " not in error.message:
         return error.format_message()
     flag = next((name for name in error.param.opts if name.startswith("--")), error.param.name)

@@ -229,11 +229,11 @@ def test_a_walk_without_a_leg_that_is_slow_or_misses_its_line_names_the_next_ste
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     outcome = run_json(capsys, "run", "--no-record", "--duration", "1", "--failure", "5:locked")
-    assert "--gait auto" in summary(outcome)[-1]
+    assert "--gait auto" in str(summary(outcome)[-1])
     on_course = {**outcome, "distance_m": outcome["ideal_distance_m"]}
     assert not any("next: " in str(part) for part in summary(on_course))
     missed = {**on_course, "deviation_m": {**outcome["deviation_m"], "signed": -0.2}}
-    assert "hexctl adapt" in summary(missed)[-1]
+    assert "hexctl adapt" in str(summary(missed)[-1])
 
 
 def test_json_keeps_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
