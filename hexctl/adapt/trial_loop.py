@@ -2,16 +2,23 @@
 
 from collections.abc import Callable
 from itertools import takewhile
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from hexctl.adapt.objectives import Objective, make_objective
-from hexctl.adapt.optimizer import Observation, Optimizer, Trim
-from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
+from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.runner import (
+    LegFailedError,
+    RobotStoppedError,
+    TrialRequest,
+    WalkedTrial,
+    WalkTrial,
+    noticed_legs,
+)
 from hexctl.adapt.sessions.recommendation import next_to_confirm
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.session_lines import Walk as StoredWalk
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
@@ -28,23 +35,6 @@ PATH_STRIDE = 10
 
 #: Why a search ended whose optimizer expects too little of another trial.
 NOT_WORTH = "not worth another trial"
-
-
-class Walk(Protocol):
-    """Walks a gait."""
-
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
-        """Walk the trial of an index with a trim, until `should_stop` of its path.
-
-        The index of a baseline is `BASELINE_INDEX`; its code is 0 if its slots have none.
-        """
 
 
 OnTrial = Callable[[Session, TrialRecord], None]
@@ -66,7 +56,7 @@ class AdaptLoop:
         session: Session,
         store: SessionStore,
         optimizer: Optimizer,
-        walk: Walk,
+        walk: WalkTrial,
         *,
         objective: Objective | None = None,
         stop_requested: StopRequested = never,
@@ -74,7 +64,7 @@ class AdaptLoop:
         on_baseline: OnBaseline | None = None,
         stable_slots: Slots | None = None,
         margin_m_of: Callable[[Slots], float] | None = None,
-        walk_finely: Walk | None = None,
+        walk_finely: WalkTrial | None = None,
         on_confirmation: OnConfirmation | None = None,
     ) -> None:
         """Prepare to continue a session.
@@ -132,7 +122,8 @@ class AdaptLoop:
             slots = self._baseline_slots[name]
             code = _code_of(optimizer.space, slots)
             what = f"the baseline {name}"
-            one = self._checked(self._walk(BASELINE_INDEX, code or 0, slots, None, None), what)
+            request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots)
+            one = self._checked(self._walk(request), what)
             if _interrupted(one, what):
                 return False
             record = BaselineRecord(
@@ -227,9 +218,10 @@ class AdaptLoop:
         index = found.index if isinstance(found, TrialRecord) else BASELINE_INDEX
         code, slots, optimizer = found.code, found.slots, self._optimizer
         what, walk = f"the confirmation of gait {code}", self._walk_finely or self._walk
-        one = self._checked(
-            walk(index, code or 0, slots, None, found.trim if optimizer.trims else None), what
+        request = TrialRequest(
+            index=index, code=code or 0, slots=slots, trim=found.trim if optimizer.trims else None
         )
+        one = self._checked(walk(request), what)
         if _interrupted(one, what):
             return False
         record = ConfirmationRecord(
@@ -252,7 +244,10 @@ class AdaptLoop:
         """Walk a code as the next trial, learn from it and store it; return False when interrupted."""
         optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
         predicted, what = optimizer.predict(code), f"trial {index}"
-        walked = self._checked(self._walk(index, code, slots, should_stop, optimizer.trim(code)), what)
+        request = TrialRequest(
+            index=index, code=code, slots=slots, trim=optimizer.trim(code), should_stop=should_stop
+        )
+        walked = self._checked(self._walk(request), what)
         if _interrupted(walked, what):
             return False
         score, seen = self._scored(walked, f"{what}, gait {code}"), Observation.of(walked.result)
@@ -300,7 +295,7 @@ class AdaptLoop:
 
     def _keep(
         self,
-        record: StoredWalk,
+        record: Walk,
         walked: WalkedTrial,
         on_stored: Callable[[Session, Any], None] | None,
         state: dict[str, Any] | None = None,

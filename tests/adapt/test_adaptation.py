@@ -48,7 +48,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.fixture
 def landscape(monkeypatch: pytest.MonkeyPatch) -> None:
     """Walks by a formula instead of a simulation."""
-    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, request: Landscape()(request))
 
 
 class Backwards(RandomSearch):

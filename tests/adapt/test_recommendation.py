@@ -10,10 +10,9 @@ import pytest
 
 from hexctl.adapt.adaptation import Adaptation
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
-from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
@@ -21,9 +20,7 @@ from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
-from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError
-from hexctl.gait.encoding import Slots
 from tests.adapt.walking import result_of
 
 
@@ -114,16 +111,10 @@ class Ends:
         self.ends, self.aborted = ends, aborted
         self.walked: list[int] = []
 
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
         if self.aborted:
             return WalkedTrial(result=result_of(0.0, "aborted"))
+        code = request.code
         self.walked.append(code)
         fell = math.isnan(self.ends[code])
         return WalkedTrial(result=result_of(0.0 if fell else self.ends[code], "fell" if fell else "ok"))
