@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write, replacing
-from hexctl.robot.configs import Number, file_says, read_mapping, validate
+from hexctl.robot.configs import Number, file_part, file_says, read_mapping, validate
 from hexctl.robot.model import Robot
-from hexctl.robot.schema import file_part
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera, visible_circle
 from hexctl.vision.detection.lens import Lens, load_lens
