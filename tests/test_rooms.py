@@ -7,7 +7,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
     "": 2_100,
-    "adapt": 8_220,
+    "adapt": 8_210,
     "backends": 10_210,
     "cli": 6_990,
     "client": 1_100,
@@ -26,7 +26,7 @@ CEILINGS = {
     "study": 8_310,
     "teleop": 1_890,
     "testing": 560,
-    "vision": 6_520,
+    "vision": 6_510,
     "wire": 3_150,
 }
 

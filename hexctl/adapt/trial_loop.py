@@ -37,11 +37,8 @@ PATH_STRIDE = 10
 NOT_WORTH = "not worth another trial"
 
 
-OnTrial = Callable[[Session, TrialRecord], None]
-
-OnBaseline = Callable[[Session, BaselineRecord], None]
-
-OnConfirmation = Callable[[Session, ConfirmationRecord], None]
+#: Called with the session and a walk, once it is stored: a trial, a walk of the baseline or a confirmation.
+OnStored = Callable[[Session, Walk], None]
 
 
 class AdaptLoop:
@@ -60,12 +57,10 @@ class AdaptLoop:
         *,
         objective: Objective | None = None,
         stop_requested: StopRequested = never,
-        on_trial: OnTrial | None = None,
-        on_baseline: OnBaseline | None = None,
+        on_stored: OnStored | None = None,
         stable_slots: Slots | None = None,
         margin_m_of: Callable[[Slots], float] | None = None,
         walk_finely: WalkTrial | None = None,
-        on_confirmation: OnConfirmation | None = None,
     ) -> None:
         """Prepare to continue a session.
 
@@ -78,9 +73,8 @@ class AdaptLoop:
         self._walk = walk
         self._baseline_slots = NAMED_SLOTS if stable_slots is None else {**NAMED_SLOTS, AUTO: stable_slots}
         self._margin_m_of, self._walk_finely = margin_m_of, walk_finely
-        self._on_confirmation = on_confirmation
         self._objective = make_objective(session.spec.objective) if objective is None else objective
-        self._stop_requested, self._on_trial, self._on_baseline = stop_requested, on_trial, on_baseline
+        self._stop_requested, self._on_stored = stop_requested, on_stored
         if session.optimizer_state is not None:
             optimizer.restore(session.optimizer_state)
 
@@ -136,7 +130,7 @@ class AdaptLoop:
             )
             if learns := optimizer.trims and code is not None:
                 optimizer.repeat(code, record.score, Observation.of(one.result))
-            self._keep(record, one, self._on_baseline, optimizer.state() if learns else None)
+            self._keep(record, one, optimizer.state() if learns else None)
         return True
 
     def _search(self) -> str:
@@ -234,7 +228,7 @@ class AdaptLoop:
         )
         if teaches and code is not None:
             optimizer.repeat(code, record.score, Observation.of(one.result))
-        self._keep(record, one, self._on_confirmation, optimizer.state() if teaches else None)
+        self._keep(record, one, optimizer.state() if teaches else None)
         return True
 
     def _repeats(self) -> int:
@@ -265,7 +259,7 @@ class AdaptLoop:
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),
         )
-        self._keep(trial, walked, self._on_trial, optimizer.state())
+        self._keep(trial, walked, optimizer.state())
         return True
 
     def _checked(self, walked: WalkedTrial, what: str) -> WalkedTrial:
@@ -293,17 +287,11 @@ class AdaptLoop:
                 f"{argument('resume')} {self._session.name} walks it again"
             ) from error
 
-    def _keep(
-        self,
-        record: Walk,
-        walked: WalkedTrial,
-        on_stored: Callable[[Session, Any], None] | None,
-        state: dict[str, Any] | None = None,
-    ) -> None:
+    def _keep(self, record: Walk, walked: WalkedTrial, state: dict[str, Any] | None) -> None:
         """Store a walk and report it; raises RecordingError if its recording is incomplete."""
         self._store.add(self._session, record, state)
-        if on_stored is not None:
-            on_stored(self._session, record)
+        if self._on_stored is not None:
+            self._on_stored(self._session, record)
         _check_recording(walked, f"{record.name} is done")
 
 

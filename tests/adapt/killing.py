@@ -15,8 +15,10 @@ from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.runner import TrialRequest, WalkedTrial, WalkTrial
 from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore, load_session
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from tests.adapt.priors import MadeUpModel, made_up_bayes, standing_samples
@@ -74,7 +76,12 @@ def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | No
             session = load_session(name, store.folder)
         say("walking")
         search = optimizer_of(session.spec)
-        AdaptLoop(session, store, search, Slow(landscape_of(session)), on_trial=lambda *_: say("trial")).run()
+
+        def stored(_: Session, walk: Walk) -> None:
+            if isinstance(walk, TrialRecord):
+                say("trial")
+
+        AdaptLoop(session, store, search, Slow(landscape_of(session)), on_stored=stored).run()
 
 
 SPECS_TO_KILL = {

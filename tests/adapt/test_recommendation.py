@@ -15,6 +15,7 @@ from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.runner import TrialRequest, WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
@@ -240,12 +241,11 @@ def test_a_simulated_search_confirms_in_its_own_world_at_a_finer_step(tmp_path: 
     options: dict[str, Any] = {"prior": "none", "optimizer": "random", "baseline": False}
     spec = new_spec(failed_leg=2, budget=1, duration_s=2.0, world="slope", **options)
     spec = replace(spec, uncertainty_m=0.02, confirmed_uncertainty_m=0.005)
-    seen: list[float | None] = []
-    result = Adaptation(spec, folder=tmp_path, record=False).run(
-        on_confirmation=lambda _, walk: seen.append(walk.time_step_s)
-    )
+    seen: list[Walk] = []
+    result = Adaptation(spec, folder=tmp_path, record=False).run(on_stored=lambda _, walk: seen.append(walk))
     confirmed = result.session.confirmations
-    assert seen == [0.0005] * len(confirmed)
+    assert seen == [*result.trials, *confirmed]
+    assert {walk.time_step_s for walk in confirmed} == {0.0005}
     assert confirmed
     best = {walk.slots: walk for walk in (*result.baseline, *result.trials)}
     for walk in confirmed:

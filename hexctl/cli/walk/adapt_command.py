@@ -199,9 +199,7 @@ def _search(
         try:
             return adaptation.run(
                 on_begin=begin,
-                on_trial=table.add,
-                on_baseline=table.add_baseline,
-                on_confirmation=table.add_confirmation,
+                on_stored=table.add,
                 stop_requested=interrupt.requested,
             )
         except RobotStoppedError as error:
