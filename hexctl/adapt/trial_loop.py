@@ -287,7 +287,7 @@ class AdaptLoop:
                 f"{argument('resume')} {self._session.name} walks it again"
             ) from error
 
-    def _keep(self, record: Walk, walked: WalkedTrial, state: dict[str, Any] | None) -> None:
+    def _keep(self, record: Walk, walked: WalkedTrial, state: dict[str, Any] | None = None) -> None:
         """Store a walk and report it; raises RecordingError if its recording is incomplete."""
         self._store.add(self._session, record, state)
         if self._on_stored is not None:

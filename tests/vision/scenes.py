@@ -15,12 +15,10 @@ from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_camera import FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
-from hexctl.vision.twin.twin_options import LOOK_AT_M, POSITION_M
+from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from hexctl.vision.video.video_writer import VideoWriter
 
 __all__ = ["CAMERA", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "tag_on"]
-CAMERA = Camera.looking(WEBCAM, np.array(POSITION_M), np.array(LOOK_AT_M))
 FLOOR_CORNERS = {number: tag.corners for number, tag in FLOOR_TAGS.items()}
 
 

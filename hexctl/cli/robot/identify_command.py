@@ -20,7 +20,6 @@ from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_said
 from hexctl.cli.walk.connected_run import check_commanded, connected
 from hexctl.errors import InputError
 from hexctl.identify.options import IdentifyOptions
@@ -56,18 +55,34 @@ def identify(
     walk. The geometry and the masses of the legs are those of the robot file. A simulated robot is in the
     world stand. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4 stopped, 130 interrupted.
     """
-    options, names_robot = IdentifyOptions(**given), is_said(context, "robot")
+    from hexctl.cli.values import is_said
+
+    options = IdentifyOptions(**given)
     options.check_output()
-    if logs and options.output is not None and not names_robot:
+    paths = list(logs or ())
+    if not paths:
+        paths = [_moved(given, yes=yes)]
+    elif options.output is not None and not is_said(context, "robot"):
         raise InputError("--output requires --robot with logs: the robot file that is copied and changed")
-    paths = list(logs or ()) or [_moved(given, yes=yes)]
-    found = _identified(paths, options, own_robot=names_robot and paths[0].suffix == ".rrd")
+    own_robot = None
+    if is_said(context, "robot") and paths[0].suffix == ".rrd":
+        from hexctl.robot.loader import load_robot
+
+        own_robot = load_robot(str(options.robot))
+    found = _identified(paths, own_robot, options)
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         print_note("hexctl: the result fits no better than the robot file: has a leg failed in these logs?")
     if not as_json:
         print_result(*_report(found))
-    written = _written(found, options, paths)
+    try:
+        written = _write(found, options, paths)
+    except OSError as error:
+        again = f"{' '.join(map(str, paths))} --robot {options.robot}"
+        raise InputError(
+            f"--output: {options.output} cannot be written ({error.strerror}); allowed: a new file; "
+            f"continue with: hexctl identify {again} -o FILE"
+        ) from error
     if as_json:
         print_result(json.dumps(found.to_dict() | {"output": written}))
     elif written is not None:
@@ -98,12 +113,9 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     return done.recording
 
 
-def _identified(paths: list[Path], options: IdentifyOptions, *, own_robot: bool) -> "Identification":
-    """Result of some logs, with `own_robot` for the robot of the options instead of that of the recording."""
+def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Identification":
     from hexctl.identify.identification import identify as identify_servos
-    from hexctl.robot.loader import load_robot
 
-    robot = load_robot(str(options.robot)) if own_robot else None
     with _SearchProgress() as progress:
         return identify_servos(paths, robot=robot, p_gain=options.p_gain, on_step=progress.show)
 
@@ -118,18 +130,6 @@ class _SearchProgress(WithBar):
     def show(self, step: int, error_rad: float) -> None:
         text = f"search, a minute or two: step {step}, error {math.degrees(error_rad):.3f} deg"
         self._bar.update(self._task, description=text, visible=True)
-
-
-def _written(found: "Identification", options: IdentifyOptions, paths: list[Path]) -> str | None:
-    """What was written: the robot file and its picture; None if no file was asked for."""
-    try:
-        return _write(found, options, paths)
-    except OSError as error:
-        again = f"{' '.join(map(str, paths))} --robot {options.robot}"
-        raise InputError(
-            f"--output: {options.output} cannot be written ({error.strerror}); allowed: a new file; "
-            f"continue with: hexctl identify {again} -o FILE"
-        ) from error
 
 
 def _write(found: "Identification", options: IdentifyOptions, paths: list[Path]) -> str | None:

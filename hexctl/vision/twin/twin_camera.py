@@ -18,7 +18,7 @@ from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, w
 from hexctl.vision.twin.delivery import Delivery, TakenPicture
 from hexctl.vision.twin.posture_history import PostureHistory, followed_robot
 from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_options import TwinOptions
+from hexctl.vision.twin.twin_options import LOOK_AT_M, POSITION_M, TwinOptions
 from hexctl.vision.video.mjpeg import MjpegServer
 from hexctl.waiting import StopRequested, never
 
@@ -35,6 +35,8 @@ WEBCAM = Lens(
 
 #: Field of view of a webcam with pictures of another shape, whose lens bends nothing.
 FOV_DEG = 67.0
+
+CAMERA = Camera.looking(WEBCAM, np.array(POSITION_M), np.array(LOOK_AT_M))
 
 #: Tags on the floor by number, as large as `hexctl see print` makes them.
 FLOOR_TAGS = {
