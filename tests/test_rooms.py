@@ -26,7 +26,7 @@ CEILINGS = {
     "study": 8_310,
     "teleop": 1_890,
     "testing": 560,
-    "vision": 6_520,
+    "vision": 6_530,
     "wire": 3_150,
 }
 
