@@ -38,9 +38,6 @@ DURATION_S = 30.0
 #: How long a velocity lasts, the share of them that are zero, and when gaits change.
 VELOCITY_S, STANDS, CHANGES_S = 3.0, 0.1, (10.0, 20.0)
 
-#: Walks that are simulated together.
-TOGETHER = 60
-
 
 def healthy_walks(robot: Robot, family: str, first: int, worlds: int) -> list[tuple[Kind, TrialResult]]:
     """Walks of an intact robot in members of a family; gaits, directions and velocities are drawn."""
@@ -54,9 +51,7 @@ def healthy_walks(robot: Robot, family: str, first: int, worlds: int) -> list[tu
         ]
         velocities = np.random.default_rng(first)
         make = partial(_changing, velocities) if kind == "changing" else recovering_walk(WalkOn())
-        for begin in range(0, len(trials), TOGETHER):
-            results = run_sim_trials(trials[begin : begin + TOGETHER], 1, make, apart=True)
-            walks += [(kind, result) for result in results]
+        walks += [(kind, result) for result in run_sim_trials(trials, 1, make, apart=True)]
     return walks
 
 

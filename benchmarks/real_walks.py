@@ -23,7 +23,7 @@ from hexctl.study.recovery.methods import NOTHING
 from hexctl.study.recovery.recovery_plan import LINE, RecoveryPlan
 from hexctl.study.recovery.recovery_report import JUDGED
 from hexctl.study.walk_cache import FOLDER, WalkCache, Walked
-from hexctl.study.walking import walk_all
+from hexctl.study.walking import Work
 from hexctl.types import N_LEGS
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _plan(
 def _rows(plan: HeldOutExperiment, cache: WalkCache, wanted: Callable[[Any, Any], bool]) -> "DataFrame":
     """Rows of the wanted cases of a plan; those that the cache lacks are walked."""
     walked: Walked = [(place, [one for one in cases if wanted(place, one)]) for place, cases in plan.walked()]
-    return plan.columns(frame_of(walked, walk_all(walked, cache)))
+    return plan.columns(frame_of(walked, Work(cache=cache).walk(walked)))
 
 
 def _fails(place: RecoveryPlace, case: RecoveryCase) -> bool:

@@ -45,7 +45,7 @@ from hexctl.robot.model import Robot
 from hexctl.study.held_out import with_sensors
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.walk_cache import FOLDER, WalkCache
-from hexctl.study.walking import evaluate
+from hexctl.study.walking import Work
 from hexctl.types import N_LEGS, FloatArray
 
 #: The family of the worlds and its members, which nothing was built or tuned with.
@@ -327,7 +327,7 @@ def main(folder: Path = FOLDER, *, save: bool = False) -> None:
         return
     robot = load_robot("ant")
     asked = specs(robot, load_randomization(FAMILY), FIRST_WORLD, WORLDS)
-    landscapes = evaluate(asked, WalkCache(folder))
+    landscapes = Work(cache=WalkCache(folder)).evaluate(asked)
     rows = table(load_score_prior(shipped_priors() / PRIOR), landscapes)
     sys.stdout.write("\n".join([*lines_of(rows), ""]))
     if save:

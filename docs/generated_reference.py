@@ -8,7 +8,6 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import typer
-from key_meanings import OUTCOME_KEYS, ROBOT_KEYS
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -94,11 +93,18 @@ def result_reference() -> str:
         "In Python they are attributes of `hexctl.run(...).trial`. The object is `hexctl.run(...).outcome`.",
         _table(("Key", "In Python", "Meaning"), rows),
         "### Further keys of a run",
-        _table(("Key", "Meaning"), OUTCOME_KEYS.items()),
+        _table(("Key", "Meaning"), outcome_keys().items()),
         "### Causes of a walk without progress",
         _table(("Cause", "Meaning"), CAUSES.items()),
     ]
     return "\n\n".join(parts)
+
+
+def outcome_keys() -> dict[str, str]:
+    """Meaning of the keys of an outcome besides those of its trial."""
+    from hexctl.runs import outcome
+
+    return _attributes(outcome)
 
 
 #: Keys of JSON that are not the field with degrees in place of radians.
@@ -140,10 +146,10 @@ def _rows(schema: Any) -> Iterator[tuple[str, str, str, str]]:
 
 
 def meanings(schema: Any) -> dict[str, str]:
-    """Meaning of each key, of its docstring or of key_meanings.py; inherited ones first."""
+    """Meaning of each key, by the docstrings of a schema and of those it inherits from."""
     found: dict[str, str] = {}
     for owner in reversed(schema.__mro__):
-        found |= _attributes(owner) | ROBOT_KEYS.get(owner.__name__, {})
+        found |= _attributes(owner)
     return found
 
 
@@ -233,9 +239,9 @@ def _summary(schema: Any) -> str:
     return re.split(r"\n(?=Attributes:|Raises )", text)[0].strip()
 
 
-def _attributes(schema: Any) -> dict[str, str]:
+def _attributes(documented: Any) -> dict[str, str]:
     """Texts of the section `Attributes:` of a docstring, by name."""
-    text = inspect.cleandoc(schema.__doc__ or "")
+    text = inspect.cleandoc(documented.__doc__ or "")
     _, found, body = text.partition("Attributes:\n")
     if not found:
         return {}

@@ -25,7 +25,7 @@ from hexctl.robot.loader import load_robot
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.transfer.transfer_searches import walk_of
 from hexctl.study.walk_cache import WalkCache
-from hexctl.study.walking import evaluate
+from hexctl.study.walking import Work
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from pictures.picture import INK, READABLE, save_svg
@@ -48,7 +48,7 @@ def walked() -> Landscape:
     spec = LandscapeSpec(
         robot=robot, world=load_world(WORLD), leg=LEG, self_rotation="rear", seed=2, place=WORLD
     )
-    return evaluate([spec], WalkCache())[0]
+    return Work(cache=WalkCache()).evaluate([spec])[0]
 
 
 def draw(panel: "Axes", search: Bayes, truth: Landscape, tried: list[int]) -> None:

@@ -7,8 +7,8 @@
 """
 
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,7 @@ from hexctl.adapt.setting import (
     start_note,
 )
 from hexctl.adapt.stance import with_stance
-from hexctl.adapt.trial_loop import AdaptLoop, OnBaseline, OnConfirmation, OnTrial
+from hexctl.adapt.trial_loop import AdaptLoop, OnStored
 from hexctl.backends.base import LegServos
 from hexctl.control.assessment.static_stability import margin_m_of, stable_slots_of
 from hexctl.control.guard import Guard
@@ -137,18 +137,15 @@ class Adaptation:
         self,
         *,
         on_begin: OnBegin | None = None,
-        on_trial: OnTrial | None = None,
-        on_baseline: OnBaseline | None = None,
-        on_confirmation: OnConfirmation | None = None,
+        on_stored: OnStored | None = None,
         stop_requested: StopRequested = never,
     ) -> AdaptationResult:
         """Search until the session ends; the result reports trouble with the robot or the recordings.
 
         Args:
             on_begin: called with the session before its first trial of this run.
-            on_trial: called with the session and each trial, once it is stored.
-            on_baseline: called with the session and each walk of the baseline, once it is stored.
-            on_confirmation: called with the session and each walk at a finer time step, once it is stored.
+            on_stored: called with the session and each walk, once it is stored: a trial, a walk of the
+                baseline, or one that confirms a gait.
             stop_requested: called every tick; True stops the robot softly and ends the run.
 
         Raises InputError for invalid input, RobotFaultError or RobotStoppedError for a robot
@@ -156,9 +153,7 @@ class Adaptation:
         trial cannot be stored.
         """
         check_callable(on_begin, "on_begin", "a function of the session, or None")
-        check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
-        check_callable(on_baseline, "on_baseline", "a function of the session and a walk, or None")
-        check_callable(on_confirmation, "on_confirmation", "a function of the session and a walk, or None")
+        check_callable(on_stored, "on_stored", "a function of the session and a walk, or None")
         check_callable(stop_requested, "stop_requested", STOP_REQUESTED)
         began_s = time.perf_counter()
         if (done := self._finished()) is not None:
@@ -175,14 +170,9 @@ class Adaptation:
             before = len(session.trials)
             if on_begin is not None:
                 on_begin(session)
-            live = self._live() if self._live is not None and servos is not None else None
-            if live is not None:
-                stack.enter_context(live)
-            runner = self._runner(session, store, setting, stop_requested, live)
-            told = {"on_trial": on_trial, "on_baseline": on_baseline, "on_confirmation": on_confirmation}
-            ended, trouble = self._search(session, store, setting, runner, servos, **told)
-            if live is not None and live.lost is not None:
-                self._note(f"{live.lost}; the trials are not affected")
+            with self._view(servos) as live:
+                runner = self._runner(session, store, setting, stop_requested, live)
+                ended, trouble = self._search(session, store, setting, runner, servos, on_stored)
         return AdaptationResult(
             session=session,
             ended=ended,
@@ -191,6 +181,15 @@ class Adaptation:
             wall_s=time.perf_counter() - began_s,
             overview=self._write_overview(session, store),
         )
+
+    @contextmanager
+    def _view(self, servos: Guard | None) -> Iterator[LiveView | None]:
+        """View of the trials of a connected robot while a block runs, or None; a lost one is noted."""
+        live = self._live() if self._live is not None and servos is not None else None
+        with live or nullcontext():
+            yield live
+            if live is not None and live.lost is not None:
+                self._note(f"{live.lost}; the trials are not affected")
 
     def _runner(
         self,
@@ -259,7 +258,7 @@ class Adaptation:
         setting: Setting,
         runner: TrialRunner,
         servos: Guard | None,
-        **told: Any,
+        on_stored: OnStored | None,
     ) -> tuple[str, RobotFaultError | RecordingError | None]:
         """Why the search ended, and trouble with the robot or the recordings."""
         spec = session.spec
@@ -279,7 +278,7 @@ class Adaptation:
             walk,
             objective=self._objective,
             stop_requested=runner.stop_requested,
-            **told,
+            on_stored=on_stored,
             stable_slots=stable_slots_of(setting.robot, setting.plan)
             if AUTO in spec.baseline_gaits and not session.trials
             else None,
@@ -313,7 +312,7 @@ def adapt(
     record: bool = True,
     folder: Path | str = RUNS,
     note: Note = log_note,
-    on_trial: OnTrial | None = None,
+    on_stored: OnStored | None = None,
     progress: bool = True,
     stop_requested: StopRequested = never,
     **options: Any,
@@ -330,7 +329,7 @@ def adapt(
         record: whether to record each trial.
         folder: of the session store, the recordings and the priors.
         note: called with messages for a person; by default they are logged.
-        on_trial: called with the session and each trial, once it is stored.
+        on_stored: called with the session and each walk, once it is stored.
         progress: whether to show a bar on stderr, if that is a terminal and no operator is asked.
         stop_requested: called every tick; True stops the robot softly and ends the run.
         options: other fields of `AdaptOptions`.
@@ -344,7 +343,7 @@ def adapt(
     check_type(folder, (str, Path), "folder", "a path")
     check_type(record, bool, "record", "True or False; recordings go into folder")
     check_type(progress, bool, "progress", "True or False")
-    check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
+    check_callable(on_stored, "on_stored", "a function of the session and a walk, or None")
     check_names(adapt, options, AdaptOptions)
     if servos is not None and options.get("backend", "sim") == "sim":
         options["backend"] = f"{type(servos).__module__}:{type(servos).__qualname__}"
@@ -363,9 +362,7 @@ def adapt(
     with SearchBar(hidden=not progress or operator is not None) as bar:
         result = adaptation.run(
             on_begin=bar.begin,
-            on_baseline=bar.advance,
-            on_trial=bar.advance_and(on_trial),
-            on_confirmation=bar.advance,
+            on_stored=bar.advance_and(on_stored),
             stop_requested=stop_requested,
         )
     if result.trouble is not None:

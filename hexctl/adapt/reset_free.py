@@ -8,21 +8,19 @@ from dataclasses import dataclass, replace
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.shipped import TRIM
-from hexctl.adapt.runner import TrialRunner, WalkedTrial, check_not_stopped
+from hexctl.adapt.runner import TrialRequest, TrialRunner, WalkedTrial, check_not_stopped
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.guard import Guard
 from hexctl.control.sit_down import SittingMotion
-from hexctl.control.trial import Enough, run_trial, stop_when
+from hexctl.control.trial import run_trial, stop_when
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.turning import turn_gait
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import drawn_failure, untold_note
@@ -61,56 +59,48 @@ class ResetFreeRunner:
     operator: Operator | None = None
     note: Note = lambda _text: None
 
-    def walk(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
+    def walk(self, request: TrialRequest) -> WalkedTrial:
         """Run one trial from the robot's position.
 
         Raises RobotStoppedError if the robot is stopped before the start, RobotFaultError for one that is
         lost or without a position.
         """
-        plan = self.runner.plan_for(slots, trim)
+        plan = self.runner.plan_for(request.slots, request.trim)
         if self.runner.spec.cool_down_c is not None:
             cool_down(self.servos, self.runner.spec.cool_down_c, self.runner.stop_requested, self.note)
         if self.operator is not None:
-            return self._walk_and_ask(self.operator, index, code, as_placed(plan, self.runner.robot))
+            return self._walk_and_ask(self.operator, request, as_placed(plan, self.runner.robot))
         if self.arena is not None:
-            return self._walk_inside(self.arena, index, code, plan, should_stop)
+            return self._walk_inside(self.arena, request, plan)
         await_ready(self.servos)
-        return self.runner.walk_on(self.servos, plan, index, code, stop_when(should_stop))
+        return self.runner.walk_on(self.servos, plan, request, stop_when(request.should_stop))
 
-    def _walk_and_ask(self, operator: Operator, index: int, code: int, plan: TrialPlan) -> WalkedTrial:
+    def _walk_and_ask(self, operator: Operator, request: TrialRequest, plan: TrialPlan) -> WalkedTrial:
         robot, again = self.runner.robot, False
 
         def completed(result: TrialResult) -> TrialResult:
             nonlocal again
             if result.status not in ("ok", "no_progress"):
                 return result
-            answer = operator.measure(index, at_most_m=2 * result.ideal_distance_m)
+            answer = operator.measure(request.index, at_most_m=2 * result.ideal_distance_m)
             again = answer.word == "again"
             return measured(result, answer, robot, plan)
 
         check_not_stopped(self.servos)
-        if not operator.place(index, code):
+        if not operator.place(request.index, request.code):
             return WalkedTrial(result=not_walked(robot, plan))
         await_ready(self.servos, needs_pose=False)
-        walked = self.runner.walk_on(self.servos, plan, index, code, completed=completed)
-        return self._walk_and_ask(operator, index, code, plan) if again else walked
+        walked = self.runner.walk_on(self.servos, plan, request, completed=completed)
+        return self._walk_and_ask(operator, request, plan) if again else walked
 
-    def _walk_inside(
-        self, arena: Arena, index: int, code: int, plan: TrialPlan, should_stop: Enough | None
-    ) -> WalkedTrial:
+    def _walk_inside(self, arena: Arena, request: TrialRequest, plan: TrialPlan) -> WalkedTrial:
         hindered = self._come_to_start(arena)
         if hindered is not None:
             return WalkedTrial(result=hindered)
         state = await_ready(self.servos)
         here = aimed(plan, self.runner.robot, state, arena)
-        return self.runner.walk_on(self.servos, here, index, code, Geofence(arena, stop_when(should_stop)))
+        fence = Geofence(arena, stop_when(request.should_stop))
+        return self.runner.walk_on(self.servos, here, request, fence)
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
         """Walk away from the middle, with the gait of self-rotations, until there is room.

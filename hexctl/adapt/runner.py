@@ -72,12 +72,40 @@ Completed = Callable[[TrialResult], TrialResult]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TrialRequest:
+    """One trial to walk.
+
+    Attributes:
+        index: of the trial; `BASELINE_INDEX` for a walk of the baseline.
+        code: of the gait; 0 if its slots have none.
+        trim: correction of the walk, or None.
+        should_stop: ends the walk once its path shows enough, or None.
+    """
+
+    index: int
+    code: int
+    slots: Slots
+    trim: Trim | None = None
+    should_stop: Enough | None = None
+
+    def title(self, plan: TrialPlan) -> str:
+        """Title of the trial, or of the walk of the baseline."""
+        if self.index == BASELINE_INDEX:
+            return f"baseline: gait {_name_of(plan)}"
+        return f"trial {self.index}: gait {self.code}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WalkedTrial:
     """A walked trial and its recording, or None; `recording_error` is why that is incomplete."""
 
     result: TrialResult
     recording: Path | None = None
     recording_error: Exception | None = None
+
+
+#: Walks a requested trial.
+WalkTrial = Callable[[TrialRequest], WalkedTrial]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,40 +124,32 @@ class TrialRunner:
     live: LiveView | None = None
     meshes: Meshes = field(default_factory=dict)
 
-    def walk(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
+    def walk(self, request: TrialRequest) -> WalkedTrial:
         """Run one trial in its own simulation."""
-        plan = self.plan_for(slots, trim)
+        plan = self.plan_for(request.slots, request.trim)
         # The simulated failure; the plan has the one that the controller knows.
         broken = self.spec.broken
         options = BackendOptions.of(
-            self.spec, robot=self.robot, world=self.world, failure=broken, trial=index
+            self.spec, robot=self.robot, world=self.world, failure=broken, trial=request.index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
-            return self.walk_on(servos, plan, index, code, stop_when(should_stop))
+            return self.walk_on(servos, plan, request, stop_when(request.should_stop))
 
     def walk_on(
         self,
         servos: Guard,
         plan: TrialPlan,
-        index: int,
-        code: int,
+        request: TrialRequest,
         should_stop: ShouldStop | None = None,
         completed: Completed = lambda result: result,
     ) -> WalkedTrial:
-        """Run one trial on connected servos; `completed` adds to the result before it is recorded.
+        """Run a requested trial by its plan; `completed` adds to the result before it is recorded.
 
         An error of the recording affects neither the walk nor its result.
         """
         with ExitStack() as stack:
-            recording = self._open_recording(stack, index, code, plan)
-            recorders = self._recorders(recording, plan, title_of(index, code, plan))
+            recording = self._open_recording(stack, request, plan)
+            recorders = self._recorders(recording, plan, request.title(plan))
             result = run_trial(
                 servos,
                 plan,
@@ -141,7 +161,7 @@ class TrialRunner:
             result = without_count(completed(result))
             if recording is None:
                 return WalkedTrial(result=result)
-            trouble = recorders.error_of(recording) or _finished(recording, result, self._facts(index, code))
+            trouble = recorders.error_of(recording) or _finished(recording, result, self._facts(request))
             return WalkedTrial(result=result, recording=recording.path, recording_error=trouble)
 
     @property
@@ -166,20 +186,21 @@ class TrialRunner:
         given = [recorder for recorder in (recording, self.live) if recorder is not None]
         return Recorders(*given, block_ticks=BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS)
 
-    def _open_recording(self, stack: ExitStack, index: int, code: int, plan: TrialPlan) -> Recording | None:
+    def _open_recording(self, stack: ExitStack, request: TrialRequest, plan: TrialPlan) -> Recording | None:
         """Recording of a trial, or None; raises RecordingError if it cannot be written."""
         if self.folder is None:
             return None
         floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
-        stem = f"trial-{index:03d}" if index != BASELINE_INDEX else f"baseline-{_name_of(plan)}"
-        path, title = _new_path(self.folder, stem), title_of(index, code, plan)
+        baseline = request.index == BASELINE_INDEX
+        stem = f"baseline-{_name_of(plan)}" if baseline else f"trial-{request.index:03d}"
+        path = _new_path(self.folder, stem)
         stack.enter_context(unfinished(path))
         try:
             recording = Recording(
                 path,
                 self.robot,
                 plan,
-                title=title,
+                title=request.title(plan),
                 floor=floor,
                 meshes=self.meshes,
                 watched=self._watched,
@@ -191,11 +212,11 @@ class TrialRunner:
         note_created(path)
         return recording
 
-    def _facts(self, index: int, code: int) -> dict[str, Any]:
+    def _facts(self, request: TrialRequest) -> dict[str, Any]:
         spec = self.spec
         return {
-            "trial": index,
-            "code": code,
+            "trial": request.index,
+            "code": request.code,
             "optimizer": spec.optimizer,
             "backend": spec.backend,
             "world": spec.world,
@@ -243,11 +264,6 @@ def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) 
     except Exception as error:  # noqa: BLE001  the walk is done, whether or not its recording is whole
         return error
     return None
-
-
-def title_of(index: int, code: int, plan: TrialPlan) -> str:
-    """Title of a trial, or of a walk of the baseline."""
-    return f"baseline: gait {_name_of(plan)}" if index == BASELINE_INDEX else f"trial {index}: gait {code}"
 
 
 def _name_of(plan: TrialPlan) -> str:

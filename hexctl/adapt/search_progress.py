@@ -10,8 +10,9 @@ from rich.text import Text
 
 from hexctl.adapt.sessions.recommendation import next_to_confirm
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.walk_records import TrialRecord, WalkRecord
-from hexctl.adapt.trial_loop import OnTrial
+from hexctl.adapt.sessions.session_lines import Walk
+from hexctl.adapt.sessions.walk_records import WalkRecord
+from hexctl.adapt.trial_loop import OnStored
 
 #: Walks at the usual time step that take as long as one that confirms a gait.
 CONFIRMATION_WALKS = 4
@@ -70,13 +71,13 @@ class SearchBar:
         """Print a line above the bar."""
         self._progress.console.print(line, soft_wrap=True)
 
-    def advance_and(self, on_trial: OnTrial | None) -> OnTrial:
-        """A callback that counts a trial, and then calls another one."""
+    def advance_and(self, on_stored: OnStored | None) -> OnStored:
+        """A callback that counts a walk, and then calls another one."""
 
-        def counted(session: Session, trial: TrialRecord) -> None:
+        def counted(session: Session, walk: Walk) -> None:
             self.advance(session)
-            if on_trial is not None:
-                on_trial(session, trial)
+            if on_stored is not None:
+                on_stored(session, walk)
 
         return counted
 

@@ -2,16 +2,23 @@
 
 from collections.abc import Callable
 from itertools import takewhile
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from hexctl.adapt.objectives import Objective, make_objective
-from hexctl.adapt.optimizer import Observation, Optimizer, Trim
-from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
+from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.runner import (
+    LegFailedError,
+    RobotStoppedError,
+    TrialRequest,
+    WalkedTrial,
+    WalkTrial,
+    noticed_legs,
+)
 from hexctl.adapt.sessions.recommendation import next_to_confirm
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.session_lines import Walk as StoredWalk
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
@@ -30,28 +37,8 @@ PATH_STRIDE = 10
 NOT_WORTH = "not worth another trial"
 
 
-class Walk(Protocol):
-    """Walks a gait."""
-
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
-        """Walk the trial of an index with a trim, until `should_stop` of its path.
-
-        The index of a baseline is `BASELINE_INDEX`; its code is 0 if its slots have none.
-        """
-
-
-OnTrial = Callable[[Session, TrialRecord], None]
-
-OnBaseline = Callable[[Session, BaselineRecord], None]
-
-OnConfirmation = Callable[[Session, ConfirmationRecord], None]
+#: Called with the session and a walk, once it is stored: a trial, a walk of the baseline or a confirmation.
+OnStored = Callable[[Session, Walk], None]
 
 
 class AdaptLoop:
@@ -66,16 +53,14 @@ class AdaptLoop:
         session: Session,
         store: SessionStore,
         optimizer: Optimizer,
-        walk: Walk,
+        walk: WalkTrial,
         *,
         objective: Objective | None = None,
         stop_requested: StopRequested = never,
-        on_trial: OnTrial | None = None,
-        on_baseline: OnBaseline | None = None,
+        on_stored: OnStored | None = None,
         stable_slots: Slots | None = None,
         margin_m_of: Callable[[Slots], float] | None = None,
-        walk_finely: Walk | None = None,
-        on_confirmation: OnConfirmation | None = None,
+        walk_finely: WalkTrial | None = None,
     ) -> None:
         """Prepare to continue a session.
 
@@ -88,9 +73,8 @@ class AdaptLoop:
         self._walk = walk
         self._baseline_slots = NAMED_SLOTS if stable_slots is None else {**NAMED_SLOTS, AUTO: stable_slots}
         self._margin_m_of, self._walk_finely = margin_m_of, walk_finely
-        self._on_confirmation = on_confirmation
         self._objective = make_objective(session.spec.objective) if objective is None else objective
-        self._stop_requested, self._on_trial, self._on_baseline = stop_requested, on_trial, on_baseline
+        self._stop_requested, self._on_stored = stop_requested, on_stored
         if session.optimizer_state is not None:
             optimizer.restore(session.optimizer_state)
 
@@ -132,7 +116,8 @@ class AdaptLoop:
             slots = self._baseline_slots[name]
             code = _code_of(optimizer.space, slots)
             what = f"the baseline {name}"
-            one = self._checked(self._walk(BASELINE_INDEX, code or 0, slots, None, None), what)
+            request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots)
+            one = self._checked(self._walk(request), what)
             if _interrupted(one, what):
                 return False
             record = BaselineRecord(
@@ -145,7 +130,7 @@ class AdaptLoop:
             )
             if learns := optimizer.trims and code is not None:
                 optimizer.repeat(code, record.score, Observation.of(one.result))
-            self._keep(record, one, self._on_baseline, optimizer.state() if learns else None)
+            self._keep(record, one, optimizer.state() if learns else None)
         return True
 
     def _search(self) -> str:
@@ -227,9 +212,10 @@ class AdaptLoop:
         index = found.index if isinstance(found, TrialRecord) else BASELINE_INDEX
         code, slots, optimizer = found.code, found.slots, self._optimizer
         what, walk = f"the confirmation of gait {code}", self._walk_finely or self._walk
-        one = self._checked(
-            walk(index, code or 0, slots, None, found.trim if optimizer.trims else None), what
+        request = TrialRequest(
+            index=index, code=code or 0, slots=slots, trim=found.trim if optimizer.trims else None
         )
+        one = self._checked(walk(request), what)
         if _interrupted(one, what):
             return False
         record = ConfirmationRecord(
@@ -242,7 +228,7 @@ class AdaptLoop:
         )
         if teaches and code is not None:
             optimizer.repeat(code, record.score, Observation.of(one.result))
-        self._keep(record, one, self._on_confirmation, optimizer.state() if teaches else None)
+        self._keep(record, one, optimizer.state() if teaches else None)
         return True
 
     def _repeats(self) -> int:
@@ -252,7 +238,10 @@ class AdaptLoop:
         """Walk a code as the next trial, learn from it and store it; return False when interrupted."""
         optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
         predicted, what = optimizer.predict(code), f"trial {index}"
-        walked = self._checked(self._walk(index, code, slots, should_stop, optimizer.trim(code)), what)
+        request = TrialRequest(
+            index=index, code=code, slots=slots, trim=optimizer.trim(code), should_stop=should_stop
+        )
+        walked = self._checked(self._walk(request), what)
         if _interrupted(walked, what):
             return False
         score, seen = self._scored(walked, f"{what}, gait {code}"), Observation.of(walked.result)
@@ -270,7 +259,7 @@ class AdaptLoop:
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),
         )
-        self._keep(trial, walked, self._on_trial, optimizer.state())
+        self._keep(trial, walked, optimizer.state())
         return True
 
     def _checked(self, walked: WalkedTrial, what: str) -> WalkedTrial:
@@ -298,17 +287,11 @@ class AdaptLoop:
                 f"{argument('resume')} {self._session.name} walks it again"
             ) from error
 
-    def _keep(
-        self,
-        record: StoredWalk,
-        walked: WalkedTrial,
-        on_stored: Callable[[Session, Any], None] | None,
-        state: dict[str, Any] | None = None,
-    ) -> None:
+    def _keep(self, record: Walk, walked: WalkedTrial, state: dict[str, Any] | None = None) -> None:
         """Store a walk and report it; raises RecordingError if its recording is incomplete."""
         self._store.add(self._session, record, state)
-        if on_stored is not None:
-            on_stored(self._session, record)
+        if self._on_stored is not None:
+            self._on_stored(self._session, record)
         _check_recording(walked, f"{record.name} is done")
 
 

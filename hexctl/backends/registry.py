@@ -14,11 +14,11 @@ from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import load_named
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.typed_names import nearest
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from hexctl.adapt.runner import NotBegunError
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, log_note
-from hexctl.adapt.trial_loop import OnBaseline, OnConfirmation, OnTrial
+from hexctl.adapt.trial_loop import OnStored
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.export.export import export
@@ -118,9 +118,7 @@ def demo(
     on_folder: Callable[[Path], object] | None = None,
     on_walk: OnWalk | None = None,
     on_begin: OnBegin | None = None,
-    on_trial: OnTrial | None = None,
-    on_baseline: OnBaseline | None = None,
-    on_confirmation: OnConfirmation | None = None,
+    on_stored: OnStored | None = None,
     stop_requested: StopRequested = never,
 ) -> DemoResult:
     """Let a leg fail during a walk, recover, search for a gait of the others, and draw the walks as a race.
@@ -132,9 +130,7 @@ def demo(
         on_folder: called with the new folder of the walks and of the picture.
         on_walk: called with each of the two walks, first the one without recovery.
         on_begin: called with the session before its first trial.
-        on_trial: called with the session and each stored trial.
-        on_baseline: called with the session and each stored walk of the baseline.
-        on_confirmation: called with the session and each stored walk at a finer time step.
+        on_stored: called with the session and each stored walk of the search.
         stop_requested: called every tick; True ends the demo softly.
 
     Raises InputError for an invalid budget or folder, MissingExtraError without MuJoCo or Rerun.
@@ -160,9 +156,7 @@ def demo(
     try:
         adaptation = Adaptation(spec, folder=folder, note=note).run(
             on_begin=on_begin,
-            on_trial=on_trial,
-            on_baseline=on_baseline,
-            on_confirmation=on_confirmation,
+            on_stored=on_stored,
             stop_requested=stop_requested,
         )
     except NotBegunError:

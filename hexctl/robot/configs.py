@@ -1,12 +1,15 @@
-"""Configuration files: found by shipped name or path, and read as a mapping."""
+"""Configuration files: found by shipped name or path, read as a mapping, and checked by a schema."""
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, dataclass_transform
 
-from pydantic import BeforeValidator, TypeAdapter, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
 from pydantic_core import ErrorDetails
 
 from hexctl.errors import InputError, check_type, shown
@@ -28,6 +31,12 @@ def _not_a_switch(value: object) -> object:
 MOST_BYTES = 500_000
 
 Number = Annotated[float, BeforeValidator(_not_a_switch)]
+Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
+Coordinate = Annotated[Number, Field(ge=-10, le=10, allow_inf_nan=False)]
+Mass = Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
+AngleDeg = Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)]
+Fraction = Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)]
 
 
 def config_root() -> Path:
@@ -199,3 +208,34 @@ def _keys_beside(schema: type, location: Location) -> Sequence[str]:
         inner = [annotation, *getattr(annotation, "__args__", ())]
         here = next((candidate for candidate in inner if keys_of(candidate) is not None), here)
     return sorted(here.__pydantic_fields__)
+
+
+class Section(BaseModel):
+    """A section of a robot file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+PartT = TypeVar("PartT")
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+def file_part(key: str) -> Callable[[type[PartT]], type[PartT]]:
+    """Frozen dataclass for a section of the file and a part of the model; a call raises InputError."""
+
+    def decorate(kind: type[PartT]) -> type[PartT]:
+        made: Any = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))(kind)
+        checked = made.__init__
+
+        @wraps(checked)
+        def init(self: PartT, **values: Any) -> None:
+            try:
+                checked(self, **values)
+            except ValidationError as error:
+                raise InputError(f"{key}: {first_problem(made, error)}") from None
+
+        made.__init__ = init
+        decorated: type[PartT] = made
+        return decorated
+
+    return decorate

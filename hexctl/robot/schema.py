@@ -4,118 +4,30 @@
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import field
-from functools import wraps
-from typing import Annotated, Any, Literal, Self, TypeVar, dataclass_transform, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
     Field,
-    ValidationError,
     field_validator,
     model_validator,
 )
-from pydantic.dataclasses import dataclass
 
-from hexctl.errors import InputError
-from hexctl.robot.configs import Number, first_problem, keys_of
-from hexctl.robot.servos.drivers import Driver
-from hexctl.robot.servos.servo_models import BAUD
-from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS
-
-Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
-Coordinate = Annotated[Number, Field(ge=-10, le=10, allow_inf_nan=False)]
-Mass = Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)]
-Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
-AngleDeg = Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)]
-Fraction = Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)]
-
-
-def _checked_whole(value: float) -> int:
-    if value != int(value):
-        raise ValueError(f"got {value:g}; allowed: a whole number")
-    return int(value)
-
-
-def _direction(value: float) -> int:
-    if value not in (1, -1):
-        raise ValueError(f"got {value:g}; allowed: 1 or -1")
-    return int(value)
-
-
-def _own_address(value: int) -> int:
-    """Refuse the address at which every PCA9685 answers after a loss of power."""
-    if value == 0x70:
-        raise ValueError("got 0x70, at which all boards answer; allowed: another one, 0x40 to 0x7f")
-    return value
-
-
-def _different(values: tuple[int, int]) -> tuple[int, int]:
-    if values[0] == values[1]:
-        raise ValueError(f"got {values[0]:#x} twice; allowed: a different address for each board")
-    return values
-
-
-def _pair(value: object) -> object:
-    return (value, value) if isinstance(value, int | float) else value
-
-
-#: A pulse width in microseconds, within limits far wider than those of any servo.
-PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterValidator(_checked_whole)]
-Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_checked_whole)]
-Direction = Annotated[Number, AfterValidator(_direction)]
-
-ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_checked_whole)]
-Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_checked_whole)]
-TouchInput = Annotated[Number, Field(ge=0, lt=N_LEGS, allow_inf_nan=False), AfterValidator(_checked_whole)]
-#: A number is an I2C bus.
-Port = Annotated[str, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
-#: An address of a PCA9685, without the one at which all answer.
-I2cAddress = Annotated[
+from hexctl.robot.configs import (
+    AngleDeg,
+    Coordinate,
+    Fraction,
+    Length,
+    Mass,
     Number,
-    Field(ge=0x40, le=0x7F, allow_inf_nan=False),
-    AfterValidator(_checked_whole),
-    AfterValidator(_own_address),
-]
-OscillatorMhz = Annotated[Number, Field(ge=20, le=30, allow_inf_nan=False)]
-Baud = Annotated[
-    Number, Field(ge=BAUD.low, le=BAUD.high, allow_inf_nan=False), AfterValidator(_checked_whole)
-]
-
-
-class Section(BaseModel):
-    """A section of a robot file; unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-PartT = TypeVar("PartT")
-
-
-@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
-def file_part(key: str) -> Callable[[type[PartT]], type[PartT]]:
-    """Frozen dataclass for a section of the file and a part of the model; a call raises InputError."""
-
-    def decorate(kind: type[PartT]) -> type[PartT]:
-        made: Any = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))(kind)
-        checked = made.__init__
-
-        @wraps(checked)
-        def init(self: PartT, **values: Any) -> None:
-            try:
-                checked(self, **values)
-            except ValidationError as error:
-                raise InputError(f"{key}: {first_problem(made, error)}") from None
-
-        made.__init__ = init
-        decorated: type[PartT] = made
-        return decorated
-
-    return decorate
+    Positive,
+    Section,
+    file_part,
+    keys_of,
+)
+from hexctl.robot.servos.servo_schema import ServosSection
+from hexctl.types import JOINT_KINDS, N_LEGS
 
 
 def _possible_inertia(moments: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -145,6 +57,8 @@ class Body:
     """The trunk: a box or an upright cylinder, centred on the body frame.
 
     Attributes:
+        shape: of the trunk.
+        mass_kg: of the trunk with everything on it.
         size_m: length, width, height; a cylinder's diameter is its length.
         com_m: centre of mass in the body frame.
         inertia_kg_m2: moments of inertia about axes through the centre of mass, parallel to the body frame;
@@ -167,7 +81,14 @@ class Body:
 
 
 class MountSection(Section):
-    """Mount of a leg: `position_m` and `yaw_deg`, or `radius_m` and `azimuth_deg` for a radial leg."""
+    """Mount of a leg: `position_m` and `yaw_deg`, or `radius_m` and `azimuth_deg` for a radial leg.
+
+    Attributes:
+        position_m: the coxa axis in the body frame.
+        yaw_deg: direction of the leg at coxa angle zero, counter-clockwise from the front.
+        radius_m: distance of the coxa axis from the middle of the body.
+        azimuth_deg: direction of the mount and of the leg.
+    """
 
     position_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
     yaw_deg: AngleDeg | None = None
@@ -221,8 +142,13 @@ LinkInertia = Annotated[
 class LinkSection(Section):
     """A link: the vector to its end, and its centre of mass, (outward, up) at joint angle zero.
 
-    `inertia_kg_m2` are the moments about axes outward, left and up through the centre of mass, and the
-    product outward-up; None is an evenly filled capsule.
+    Attributes:
+        end_m: from the joint to the next joint or the foot.
+        mass_kg: of the link with its servo.
+        radius_m: of the capsule that stands for the link.
+        com_m: centre of mass; the middle of the link unless given.
+        inertia_kg_m2: moments about axes outward, left and up through the centre of mass, and the product
+            outward-up; by default those of an evenly filled capsule.
     """
 
     end_m: tuple[Coordinate, Coordinate]
@@ -253,7 +179,18 @@ class LinksSection(Section):
 
 
 class JointSection(Section):
-    """Range, speed, torque and play of one joint; None for the stiffness is the servo's."""
+    """Range, speed, torque and play of one joint; None for the stiffness is the servo's.
+
+    Attributes:
+        min_deg: lower end of the range; the guard clips commands to it.
+        max_deg: upper end of the range.
+        max_speed_deg_s: maximum speed of commands.
+        max_torque_nm: stall torque of the servo.
+        dry_friction_nm: friction of the gears at rest.
+        no_load_speed_deg_s: speed without load, at which the torque is zero.
+        stiffness_nm_per_rad: of this joint's servo; that of `servo` unless given.
+        play_deg: backlash from stop to stop.
+    """
 
     min_deg: AngleDeg
     max_deg: AngleDeg
@@ -311,7 +248,12 @@ class JointsSection(Section):
 
 
 class StanceSection(Section):
-    """The nominal foot: outward from the coxa axis, up from the body frame."""
+    """The nominal foot: outward from the coxa axis, up from the body frame.
+
+    Attributes:
+        outward_m: from the coxa axis outward.
+        up_m: from the body frame up; negative is below.
+    """
 
     outward_m: Length
     up_m: Coordinate
@@ -344,75 +286,28 @@ class ServoModel:
 
 @file_part("gait")
 class GaitDefaults:
-    """Default gait of a robot; amplitude and height are fractions of the size E, `size_m`."""
+    """Default gait of a robot; amplitude and height are fractions of the size E, `size_m`.
+
+    Attributes:
+        pace_hz: gait cycles per second.
+        amplitude: length of a step.
+        height: height of a step.
+    """
 
     pace_hz: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
     amplitude: Fraction
     height: Fraction
 
 
-class KindServoSection(Section):
-    """Servos of one joint kind; a missing key has its default."""
-
-    sign: Direction | None = None
-    offset_deg: AngleDeg | None = None
-    min_us: PulseUs | None = None
-    max_us: PulseUs | None = None
-    model: str | None = None
-    min_count: Count | None = None
-    max_count: Count | None = None
-
-
-class JointServoSection(KindServoSection):
-    """Servo of one joint; a missing key has the value of its joint kind."""
-
-    channel: Channel | None = None
-    id: ServoId | None = None
-    touch: TouchInput | None = None
-
-
-class ServosSection(Section):
-    """Servo map: pulse = centre_us + us_per_deg * (sign * angle + offset_deg).
-
-    Servos on a bus have a `driver`, a `model`, counts and an `id` of each joint. Boards of hobby servos have
-    a `driver`, pulses, and as `id` the output of each joint.
-    """
-
-    driver: Driver | None = None
-    port: Port | None = None
-    baud: Baud | None = None
-    model: str | None = None
-    addresses: Annotated[tuple[I2cAddress, I2cAddress], AfterValidator(_different)] = (0x40, 0x41)
-    oscillator_mhz: Annotated[tuple[OscillatorMhz, OscillatorMhz], BeforeValidator(_pair)] = (25.0, 25.0)
-    if_computer_dies: Literal["sit", "hold"] = "sit"
-    us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
-    centre_us: PulseUs = 1500
-    low_battery_v: Positive | None = None
-    coxa: KindServoSection = KindServoSection()
-    femur: KindServoSection = KindServoSection()
-    tibia: KindServoSection = KindServoSection()
-    leg1_coxa: JointServoSection = JointServoSection()
-    leg1_femur: JointServoSection = JointServoSection()
-    leg1_tibia: JointServoSection = JointServoSection()
-    leg2_coxa: JointServoSection = JointServoSection()
-    leg2_femur: JointServoSection = JointServoSection()
-    leg2_tibia: JointServoSection = JointServoSection()
-    leg3_coxa: JointServoSection = JointServoSection()
-    leg3_femur: JointServoSection = JointServoSection()
-    leg3_tibia: JointServoSection = JointServoSection()
-    leg4_coxa: JointServoSection = JointServoSection()
-    leg4_femur: JointServoSection = JointServoSection()
-    leg4_tibia: JointServoSection = JointServoSection()
-    leg5_coxa: JointServoSection = JointServoSection()
-    leg5_femur: JointServoSection = JointServoSection()
-    leg5_tibia: JointServoSection = JointServoSection()
-    leg6_coxa: JointServoSection = JointServoSection()
-    leg6_femur: JointServoSection = JointServoSection()
-    leg6_tibia: JointServoSection = JointServoSection()
-
-
 class MeshSection(Section):
-    """Mesh of one part: a file, relative to the robot file, and its pose in the frame of the part."""
+    """Mesh of one part: a file, relative to the robot file, and its pose in the frame of the part.
+
+    Attributes:
+        file: path relative to the robot file.
+        scale: metres per unit of the file.
+        position_m: in the frame of the part.
+        rotation_deg: about x, y and z of that frame.
+    """
 
     file: Annotated[str, Field(min_length=1)]
     scale: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1.0
@@ -460,7 +355,24 @@ _GAIN_KEYS = tuple(_GainStiffness.model_fields)
 
 
 class RobotSchema(Section):
-    """A complete robot file; `unknown` names keys whose values were not measured, such as `body.mass_kg`."""
+    """A complete robot file.
+
+    Attributes:
+        name: lower case letters, digits, hyphens and underscores.
+        description: one line for lists.
+        size_m: the size E of which amplitude, height and body raise are fractions.
+        body: the trunk.
+        mounts: of the six legs, counter-clockwise from the front left.
+        links: lengths and masses of a leg.
+        foot_radius_m: of the ball at the end of the tibia.
+        joints: ranges and strengths of a leg.
+        stance: where the feet stand.
+        servo: the simulated servos.
+        gait: the default gait.
+        servos: the real servos: driver, port, direction and offset.
+        meshes: looks in recordings.
+        unknown: keys whose values were not measured, such as `body.mass_kg`.
+    """
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")]
     description: str = ""

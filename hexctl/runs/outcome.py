@@ -1,4 +1,30 @@
-"""The outcome of a run as plain values: parts of the object that `hexctl run --json` prints."""
+"""The outcome of a run as plain values: parts of the object that `hexctl run --json` prints.
+
+It has the keys of `TrialResult.to_dict` and these:
+
+Attributes:
+    gait: `name`, `slots`, `code` (null without one), `posture`, `swing_share`, `phases`, and `then`: changes
+        of the gait; null for a custom controller without a gait
+    failed_leg: the failed leg that the walk plans with, or null
+    failure: its failure, or null
+    further_failures: the other failed legs, by number
+    events: failures and healings during the walk
+    ideal_yaw_change_deg: `--turn` times the duration, including the soft start
+    ticks: control periods of the walk
+    overruns: late ticks
+    standstill_s: how long this program stood still before it stopped the robot, or null
+    refused_commands: commands that the guard refused
+    positions_doubted: measured positions that the robot cannot have reached
+    servo_link: messages of a servo board: received, lost, late, malformed, not sent; null without one
+    tick_us: time per tick in microseconds: `p50`, `p99`, `max`
+    realtime_factor: seconds walked per second of computation
+    backend: the backend of the walk
+    robot: the robot's name
+    world: the simulated world, or null
+    seed: the seed
+    recording: the file of the recording, or null
+    options: the options that differ from their defaults
+"""
 
 from collections.abc import Sequence
 from typing import Any

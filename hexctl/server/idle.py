@@ -3,9 +3,11 @@
 from hexctl.control.guard import Guard
 from hexctl.control.sit_down import SittingMotion
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
+from hexctl.options import Range
 
-#: Default time without commands until the robot sits down.
+#: Default and possible times without commands until the robot sits down.
 SIT_AFTER_S = 10.0
+SIT_AFTER_RANGE_S = Range(low=1, high=3600, unit="s")
 
 
 class IdleSupervisor:

@@ -14,6 +14,7 @@ from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
+from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
 from hexctl.server.ros.ros_options import RosOptions
 from hexctl.wire.ros.ros_names import MAX_DOMAIN
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
 
-SIT_AFTER_RANGE_S = Range(low=1, high=3600, unit="s")
 ROS_DOMAIN = Range(low=0, high=MAX_DOMAIN, whole=True)
 
 ROS, CONNECTION = Panel("ROS"), Panel("Connection")
@@ -121,7 +121,7 @@ class ServeOptions(ServedOptions):
     none)
     """
 
-    sit_after_s: Annotated[float, SIT_AFTER_RANGE_S, CONNECTION, RARE] = 10.0
+    sit_after_s: Annotated[float, SIT_AFTER_RANGE_S, CONNECTION, RARE] = SIT_AFTER_S
     """Seconds without a command until the robot sits and relaxes, {}."""
 
     ros: Annotated[str | None, ROS] = None

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.ticked_servos import PortServos
@@ -91,27 +92,8 @@ class RobotService(ServeOptions):
         options = self.servo_options
         servos = make_servos(self.backend, options)
         keeper = self._keeper(options)
-        clear, ros = _clear_command(link), self.ros_options
-        stop_file = self._stop_file(servos.robot.name, options, link, clear)
-        server = RobotServer(
-            servos,
-            link,
-            backend=self.backend,
-            simulated=self.simulated,
-            sit_after_s=self.sit_after_s,
-            on_event=on_event,
-            on_tick=_ticks_of(keeper),
-            ros=None
-            if ros is None
-            else ros.bridge(
-                servos.robot,
-                sit_after_s=self.sit_after_s,
-                insecure=self.insecure,
-                time=servos.clock.time,
-            ),
-            stop_file=stop_file,
-            clear=clear,
-        )
+        stop_file = self._stop_file(servos.robot.name, options, link)
+        server = self._server(servos, link, keeper, stop_file, on_event)
         started = ServiceStarted(
             robot=servos.robot.name,
             backend=self.backend,
@@ -135,11 +117,40 @@ class RobotService(ServeOptions):
         if held:
             on_event(STILL_HOLDS if server.reaches_servos else NOT_KNOWN)
 
-    def _stop_file(self, robot: str, options: BackendOptions, link: Link, clear: str) -> StopFile:
+    def _server(
+        self,
+        servos: LegServos,
+        link: Link,
+        keeper: "Keeper | None",
+        stop_file: StopFile,
+        on_event: Callable[[str], None],
+    ) -> RobotServer:
+        ros, bridge = self.ros_options, None
+        if ros is not None:
+            bridge = ros.bridge(
+                servos.robot,
+                sit_after_s=self.sit_after_s,
+                insecure=self.insecure,
+                time=servos.clock.time,
+            )
+        return RobotServer(
+            servos,
+            link,
+            backend=self.backend,
+            simulated=self.simulated,
+            sit_after_s=self.sit_after_s,
+            on_event=on_event,
+            on_tick=_ticks_of(keeper),
+            ros=bridge,
+            stop_file=stop_file,
+            clear=_clear_command(link),
+        )
+
+    def _stop_file(self, robot: str, options: BackendOptions, link: Link) -> StopFile:
         backend, port = self.backend, self.connect
         if port is None and backend in (*BUS_DRIVERS, *PWM_DRIVERS) and options.robot_file is not None:
             port = options.robot_file.content.servos.port
-        simulated = self.simulated is not None
+        simulated, clear = self.simulated is not None, _clear_command(link)
         return StopFile(robot, backend, port or link.endpoint, asked_only=simulated, clear=clear)
 
     def _warnings(self, link: Link) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """Experiments: simulate walks, summarise them and write a report."""
 
 import json
-import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -12,44 +11,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
 from hexctl.study.figure_style import check_drawing, save_figure
-from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import Plan
 from hexctl.study.report_page import Picture, Section, render_page
 from hexctl.study.versions import code_versions
-from hexctl.study.walk_cache import WalkCache, Walked
-from hexctl.study.walking import Progress, Silent, check_jobs, evaluate, walk_all
+from hexctl.study.walking import Progress, Silent, Work
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
 FoundT = TypeVar("FoundT")
-
-
-@dataclass(kw_only=True)
-class Work:
-    """Cache, computers and observer of an experiment, and how long its parts took."""
-
-    cache: WalkCache
-    jobs: int | None = None
-    dask: str | None = None
-    progress: Progress = field(default_factory=Silent)
-    times_s: dict[str, float] = field(default_factory=dict)
-    _began_s: float = field(default_factory=time.perf_counter)
-
-    def walk(self, walked: Walked) -> list[list[Any]]:
-        """Return the walks of each place, as `walk_all` does."""
-        return walk_all(walked, self.cache, jobs=self.jobs, dask=self.dask, progress=self.progress)
-
-    def evaluate(self, specs: Sequence[LandscapeSpec]) -> list[Landscape]:
-        """Return complete landscapes in the order of their specs."""
-        return evaluate(specs, self.cache, jobs=self.jobs, dask=self.dask, progress=self.progress)
-
-    def lap(self, name: str) -> None:
-        """End a part and begin the next one."""
-        now_s = time.perf_counter()
-        self.times_s[name] = round(now_s - self._began_s, 2)
-        self._began_s = now_s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,40 +108,25 @@ class Experiment(Plan, Generic[FoundT]):
         """Return further text files, by name."""
         return {}
 
-    def run(
-        self,
-        *,
-        folder: Path,
-        cache: WalkCache | None = None,
-        jobs: int | None = None,
-        dask: str | None = None,
-        progress: Progress | None = None,
-    ) -> Result[FoundT]:
+    def run(self, folder: Path, work: Work | None = None) -> Result[FoundT]:
         """Simulate all walks, and write report, figures, tables and a JSON file of the results.
-
-        Finished walks are saved: the next call continues an interrupted one.
 
         Args:
             folder: new, empty, or with an earlier report of this kind, which is replaced.
-            cache: None is `runs/study-cache`. The folder that contains it has the measured uncertainties.
-            jobs: threads; None is all cores here, one for each chunk on a Dask worker.
-            dask: address of a Dask scheduler whose workers simulate; None simulates here.
 
         Raises InputError for a plan, a folder or an address that cannot be used, MissingExtraError without
         the extra `study`, CacheError if walks cannot be saved; all but the last before anything runs.
         """
-        folder, cache = Path(folder), cache or WalkCache()
-        work = Work(cache=cache, jobs=jobs, dask=dask, progress=progress or Silent())
-        check_jobs(jobs)
+        work = work or Work()
         check_drawing()
         self.check()
         with report_folder(folder, self.REPORT):
-            cache.probe()
+            work.cache.probe()
             found = self.find(work)
             page = self.write(found, folder, work.progress)
             work.lap("report")
             result = Result(
-                plan=self, found=found, report=page, notes=tuple(cache.notes), times_s=work.times_s
+                plan=self, found=found, report=page, notes=tuple(work.cache.notes), times_s=work.times_s
             )
             text = json.dumps(result.to_json(), indent=1)
             atomic_write(folder / f"{self.NAME}.json", text)

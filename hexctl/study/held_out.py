@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from functools import cache
+from typing import Any, ClassVar
 
 from hexctl.backends.sim.world import DomainRandomization, World
+from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.robot.model import Robot
 from hexctl.study.walk_cache import CaseT, Place, WalkT
 from hexctl.types import JOINT_KINDS
@@ -28,6 +30,10 @@ SENSORS: dict[str, Any] = {
 }
 
 
+#: The gait of the largest stability margin, which depends on robot and plan, not on the world.
+stable_gait_of = cache(stable_gait)
+
+
 @dataclass(frozen=True, kw_only=True)
 class HeldOutPlace(Place[CaseT, WalkT]):
     """A robot in a member of a family of worlds.
@@ -36,9 +42,17 @@ class HeldOutPlace(Place[CaseT, WalkT]):
         number: number of the world in its family, and the seed of everything drawn in it.
     """
 
+    #: First word of the cache file's name.
+    KIND: ClassVar[str]
+
     family: str
     number: int
     kind: str
+
+    @property
+    def stem(self) -> str:
+        """First part of the cache file's name."""
+        return f"{self.KIND}-{self.number}"
 
     @property
     def title(self) -> str:

@@ -12,7 +12,7 @@ from hexctl.control.trial_plan import DURATION_S
 from hexctl.options import Range, Typed
 from hexctl.robot.model import Robot
 from hexctl.study.data_frames import json_value
-from hexctl.study.experiment import Experiment, Work, plain
+from hexctl.study.experiment import Experiment, plain
 from hexctl.study.held_out import SENSORS, members, with_sensors
 from hexctl.study.paper.evidence import Bar, bar_lines, bar_table, clustered_error, mean
 from hexctl.study.plan import check_legs, check_setting
@@ -20,6 +20,7 @@ from hexctl.study.report_page import Picture, Section, Table, reading
 from hexctl.study.study_options import ALL_LEGS, WORLDS
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import Walked
+from hexctl.study.walking import Work
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:

@@ -3,10 +3,8 @@
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any, ClassVar, Literal
 
-from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.control.trial_result import STATUSES, TrialResult
@@ -14,8 +12,8 @@ from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.study.held_out import HeldOutPlace
-from hexctl.study.walk_cache import ENDED
+from hexctl.study.held_out import HeldOutPlace, stable_gait_of
+from hexctl.study.walk_cache import known
 
 Hold = Literal["none", "heading", "line"]
 
@@ -82,21 +80,11 @@ class HoldWalk:
             signed_m=float(signed_m),
             mean_m=float(mean_m),
             max_m=float(max_m),
-            distance_m=_known(result.distance_m),
+            distance_m=known(result.distance_m),
             ideal_distance_m=float(result.ideal_distance_m),
-            yaw_change_rad=_known(result.yaw_change_rad),
+            yaw_change_rad=known(result.yaw_change_rad),
             clipped_ticks=int(result.clipped_ticks),
         )
-
-    @property
-    def possible(self) -> bool:
-        """Whether a walk that ended on its feet has an end."""
-        numbers = (self.signed_m, self.max_m, self.distance_m, self.ideal_distance_m)
-        return self.status not in ENDED or all(map(math.isfinite, numbers))
-
-
-def _known(value: float | None) -> float:
-    return math.nan if value is None else float(value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,14 +92,10 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
     """A robot in a world; `self_rotation` is that of `HoldPlan`."""
 
     WALK: ClassVar[type[HoldWalk]] = HoldWalk
+    KIND: ClassVar[str] = "hold"
 
     self_rotation: AskedRotation = AUTO_ROTATION
     duration_s: float = 30.0
-
-    @property
-    def stem(self) -> str:
-        """First part of the cache file's name."""
-        return f"hold-{self.number}"
 
     def settings(self) -> dict[str, Any]:
         """Settings that decide a walk."""
@@ -140,9 +124,5 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
             ),
             hold=case.hold,
         )
-        plan = replace(plan, gait=_gait_of(self.robot, plan))
+        plan = replace(plan, gait=stable_gait_of(self.robot, plan))
         return SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.number)
-
-
-#: Gaits depend on robot and plan, not on the world.
-_gait_of = cache(stable_gait)

@@ -19,7 +19,7 @@ from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.study.walk_cache import Place
+from hexctl.study.walk_cache import Place, known
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 #: Gaits simulated together. Each chunk settles and turns once more (a sixth of a second); an interrupt loses
@@ -69,22 +69,15 @@ class GaitWalk:
         off = result.deviation
         ends = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
         names = ("distance_m", "yaw_change_rad", "turned_rad", *QUALITIES)
-        known = {name: getattr(result, name) for name in names}
         return cls(
             case=case,
             status=result.status,
             **dict(zip(("signed_m", "mean_m", "max_m"), map(float, ends), strict=True)),
-            **{name: math.nan if value is None else float(value) for name, value in known.items()},
+            **{name: known(getattr(result, name)) for name in names},
             path_m=tuple(
                 map(tuple, result.path_m[PATH_STRIDE - 1 :: PATH_STRIDE].astype(np.float32).tolist())
             ),
         )
-
-    @property
-    def possible(self) -> bool:
-        """Whether a valid gait has an end."""
-        numbers = (self.signed_m, self.mean_m, self.max_m, self.distance_m)
-        return self.status != "ok" or all(map(math.isfinite, numbers))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,9 @@ from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.options import Typed, check_fields, flag_name
 from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.study_options import ComputeOptions
 from hexctl.study.walk_cache import WalkCache, Walked
-from hexctl.study.walking import Progress
+from hexctl.study.walking import Progress, Silent, Work
 from hexctl.types import N_LEGS
 
 ResultT = TypeVar("ResultT")
@@ -125,11 +126,13 @@ class PlannedWork(Generic[ResultT]):
 
     Attributes:
         plan: a `Plan`, such as a `StudyPlan` or a `PriorPlan`.
-        begin: runs the plan with a `cache` and a `progress`.
+        options: which computers simulate.
+        begin: runs the plan.
     """
 
     plan: Any
-    begin: Callable[..., ResultT]
+    options: ComputeOptions
+    begin: Callable[[Work], ResultT]
 
     def saved(self, cache: WalkCache) -> tuple[int, int]:
         """Return how many walks of the plan a cache has, and how many there are."""
@@ -145,4 +148,12 @@ class PlannedWork(Generic[ResultT]):
 
         Raises the errors of `hexctl.study.experiment.Experiment.run`.
         """
-        return self.begin(cache=cache, progress=progress)
+        options = self.options
+        return self.begin(
+            Work(
+                cache=cache or WalkCache(),
+                jobs=options.jobs,
+                dask=options.dask,
+                progress=progress or Silent(),
+            )
+        )

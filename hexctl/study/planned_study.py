@@ -45,8 +45,7 @@ def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned
     runs = find_settings().runs if runs is None else runs
     folder = options.out or runs / f"study-{datetime.now():%Y%m%d-%H%M%S}"
     plan = _PLANS[options.kind](options, runs)
-    begin = partial(plan.run, folder=folder, jobs=options.jobs, dask=options.dask)
-    return PlannedWork(plan=plan, begin=begin)
+    return PlannedWork(plan=plan, options=options, begin=partial(plan.run, folder))
 
 
 def _paper(options: StudyOptions, _runs: Path) -> StudyPlan:

@@ -42,8 +42,8 @@ from hexctl.study.priors.prior_building import TIME_STEP_S, begin_build, coarse_
 from hexctl.study.priors.prior_options import CODES
 from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from hexctl.study.versions import code_versions
-from hexctl.study.walk_cache import WalkCache, Walked
-from hexctl.study.walking import Progress, walk_all
+from hexctl.study.walk_cache import Walked
+from hexctl.study.walking import Work
 from hexctl.types import N_LEGS
 
 #: Number of the first world of each family.
@@ -196,22 +196,14 @@ def texts_of(failures: Sequence[Failure]) -> tuple[str, ...]:
     return tuple(f"{one.leg}:{kind}" for one, kind in zip(failures, kinds, strict=True))
 
 
-def build_repertoire(
-    plan: RepertoirePlan,
-    path: Path,
-    *,
-    cache: WalkCache | None = None,
-    jobs: int | None = None,
-    dask: str | None = None,
-    progress: Progress | None = None,
-) -> Repertoire:
+def build_repertoire(plan: RepertoirePlan, path: Path, work: Work | None = None) -> Repertoire:
     """Simulate the candidates of all situations in the worlds of a plan, and write the repertoire to a file.
 
     Arguments and errors are those of `hexctl.study.priors.prior_building.build_prior`.
     """
-    cache = cache or WalkCache()
-    begin_build(plan, path, SUFFIX, cache, jobs)
-    walks = walk_all(plan.walked(), cache, jobs=jobs, dask=dask, progress=progress)
+    work = work or Work()
+    begin_build(plan, path, SUFFIX, work)
+    walks = work.walk(plan.walked())
     repertoire = repertoire_of(plan, [walk for some in walks for walk in some])
     save_repertoire(repertoire, path)
     return repertoire

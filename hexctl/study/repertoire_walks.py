@@ -17,7 +17,7 @@ from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.robot.model import Robot
 from hexctl.study.held_out import HeldOutPlace
 from hexctl.study.recovery.episodes import Track
-from hexctl.study.walk_cache import ENDED
+from hexctl.study.walk_cache import ENDED, known
 
 #: Situations whose walks are simulated together in a world.
 TOGETHER = 8
@@ -73,18 +73,12 @@ class CandidateWalk:
         """Return the walk of a case from its trial and the result."""
         gait, ended = trial.plan.gait, result.status in ENDED
         speed_m_s = Track.of(result, gait).speed(*measured_s(trial.robot)) if ended else math.nan
-        cost = result.cost_of_transport if ended else None
         return cls(
             case=case,
             status=result.status,
             speed=float(speed_m_s / ideal_speed_m_s(trial.robot, gait, trial.plan.motion(0.0))),
-            cost=math.nan if cost is None else float(cost),
+            cost=known(result.cost_of_transport if ended else None),
         )
-
-    @property
-    def possible(self) -> bool:
-        """Whether a walk that ended on its feet, and no other one, has a speed."""
-        return math.isfinite(self.speed) == (self.status in ENDED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,11 +86,7 @@ class RepertoirePlace(HeldOutPlace[RepertoireCase, CandidateWalk]):
     """A robot in a world."""
 
     WALK: ClassVar[type[CandidateWalk]] = CandidateWalk
-
-    @property
-    def stem(self) -> str:
-        """First part of the cache file's name."""
-        return f"repertoire-{self.number}"
+    KIND: ClassVar[str] = "repertoire"
 
     def settings(self) -> dict[str, Any]:
         """Settings that decide a walk; the family draws the phase of the failure."""

@@ -3,6 +3,7 @@
 import gzip
 import hashlib
 import json
+import math
 import os
 import zlib
 from abc import ABC, abstractmethod
@@ -28,6 +29,11 @@ FOLDER = Path("runs/study-cache")
 ENDED = ("ok", "no_progress")
 
 
+def known(value: float | None) -> float:
+    """Return a number of a walk; NaN if it is unknown."""
+    return math.nan if value is None else float(value)
+
+
 class CacheError(HexctlError, OSError):
     """The cache folder cannot be written."""
 
@@ -38,10 +44,6 @@ class Walk(Protocol):
     @property
     def case(self) -> Any:
         """Walked case."""
-
-    @property
-    def possible(self) -> bool:
-        """Whether a simulation can give these values."""
 
 
 CaseT = TypeVar("CaseT", bound=Hashable)
@@ -171,8 +173,6 @@ class WalkCache:
             fingerprint, walks = _adapter(place.WALK).validate_json(gzip.decompress(path.read_bytes()))
             if fingerprint != place.fingerprint:
                 raise ValueError("it has the walks of another place")
-            if not all(walk.possible for walk in walks):
-                raise ValueError("it has values that no simulation gives")
         except (OSError, EOFError, ValueError, zlib.error) as error:
             self.notes.append(f"{path}: not usable ({damage_reason(error)}); it is computed again")
             return {}

@@ -2,10 +2,11 @@
 
 import math
 import socket
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import cpu_count
 from threading import enumerate as enumerate_threads
 from typing import Any, Protocol, TypeVar
@@ -55,12 +56,6 @@ class Silent:
         """Ignore a remark."""
 
 
-def check_jobs(jobs: int | None) -> None:
-    """Raise InputError unless a number of threads is one of `JOBS`; None is the default number."""
-    if jobs is not None:
-        JOBS.check(argument("jobs"), jobs)
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Chunk:
     """Cases simulated together; picklable, and its walks depend on nothing else."""
@@ -72,57 +67,72 @@ class _Chunk:
         return self, self.place.walk(self.cases, threads)
 
 
-def walk_all(
-    walked: Walked,
-    cache: WalkCache,
-    *,
-    jobs: int | None = None,
-    dask: str | None = None,
-    progress: Progress | None = None,
-) -> list[list[Any]]:
-    """Return the walks of each place in the order of its cases; simulate those that the cache lacks.
+@dataclass(kw_only=True)
+class Work:
+    """Where walks are simulated and saved, who watches, and how long the parts of the work took.
 
-    Args:
-        walked: cases, place by place; equal places may come again with other cases.
-        cache: gets each chunk as soon as it is done, so another call continues an interrupted one.
+    Attributes:
+        cache: gets each chunk as soon as it is done: the next work continues an interrupted one. The folder
+            that contains it has the measured uncertainties.
         jobs: threads; None is all cores here, one for each chunk on a Dask worker.
         dask: address of a Dask scheduler whose workers simulate; None simulates here.
 
-    Raises InputError for an address that does not answer, CacheError if the disk refuses a file,
-    RobotFaultError if a worker runs other code.
+    Raises InputError for another number of threads than `JOBS`.
     """
-    with nullcontext() if dask is None else dask_executor(dask) as executor:
-        return _walk_all(walked, cache, executor, jobs, progress or Silent())
 
+    cache: WalkCache = field(default_factory=WalkCache)
+    jobs: int | None = None
+    dask: str | None = None
+    progress: Progress = field(default_factory=Silent)
+    times_s: dict[str, float] = field(default_factory=dict)
+    _began_s: float = field(default_factory=time.perf_counter)
 
-def _walk_all(
-    walked: Walked, cache: WalkCache, executor: Executor | None, jobs: int | None, progress: Progress
-) -> list[list[Any]]:
-    noted, once = len(cache.notes), distinct(walked)
-    known = {place.fingerprint: cache.load(place) for place, _ in once}
-    for note in cache.notes[noted:]:
-        progress.note(note)
-    _note_known(once, known, progress)
-    todo = _chunks(once, known)
-    if left := sum(len(chunk.cases) for chunk in todo):
-        progress.stage("walks (Ctrl-C stops, the same command continues)", left)
-    wanted_of = {place.fingerprint: cases for place, cases in once}
-    steps = [chunk.walk for chunk in todo]
-    for chunk, walks in as_finished(steps, jobs) if executor is None else _elsewhere(steps, executor, jobs):
-        saved = known[chunk.place.fingerprint]
-        saved.update((walk.case, walk) for walk in walks)
-        cache.save(chunk.place, saved.values())
-        progress.step(len(walks))
-        wanted = wanted_of[chunk.place.fingerprint]
-        if all(case in saved for case in wanted):
-            progress.note(f"{chunk.place.title}: {chunk.place.outcome([saved[case] for case in wanted])}")
-    return [[known[place.fingerprint][case] for case in cases] for place, cases in walked]
+    def __post_init__(self) -> None:
+        if self.jobs is not None:
+            JOBS.check(argument("jobs"), self.jobs)
 
+    def walk(self, walked: Walked) -> list[list[Any]]:
+        """Return the walks of each place in the order of its cases; simulate those that the cache lacks.
 
-def evaluate(specs: Sequence[LandscapeSpec], cache: WalkCache, **how: Any) -> list[Landscape]:
-    """Return complete landscapes in the order of their specs; `how` are further arguments of `walk_all`."""
-    walks = walk_all([(spec, spec.codes) for spec in specs], cache, **how)
-    return [Landscape.of(spec, some) for spec, some in zip(specs, walks, strict=True)]
+        Equal places may come again with other cases. Raises InputError for an address that does not answer,
+        CacheError if the disk refuses a file, RobotFaultError if a worker runs other code.
+        """
+        with nullcontext() if self.dask is None else dask_executor(self.dask) as executor:
+            return self._walk(walked, executor)
+
+    def _walk(self, walked: Walked, executor: Executor | None) -> list[list[Any]]:
+        cache, progress = self.cache, self.progress
+        noted, once = len(cache.notes), distinct(walked)
+        known = {place.fingerprint: cache.load(place) for place, _ in once}
+        for note in cache.notes[noted:]:
+            progress.note(note)
+        _note_known(once, known, progress)
+        todo = _chunks(once, known)
+        if left := sum(len(chunk.cases) for chunk in todo):
+            progress.stage("walks (Ctrl-C stops, the same command continues)", left)
+        wanted_of = {place.fingerprint: cases for place, cases in once}
+        steps, jobs = [chunk.walk for chunk in todo], self.jobs
+        done = as_finished(steps, jobs) if executor is None else _elsewhere(steps, executor, jobs)
+        for chunk, walks in done:
+            saved = known[chunk.place.fingerprint]
+            saved.update((walk.case, walk) for walk in walks)
+            cache.save(chunk.place, saved.values())
+            progress.step(len(walks))
+            wanted = wanted_of[chunk.place.fingerprint]
+            if all(case in saved for case in wanted):
+                progress.note(f"{chunk.place.title}: {chunk.place.outcome([saved[case] for case in wanted])}")
+        return [[known[place.fingerprint][case] for case in cases] for place, cases in walked]
+
+    def evaluate(self, specs: Sequence[LandscapeSpec]) -> list[Landscape]:
+        """Return complete landscapes in the order of their specs."""
+        walks = self.walk([(spec, spec.codes) for spec in specs])
+        return [Landscape.of(spec, some) for spec, some in zip(specs, walks, strict=True)]
+
+    def lap(self, name: str) -> None:
+        """End a part and begin the next one."""
+        now_s = time.perf_counter()
+        self.times_s[name] = round(now_s - self._began_s, 2)
+        self._began_s = now_s
 
 
 def _note_known(walked: Walked, known: dict[str, dict[Any, Any]], progress: Progress) -> None:

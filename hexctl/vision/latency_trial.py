@@ -24,7 +24,7 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.tags import TagFinder
 from hexctl.vision.estimation.latency import MOST_S, Latency, measure_latency
 from hexctl.vision.observer import Observer
-from hexctl.vision.place import USUAL_LATENCY_S, Place, load_place, store
+from hexctl.vision.place import USUAL_LATENCY_S, Place, load_place, save_place
 from hexctl.vision.place_learning import seen_place
 from hexctl.vision.robot_link import LegState, RobotLink, robot_link
 from hexctl.vision.video.video_source import VideoSource
@@ -125,7 +125,7 @@ class CameraLatency(CameraOptions):
         watch.check()
         latency = watch.measured(linked.robot)
         stored_s = round(max(0.0, latency.latency_s), 4)
-        store(replace(known, latency_s=stored_s), path, "latency_s")
+        save_place(replace(known, latency_s=stored_s), path)
         return LatencyTrial(latency, stored_s, watch.pictures, len(watch.seen))
 
 

@@ -1,12 +1,10 @@
 """A place file: lens, tags on the floor and the robot, and the pose of the camera."""
 
 import math
-import re
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
 import yaml
@@ -14,10 +12,9 @@ from pydantic import AfterValidator, Field, PlainSerializer, TypeAdapter, Valida
 from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError, argument
-from hexctl.files import atomic_write, replacing
-from hexctl.robot.configs import Number, file_says, read_mapping, validate
+from hexctl.files import atomic_write
+from hexctl.robot.configs import Number, file_part, read_mapping, validate
 from hexctl.robot.model import Robot
-from hexctl.robot.schema import file_part
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera, visible_circle
 from hexctl.vision.detection.lens import Lens, load_lens
@@ -273,56 +270,14 @@ def save_place(place: Place, path: str | Path) -> None:
     Raises InputError for a file that cannot be written.
     """
     path = Path(path)
-    content = _content(place)
+    content = TypeAdapter(Place).dump_python(place, exclude_none=True)
+    content["camera"] = {key: list(value) for key, value in content["camera"].items()}
     if place.lens is not None:
         content["lens"] = str(_relative(place.lens, path.parent))
     try:
-        atomic_write(path, _yaml(content))
+        atomic_write(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
     except OSError as error:
-        raise _not_written(path, error) from error
-
-
-def store(place: Place, path: Path, key: str) -> None:
-    """Write one key of a place into its file; all other lines, and the comments, stay.
-
-    A file in braces is written again as a whole, without its comments. Raises InputError for a file that
-    cannot be read or written.
-    """
-    value = _content(place)[key]
-    wanted = {**read_mapping(path), key: value}
-    text = _with_value(path.read_text(encoding="utf-8"), key, value)
-    try:
-        with replacing(path) as draft:
-            draft.write_text(text, encoding="utf-8")
-            if not file_says(draft, wanted):
-                draft.write_text(_yaml(wanted), encoding="utf-8")
-    except OSError as error:
-        raise _not_written(path, error) from error
-
-
-def _content(place: Place) -> dict[str, Any]:
-    content = TypeAdapter(Place).dump_python(place, exclude_none=True)
-    lists = {key: list(value) for key, value in content["camera"].items()}
-    return {**content, "camera": lists}
-
-
-def _with_value(text: str, key: str, value: object) -> str:
-    """Text of a file with another value of a key in its place, with its comment; else at the end."""
-    # A mapping of one number alone would be written in braces.
-    lines = _yaml({key: value}) if isinstance(value, Mapping) else f"{key}: {value}"
-    first, *more = lines.rstrip().splitlines()
-    # The key's line, whose comment is kept, and the indented lines below it.
-    pattern = re.compile(rf"^{key}[ \t]*:[^#\n]*?([ \t]*(?:#.*)?)$(?:\n[ \t]+.*)*", re.MULTILINE)
-    changed, count = pattern.subn(lambda found: "\n".join([f"{first}{found[1]}", *more]), text)
-    return changed if count else "\n".join([text.rstrip(), first, *more, ""])
-
-
-def _yaml(content: Mapping[str, object]) -> str:
-    return yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None)
-
-
-def _not_written(path: Path, error: OSError) -> InputError:
-    return InputError(f"{argument('place')}: {path} cannot be written: {error.strerror}")
+        raise InputError(f"{argument('place')}: {path} cannot be written: {error.strerror}") from error
 
 
 def _relative(file: Path, folder: Path) -> Path:

@@ -28,7 +28,6 @@ from hexctl.vision.place import (
     RobotTag,
     load_place,
     save_place,
-    store,
 )
 from hexctl.vision.robot_camera_options import RobotCameraOptions
 from hexctl.vision.sheet import BAR_MM, Sheet
@@ -87,10 +86,10 @@ def found_place(
     if known is not None and not given.relearn:
         place, changes = measured(known, given.bar_mm)
         placed = seen_place(place, video, finder, stop_requested)
-        if changes:
-            save_place(place, path)
         if placed is not None and _stands_elsewhere(placed.viewpoint, known.viewpoint):
-            store(placed, path, "camera")
+            save_place(placed, path)
+        elif changes:
+            save_place(place, path)
         return None if placed is None else (placed, False, changes)
     pictures = list(_searched(video, finder, LEARNING_PICTURES, stop_requested))
     if stop_requested():

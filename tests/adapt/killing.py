@@ -13,14 +13,14 @@ from hexctl.adapt.optimizer import Optimizer, Trim
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.trim import TrimSearch
-from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial, WalkTrial
 from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore, load_session
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.trial_loop import AdaptLoop, Walk
-from hexctl.control.trial import Enough
-from hexctl.gait.encoding import Slots
+from hexctl.adapt.trial_loop import AdaptLoop
 from tests.adapt.priors import MadeUpModel, made_up_bayes, standing_samples
 from tests.adapt.walking import SPEC, Landscape, arc_of
 
@@ -43,20 +43,13 @@ def optimizer_of(spec: SessionSpec) -> Optimizer:
 class Drifting:
     """Walks that curve, each with noise of its own, less by their trim."""
 
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
-        trim = trim or Trim()
-        drift = Trim(0.03 + 0.01 * math.sin(1.7 * index), 0.02)
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
+        trim = request.trim or Trim()
+        drift = Trim(0.03 + 0.01 * math.sin(1.7 * request.index), 0.02)
         return WalkedTrial(result=arc_of(drift, trim, gain=0.8))
 
 
-def landscape_of(session: Session) -> Walk:
+def landscape_of(session: Session) -> WalkTrial:
     """Made-up walks of a session."""
     return Drifting() if session.spec.optimizer == "trim" else Landscape()
 
@@ -64,19 +57,12 @@ def landscape_of(session: Session) -> Walk:
 class Slow:
     """Walks that take a moment."""
 
-    def __init__(self, walk: Walk) -> None:
+    def __init__(self, walk: WalkTrial) -> None:
         self._walk = walk
 
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
         time.sleep(TRIAL_S)
-        return self._walk(index, code, slots, should_stop, trim)
+        return self._walk(request)
 
 
 def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | None = None) -> None:
@@ -90,7 +76,12 @@ def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | No
             session = load_session(name, store.folder)
         say("walking")
         search = optimizer_of(session.spec)
-        AdaptLoop(session, store, search, Slow(landscape_of(session)), on_trial=lambda *_: say("trial")).run()
+
+        def stored(_: Session, walk: Walk) -> None:
+            if isinstance(walk, TrialRecord):
+                say("trial")
+
+        AdaptLoop(session, store, search, Slow(landscape_of(session)), on_stored=stored).run()
 
 
 SPECS_TO_KILL = {

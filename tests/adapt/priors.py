@@ -5,18 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Observation, Trim
+from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
-from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.trial import LOOK_TICKS, Enough
+from hexctl.control.trial import LOOK_TICKS
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import Deviation, TrialResult
-from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -106,14 +105,8 @@ class MadeUpWorld:
         self.walked: list[int] = []
         self._features, self._fallen = features, fallen
 
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
+        code, should_stop = request.code, request.should_stop
         self.walked.append(code)
         path = path_of(self._features[code - 1])
         ticks = round(DURATION_S / PERIOD_S)

@@ -26,6 +26,7 @@ from hexctl.adapt.runner import (
 )
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import StoreError, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import TrialRecord
@@ -48,7 +49,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.fixture
 def landscape(monkeypatch: pytest.MonkeyPatch) -> None:
     """Walks by a formula instead of a simulation."""
-    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, request: Landscape()(request))
 
 
 class Backwards(RandomSearch):
@@ -64,7 +65,7 @@ def to_the_left(result: TrialResult) -> float:
 
 @pytest.mark.slow
 def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> None:
-    seen: list[int] = []
+    seen: list[object] = []
     result = hexctl.adapt(
         failed_leg=4,
         budget=2,
@@ -72,9 +73,9 @@ def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> 
         prior="none",
         seed=2,
         target_m=1e-9,
-        on_trial=lambda _, trial: seen.append(trial.index),
+        on_stored=lambda _, walk: seen.append(walk),
     )
-    assert seen == [1, 2]
+    assert seen == [*result.baseline, *result.trials]
     assert (result.ended, result.trouble, result.walked) == ("budget", None, 2)
     assert result.best is not None
     assert result.best in result.trials
@@ -177,7 +178,11 @@ def test_a_stop_can_be_requested() -> None:
     stopping: list[bool] = []
     spec = new_spec(failed_leg=5, prior="none", budget=6)
     adaptation = Adaptation(spec, record=False)
-    result = adaptation.run(on_trial=lambda *_: stopping.append(True), stop_requested=lambda: bool(stopping))
+
+    def stop_after_a_trial(_: Session, walk: Walk) -> None:
+        stopping.extend([True] * isinstance(walk, TrialRecord))
+
+    result = adaptation.run(on_stored=stop_after_a_trial, stop_requested=lambda: bool(stopping))
     assert (result.ended, result.walked, result.session.ended) == ("interrupted", 1, None)
     with pytest.raises(NotBegunError):
         Adaptation(spec, record=False).run(stop_requested=lambda: True)
@@ -282,13 +287,13 @@ def test_a_search_without_a_valid_trial_says_so(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.usefixtures("landscape")
 def test_a_session_whose_folder_is_deleted_ends_with_one_error(tmp_path: Path) -> None:
-    def delete(_: Session, trial: TrialRecord) -> None:
-        if trial.index == 2:
+    def delete(_: Session, walk: Walk) -> None:
+        if isinstance(walk, TrialRecord) and walk.index == 2:
             shutil.rmtree(tmp_path / "runs")
 
     adaptation = Adaptation(new_spec(failed_leg=5, prior="none", budget=6), record=False)
     with pytest.raises(StoreError, match="was deleted"):
-        adaptation.run(on_trial=delete)
+        adaptation.run(on_stored=delete)
     assert list_sessions(tmp_path / "runs") == []
 
 
@@ -471,7 +476,7 @@ def test_options_that_do_not_fit_are_refused(options: dict[str, Any], field: str
     [
         ({"budget": 0}, "budget"),
         ({"objective": "cost", "backend": "tests.cli.adaptkits:Straight"}, "cost"),
-        *(({part: 3}, part) for part in ("on_trial", "stop_requested", "note")),
+        *(({part: 3}, part) for part in ("on_stored", "stop_requested", "note")),
     ],
 )
 def test_a_search_that_is_refused_leaves_no_session(options: dict[str, Any], field: str) -> None:

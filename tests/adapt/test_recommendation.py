@@ -10,20 +10,18 @@ import pytest
 
 from hexctl.adapt.adaptation import Adaptation
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
-from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
-from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError
-from hexctl.gait.encoding import Slots
 from tests.adapt.walking import result_of
 
 
@@ -114,16 +112,10 @@ class Ends:
         self.ends, self.aborted = ends, aborted
         self.walked: list[int] = []
 
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
         if self.aborted:
             return WalkedTrial(result=result_of(0.0, "aborted"))
+        code = request.code
         self.walked.append(code)
         fell = math.isnan(self.ends[code])
         return WalkedTrial(result=result_of(0.0 if fell else self.ends[code], "fell" if fell else "ok"))
@@ -249,12 +241,11 @@ def test_a_simulated_search_confirms_in_its_own_world_at_a_finer_step(tmp_path: 
     options: dict[str, Any] = {"prior": "none", "optimizer": "random", "baseline": False}
     spec = new_spec(failed_leg=2, budget=1, duration_s=2.0, world="slope", **options)
     spec = replace(spec, uncertainty_m=0.02, confirmed_uncertainty_m=0.005)
-    seen: list[float | None] = []
-    result = Adaptation(spec, folder=tmp_path, record=False).run(
-        on_confirmation=lambda _, walk: seen.append(walk.time_step_s)
-    )
+    seen: list[Walk] = []
+    result = Adaptation(spec, folder=tmp_path, record=False).run(on_stored=lambda _, walk: seen.append(walk))
     confirmed = result.session.confirmations
-    assert seen == [0.0005] * len(confirmed)
+    assert seen == [*result.trials, *confirmed]
+    assert {walk.time_step_s for walk in confirmed} == {0.0005}
     assert confirmed
     best = {walk.slots: walk for walk in (*result.baseline, *result.trials)}
     for walk in confirmed:

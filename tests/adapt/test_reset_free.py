@@ -17,7 +17,7 @@ from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.adapt.optimizer import Observation, Trim
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
 from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
-from hexctl.adapt.runner import RobotStoppedError, TrialRunner
+from hexctl.adapt.runner import RobotStoppedError, TrialRequest, TrialRunner
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad, stance_deflection_rad
@@ -179,6 +179,10 @@ def plan_for(slots: Slots, _trim: Trim | None = None) -> TrialPlan:
     return replace(PLAN, gait=replace(PLAN.gait, slots=slots))
 
 
+def request_of(index: int, code: int) -> TrialRequest:
+    return TrialRequest(index=index, code=code, slots=SPACE.slots_of(code))
+
+
 def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRunner:
     spec = SessionSpec(failed_leg=5, backend="tests.adapt.staying:StayingSim", duration_s=plan.duration_s)
     runner = TrialRunner(
@@ -211,7 +215,7 @@ def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
     runner, results = runner_of(robot, arena=ARENA), []
     for index in range(1, 5):
         code = 30 * index - 10
-        result = runner.walk(index, code, SPACE.slots_of(code)).result
+        result = runner.walk(request_of(index, code)).result
         results.append(result)
         self_check(logs[-1], result)
     assert StayingSim.farthest_m < ARENA.radius_m + MARGIN_M
@@ -252,12 +256,12 @@ def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(robot: Guard
     """The arena is much smaller than the walk."""
     arena = Arena(home_m=(0.0, 0.0), radius_m=0.6)
     runner = runner_of(robot, arena=arena)
-    first = runner.walk(1, 17, SPACE.slots_of(17)).result
+    first = runner.walk(request_of(1, 17)).result
     assert (first.status, first.stopped, first.valid) == ("cut_short", "arena", False)
     assert 0 < first.duration_s < PLAN.duration_s
     edge_m = arena.distance_m(place_of(robot))
     assert 0.4 < edge_m < arena.radius_m + MARGIN_M
-    second = runner.walk(2, 17, SPACE.slots_of(17)).result
+    second = runner.walk(request_of(2, 17)).result
     assert second.distance_m is not None
     assert second.distance_m > edge_m, "it came through the middle"
     assert StayingSim.farthest_m < arena.radius_m + MARGIN_M
@@ -277,7 +281,7 @@ def test_a_robot_that_lies_on_its_side_is_not_walked_and_not_scored() -> None:
     servos = PosedMock(ROBOT)
     servos.lean(85.0)
     with Guard(servos) as guard, pytest.raises(RobotStoppedError, match="stopped: fell") as raised:
-        runner_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
+        runner_of(guard, arena=ARENA).walk(request_of(1, 17))
     assert raised.value.reason == "fell"
     assert not servos.sent
 
@@ -285,7 +289,7 @@ def test_a_robot_that_lies_on_its_side_is_not_walked_and_not_scored() -> None:
 def test_a_fall_on_the_way_to_the_start_is_not_the_gaits_fault() -> None:
     servos = PosedMock(ROBOT)
     with FallsAfter(servos, 3.0) as guard:
-        walked = runner_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
+        walked = runner_of(guard, arena=ARENA).walk(request_of(1, 17))
     assert (walked.result.status, walked.result.stopped, walked.recording) == ("aborted", "fell", None)
 
 
@@ -293,11 +297,11 @@ def test_a_robot_that_sat_down_between_trials_is_stood_up_from_there() -> None:
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
         runner = runner_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none"))
-        runner.walk(1, 17, SPACE.slots_of(17))
+        runner.walk(request_of(1, 17))
         sat_rad = ROBOT.stance_angles_rad + 0.4
         servos.joints_rad = sat_rad
         servos.sent.clear()
-        runner.walk(2, 17, SPACE.slots_of(17))
+        runner.walk(request_of(2, 17))
     steps = np.abs(servos.sent[0].joint_positions_rad - sat_rad)
     assert steps.max() < 0.1, "the first command is near where the joints are"
 
@@ -306,7 +310,7 @@ def test_after_a_trial_silence_is_no_failure() -> None:
     """A person who measures takes longer than the guard's patience."""
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
-        runner_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none")).walk(1, 17, SPACE.slots_of(17))
+        runner_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none")).walk(request_of(1, 17))
         assert not guard.expects_commands
         servos.time.sleep(60.0)
         guard.read()

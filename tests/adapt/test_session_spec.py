@@ -50,7 +50,7 @@ def test_a_session_continues_as_it_began_whatever_the_settings_say_by_then(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, request: Landscape()(request))
     Path("hexctl.toml").write_text("[adapt]\nduration = 7\noptimizer = 'pso'\n")
     begun = ["adapt", "--failed-leg", "5", "--budget", "2", "--no-record", "--quiet"]
     assert exit_code(begun) == 0

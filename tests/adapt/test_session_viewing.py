@@ -100,7 +100,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, list[Floa
     session = store.create(spec)
     world = MadeUpWorld(MadeUpModel().worlds(1, 7)[0])
     AdaptLoop(
-        session, store, search, world, on_trial=lambda *_: expected.append(search.forecast().mean_m)
+        session, store, search, world, on_stored=lambda *_: expected.append(search.forecast().mean_m)
     ).run()
     return load_session(session.name, store.folder), expected
 

@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, as_objective
-from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, Bayes
 from hexctl.adapt.prior.samples import FINAL
-from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
 from hexctl.adapt.trial_loop import AdaptLoop
-from hexctl.control.trial import Enough
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RecordingError
-from hexctl.gait.encoding import Slots
 from hexctl.types import FloatArray
 from tests.adapt.killing import optimizer_of
 from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes
@@ -153,12 +150,10 @@ def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_p
     seen: list[int] = []
 
     class Watching(Landscape):
-        def __call__(  # type: ignore[override]
-            self, index: int, code: int, slots: tuple[int, ...], enough: object = None, trim: object = None
-        ) -> object:
+        def __call__(self, request: TrialRequest) -> WalkedTrial:
             other = SessionStore(tmp_path)
             seen.append(len(load_session(stored_names(other.folder)[-1], other.folder).trials))
-            return super().__call__(index, code, slots)
+            return super().__call__(request)
 
     run(store, SPEC, Watching())
     assert seen == list(range(12))
@@ -243,17 +238,10 @@ class CutOff(MadeUpWorld):
         super().__init__(features)
         self._after = after
 
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
         if len(self.walked) >= self._after:
             return WalkedTrial(result=result_of(0.0, "aborted"))
-        return super().__call__(index, code, slots, should_stop)
+        return super().__call__(request)
 
 
 @pytest.mark.parametrize("early_stop", [False, True])
@@ -279,16 +267,9 @@ class NoRoom(Landscape):
         super().__init__(cut_after=cut_after)
         self._full_at = full_at
 
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
-        walked = super().__call__(index, code, slots, should_stop)
-        return replace(walked, recording_error=OSError("disk full")) if index == self._full_at else walked
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
+        walked, full = super().__call__(request), request.index == self._full_at
+        return replace(walked, recording_error=OSError("disk full")) if full else walked
 
 
 def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: SessionStore) -> None:

@@ -20,7 +20,7 @@ from hexctl.adapt.prior.drift_belief import COUPLED, GAIN
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import drift_samples_of
-from hexctl.adapt.runner import TrialRunner, WalkedTrial
+from hexctl.adapt.runner import TrialRequest, TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.setting import load_setting
@@ -193,9 +193,8 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> Robot:
     """Made-up walks instead of a simulation."""
     made = Robot(Trim(0.03, math.radians(-1.5)))
 
-    def walk(_: TrialRunner, *trial: Any) -> WalkedTrial:
-        _index, code, _slots, _stop, trim = trial
-        return WalkedTrial(result=made.result(code, trim))
+    def walk(_: TrialRunner, request: TrialRequest) -> WalkedTrial:
+        return WalkedTrial(result=made.result(request.code, request.trim))
 
     monkeypatch.setattr(TrialRunner, "walk", walk)
     return made

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizer import Trim
-from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore
@@ -16,9 +16,7 @@ from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.cli.render.adapt_output import closing_parts
-from hexctl.control.trial import Enough
 from hexctl.control.trial_result import Deviation, TrialResult
-from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
 from tests.robots import shipped
@@ -127,20 +125,14 @@ class Landscape:
         self.walked: list[int] = []
         self._cut_after = cut_after
 
-    def __call__(
-        self,
-        index: int,
-        code: int,
-        slots: Slots,
-        should_stop: Enough | None = None,
-        trim: Trim | None = None,
-    ) -> WalkedTrial:
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
         if self._cut_after is not None and len(self.walked) >= self._cut_after:
             return WalkedTrial(result=result_of(0.0, "aborted"))
+        code = request.code
         self.walked.append(code)
         status = "no_progress" if code % 7 == 0 else "ok"
         return WalkedTrial(
-            result=result_of((code - 60.3) / 40, status), recording=Path(f"trial-{index:03d}.rrd")
+            result=result_of((code - 60.3) / 40, status), recording=Path(f"trial-{request.index:03d}.rrd")
         )
 
 

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.see_floor import FloorErrors
 from hexctl.vision.detection.floor import LearnedFloor
 
-FLOOR = LearnedFloor(tags={}, cameras=(), residuals_px={}, deviations_m={}, doubts=())
+FLOOR = LearnedFloor(tags={}, cameras=(), residuals_px={}, doubts=())
 
 
 def errors(off: list[tuple[float, float, float]]) -> FloorErrors:

@@ -35,7 +35,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.fixture
 def _on_a_landscape(monkeypatch: pytest.MonkeyPatch) -> None:
     """Trials take no time."""
-    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, request: Landscape()(request))
 
 
 on_a_landscape = pytest.mark.usefixtures("_on_a_landscape")

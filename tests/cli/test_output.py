@@ -12,7 +12,7 @@ from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.console import print_result
-from hexctl.cli.render.adapt_output import baseline_line, confirmation_line, opening_lines, trial_line
+from hexctl.cli.render.adapt_output import opening_lines, walk_line
 from hexctl.cli.render.run_output import summary
 from hexctl.cli.render.stop_reasons import in_words, why_in_words
 from hexctl.wire.zenoh_messages import SERVER_ENDED
@@ -211,7 +211,7 @@ def confirmed(signed_m: float) -> Session:
         code=17, slots=(1, 2, 3, 4, 0, 5), score=abs(signed_m), outcome=walked, time_step_s=0.0005, **WALKED
     )
     made.confirmations = [record]
-    assert str(confirmation_line(made, record)).endswith("ok at 0.5 ms")
+    assert str(walk_line(made, record)).endswith("ok at 0.5 ms")
     return made
 
 
@@ -285,7 +285,7 @@ def test_nothing_is_said_of_what_is_not_known_or_not_learned() -> None:
 def test_no_line_of_a_search_is_wider_than_a_terminal() -> None:
     made = session(tripod=0.1, uncertainty_m=0.0213, uncertainty_caveat="measured on the flat world")
     fallen = replace(made.trials[0], outcome={**OUTCOME, "status": "no_progress", "cause": "saturation"})
-    shown = [baseline_line(made, made.baseline[0]), trial_line(made, fallen), *opening_lines(made)]
+    shown = [walk_line(made, made.baseline[0]), walk_line(made, fallen), *opening_lines(made)]
     assert max(len(str(line)) for line in (*shown, *closing_lines(made, "budget").splitlines()[:4])) <= 80
 
 

@@ -37,7 +37,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 def made_up_world(monkeypatch: pytest.MonkeyPatch) -> MadeUpWorld:
     """Walks take no time."""
     world = MadeUpWorld(MadeUpModel(3).worlds(1, 0)[0])
-    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: world(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, request: world(request))
     return world
 
 

@@ -13,12 +13,12 @@ from pydantic import ValidationError
 
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot, load_robot_file
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.servos.raw_map import joints_beyond, reference_deg
 from hexctl.robot.servos.servo_map import DEFAULT_MAX_US, DEFAULT_MIN_US, ServoMap, default_servo_map
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import N_JOINTS
 from tests.robots import edited_file, put, shipped
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root, read_mapping
 from hexctl.robot.loader import load_robot, load_robot_file
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.robot.servos.servos_section import back_up, check_writable, with_section, write_joint
 from hexctl.types import JOINT_KINDS, JOINT_NAMES
 from tests.robot.test_servo_maps import servo_maps

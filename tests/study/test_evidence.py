@@ -22,6 +22,7 @@ from hexctl.study.paper.evidence import (
 from hexctl.study.paper.matrix import Cell, MatrixPlan, cells_of
 from hexctl.study.paper.study_figures import PALE, verdicts_figure
 from hexctl.study.walk_cache import WalkCache
+from hexctl.study.walking import Work
 from tests.robots import shipped
 from tests.study.made_up import made_up_findings, spread_out
 from tests.study.watching import Remembering
@@ -134,10 +135,10 @@ def test_a_matrix_is_walked_once_and_written(tmp_path: Path) -> None:
     cells = cells_of([shipped()], {"flat": World()}, ["locked", "limp"], [0.004], **small)
     cache, watching = WalkCache(tmp_path / "cache"), Remembering()
     plan = MatrixPlan(cells=cells)
-    plan.run(folder=tmp_path / "out", cache=cache, jobs=1, progress=watching)
+    plan.run(tmp_path / "out", Work(cache=cache, jobs=1, progress=watching))
     assert watching.walks == 2 * (120 + 3)
     again = Remembering()
-    result = plan.run(folder=tmp_path / "out", cache=cache, progress=again)
+    result = plan.run(tmp_path / "out", Work(cache=cache, progress=again))
     assert again.walks == 0
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {"matrix.html", "matrix.json", "matrix.md", "matrix.svg"}

@@ -25,7 +25,7 @@ from hexctl.study.recovery.methods import OpenLoopBest, RecoveryMethod, ToldWalk
 from hexctl.study.recovery.open_loop import Rehearsal, rehearse
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
 from hexctl.study.walk_cache import WalkCache
-from hexctl.study.walking import walk_all
+from hexctl.study.walking import Work
 from tests.control.monitor.repertoires import made_up
 from tests.study.made_up_recovery import episode, plan
 from tests.study.watching import Remembering
@@ -76,7 +76,7 @@ def test_a_custom_method_may_lead_its_walks_by_a_function() -> None:
 @pytest.mark.slow
 def test_an_episode_is_its_trial_and_saved_as_it_is(tmp_path: Path) -> None:
     cases, cache, again = WALKED[0][1], WalkCache(tmp_path), Remembering()
-    (walks,) = walk_all(WALKED, cache, jobs=2)
+    (walks,) = Work(cache=cache, jobs=2).walk(WALKED)
     intact, left, told, recovered = walks
     assert [one.case for one in walks] == cases
     alone = run_sim_trial(PLACE.trial(case("recover", 2)), recovering_walk())
@@ -87,7 +87,7 @@ def test_an_episode_is_its_trial_and_saved_as_it_is(tmp_path: Path) -> None:
     assert left.alarms == recovered.alarms
     assert 0 < recovered.delay_s < 1
     assert len({one.signed_m for one in walks}) == 4
-    assert repr(walk_all(WALKED, cache, progress=again)) == repr([walks])
+    assert repr(Work(cache=cache, progress=again).walk(WALKED)) == repr([walks])
     assert again.steps == 0
 
 

@@ -19,6 +19,7 @@ from hexctl.study import repertoire_walks
 from hexctl.study.repertoire_plan import RepertoirePlan, build_repertoire, repertoire_of
 from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from hexctl.study.walk_cache import WalkCache
+from hexctl.study.walking import Work
 from tests.robots import shipped
 from tests.study.watching import Remembering
 
@@ -127,16 +128,16 @@ def test_what_was_interrupted_goes_on_from_what_has_finished(
     _made_up_walks(monkeypatch)
     cache, out = WalkCache(tmp_path / "cache"), tmp_path / "ant.npz"
     with pytest.raises(KeyboardInterrupt):
-        build_repertoire(LIMP_PLAN, out, cache=cache, jobs=1, progress=Remembering(interrupt_after=5))
+        build_repertoire(LIMP_PLAN, out, Work(cache=cache, jobs=1, progress=Remembering(interrupt_after=5)))
     assert not out.exists()
     saved, total = cache.count(LIMP_PLAN.walked())
     assert 0 < saved < total
     left = Remembering()
-    built = build_repertoire(LIMP_PLAN, out, cache=cache, jobs=1, progress=left)
+    built = build_repertoire(LIMP_PLAN, out, Work(cache=cache, jobs=1, progress=left))
     assert left.steps == total - saved
     assert load_repertoire(out).digest() == built.digest()
     again = Remembering()
-    build_repertoire(LIMP_PLAN, out, cache=cache, jobs=1, progress=again)
+    build_repertoire(LIMP_PLAN, out, Work(cache=cache, jobs=1, progress=again))
     assert again.steps == 0
 
 
@@ -164,7 +165,7 @@ def test_a_repertoire_says_how_its_candidates_walked() -> None:
 
 def test_what_cannot_be_written_is_refused_before_anything_runs(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"ends in \.npz"):
-        build_repertoire(LIMP_PLAN, tmp_path / "x.zip", cache=WalkCache(tmp_path))
+        build_repertoire(LIMP_PLAN, tmp_path / "x.zip", Work(cache=WalkCache(tmp_path)))
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from hexctl.study.priors.prior_building import PriorPlan
 from hexctl.study.priors.prior_options import PriorOptions
 from hexctl.study.study_options import TAKEN_BY, StudyOptions
 from hexctl.study.walk_cache import WalkCache
+from hexctl.study.walking import Work
 from tests.robots import shipped
 from tests.study.made_up_transfer import plan as transfer_plan
 from tests.study.watching import Remembering
@@ -153,7 +154,7 @@ def small_plan() -> StudyPlan:
 @pytest.mark.long
 def test_a_study_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, cache, progress = tmp_path / "out", WalkCache(tmp_path / "cache"), Remembering()
-    result = small_plan().run(folder=folder, cache=cache, jobs=1, progress=progress)
+    result = small_plan().run(folder, Work(cache=cache, jobs=1, progress=progress))
     assert capsys.readouterr() == ("", "")
     assert result.report == folder / "report.html"
     assert result.found.plan.legs == (2,)
@@ -163,7 +164,7 @@ def test_a_study_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert cache.count(small_plan().walked()) == (240, 240)
 
     again = Remembering()
-    small_plan().run(folder=folder, cache=cache, progress=again)
+    small_plan().run(folder, Work(cache=cache, progress=again))
     assert again.walks == 0
 
 
@@ -172,7 +173,7 @@ def test_an_interrupted_study_keeps_its_gaits_and_leaves_no_empty_folder(tmp_pat
     cache = WalkCache(tmp_path / "cache")
     with pytest.raises(KeyboardInterrupt):
         small_plan().run(
-            folder=tmp_path / "out", cache=cache, jobs=1, progress=Remembering(interrupt_after=40)
+            tmp_path / "out", Work(cache=cache, jobs=1, progress=Remembering(interrupt_after=40))
         )
     assert cache.count(small_plan().walked()) == (40, 240)
     assert not (tmp_path / "out").exists()
@@ -182,7 +183,7 @@ def test_an_interrupted_study_keeps_its_gaits_and_leaves_no_empty_folder(tmp_pat
 def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(InputError, match="holds other things"):
-        transfer_plan().run(folder=tmp_path, cache=WalkCache(tmp_path / "cache"))
+        transfer_plan().run(tmp_path, Work(cache=WalkCache(tmp_path / "cache")))
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -229,5 +230,5 @@ def test_what_is_not_allowed_is_refused(options: dict[str, Any], field: str) -> 
 @pytest.mark.parametrize("jobs", [0, 1025])
 def test_impossible_numbers_of_jobs_are_refused_before_anything_runs(jobs: int, tmp_path: Path) -> None:
     with pytest.raises(InputError):
-        small_plan().run(folder=tmp_path / "out", cache=WalkCache(tmp_path / "cache"), jobs=jobs)
+        small_plan().run(tmp_path / "out", Work(cache=WalkCache(tmp_path / "cache"), jobs=jobs))
     assert list(tmp_path.iterdir()) == []

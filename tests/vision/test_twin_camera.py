@@ -40,7 +40,7 @@ def test_a_camera_stands_still_until_it_is_moved_and_turned() -> None:
     assert [covered.cover(at_s) for at_s in (2.9, 3.0, 4.9, 5.0)] == [False, True, True, False]
     assert np.allclose(CAMERA.rotation[:2, 2] @ turned.rotation[:2, 2], 0)
     assert turned.rotation[1, 2] > 0  # from ahead to the left
-    assert turned.tilt_rad == pytest.approx(CAMERA.tilt_rad)
+    assert turned.rotation[2, 2] == pytest.approx(CAMERA.rotation[2, 2])
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
 from hexctl.robot.servos.servo_models import BAUD
 
 if TYPE_CHECKING:
-    from hexctl.robot.schema import ServosSection
     from hexctl.robot.servos.bus_map import BusMap
+    from hexctl.robot.servos.servo_schema import ServosSection
 
 
 #: Asks at every usual baud rate of a driver.

@@ -27,6 +27,7 @@ from hexctl.adapt.sessions.recommendation import (
     straightest_baseline,
 )
 from hexctl.adapt.sessions.search_session import Session, trials_text
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import (
     BASELINE_INDEX,
@@ -71,22 +72,12 @@ class SessionTable:
         self._bar = SearchBar(hidden=session.spec.ask or not sys.stdout.isatty())
         self._bar.begin(session)
 
-    def add(self, session: Session, trial: TrialRecord) -> None:
-        """Print a trial and move the bar."""
-        self._add(session, trial_line(session, trial))
-
-    def add_baseline(self, session: Session, walk: BaselineRecord) -> None:
-        """Print a walk of the baseline."""
-        self._add(session, baseline_line(session, walk))
-
-    def add_confirmation(self, session: Session, walk: ConfirmationRecord) -> None:
-        """Print a walk at a finer time step."""
-        self._add(session, confirmation_line(session, walk))
-
-    def _add(self, session: Session, line: Text) -> None:
+    def add(self, session: Session, walk: Walk) -> None:
+        """Print a walk and move the bar."""
         if self._quiet:
             return
         self._bar.advance(session)
+        line = walk_line(session, walk)
         if self._bar.shown:
             self._bar.print_above(line)
         else:
@@ -98,9 +89,9 @@ def table_lines(session: Session) -> list[RenderableType]:
     return [
         *opening_lines(session),
         Text(header_line(session), style="bold"),
-        *(baseline_line(session, walk) for walk in session.baseline),
-        *(trial_line(session, trial) for trial in session.trials),
-        *(confirmation_line(session, walk) for walk in session.confirmations),
+        *(walk_line(session, walk) for walk in session.baseline),
+        *(walk_line(session, walk) for walk in session.trials),
+        *(walk_line(session, walk) for walk in session.confirmations),
     ]
 
 
@@ -195,7 +186,16 @@ def robot_name(file: str) -> str:
         return Path(file).stem
 
 
-def trial_line(session: Session, trial: TrialRecord) -> Text:
+def walk_line(session: Session, walk: Walk) -> Text:
+    """Table line of a walk."""
+    if isinstance(walk, TrialRecord):
+        return _trial_line(session, walk)
+    if isinstance(walk, BaselineRecord):
+        return _baseline_line(session, walk)
+    return _confirmation_line(session, walk)
+
+
+def _trial_line(session: Session, trial: TrialRecord) -> Text:
     """Table line of a trial; green if it is the best so far, red if it is invalid."""
     before = [one for one in session.trials if one.index < trial.index]
     again = any((other.code, other.trim) == (trial.code, trial.trim) for other in before)
@@ -205,14 +205,14 @@ def trial_line(session: Session, trial: TrialRecord) -> Text:
     return Text(_walk_text(session.spec, trial, f"{trial.index}", f"{trial.code}", note), style=style)
 
 
-def baseline_line(session: Session, walk: BaselineRecord) -> Text:
+def _baseline_line(session: Session, walk: BaselineRecord) -> Text:
     """Table line of a walk of the baseline, trial 0."""
     return Text(
         _walk_text(session.spec, walk, f"{BASELINE_INDEX}", walk.gait), style="" if walk.valid else "red"
     )
 
 
-def confirmation_line(session: Session, walk: ConfirmationRecord) -> Text:
+def _confirmation_line(session: Session, walk: ConfirmationRecord) -> Text:
     """Line of a walk at a finer time step."""
     named = (gait for gait, slots in NAMED_SLOTS.items() if walk.code is None and slots == walk.slots)
     name = next(named, "-" if walk.code is None else f"{walk.code}")

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -110,13 +110,7 @@ def compare(
     as_json: JsonOption = False,
 ) -> None:
     """Compare sessions: scores without a search, the best so far by trials, and what was found."""
-    from hexctl.adapt.sessions.comparison import (
-        best_so_far,
-        check_comparable,
-        differences,
-        draw_comparison,
-        scores_without_search,
-    )
+    from hexctl.adapt.sessions.comparison import check_comparable, differences, draw_comparison
     from hexctl.adapt.sessions.store import load_session
     from hexctl.cli.render.sessions_output import comparison_table
 
@@ -126,22 +120,25 @@ def compare(
     if out is not None:
         draw_comparison(found, out)
     if as_json:
-        rows = [
-            {
-                "session": session.name,
-                "best_so_far": best_so_far(session),
-                "without_search": scores_without_search(session),
-                "recommended": session.as_json()["recommended"],
-            }
-            for session in found
-        ]
         written = {"out": None if out is None else str(out), "differences": differences(found)}
-        print_result(json.dumps({"sessions": rows, **written}))
+        print_result(json.dumps({"sessions": list(map(_compared, found)), **written}))
         raise typer.Exit(left_out.code())
     print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
     if unlike := differences(found):
         print_note(f"hexctl: they differ in more than the search: {', '.join(unlike)}")
     raise typer.Exit(left_out.code())
+
+
+def _compared(session: "Session") -> dict[str, Any]:
+    """What `compare --json` prints about a session."""
+    from hexctl.adapt.sessions.comparison import best_so_far, scores_without_search
+
+    return {
+        "session": session.name,
+        "best_so_far": best_so_far(session),
+        "without_search": scores_without_search(session),
+        "recommended": session.as_json()["recommended"],
+    }
 
 
 @sessions.command()

@@ -38,49 +38,55 @@ if TYPE_CHECKING:
     from hexctl.adapt.sessions.search_session import Session
     from hexctl.adapt.sessions.session_spec import SessionSpec
     from hexctl.recording.live import LiveView
+    from hexctl.robot.failure import Failure
 
 #: Options that go with --resume.
 WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--quiet", "--json")
+
+
+NoBaselineOption = Annotated[
+    bool,
+    rare(
+        typer.Option(
+            "--no-baseline",
+            help="Leave out the walks before the first trial with gaits that need no search.",
+        )
+    ),
+]
+ResumeOption = Annotated[
+    str | None,
+    typer.Option(
+        "--resume",
+        autocompletion=completion.sessions,
+        help="Continue this session, by its name in hexctl sessions list; --budget lets one whose budget is "
+        "spent walk more. (default: begin a new one)",
+    ),
+]
+TrustOption = Annotated[
+    bool, rare(typer.Option("--trust", help="With --resume: import custom code that the session names."))
+]
+ViewOption = Annotated[
+    bool,
+    typer.Option(
+        "--view", help="Show a real robot's trials in Rerun while they run, and the session at its end."
+    ),
+]
+NoRecordOption = Annotated[
+    bool, typer.Option("--no-record", help="Leave no recordings; the session is stored all the same.")
+]
 
 
 @with_options(AdaptOptions, rare=("objective", "ask", "hold"))
 def adapt(
     search: dict[str, Any],
     context: typer.Context,
-    no_baseline: Annotated[
-        bool,
-        rare(
-            typer.Option(
-                "--no-baseline",
-                help="Leave out the walks before the first trial with gaits that need no search.",
-            )
-        ),
-    ] = False,
+    no_baseline: NoBaselineOption = False,
     recover: TrialRecoverOption = False,
     arena: ArenaOption = None,
-    resume: Annotated[
-        str | None,
-        typer.Option(
-            "--resume",
-            autocompletion=completion.sessions,
-            help="Continue this session, by its name in hexctl sessions list; --budget lets one whose "
-            "budget is spent walk more. (default: begin a new one)",
-        ),
-    ] = None,
-    trust: Annotated[
-        bool,
-        rare(typer.Option("--trust", help="With --resume: import custom code that the session names.")),
-    ] = False,
-    view: Annotated[
-        bool,
-        typer.Option(
-            "--view",
-            help="Show a real robot's trials in Rerun while they run, and the session at its end.",
-        ),
-    ] = False,
-    no_record: Annotated[
-        bool, typer.Option("--no-record", help="Leave no recordings; the session is stored all the same.")
-    ] = False,
+    resume: ResumeOption = None,
+    trust: TrustOption = False,
+    view: ViewOption = False,
+    no_record: NoRecordOption = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -103,17 +109,22 @@ def adapt(
     if search["failed_leg"] is None and not search["failure"]:
         raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
     if search["failed_leg"] == AUTO_LEG:
-        from hexctl.runs.run_spec import RunSpec
-
-        where = {field.name: search[field.name] for field in fields(RobotOptions)}
-        broken = read_failures_before(search["failure"], None, BEFORE_SEARCH)
-        found = found_failure(RunSpec(**where | {"failed_leg": None, "failure": broken}))
-        if found.failure is None:
-            raise InputError("--failed-leg: got auto, and no leg has failed; allowed: 1..6")
-        search["failed_leg"], search["failure"] = None, found.failure
+        search["failed_leg"], search["failure"] = None, _diagnosed(search)
     search["policy"] = recovery_policy(recover=recover, policy=search["policy"])
     asked = search | arena_fields(arena, search["robot"]) | {"baseline": not no_baseline}
     raise typer.Exit(_begin(asked, record=not no_record, view=view, quiet=quiet, as_json=as_json))
+
+
+def _diagnosed(search: Mapping[str, Any]) -> "Failure":
+    """The failure that a diagnosis finds before the search; raises InputError if no leg has failed."""
+    from hexctl.runs.run_spec import RunSpec
+
+    where = {field.name: search[field.name] for field in fields(RobotOptions)}
+    broken = read_failures_before(search["failure"], None, BEFORE_SEARCH)
+    found = found_failure(RunSpec(**where | {"failed_leg": None, "failure": broken}))
+    if found.failure is None:
+        raise InputError("--failed-leg: got auto, and no leg has failed; allowed: 1..6")
+    return found.failure
 
 
 def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
@@ -188,9 +199,7 @@ def _search(
         try:
             return adaptation.run(
                 on_begin=begin,
-                on_trial=table.add,
-                on_baseline=table.add_baseline,
-                on_confirmation=table.add_confirmation,
+                on_stored=table.add,
                 stop_requested=interrupt.requested,
             )
         except RobotStoppedError as error:

@@ -136,9 +136,7 @@ def _run(
             on_folder=folders.append,
             on_walk=walked,
             on_begin=begin,
-            on_baseline=bar.advance,
-            on_trial=bar.advance,
-            on_confirmation=bar.advance,
+            on_stored=bar.advance,
             stop_requested=interrupt.requested,
         )
 

@@ -15,8 +15,8 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
 from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.formats.robot_import import ImportedRobot
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.servo_map import servo_map_of
+from hexctl.robot.servos.servo_schema import ServosSection
 
 #: Tried shares of the usual stride, and the stances, the best first.
 SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80

@@ -17,8 +17,8 @@ from hexctl.gait.gait import AUTO, DEFAULT_GAIT, Gait, Motion, ideal_speed_m_s, 
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.raw_map import RawMap, joints_beyond, joints_beyond_travel
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
 
 #: Evaluated points of one gait cycle.

@@ -14,7 +14,7 @@ from hexctl.control.calibration.operator import EndedError, Operator, ask
 from hexctl.control.calibration.servo_trial import WIGGLE_DEG, wiggle
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.files import atomic_write
-from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS
 
 #: Interval between polls for an answer.

@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, check_once, joint_value
 from hexctl.robot.servos.servo_models import DEFAULT_MODELS, ServoType, servo_type
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import (
     JOINT_KINDS,
     JOINT_NAMES,

@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.drivers import PWM_DRIVERS
 from hexctl.robot.servos.raw_map import IntArray, RawMap, check_once, joint_value
 from hexctl.robot.servos.servo_map import pulses_of
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS, check_finite
 
 #: Number of outputs of a driver's boards.

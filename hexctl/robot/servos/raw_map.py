@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hexctl.errors import InputError
 from hexctl.robot.model import Robot
-from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import (
     JOINT_KINDS,
     JOINT_NAMES,

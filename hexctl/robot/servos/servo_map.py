@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, joint_value
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray, check_finite
 
 #: Default pulse limits: 180 degrees of travel about the centre pulse.

@@ -10,9 +10,8 @@ from hexctl.gait.gait import DEFAULT_GAIT, Gait, gait_text, make_gait
 from hexctl.gait.posture import POSTURE, Posture
 from hexctl.options import Option, Typed, check_fields, options_of
 from hexctl.robot.model import Robot
-from hexctl.server.idle import SIT_AFTER_S
+from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
 from hexctl.server.ros.ros_commands import OFF
-from hexctl.server.serve_options import SIT_AFTER_RANGE_S
 from hexctl.wire.ros.parameters import Assignment, Descriptor, Outcome, ParameterType, Value
 
 #: Name of the setting that every ROS node has.

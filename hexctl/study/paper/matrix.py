@@ -10,7 +10,7 @@ from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
 from hexctl.study.data_frames import records, where
-from hexctl.study.experiment import Drawing, Experiment, Work, plain
+from hexctl.study.experiment import Drawing, Experiment, plain
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.paper.claims import NAMES, claims_of
 from hexctl.study.paper.evidence import Claim
@@ -20,6 +20,7 @@ from hexctl.study.paper.study_settings import StudySettings
 from hexctl.study.plan import LandscapePlan
 from hexctl.study.report_page import Picture, Section, Table, markdown
 from hexctl.study.versions import code_versions
+from hexctl.study.walking import Work
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -3,14 +3,14 @@
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
-from hexctl.study.experiment import Experiment, Work
+from hexctl.study.experiment import Experiment
 from hexctl.study.paper import study_report as report
 from hexctl.study.paper.claims import claims_of, missed_lines
 from hexctl.study.paper.evidence import StudyUncertainty, verdict_lines
 from hexctl.study.paper.searches import Findings, search_all
 from hexctl.study.paper.study_figures import study_drawings
 from hexctl.study.paper.study_settings import StudySettings
-from hexctl.study.walking import walk_all
+from hexctl.study.walking import Silent, Work
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -52,7 +52,7 @@ class StudyPlan(StudySettings, Experiment[Findings]):
 
         places = [replace(self.searched_specs()[0], leg=leg) for leg in self.legs]
         work.progress.stage("the robot's own gaits", len(self.legs))
-        walks = walk_all([(place, DEFAULT_GAITS) for place in places], work.cache, jobs=work.jobs)
+        walks = replace(work, progress=Silent()).walk([(place, DEFAULT_GAITS) for place in places])
         work.progress.step(len(self.legs))
         return DataFrame(
             {

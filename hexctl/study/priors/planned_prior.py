@@ -15,6 +15,7 @@ from hexctl.study.plan import PlannedWork
 from hexctl.study.priors.prior_building import PriorPlan, build_prior, prior_file_name
 from hexctl.study.priors.prior_options import PriorOptions
 from hexctl.study.repertoire_plan import RepertoirePlan, build_repertoire, repertoire_file_name
+from hexctl.study.walking import Work
 
 Planned = PlannedWork[dict[str, Any]]
 
@@ -46,11 +47,11 @@ def _prior(options: PriorOptions, runs: Path) -> Planned:
     )
     path = options.out or runs / PRIORS / prior_file_name(plan, family)
 
-    def begin(**how: Any) -> dict[str, Any]:
-        build_prior(plan, path, jobs=options.jobs, dask=options.dask, **how)
+    def begin(work: Work) -> dict[str, Any]:
+        build_prior(plan, path, work)
         return {"prior": str(path), **describe_prior(path)}
 
-    return PlannedWork(plan=plan, begin=begin)
+    return PlannedWork(plan=plan, options=options, begin=begin)
 
 
 def _repertoire(options: PriorOptions, runs: Path) -> Planned:
@@ -66,8 +67,8 @@ def _repertoire(options: PriorOptions, runs: Path) -> Planned:
     plan.check()
     path = options.out or runs / REPERTOIRES / repertoire_file_name(plan)
 
-    def begin(**how: Any) -> dict[str, Any]:
-        build_repertoire(plan, path, jobs=options.jobs, dask=options.dask, **how)
+    def begin(work: Work) -> dict[str, Any]:
+        build_repertoire(plan, path, work)
         return {"repertoire": str(path), **describe_repertoire(path)}
 
-    return PlannedWork(plan=plan, begin=begin)
+    return PlannedWork(plan=plan, options=options, begin=begin)

@@ -34,8 +34,7 @@ from hexctl.study.priors.prior_options import (
 )
 from hexctl.study.study_options import ALL_LEGS
 from hexctl.study.versions import code_versions
-from hexctl.study.walk_cache import WalkCache
-from hexctl.study.walking import Progress, Silent, check_jobs, evaluate
+from hexctl.study.walking import Work
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
 if TYPE_CHECKING:
@@ -146,50 +145,37 @@ def coarse_world(family: DomainRandomization, number: int, world: World) -> Worl
     return world.model_copy(update={"time_step_s": TIME_STEP_S})
 
 
-def begin_build(plan: Plan, path: Path, suffix: str, cache: WalkCache, jobs: int | None) -> None:
+def begin_build(plan: Plan, path: Path, suffix: str, work: Work) -> None:
     """Check everything that can be checked before the simulation of walks for a file.
 
-    Raises InputError for a plan, a path or a number of jobs that cannot be used, CacheError and errors of
-    `check_place` if the disk refuses a file.
+    Raises InputError for a plan or a path that cannot be used, CacheError and errors of `check_place` if the
+    disk refuses a file.
     """
-    check_jobs(jobs)
     plan.check()
     if path.suffix != suffix or path.is_dir():
         raise InputError(f"{argument('out')}: got {path}; allowed: a file whose name ends in {suffix}")
-    cache.probe()
+    work.cache.probe()
     check_place(path)
 
 
-def build_prior(
-    plan: PriorPlan,
-    path: Path,
-    *,
-    cache: WalkCache | None = None,
-    jobs: int | None = None,
-    dask: str | None = None,
-    progress: Progress | None = None,
-) -> Prior | ScorePrior:
+def build_prior(plan: PriorPlan, path: Path, work: Work | None = None) -> Prior | ScorePrior:
     """Simulate all gaits in the worlds of a plan, and write the prior to a file.
 
-    It is a `Prior` of where open-loop walks end, or a `ScorePrior` under a hold. Finished walks are saved:
-    the next call continues an interrupted one.
+    It is a `Prior` of where open-loop walks end, or a `ScorePrior` under a hold.
 
     Args:
         path: of the file, ending in `.npz`; an existing file is replaced.
-        cache: None is `runs/study-cache`.
-        jobs: threads; None is all cores here, one for each chunk on a Dask worker.
-        dask: address of a Dask scheduler whose workers simulate; None simulates here.
 
     Raises InputError for a plan, a path or an address that cannot be used, ArchiveFileError or CacheError
     if the disk refuses a file.
     """
-    cache, progress = cache or WalkCache(), progress or Silent()
-    begin_build(plan, path, SUFFIX, cache, jobs)
-    landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
+    work = work or Work()
+    begin_build(plan, path, SUFFIX, work)
+    landscapes = work.evaluate(plan.specs())
     prior: Prior | ScorePrior
     if plan.hold == "none":
-        progress.stage("stances", len(landscapes))
-        prior = prior_of(plan, landscapes, deflections_of(plan, progress.step))
+        work.progress.stage("stances", len(landscapes))
+        prior = prior_of(plan, landscapes, deflections_of(plan, work.progress.step))
     else:
         prior = score_prior_of(plan, landscapes)
     save_prior(prior, path)

@@ -3,12 +3,10 @@
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
@@ -19,7 +17,7 @@ from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event
-from hexctl.study.held_out import HeldOutPlace
+from hexctl.study.held_out import HeldOutPlace, stable_gait_of
 from hexctl.study.recovery.methods import METHODS, Alarm, method_of
 from hexctl.study.walk_cache import ENDED
 from hexctl.types import ArrayFields, FloatArray
@@ -97,11 +95,6 @@ class Episode:
     last_m_s: float
     settled_s: float
     trials: int = 0
-
-    @property
-    def possible(self) -> bool:
-        """Whether a walk that ended on its feet has an end."""
-        return not self.ended or math.isfinite(self.signed_m)
 
     @property
     def ended(self) -> bool:
@@ -223,6 +216,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
     """A robot in a world, under a protocol."""
 
     WALK: ClassVar[type[Episode]] = Episode
+    KIND: ClassVar[str] = "recovery"
 
     protocol: str
     duration_s: float
@@ -231,11 +225,6 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
     def title(self) -> str:
         """Name for progress and messages."""
         return f"{self.robot.name}, {self.protocol}, {self.family}:{self.number} ({self.kind})"
-
-    @property
-    def stem(self) -> str:
-        """First part of the cache file's name."""
-        return f"recovery-{self.number}"
 
     def settings(self) -> dict[str, Any]:
         """Settings that decide a walk, the repertoire of the robot included."""
@@ -284,7 +273,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
             hold="line",
         )
         if case.gait == AUTO_GAIT:
-            plan = replace(plan, gait=_stable_gait(self.robot, plan))
+            plan = replace(plan, gait=stable_gait_of(self.robot, plan))
         # A copy for each trial: methods distinguish the walks of a batch by the identity of their plans.
         plan = replace(method_of(case.method).planned(plan))
         return SimTrial(
@@ -310,7 +299,3 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
             Episode.of(case, trial, result, trials=method.trials_before(trial.plan))
             for case, trial, result in zip(cases, trials, results, strict=True)
         ]
-
-
-#: Gaits depend on robot and plan, not on the world.
-_stable_gait = cache(stable_gait)

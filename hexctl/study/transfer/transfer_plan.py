@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.study.data_frames import json_value, where
-from hexctl.study.experiment import Drawing, Experiment, Work, plain
+from hexctl.study.experiment import Drawing, Experiment, plain
 from hexctl.study.figure_style import draw_curves, finish_curves, grid_of, new_figure
 from hexctl.study.paper.evidence import (
     EARLY_M,
@@ -37,6 +37,7 @@ from hexctl.study.transfer.transfer_searches import (
 )
 from hexctl.study.transfer.transfer_settings import PRIORED, TransferSettings
 from hexctl.study.versions import code_versions
+from hexctl.study.walking import Work
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

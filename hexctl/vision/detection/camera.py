@@ -60,11 +60,6 @@ class Camera(ArrayFields):
         """Project points (N, 3) in the floor's frame to pixels (N, 2); NaN behind the camera."""
         return self.lens.pixels((points_floor - self.position_floor) @ self.rotation)
 
-    @property
-    def tilt_rad(self) -> float:
-        """Angle between the optical axis and the floor: pi/2 looks straight down."""
-        return float(np.arcsin(np.clip(-self.rotation[2, 2], -1, 1)))
-
 
 def place_camera(
     lens: Lens, corners_px: Mapping[int, FloatArray], corners_floor: Mapping[int, FloatArray]

@@ -49,20 +49,13 @@ class LearnedFloor(ArrayFields):
         tags: by number.
         cameras: one for each position of the camera.
         residuals_px: RMS reprojection error of each tag's corners, by number.
-        deviations_m: standard deviation of each tag's position, by number.
         doubts: reasons not to trust the result, one sentence each.
     """
 
     tags: Mapping[int, PlacedTag]
     cameras: tuple[Camera, ...]
     residuals_px: Mapping[int, float]
-    deviations_m: Mapping[int, float]
     doubts: tuple[str, ...]
-
-    @property
-    def rms_px(self) -> float:
-        """RMS of all tags' residuals."""
-        return float(np.sqrt(np.mean(np.square(list(self.residuals_px.values())))))
 
 
 def averaged_corners(pictures: Sequence[Mapping[int, SeenTag]]) -> dict[int, FloatArray]:
@@ -236,7 +229,7 @@ class _Fit:
         if len(tags) == 1:
             doubts.append("only one tag is seen: far from it the floor is a guess; lay out more")
         return LearnedFloor(
-            tags=tags, cameras=tuple(cameras), residuals_px=residuals_px, deviations_m=deviations_m,
+            tags=tags, cameras=tuple(cameras), residuals_px=residuals_px,
             doubts=tuple(doubts),
         )  # fmt: skip
 

@@ -16,9 +16,9 @@ from hexctl.backends.bus.servos import BusServos
 from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.errors import RobotFaultError
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo

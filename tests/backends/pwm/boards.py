@@ -13,8 +13,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.errors import RobotFaultError
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.pca9685_board import Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board

@@ -12,8 +12,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import CalibrationResult, calibrate
 from hexctl.robot.configs import read_mapping
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_NAMES, FloatArray, ServoReadings
 from tests.backends.fake_time import FakeTime
 from tests.control.calibration.hands import ENDS_DEG, Hands

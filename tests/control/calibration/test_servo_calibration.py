@@ -12,9 +12,9 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import calibrate
 from hexctl.robot.configs import read_mapping
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import bus_board

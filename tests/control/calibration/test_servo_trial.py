@@ -15,9 +15,9 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import EndedError
 from hexctl.control.calibration.servo_identification import Identification, identify_servos, joint_named
 from hexctl.control.calibration.servo_trial import TEST_DEG, held, try_servo, wiggle
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES

@@ -14,8 +14,8 @@ from hexctl.backends.bus.registers import table_of
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, encode_transaction, take_transaction
 from hexctl.backends.pwm.servo2040 import get_frame, set_frame
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.bus_board import FAMILIES
 from hexctl.simulators.bus_faults import BusFaults
 from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServo, SimulatedServos

@@ -15,9 +15,9 @@ from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of, servo_with
 from hexctl.backends.pwm.servo2040 import NEVER_US, Servo2040, decoded, encoded, find_reply
 from hexctl.errors import RobotFaultError
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.time_source import WALL_TIME
 from hexctl.types import N_JOINTS
 from tests.backends.bus.boards import MODELS, a_map

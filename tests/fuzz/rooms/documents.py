@@ -27,7 +27,6 @@ from hexctl.vision.place import (
     RobotTag,
     load_place,
     save_place,
-    store,
 )
 from hexctl.wire.certificates import load_certificate
 from hexctl.wire.links import Link, Role, load_link
@@ -156,7 +155,7 @@ def _place(path: Path) -> None:
     again = path.with_name("again.yaml")
     save_place(place, again)
     assert np.allclose(load_place(again).camera.position_m, place.camera.position_m, atol=1e-5)
-    store(replace(place, latency_s=0.125), path, "latency_s")
+    save_place(replace(place, latency_s=0.125), path)
     assert load_place(path).latency_s == 0.125
 
 

@@ -14,8 +14,8 @@ from hexctl.backends.mavlink.mavlink_transport import Arrival, LinkCounters, Mav
 from hexctl.backends.mavlink.receiver import Receiver, Stamped
 from hexctl.backends.mock import MockServos
 from hexctl.errors import CommandRefusedError
-from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.servo_map import servo_map_of
+from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_messages import ANSWERS, answers, for_us
 from hexctl.simulators.servo_board import Channels, Peers, ServoBoard
 from hexctl.types import N_JOINTS
