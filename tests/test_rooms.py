@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_100,
     "adapt": 8_230,
-    "backends": 10_210,
+    "backends": 10_290,
     "cli": 6_980,
     "client": 1_100,
     "control": 12_180,
@@ -16,7 +16,7 @@ CEILINGS = {
     "doctor": 570,
     "export": 2_000,
     "gait": 650,
-    "identify": 1_270,
+    "identify": 1_310,
     "ik": 1_150,
     "recording": 4_460,
     "robot": 6_130,

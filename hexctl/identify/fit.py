@@ -27,7 +27,7 @@ PARTS = 8
 LEAST_SHARE = 0.1
 
 #: Steps of the search.
-MOST_STEPS = 20
+MOST_STEPS = 40
 
 #: Levenberg-Marquardt damping at first, and after a step that gained nothing, as shares of the diagonal.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3

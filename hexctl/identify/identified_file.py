@@ -22,7 +22,13 @@ DIGITS = 4
 JOINT_KEYS = ("dry_friction_nm", "max_torque_nm")
 
 #: Parameters that a robot file has in its section `servo`.
-SERVO_KEYS = ("damping_nm_s_per_rad", "rotor_inertia_kg_m2", "dead_time_s", "gear_damping_nm_s_per_rad")
+SERVO_KEYS = (
+    "damping_nm_s_per_rad",
+    "rotor_inertia_kg_m2",
+    "dead_time_s",
+    "gear_damping_nm_s_per_rad",
+    "load_friction",
+)
 
 #: Keys by which a robot file may have the stiffness of a P gain instead.
 GAIN_KEYS = ("p_gain", "stiffness_nm_per_rad_per_p_gain")
