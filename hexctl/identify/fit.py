@@ -158,11 +158,15 @@ class _Search(Generic[ValuesT]):
         relative = np.array([not one.absolute for one in self._free])
         self._least = np.where(relative, LEAST_SHARE * np.abs(self.start), 0.0)
 
+    def _anywhere(self, at: FloatArray) -> FloatArray:
+        """Values of the parameters, also beyond their bounds."""
+        scale = getattr(self._first, SCALE) if self._scale_at is None else at[self._scale_at]
+        return np.where(self._scaled, at * scale, at)
+
     def _plain(self, at: FloatArray) -> FloatArray:
         """Values of the parameters, within their bounds."""
         low, high = np.array([(one.low, one.high) for one in self._free]).T
-        scale = getattr(self._first, SCALE) if self._scale_at is None else at[self._scale_at]
-        return np.clip(np.where(self._scaled, at * scale, at), low, high)
+        return np.clip(self._anywhere(at), low, high)
 
     def inside(self, at: FloatArray) -> FloatArray:
         """The nearest coordinates within the bounds of the parameters."""
@@ -228,7 +232,7 @@ class _Search(Generic[ValuesT]):
         )
 
     def _deviations(self, at: _Place, slopes: FloatArray) -> FloatArray:
-        """Standard errors of the values: the jackknife over groups, linearised."""
+        """Standard errors, which bounds do not make smaller: the jackknife over groups, linearised."""
         weights, errors, groups = at.weights, at.errors, self._groups(at)
         names, moves = np.unique(groups), []
         for group in names:
@@ -236,7 +240,7 @@ class _Search(Generic[ValuesT]):
             left, weight = slopes[kept], weights[kept]
             square = left.T @ (weight[:, None] * left)
             change = np.linalg.lstsq(square, left.T @ (weight * errors[kept]), rcond=None)[0]
-            moves.append(self._plain(at.place - change))
+            moves.append(self._anywhere(at.place - change))
         moved, n = np.array(moves), len(names)
         deviations = np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
         return np.where(slopes.any(axis=0), deviations, np.inf)

@@ -166,6 +166,29 @@ def test_a_parameter_without_effect_is_not_known() -> None:
     assert (friction.known, friction.to_dict()["deviation"]) == (False, None)
 
 
+class _Noisy:
+    """Motions that would be explained best by a friction below its bound, read with errors."""
+
+    parameters = ("dry_friction_nm",)
+
+    def __init__(self, seed: int, best_nm: float) -> None:
+        self.name, self._best_nm = str(seed), best_nm
+        self._noise = np.random.default_rng(seed).normal(scale=0.01, size=50)
+
+    def errors_rad(self, values: ServoValues) -> FloatArray:
+        return 0.1 * (values.dry_friction_nm - self._best_nm) + self._noise
+
+
+def test_a_value_at_its_bound_is_as_uncertain_as_one_within() -> None:
+    """Its error is that of the mean of 500 readings: 0.01 / sqrt(500) rad, a tenth of a change of it."""
+    for best_nm, at_bound in ((0.3, False), (-0.02, True)):
+        runs = [_Noisy(seed, best_nm) for seed in range(10)]
+        found = fit_values(runs, TRUTH, _Noisy.parameters).estimates["dry_friction_nm"]
+        assert found.deviation == pytest.approx(0.1 / np.sqrt(500), rel=0.5)
+        assert (found.value == 1e-4) == at_bound
+        assert found.known != at_bound
+
+
 def test_a_dead_time_may_lie_between_steps() -> None:
     run = bench_run(8, duration_s=2.0)
     run = replace(run, goal_rad=0.4 * np.sin(6 * run.time_s))
