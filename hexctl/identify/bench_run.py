@@ -167,10 +167,25 @@ def plain_start(runs: Sequence[BenchRun]) -> ServoValues:
 def fit_bench(runs: Sequence[BenchRun], on_step: OnStep = lambda _step, _error_rad: None) -> Fit[ServoValues]:
     """Values of a servo that explain runs; its friction grows with the load only where they show it."""
     without = [name for name in OF_SERVO if name != LOAD_FRICTION]
-    plain = fit_values(runs, plain_start(runs), without, on_step=on_step)
+    rough = [fit_values(runs, one, without, rough=True, on_step=on_step) for one in _starts(runs)]
+    plain = fit_values(runs, min(rough, key=_error_rad).values, without, on_step=on_step)
     start = replace(plain.values, load_friction=FIRST_SHARE)
     loaded = fit_values(runs, start, OF_SERVO, on_step=on_step)
-    if sum(loaded.after_rad.values()) < (1 - LEAST_GAIN) * sum(plain.after_rad.values()):
-        return replace(loaded, before_rad=plain.before_rad)
+    if _error_rad(loaded) < (1 - LEAST_GAIN) * _error_rad(plain):
+        return replace(loaded, before_rad=rough[0].before_rad)
     none = PARAMETERS[LOAD_FRICTION].estimate(0.0, loaded.estimates[LOAD_FRICTION].deviation)
-    return replace(plain, estimates={**plain.estimates, LOAD_FRICTION: none})
+    return replace(plain, estimates={**plain.estimates, LOAD_FRICTION: none}, before_rad=rough[0].before_rad)
+
+
+def _starts(runs: Sequence[BenchRun]) -> list[ServoValues]:
+    """Slow and fast servos with much and little inertia: a search ends near where it starts."""
+    plain = plain_start(runs)
+    return [
+        replace(plain, rotor_inertia_kg_m2=share * plain.rotor_inertia_kg_m2, no_load_speed_rad_s=speed_rad_s)
+        for share in (1.0, 0.3)
+        for speed_rad_s in (6.0, 15.0)
+    ]
+
+
+def _error_rad(fit: Fit[ServoValues]) -> float:
+    return sum(fit.after_rad.values())

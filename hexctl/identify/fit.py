@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.identify.parameters import PARAMETERS, SCALE, Estimate, ServoValues
-from hexctl.types import ArrayFields, FloatArray
+from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 ValuesT = TypeVar("ValuesT", bound=ServoValues)
 ReplayedT = TypeVar("ReplayedT", bound=ServoValues, contravariant=True)
@@ -103,10 +103,11 @@ def fit_values(
         slopes, weights = search.slopes(at), at.weights
         square = slopes.T @ (weights[:, None] * slopes)
         down = slopes.T @ (weights * at.errors)
-        better = None
+        free, better = search.free(at, down), None
         while better is None and damping < MOST_DAMPING:
             # A parameter without any effect stays where it is.
-            change = np.linalg.solve(square + np.diag(damping * np.diag(square) + 1e-12), down)
+            damped, change = square + np.diag(damping * np.diag(square) + 1e-12), np.zeros_like(down)
+            change[free] = np.linalg.solve(damped[np.ix_(free, free)], down[free])
             tried = search.errors_at(search.inside(at.place - change))
             better = tried if tried.cost < at.cost else None
             damping = damping / 30 if better else max(LEAST_DAMPING, damping * 10)
@@ -167,6 +168,12 @@ class _Search(Generic[ValuesT]):
         """Values of the parameters, within their bounds."""
         low, high = np.array([(one.low, one.high) for one in self._free]).T
         return np.clip(self._anywhere(at), low, high)
+
+    def free(self, at: _Place, down: FloatArray) -> BoolArray:
+        """Parameters that a step down does not move out of their bounds, at which they are."""
+        low, high = np.array([(one.low, one.high) for one in self._free]).T
+        plain = self._plain(at.place)
+        return np.asarray(np.where(down > 0, plain > low, plain < high))
 
     def inside(self, at: FloatArray) -> FloatArray:
         """The nearest coordinates within the bounds of the parameters."""
