@@ -21,10 +21,10 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.telemetry_watch import BatteryWatch, Temperatures
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
-from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
-from hexctl.identify.fit import fit_values, mean_errors_rad
-from hexctl.identify.parameters import OF_SERVO, ServoValues
-from hexctl.identify.powered_servos import set_servos
+from hexctl.identify.bench_run import BenchRun, fit_bench, read_bench_run
+from hexctl.identify.fit import mean_errors_rad
+from hexctl.identify.parameters import ServoValues
+from hexctl.identify.powered_servos import PoweredServos
 from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 
@@ -102,8 +102,7 @@ def sts3215_error_deg() -> float:
 def xl330_error_deg() -> float:
     """Mean error on every other run of a servo that was identified on the rest."""
     runs = _bench_runs("xl330_12.tar.xz")
-    fit = fit_values(runs[::2], plain_start(runs[::2]), OF_SERVO)
-    return _mean_deg(runs[1::2], fit.values)
+    return _mean_deg(runs[1::2], fit_bench(runs[::2]).values)
 
 
 def sts3215_no_load_deg_s() -> float:
@@ -134,10 +133,11 @@ def ax12a_overshoot_deg(bar_kg_m2: float) -> float:
         "</mujoco>"
     )
     data, goal_rad, angles = mujoco.MjData(model), np.radians(500 * 300 / 1023), []
-    set_servos(model, slice(0, 1), replace(values, dead_time_s=0.0), values.stiffness_nm_per_rad)
+    at_once = replace(values, dead_time_s=0.0)
+    servos = PoweredServos(model, slice(0, 1), at_once, values.stiffness_nm_per_rad)
     data.ctrl[0] = goal_rad
     for _ in range(1000):
-        mujoco.mj_step(model, data)
+        servos.step(data, 1)
         angles.append(float(data.qpos[0]))
     return float(np.degrees(max(angles) - angles[-1]))
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,12 +11,16 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.identify.parameters import OF_SERVO, ServoValues
-from hexctl.identify.powered_servos import set_servos
+from hexctl.identify.fit import Fit, OnStep, fit_values
+from hexctl.identify.parameters import OF_SERVO, PARAMETERS, ServoValues
+from hexctl.identify.powered_servos import PoweredServos
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 #: Step of the physics, that of hexctl's simulations, and samples for the longest dead time.
 STEP_S, DELAY_SAMPLES = 0.002, 32
+
+#: Friction that grows with the load: start of its search, and the share of the error that it must explain.
+LOAD_FRICTION, FIRST_SHARE, LEAST_GAIN = "load_friction", 0.3, 0.1
 
 #: A file as large as an hour at 200 Hz.
 MOST_BYTES = 200_000_000
@@ -77,17 +81,16 @@ class BenchRun(ArrayFields):
 
         model = mujoco.MjModel.from_xml_string(self._xml())
         data = mujoco.MjData(model)
-        power = set_servos(model, slice(0, 1), values, values.stiffness_nm_per_rad * self.p_gain)
+        servos = PoweredServos(model, slice(0, 1), values, values.stiffness_nm_per_rad * self.p_gain)
         data.qpos[0], data.ctrl[0] = self.measured_rad[0], self.goal_rad[0]
         mujoco.mj_initCtrlHistory(model, data, 0, None, np.full((DELAY_SAMPLES, 1), self.goal_rad[0]))
-        angles_rad = np.empty(len(self.time_s))
-        for row, steps in enumerate(np.diff(np.rint(self.time_s / STEP_S).astype(int), append=0).tolist()):
+        angles_rad, at_step = np.empty(len(self.time_s)), np.rint(self.time_s / STEP_S).astype(int)
+        for row, steps in enumerate(np.diff(at_step, append=at_step[-1]).tolist()):
             angles_rad[row] = data.qpos[0]
-            if bool(self.powered[row]) != power.on:
-                power.switch(on=not power.on)
+            if bool(self.powered[row]) != servos.on:
+                servos.switch(on=not servos.on)
             data.ctrl[0] = self.goal_rad[row]
-            if steps > 0:
-                mujoco.mj_step(model, data, steps)
+            servos.step(data, steps)
         return angles_rad - self.measured_rad
 
     def _xml(self) -> str:
@@ -153,8 +156,36 @@ def plain_start(runs: Sequence[BenchRun]) -> ServoValues:
         damping_nm_s_per_rad=0.1 * load_nm,
         rotor_inertia_kg_m2=inertia_kg_m2,
         dry_friction_nm=0.05 * load_nm,
+        load_friction=0.0,
         gear_damping_nm_s_per_rad=0.02 * load_nm,
         max_torque_nm=2 * load_nm,
         no_load_speed_rad_s=6.0,
         dead_time_s=0.01,
     )
+
+
+def fit_bench(runs: Sequence[BenchRun], on_step: OnStep = lambda _step, _error_rad: None) -> Fit[ServoValues]:
+    """Values of a servo that explain runs; its friction grows with the load only where they show it."""
+    without = [name for name in OF_SERVO if name != LOAD_FRICTION]
+    rough = [fit_values(runs, one, without, rough=True, on_step=on_step) for one in _starts(runs)]
+    plain = fit_values(runs, min(rough, key=_error_rad).values, without, on_step=on_step)
+    start = replace(plain.values, load_friction=FIRST_SHARE)
+    loaded = fit_values(runs, start, OF_SERVO, on_step=on_step)
+    if _error_rad(loaded) < (1 - LEAST_GAIN) * _error_rad(plain):
+        return replace(loaded, before_rad=rough[0].before_rad)
+    none = PARAMETERS[LOAD_FRICTION].estimate(0.0, loaded.estimates[LOAD_FRICTION].deviation)
+    return replace(plain, estimates={**plain.estimates, LOAD_FRICTION: none}, before_rad=rough[0].before_rad)
+
+
+def _starts(runs: Sequence[BenchRun]) -> list[ServoValues]:
+    """Slow and fast servos with much and little inertia: a search ends near where it starts."""
+    plain = plain_start(runs)
+    return [
+        replace(plain, rotor_inertia_kg_m2=share * plain.rotor_inertia_kg_m2, no_load_speed_rad_s=speed_rad_s)
+        for share in (1.0, 0.3)
+        for speed_rad_s in (6.0, 15.0)
+    ]
+
+
+def _error_rad(fit: Fit[ServoValues]) -> float:
+    return sum(fit.after_rad.values())

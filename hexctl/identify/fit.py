@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.identify.parameters import PARAMETERS, SCALE, Estimate, ServoValues
-from hexctl.types import ArrayFields, FloatArray
+from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 ValuesT = TypeVar("ValuesT", bound=ServoValues)
 ReplayedT = TypeVar("ReplayedT", bound=ServoValues, contravariant=True)
@@ -27,7 +27,7 @@ PARTS = 8
 LEAST_SHARE = 0.1
 
 #: Steps of the search.
-MOST_STEPS = 20
+MOST_STEPS = 40
 
 #: Levenberg-Marquardt damping at first, and after a step that gained nothing, as shares of the diagonal.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3
@@ -103,10 +103,11 @@ def fit_values(
         slopes, weights = search.slopes(at), at.weights
         square = slopes.T @ (weights[:, None] * slopes)
         down = slopes.T @ (weights * at.errors)
-        better = None
+        free, better = search.free(at, down), None
         while better is None and damping < MOST_DAMPING:
             # A parameter without any effect stays where it is.
-            change = np.linalg.solve(square + np.diag(damping * np.diag(square) + 1e-12), down)
+            damped, change = square + np.diag(damping * np.diag(square) + 1e-12), np.zeros_like(down)
+            change[free] = np.linalg.solve(damped[np.ix_(free, free)], down[free])
             tried = search.errors_at(search.inside(at.place - change))
             better = tried if tried.cost < at.cost else None
             damping = damping / 30 if better else max(LEAST_DAMPING, damping * 10)
@@ -158,11 +159,21 @@ class _Search(Generic[ValuesT]):
         relative = np.array([not one.absolute for one in self._free])
         self._least = np.where(relative, LEAST_SHARE * np.abs(self.start), 0.0)
 
+    def _anywhere(self, at: FloatArray) -> FloatArray:
+        """Values of the parameters, also beyond their bounds."""
+        scale = getattr(self._first, SCALE) if self._scale_at is None else at[self._scale_at]
+        return np.where(self._scaled, at * scale, at)
+
     def _plain(self, at: FloatArray) -> FloatArray:
         """Values of the parameters, within their bounds."""
         low, high = np.array([(one.low, one.high) for one in self._free]).T
-        scale = getattr(self._first, SCALE) if self._scale_at is None else at[self._scale_at]
-        return np.clip(np.where(self._scaled, at * scale, at), low, high)
+        return np.clip(self._anywhere(at), low, high)
+
+    def free(self, at: _Place, down: FloatArray) -> BoolArray:
+        """Parameters that a step down does not move out of their bounds, at which they are."""
+        low, high = np.array([(one.low, one.high) for one in self._free]).T
+        plain = self._plain(at.place)
+        return np.asarray(np.where(down > 0, plain > low, plain < high))
 
     def inside(self, at: FloatArray) -> FloatArray:
         """The nearest coordinates within the bounds of the parameters."""
@@ -228,7 +239,7 @@ class _Search(Generic[ValuesT]):
         )
 
     def _deviations(self, at: _Place, slopes: FloatArray) -> FloatArray:
-        """Standard errors of the values: the jackknife over groups, linearised."""
+        """Standard errors, which bounds do not make smaller: the jackknife over groups, linearised."""
         weights, errors, groups = at.weights, at.errors, self._groups(at)
         names, moves = np.unique(groups), []
         for group in names:
@@ -236,7 +247,7 @@ class _Search(Generic[ValuesT]):
             left, weight = slopes[kept], weights[kept]
             square = left.T @ (weight[:, None] * left)
             change = np.linalg.lstsq(square, left.T @ (weight * errors[kept]), rcond=None)[0]
-            moves.append(self._plain(at.place - change))
+            moves.append(self._anywhere(at.place - change))
         moved, n = np.array(moves), len(names)
         deviations = np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
         return np.where(slopes.any(axis=0), deviations, np.inf)

@@ -12,7 +12,7 @@ from hexctl.backends.robot_options import RecordedOptions
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, argument
-from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
+from hexctl.identify.bench_run import BenchRun, fit_bench, read_bench_run
 from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad
 from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
 from hexctl.identify.robot_log import OF_JOINTS, ON_STAND, RobotLog, read_robot_log
@@ -131,7 +131,7 @@ def _start(robot: Robot) -> RobotValues:
 
 def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStep) -> Identification:
     fitted, judged = (runs[::2], runs[1::2]) if len(runs) >= ENOUGH_TO_JUDGE else (runs, [])
-    fit = fit_values(fitted, plain_start(fitted), OF_SERVO, on_step=on_step)
+    fit = fit_bench(fitted, on_step)
     gain = max(run.p_gain for run in runs) if p_gain is None else p_gain
     return Identification(fit, mean_errors_rad(judged, fit.values), (*fitted, *judged), gain)
 

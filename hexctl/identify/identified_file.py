@@ -10,6 +10,7 @@ import yaml
 from hexctl.errors import InputError
 from hexctl.files import atomic_write
 from hexctl.identify.identification import Identification
+from hexctl.identify.parameters import SCALE
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.yaml_text import yaml_content
@@ -22,7 +23,13 @@ DIGITS = 4
 JOINT_KEYS = ("dry_friction_nm", "max_torque_nm")
 
 #: Parameters that a robot file has in its section `servo`.
-SERVO_KEYS = ("damping_nm_s_per_rad", "rotor_inertia_kg_m2", "dead_time_s", "gear_damping_nm_s_per_rad")
+SERVO_KEYS = (
+    "damping_nm_s_per_rad",
+    "rotor_inertia_kg_m2",
+    "dead_time_s",
+    "gear_damping_nm_s_per_rad",
+    "load_friction",
+)
 
 #: Keys by which a robot file may have the stiffness of a P gain instead.
 GAIN_KEYS = ("p_gain", "stiffness_nm_per_rad_per_p_gain")
@@ -32,7 +39,7 @@ CENTRE = {"trunk_com_x_m", "trunk_com_y_m"}
 
 #: Keys of a robot file that a known parameter replaces.
 MEASURED = {
-    "stiffness_nm_per_rad": ("servo.stiffness_nm_per_rad",),
+    SCALE: ("servo.stiffness_nm_per_rad",),
     **{name: (f"servo.{name}",) for name in SERVO_KEYS},
     **{name: tuple(f"joints.{kind}.{name}" for kind in JOINT_KINDS) for name in JOINT_KEYS},
     "no_load_speed_rad_s": tuple(f"joints.{kind}.no_load_speed_deg_s" for kind in JOINT_KINDS),
@@ -53,10 +60,13 @@ def identified_text(robot_file: str | Path, found: Identification) -> str:
     known = {name: _rounded(one.value) for name, one in found.estimates.items() if one.known}
     if not known.keys() >= CENTRE:
         known = {name: value for name, value in known.items() if name not in CENTRE}
+    file = load_robot_file(path)
+    # The identified stiffness is the mean of the joints, to which all keep their proportions.
+    share = known.get(SCALE, 1.0) / file.robot.stiffness_nm_per_rad.mean()
     changed: dict[str, Any] = {
         "body": _body(mapping["body"], known),
-        "joints": _joints(mapping["joints"], mapping["servo"], known),
-        "servo": _servo(mapping, known),
+        "joints": _joints(mapping["joints"], known, share),
+        "servo": _servo(mapping["servo"], known, share * file.content.servo.stiffness_nm_per_rad),
     }
     if "unknown" in mapping:
         changed["unknown"] = _still_unknown(mapping, known)
@@ -105,32 +115,23 @@ def _still_unknown(mapping: Mapping[str, Any], known: Mapping[str, float]) -> li
     return left
 
 
-def _servo(mapping: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
-    servo = dict(mapping["servo"])
-    servo.update({name: known[name] for name in SERVO_KEYS if name in known})
-    if "stiffness_nm_per_rad" in known:
-        for key in GAIN_KEYS:
-            servo.pop(key, None)
-        servo["stiffness_nm_per_rad"] = known["stiffness_nm_per_rad"]
-    return servo
+def _servo(servo: Mapping[str, Any], known: Mapping[str, float], stiffness: float) -> dict[str, Any]:
+    kept = {key: value for key, value in servo.items() if SCALE not in known or key not in GAIN_KEYS}
+    new = {SCALE: _rounded(stiffness)} if SCALE in known else {}
+    return {**kept, **new, **{name: known[name] for name in SERVO_KEYS if name in known}}
 
 
-def _joints(
-    joints: Mapping[str, Any], servo: Mapping[str, Any], known: Mapping[str, float]
-) -> dict[str, Any]:
-    """Joints with new friction, torque and speed; own stiffnesses keep their proportions to the mean."""
+def _joints(joints: Mapping[str, Any], known: Mapping[str, float], share: float) -> dict[str, Any]:
+    """Joints with new friction, torque and speed, and a share of their own stiffnesses."""
     changed = {kind: dict(joints[kind]) for kind in JOINT_KINDS}
-    usual = servo.get("stiffness_nm_per_rad", 1.0)
-    own = [joint.get("stiffness_nm_per_rad", usual) for joint in changed.values()]
-    for joint, stiffness in zip(changed.values(), own, strict=True):
+    for joint in changed.values():
         joint.update({name: known[name] for name in JOINT_KEYS if name in known})
         if "no_load_speed_rad_s" in known:
             speed_deg_s = _rounded(float(np.degrees(known["no_load_speed_rad_s"])))
             joint["no_load_speed_deg_s"] = speed_deg_s
             joint["max_speed_deg_s"] = min(joint["max_speed_deg_s"], speed_deg_s)
-        if "stiffness_nm_per_rad" in known and "stiffness_nm_per_rad" in joint:
-            share = stiffness / float(np.mean(own))
-            joint["stiffness_nm_per_rad"] = _rounded(share * known["stiffness_nm_per_rad"])
+        if SCALE in known and SCALE in joint:
+            joint[SCALE] = _rounded(share * joint[SCALE])
     return changed
 
 

@@ -66,6 +66,7 @@ PARAMETERS = {
         Parameter("damping_nm_s_per_rad", "N m s/rad", 1e-4, 20.0, scaled=True),
         Parameter("rotor_inertia_kg_m2", "kg m2", 1e-5, 0.5, scaled=True),
         Parameter("dry_friction_nm", "N m", 1e-4, 5.0, scaled=True),
+        Parameter("load_friction", "share", 0.0, 0.9, step=0.03, absolute=True, known_to=0.1),
         Parameter("gear_damping_nm_s_per_rad", "N m s/rad", 1e-4, 5.0, scaled=True),
         Parameter("max_torque_nm", "N m", 1e-2, 50.0, scaled=True),
         Parameter("no_load_speed_rad_s", "rad/s", 0.5, 50.0),
@@ -93,6 +94,7 @@ class ServoValues:
     damping_nm_s_per_rad: float
     rotor_inertia_kg_m2: float
     dry_friction_nm: float
+    load_friction: float
     gear_damping_nm_s_per_rad: float
     max_torque_nm: float
     no_load_speed_rad_s: float
@@ -137,6 +139,7 @@ def servo_values(robot: Robot) -> dict[str, float]:
         "damping_nm_s_per_rad": robot.servo.damping_nm_s_per_rad,
         "rotor_inertia_kg_m2": robot.servo.rotor_inertia_kg_m2,
         "dry_friction_nm": float(robot.dry_friction_nm.mean()),
+        "load_friction": robot.servo.load_friction,
         "gear_damping_nm_s_per_rad": robot.servo.gear_damping_nm_s_per_rad,
         "max_torque_nm": float(robot.joint_max_torque_nm.mean()),
         "no_load_speed_rad_s": np.inf if speeds is None else float(speeds.mean()),

@@ -12,7 +12,7 @@ import numpy as np
 from hexctl.backends.sim.actuators import behind_play
 from hexctl.errors import InputError
 from hexctl.identify.parameters import OF_TRUNK, RobotValues
-from hexctl.identify.powered_servos import set_servos
+from hexctl.identify.powered_servos import PoweredServos
 from hexctl.robot.model import Robot
 from hexctl.types import ArrayFields, FloatArray
 
@@ -91,7 +91,8 @@ class RobotLog(ArrayFields):
         model, data = self._own.model, mujoco.MjData(self._own.model)
         share = values.stiffness_nm_per_rad / self.robot.stiffness_nm_per_rad.mean()
         self._set_trunk(model, values)
-        set_servos(model, slice(FIRST_SPEED, None), values, share * self.robot.stiffness_nm_per_rad)
+        stiffness = share * self.robot.stiffness_nm_per_rad
+        servos = PoweredServos(model, slice(FIRST_SPEED, None), values, stiffness)
         start, asked_rad = self._simulation.physics.data, self._asked_rad
         data.qpos[:FIRST_JOINT] = start.qpos[:FIRST_JOINT]
         data.qpos[FIRST_JOINT:] = self.measured_rad[0]
@@ -103,8 +104,7 @@ class RobotLog(ArrayFields):
         for row, steps in enumerate(np.diff(at_step, append=at_step[-1]).tolist()):
             found_rad[row] = data.qpos[FIRST_JOINT:]
             data.ctrl[:] = asked_rad[row]
-            if steps:
-                mujoco.mj_step(model, data, steps)
+            servos.step(data, steps)
         return found_rad - self.measured_rad
 
     def _set_trunk(self, model: Any, values: RobotValues) -> None:

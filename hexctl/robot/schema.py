@@ -273,6 +273,7 @@ class ServoModel:
         gear_damping_nm_s_per_rad: viscous friction, with and without power.
         rotor_inertia_kg_m2: of the motor, as the joint feels it.
         dead_time_s: from a target to the first torque.
+        load_friction: share of the stall torque that the gears lose at it, besides the dry friction.
     """
 
     stiffness_nm_per_rad: Positive
@@ -282,6 +283,7 @@ class ServoModel:
     gear_damping_nm_s_per_rad: Annotated[Number, Field(ge=0, le=10, allow_inf_nan=False)] = (
         USUAL_GEAR_DAMPING_NM_S_PER_RAD
     )
+    load_friction: Annotated[Number, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
 
 
 @file_part("gait")

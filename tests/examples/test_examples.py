@@ -74,6 +74,7 @@ def test_a_program_runs(
     assert name != "walk.py" or (folder / "walk.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_servos_are_identified_from_the_log_of_a_bench(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.identify.bench_run import BenchRun, plain_start, read_bench_run
+from hexctl.identify.bench_run import BenchRun, fit_bench, plain_start, read_bench_run
 from hexctl.identify.fit import fit_values
 from hexctl.identify.identification import identify
 from hexctl.identify.parameters import ServoValues
@@ -20,6 +20,7 @@ TRUTH = ServoValues(
     damping_nm_s_per_rad=0.5,
     rotor_inertia_kg_m2=0.02,
     dry_friction_nm=0.12,
+    load_friction=0.0,
     gear_damping_nm_s_per_rad=0.03,
     max_torque_nm=3.0,
     no_load_speed_rad_s=5.0,
@@ -29,7 +30,9 @@ TRUTH = ServoValues(
 SEARCHED = ("stiffness_nm_per_rad", "rotor_inertia_kg_m2", "dry_friction_nm", "dead_time_s")
 
 
-def bench_run(seed: int, *, p_gain: float = 16.0, duration_s: float = 4.0) -> BenchRun:
+def bench_run(
+    seed: int, *, p_gain: float = 16.0, duration_s: float = 4.0, truth: ServoValues = TRUTH
+) -> BenchRun:
     """A run of the true servo: waves and steps, read with the counts of an encoder."""
     draw = np.random.default_rng(seed)
     time_s = np.arange(0.0, duration_s, 0.01)
@@ -47,7 +50,7 @@ def bench_run(seed: int, *, p_gain: float = 16.0, duration_s: float = 4.0) -> Be
         powered=time_s < duration_s - 0.5,
     )
     count_rad = 2 * np.pi / 4096
-    return replace(made, measured_rad=np.round(made.errors_rad(TRUTH) / count_rad) * count_rad)
+    return replace(made, measured_rad=np.round(made.errors_rad(truth) / count_rad) * count_rad)
 
 
 def entries(run: BenchRun) -> list[dict[str, Any]]:
@@ -163,6 +166,29 @@ def test_a_parameter_without_effect_is_not_known() -> None:
     assert (friction.known, friction.to_dict()["deviation"]) == (False, None)
 
 
+class _Noisy:
+    """Motions that would be explained best by a friction below its bound, read with errors."""
+
+    parameters = ("dry_friction_nm",)
+
+    def __init__(self, seed: int, best_nm: float) -> None:
+        self.name, self._best_nm = str(seed), best_nm
+        self._noise = np.random.default_rng(seed).normal(scale=0.01, size=50)
+
+    def errors_rad(self, values: ServoValues) -> FloatArray:
+        return 0.1 * (values.dry_friction_nm - self._best_nm) + self._noise
+
+
+def test_a_value_at_its_bound_is_as_uncertain_as_one_within() -> None:
+    """Its error is that of the mean of 500 readings: 0.01 / sqrt(500) rad, a tenth of a change of it."""
+    for best_nm, at_bound in ((0.3, False), (-0.02, True)):
+        runs = [_Noisy(seed, best_nm) for seed in range(10)]
+        found = fit_values(runs, TRUTH, _Noisy.parameters).estimates["dry_friction_nm"]
+        assert found.deviation == pytest.approx(0.1 / np.sqrt(500), rel=0.5)
+        assert (found.value == 1e-4) == at_bound
+        assert found.known != at_bound
+
+
 def test_a_dead_time_may_lie_between_steps() -> None:
     run = bench_run(8, duration_s=2.0)
     run = replace(run, goal_rad=0.4 * np.sin(6 * run.time_s))
@@ -171,3 +197,13 @@ def test_a_dead_time_may_lie_between_steps() -> None:
     )
     assert np.abs(late - early).max() > np.radians(0.2)
     np.testing.assert_allclose(middle, (early + late) / 2, atol=np.radians(0.01))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_friction_that_grows_with_the_load_is_found_where_there_is_some(share: float) -> None:
+    truth = replace(TRUTH, load_friction=share)
+    runs = [bench_run(1, duration_s=2.0, truth=truth), bench_run(2, p_gain=32.0, duration_s=2.0, truth=truth)]
+    found = fit_bench(runs).estimates["load_friction"]
+    assert found.known
+    assert found.value == pytest.approx(share, abs=0.08)

@@ -181,3 +181,18 @@ def test_an_output_that_cannot_be_is_refused(name: str, tmp_path: Path) -> None:
     (tmp_path / "there.yaml").touch()
     with pytest.raises(InputError, match="output"):
         IdentifyOptions(output=tmp_path / name).check_output()
+
+
+def test_joints_keep_the_proportions_of_their_stiffnesses(tmp_path: Path) -> None:
+    """Also those that have the stiffness of the P gain, which is no mean."""
+    text = (
+        find_config("robots", "lukas")
+        .read_text()
+        .replace("femur: {min", "femur: {stiffness_nm_per_rad: 20, min")
+    )
+    (tmp_path / "mine.yaml").write_text(text)
+    before = load_robot(tmp_path / "mine.yaml").stiffness_nm_per_rad
+    result = found(stiffness_nm_per_rad=(1.5 * before.mean(), 0.5))
+    write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
+    after = load_robot(tmp_path / "identified.yaml").stiffness_nm_per_rad
+    np.testing.assert_allclose(after, 1.5 * before, rtol=1e-3)

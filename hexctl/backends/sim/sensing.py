@@ -11,6 +11,7 @@ import numpy as np
 
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH
 from hexctl.backends.sim.world import World
 from hexctl.robot.rotations import components
@@ -142,6 +143,7 @@ class SensorMemory(ArrayFields):
         qpos: positions, leading shape + (25,).
         qvel: velocities, leading shape + (24,).
         touch: foot forces, leading shape + (6,).
+        servos_now: forces and speeds of the actuators after the last step, leading shape + (18,) each.
         forces_nm: of the actuators in the last steps, as `JointTorques.forces_in` has them.
         asked_rad: targets of the servos, leading shape + (18,); of the actuator model.
     """
@@ -149,14 +151,16 @@ class SensorMemory(ArrayFields):
     qpos: FloatArray
     qvel: FloatArray
     touch: FloatArray
+    servos_now: tuple[FloatArray, FloatArray]
     forces_nm: FloatArray
     asked_rad: FloatArray
 
     @classmethod
     def of(cls, torques: JointTorques, view: Callable[[str], FloatArray], asked_rad: FloatArray) -> Self:
         """Views from a function that returns those of `MjData` by name."""
-        forces_nm = torques.forces_in(view("history"))
-        return cls(view("qpos"), view("qvel"), view("sensordata")[..., TOUCH], forces_nm, asked_rad)
+        forces_nm, qvel, sensed = torques.forces_in(view("history")), view("qvel"), view("sensordata")
+        now = sensed[..., :N_JOINTS], qvel[..., FIRST_SPEED:]
+        return cls(view("qpos"), qvel, sensed[..., TOUCH], now, forces_nm, asked_rad)
 
 
 @dataclass(slots=True, eq=False)

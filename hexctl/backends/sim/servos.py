@@ -140,6 +140,8 @@ class SimServos(OwnServos):
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._warnings = data.qpos, data.ctrl, data.warning.number
         self._steps_per_tick = self.world.steps_per_tick
+        self._gears = compiled.gears
+        self._friction_nm = compiled.physics.model.ptr.dof_frictionloss[FIRST_SPEED:]
         jammed_at_rad = jammed_angles_rad(self._robot, broken)
         self.actuators = ActuatorModel.at_rest(compiled, self._robot.stance_angles_rad, jammed_at_rad)
         self._waiting_rad = waiting_commands(compiled.physics.model, data.history)
@@ -220,7 +222,8 @@ class SimServos(OwnServos):
         if self._compiled is not None:
             self._compiled.physics.free()
             self._compiled = None
-            del self._qpos, self._ctrl, self._warnings, self._waiting_rad, self.sensors, self._power
+            del self._qpos, self._ctrl, self._warnings, self._waiting_rad, self._friction_nm
+            del self.sensors, self._power
 
     def _make_power(self) -> ServoPower:
         """Switch of the power, initially on, with the current values."""
@@ -239,6 +242,8 @@ class SimServos(OwnServos):
         self.sensors.keep()
         if after:
             self._advance(physics, after)
+        if self._gears is not None:
+            self._friction_nm[:] = self._gears.limit_nm(*self.sensors.memory.servos_now)
         self.sensors.draw()
         self.loss.draw()
 

@@ -12,7 +12,7 @@ from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.sensing import SensorMemory
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.simulated_failure import FailuresToCome, held_rad
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, held_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, waiting_commands
 from hexctl.types import FloatArray, RobotState
 
@@ -44,22 +44,21 @@ class SimBatch:
     ) -> None:
         each = [servos] if isinstance(servos, SimServos) else list(servos)
         counts = [n] if isinstance(n, int) else list(n)
-        models = [one.compiled.physics.model.ptr for one in each]
-        self._batch = Batch(models[0], sum(counts), threads)
-        if len(models) > 1 or any(one.events for one in each):
-            # Separate models: an event changes that of its simulation.
-            self._batch.set_models(np.repeat(np.array(models, dtype=object), counts).tolist())
+        self._batch = Batch(each[0].compiled.physics.model.ptr, sum(counts), threads)
+        # Separate models: an event changes that of its simulation, and a load the friction of its row.
+        self._separate = len(each) > 1 or any(one.events or one.compiled.gears for one in each)
         stops = np.cumsum(counts).tolist()
         rows = [slice(stop - count, stop) for stop, count in zip(stops, counts, strict=True)]
         self._copies = [_Copies(one, self._batch, part) for one, part in zip(each, rows, strict=True)]
+        self._set_models()
         self._nstep = each[0].world.steps_per_tick
         self._qpos, self._ctrl = self._batch.bind("qpos"), self._batch.bind("ctrl")
         self.running = np.ones(sum(counts), dtype=bool)
 
     def tick(self) -> None:
         """Step every running simulation by one control period."""
-        for part in self._copies:
-            part.let_fail()
+        if any([part.let_fail() for part in self._copies]):  # noqa: C419  all of them
+            self._set_models()
         after = self._copies[0].sensors.steps_after
         self._step(self._nstep - after)
         for part in self._copies:
@@ -67,7 +66,12 @@ class SimBatch:
         if after:
             self._step(after)
         for part in self._copies:
+            part.rub()
             part.draw()
+
+    def _set_models(self) -> None:
+        if self._separate:
+            self._batch.set_models([model for part in self._copies for model in part.models])
 
     def _step(self, nstep: int) -> None:
         if not self.running.any():
@@ -108,6 +112,8 @@ class _Copies:
         self._loss, self._actuators = copy.deepcopy(servos.loss), servos.actuators.copies(n)
         self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
         physics, row = self._simulation.physics, np.empty(batch.nstate)
+        self.models = [physics.model.ptr] * n
+        self._own_models()
         mujoco.mj_getState(physics.model.ptr, physics.data.ptr, row, mujoco.mjtState.mjSTATE_INTEGRATION)
         batch.state[rows] = row
         memory = SensorMemory.of(
@@ -117,13 +123,32 @@ class _Copies:
         self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
         self._waiting_rad = waiting_commands(physics.model, batch.bind("history")[rows])
 
-    def let_fail(self) -> None:
-        """Apply due failures and healings; the walk begins with the second control period."""
-        for event in self._to_come.due():
+    def _own_models(self) -> None:
+        """Give each row a model, with its friction, if that depends on the load."""
+        if self._simulation.gears is not None:
+            friction_nm = [model.dof_frictionloss for model in self.models]
+            self.models = [copy.copy(self._simulation.physics.model.ptr) for _ in friction_nm]
+            for model, row_nm in zip(self.models, friction_nm, strict=True):
+                model.dof_frictionloss[:] = row_nm
+
+    def let_fail(self) -> bool:
+        """Apply due failures and healings, if any; the walk begins with the second control period."""
+        due = self._to_come.due()
+        for event in due:
             self._simulation.failed.change(event.leg, event.failure)
             self.sensors.torques = JointTorques.of(self._simulation)
             held = held_rad(self._simulation.failed, self.sensors.memory.qpos, self._ctrl)
             self._actuators.leg_changed(event.leg, held, self._ctrl, self._waiting_rad)
+        if due:
+            self._own_models()
+        return bool(due)
+
+    def rub(self) -> None:
+        """Let the friction follow the load."""
+        if (gears := self._simulation.gears) is not None:
+            limits_nm = gears.limit_nm(*self.sensors.memory.servos_now)
+            for model, row_nm in zip(self.models, limits_nm, strict=True):
+                model.dof_frictionloss[FIRST_SPEED:] = row_nm
 
     def draw(self) -> None:
         self.sensors.draw()

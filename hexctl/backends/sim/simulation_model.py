@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from hexctl.backends.sim.dm import mjcf
+from hexctl.backends.sim.gear_friction import GearFriction
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailedLegs, check_stuck_angle
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
@@ -43,6 +44,7 @@ class Simulation(ArrayFields):
         physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
         joint_offsets_rad: calibration error per joint: true angle - angle reported by the servo, (18,).
         play_rad: play between servo and joint, from stop to stop, (18,).
+        gears: friction that grows with the load; None without.
     """
 
     physics: Any
@@ -50,6 +52,7 @@ class Simulation(ArrayFields):
     floor: Floor
     joint_offsets_rad: FloatArray
     play_rad: FloatArray
+    gears: GearFriction | None
     failed: FailedLegs
 
 
@@ -66,6 +69,7 @@ def make_simulation(
     _check_order(physics)
     _fill_heights(physics, floor)
     _change_joints(physics, world)
+    gears = GearFriction.of(physics.model.ptr, slice(FIRST_SPEED, None), robot.servo)
     failed = FailedLegs(physics, robot)
     for one in each_failure(failure):
         if one.kind == "stuck":
@@ -73,7 +77,7 @@ def make_simulation(
         failed.change(one.leg, one, physics.data.ptr)
     _set_start_state(physics, robot, world, floor, facing_rad)
     offsets = _joint_offsets(world, seed)
-    return Simulation(physics, world, floor, offsets, _play(robot, world), failed)
+    return Simulation(physics, world, floor, offsets, _play(robot, world), gears, failed)
 
 
 def delay_steps(robot: Robot, world: World) -> int:
