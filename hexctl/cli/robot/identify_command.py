@@ -143,7 +143,7 @@ class _SearchProgress(WithBar):
         self._task = self._bar.add_task("", total=None, visible=False)
 
     def show(self, step: int, error_rad: float) -> None:
-        text = f"search, a minute or two: step {step}, error {math.degrees(error_rad):.3f} deg"
+        text = f"search, some minutes: step {step}, error {math.degrees(error_rad):.3f} deg"
         if self._bar.disable:
             print_note(text)
         self._bar.update(self._task, description=text, visible=True)
