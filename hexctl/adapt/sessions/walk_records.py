@@ -226,13 +226,13 @@ class BaselineRecord(WalkRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ConfirmationRecord(WalkRecord):
-    """A walk that confirms a gait with its trim, no trial; `code` is None outside the session's gaits.
+    """A simulated walk that confirms a gait, no trial; `code` is None outside the session's gaits.
 
-    `time_step_s` is the finer one of a simulation, None on a real robot.
+    `time_step_s` is the finer one of its simulation.
     """
 
     code: int | None
-    time_step_s: Annotated[float, Field(gt=0)] | None
+    time_step_s: Annotated[float, Field(gt=0)]
 
     @property
     def name(self) -> str:
