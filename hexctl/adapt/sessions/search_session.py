@@ -55,8 +55,9 @@ class Session:
 
     def confirmation_of(self, found: WalkRecord) -> ConfirmationRecord | TrialRecord | None:
         """The walk that confirms the gait of another walk with its trim, or None."""
-        repeats = [trial for trial in self.trials if trial.confirms and self.spec.optimizer == TRIM]
-        walks = (*self.confirmations, *repeats)
+        walks: list[ConfirmationRecord | TrialRecord] = [*self.confirmations]
+        if self.spec.optimizer == TRIM:
+            walks += (trial for trial in self.trials if trial.confirms)
         return next((walk for walk in walks if (walk.slots, walk.trim) == (found.slots, found.trim)), None)
 
     @property
