@@ -7,11 +7,11 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
     "": 2_100,
-    "adapt": 8_230,
-    "backends": 10_210,
+    "adapt": 8_245,
+    "backends": 10_230,
     "cli": 6_980,
     "client": 1_100,
-    "control": 12_180,
+    "control": 12_190,
     "demo": 260,
     "doctor": 570,
     "export": 2_000,

@@ -1,4 +1,4 @@
-"""The gaits of a robot with failed legs, as a search space of codes 1..n!, and distances in it."""
+"""The gaits of a robot with failed legs, as a search space of codes 1..n!, and a distance in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,22 +49,9 @@ class GaitSpace:
         return code_from_slots(slots, self.failed_legs)
 
     @cached_property
-    def code_distance(self) -> FloatArray:
-        """Difference of codes between all gaits, (size, size)."""
-        codes = np.arange(self.size, dtype=float)
-        return np.abs(codes[:, np.newaxis] - codes)
-
-    @cached_property
     def phase_distance(self) -> FloatArray:
         """Mean circular phase difference over all pairs of legs, in cycles 0..1/2, (size, size)."""
         upper = np.triu_indices(N_LEGS, k=1)
         lags = self.slots[:, upper[0]] - self.slots[:, upper[1]]  # (size, 15), in slots: whole numbers
         apart = (lags[:, np.newaxis] - lags) % N_LEGS
         return np.asarray(np.minimum(apart, N_LEGS - apart).mean(axis=-1) / N_LEGS)
-
-    @cached_property
-    def kendall_distance(self) -> FloatArray:
-        """Number of leg pairs in a different order, (size, size)."""
-        upper = np.triu_indices(N_LEGS, k=1)
-        before = self.slots[:, upper[0]] < self.slots[:, upper[1]]  # (size, 15)
-        return np.asarray((before[:, np.newaxis] != before).sum(axis=-1), dtype=float)

@@ -1,8 +1,7 @@
-"""The gait space, its distances, and the objectives: named ones and custom functions."""
+"""The gait space, its distance, and the objectives: named ones and custom functions."""
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,17 +18,13 @@ from hexctl.adapt.objectives import (
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
-from hexctl.gait.encoding import Slots, code_from_slots
+from hexctl.gait.encoding import Slots
 from hexctl.testing.optimizer_conformance import ONE_FAILED, THREE_FAILED, TWO_FAILED
 from tests.adapt.walking import result_of
 
 FAILED_SETS = [failed for count in (1, 2, 3) for failed in itertools.combinations(range(1, 7), count)]
 
 SPACES = [ONE_FAILED, TWO_FAILED, THREE_FAILED]
-
-Slow = Callable[[Slots, Slots, tuple[int, ...]], float]
-
-DISTANCES = ["code_distance", "phase_distance", "kendall_distance"]
 
 
 def order_of_legs(slots: Slots) -> tuple[int, ...]:
@@ -73,9 +68,8 @@ def test_codes_and_slots_of_other_spaces_are_refused() -> None:
 
 
 @pytest.mark.parametrize("space", SPACES, ids=lambda space: space.size)
-@pytest.mark.parametrize("name", DISTANCES)
-def test_distances_are_metrics(space: GaitSpace, name: str) -> None:
-    distance = getattr(space, name)
+def test_the_distance_is_a_metric(space: GaitSpace) -> None:
+    distance = space.phase_distance
     assert distance.shape == (space.size, space.size)
     np.testing.assert_array_equal(distance, distance.T)
     np.testing.assert_array_equal(distance == 0, np.eye(space.size, dtype=bool))
@@ -84,11 +78,7 @@ def test_distances_are_metrics(space: GaitSpace, name: str) -> None:
     assert (distance <= detour + 1e-12).all()
 
 
-def slow_code(one: Slots, other: Slots, failed: tuple[int, ...]) -> float:
-    return abs(code_from_slots(one, failed) - code_from_slots(other, failed))
-
-
-def slow_phase(one: Slots, other: Slots, *_: object) -> float:
+def slow_phase(one: Slots, other: Slots) -> float:
     apart = []
     for first, second in itertools.combinations(range(6), 2):
         lag = (one[first] - one[second]) / 6 - (other[first] - other[second]) / 6
@@ -96,19 +86,11 @@ def slow_phase(one: Slots, other: Slots, *_: object) -> float:
     return sum(apart) / len(apart)
 
 
-def slow_kendall(one: Slots, other: Slots, *_: object) -> float:
-    pairs = itertools.combinations(range(6), 2)
-    return sum((one[a] - one[b]) * (other[a] - other[b]) < 0 for a, b in pairs)
-
-
 @pytest.mark.parametrize("space", SPACES, ids=lambda space: space.size)
-@pytest.mark.parametrize(
-    ("name", "slow"), list(zip(DISTANCES, [slow_code, slow_phase, slow_kendall], strict=True))
-)
-def test_distances_against_the_slow_way(space: GaitSpace, name: str, slow: Slow) -> None:
+def test_the_distance_against_the_slow_way(space: GaitSpace) -> None:
     gaits = [space.slots_of(code) for code in range(1, space.size + 1)]
-    expected = [[slow(one, other, space.failed_legs) for other in gaits] for one in gaits[:30]]
-    np.testing.assert_allclose(getattr(space, name)[:30], expected, atol=1e-12)
+    expected = [[slow_phase(one, other) for other in gaits] for one in gaits[:30]]
+    np.testing.assert_allclose(space.phase_distance[:30], expected, atol=1e-12)
 
 
 def test_phase_distance_does_not_see_the_start_of_the_cycle() -> None:

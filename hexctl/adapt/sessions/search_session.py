@@ -140,7 +140,6 @@ class Session:
             "found": best is not None,
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,
-            "greatest_chance": self.spec.greatest_chance,
             "confirmations": [walk.as_json() for walk in self.confirmations],
             "recommended": self._recommended_json(),
             "ended": self.ended,
