@@ -148,6 +148,7 @@ class WalkRecord:
             **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
             **{name: outcome[name] for name in ("stopped", "clipped_ticks", "hold", *QUALITIES, "trim_deg")},
             "turn_trim_deg_s": outcome["turn_trim_deg_s"],
+            "walked_s": outcome["duration_s"],
             "margin_m": None if self.margin_m is None else round(self.margin_m, 4),
         }
 
@@ -179,7 +180,6 @@ class TrialRecord(WalkRecord):
             "code": self.code,
             **self._measured_json(),
             "confirms": self.confirms,
-            "walked_s": self.outcome["duration_s"],
             "expected": self.expected,
             "recording": self.recording,
             "cause": self.outcome["cause"],
@@ -218,7 +218,6 @@ class BaselineRecord(WalkRecord):
             "index": BASELINE_INDEX,
             "code": self.code,
             **self._measured_json(),
-            "walked_s": self.outcome["duration_s"],
             "recording": self.recording,
             "cause": self.outcome["cause"],
         }
