@@ -173,7 +173,9 @@ def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, no
     if setting.world is None or spec.objective != "final" or spec.hold != "none":
         return spec
     found = known_uncertainty(setting.robot, setting.world, duration_s=spec.duration_s, folder=folder)
-    if found is not None and not (found.borrowed and spec.optimizer == TRIM):
+    if found is not None and found.borrowed and spec.optimizer == TRIM:
+        return spec
+    if found is not None:
         return replace(
             spec,
             uncertainty_m=round(found.numerical_m, 4),
@@ -195,8 +197,7 @@ def _measuring(spec: SessionSpec) -> str:
     name = without_step(str(spec.world))
     world, usual = load_world(name), World()
     words = ["hexctl", "check", spec.robot, "--physics"]
-    known_by = World.model_fields if spec.optimizer == TRIM else COMPUTATION
-    if any(getattr(world, field) != getattr(usual, field) for field in known_by):
+    if any(getattr(world, field) != getattr(usual, field) for field in COMPUTATION):
         words += ["--world", name]
     if spec.duration_s != MEASURED_S:
         words += ["--duration", f"{spec.duration_s:g}"]

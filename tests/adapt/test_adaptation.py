@@ -325,7 +325,11 @@ def test_a_simulated_session_stores_the_uncertainty_that_was_measured(tmp_path: 
 def test_walks_are_confirmed_where_a_finer_step_says_more(tmp_path: Path) -> None:
     notes: list[str] = []
     assert 0 < spec_of(tmp_path, notes, trim="off").confirmed_uncertainty_m < 0.015
-    assert spec_of(tmp_path, notes).confirmed_uncertainty_m == 0.0
+    assert (
+        spec_of(tmp_path, notes).confirmed_uncertainty_m
+        == spec_of(tmp_path, notes, world="slope").uncertainty_m
+        == 0.0
+    )
     fine = tmp_path / "fine.yaml"
     fine.write_text("time_step_s: 0.0005", encoding="utf-8")
     keep_uncertainty(shipped(), load_world(fine), replace(FOUND, confirmed_m=0.01), folder=tmp_path)
@@ -406,7 +410,6 @@ def test_an_uncertainty_that_is_not_known_is_one_note_with_its_command(tmp_path:
     world.write_text("time_step_s: 0.004")
     for options, command in (
         ({"duration_s": 45.0}, "hexctl check ant --physics --duration 45"),
-        ({"world": "slope"}, "hexctl check ant --physics --world slope"),
         ({"world": str(world), "trim": "off"}, f"hexctl check ant --physics --world {world}"),
     ):
         notes: list[str] = []
