@@ -31,7 +31,7 @@ def adapt_rows(scale: Scale) -> Iterator[Row]:
     yield Row("adapt.choose.median", float(np.median(times_ms)), "ms", Bar(high=20), note)
     yield Row("adapt.choose.p90", float(np.percentile(times_ms, 90)), "ms", Bar(high=20), note)
     wall_s, trials = _session_s(scale)
-    yield Row("adapt.session", wall_s, "s", Bar(high=20), f"{trials} trials recorded, all included")
+    yield Row("adapt.session", wall_s, "s", Bar(high=90), f"{trials} trials recorded, all included")
 
 
 def _choices_ms(prior: Prior, world: int) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":

@@ -33,6 +33,7 @@ from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import DriftSamples, drift_samples_of, ranked_codes, score_samples_of
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
+from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.static_stability import slots_by_stability, stable_slots_of, usual_posture
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.batch import SimTrial, run_sim_trials
@@ -205,20 +206,21 @@ class NoCourse(TrimSearch):
         return Trim(0.0, super().trim(code).turn_rad_s)
 
 
-def _trim(known: DriftSamples, stable: Sequence[int], *, kind: type[TrimSearch] = TrimSearch) -> Optimizer:
-    cycle_s = 1 / load_robot("ant").gait.pace_hz
-    return kind(GaitSpace((known.leg,)), 0, codes=stable, samples=known, cycle_s=cycle_s)
-
-
-def _auto_first(known: DriftSamples, stable: Sequence[int]) -> Optimizer:
-    """Begins with the safest gait and knows no prior."""
-    return TrimSearch(GaitSpace((known.leg,)), 0, codes=stable, cycle_s=1 / load_robot("ant").gait.pace_hz)
+def _trim(
+    known: DriftSamples, stable: Sequence[int], *, kind: type[TrimSearch] = TrimSearch, prior: bool = True
+) -> Optimizer:
+    robot = load_robot("ant")
+    plan = TrialPlan(gait=make_gait(robot, "demo"))
+    floor_m = progress_floor_m(robot, plan, plan.duration_s)
+    cycle_s = 1 / robot.gait.pace_hz
+    samples = known if prior else None
+    return kind(GaitSpace((known.leg,)), 0, codes=stable, samples=samples, cycle_s=cycle_s, floor_m=floor_m)
 
 
 #: Searches in open loop by name, and what they leave out.
 OPEN_LOOP: dict[str, Callable[[DriftSamples, Sequence[int]], Optimizer]] = {
     "trim": _trim,
-    "no-prior": _auto_first,
+    "no-prior": partial(_trim, prior=False),
     "no-offset": partial(_trim, kind=NoCourse),
     "no-secant": partial(_trim, kind=KnownGain),
     "random": lambda known, _: Deduplication(RandomSearch(GaitSpace((known.leg,)), known.leg), 0),
@@ -229,7 +231,7 @@ OPEN_LOOP: dict[str, Callable[[DriftSamples, Sequence[int]], Optimizer]] = {
 class OpenLoop:
     """A search in one world: its walks by measured and true distance from the line, in their order.
 
-    `confirmed` is the number of walks after which one within the target was confirmed, 0 for none.
+    `confirmed` is the number of walks after which one within the target was repeated within it, 0 for none.
     """
 
     number: int
@@ -242,13 +244,11 @@ class OpenLoop:
     again: Trim | None = None
 
     def trial(self) -> SimTrial:
-        """The next walk; at a finer time step if it confirms the last one."""
-        world, code, trim = self.world, self.codes[-1] if self.again else 0, self.again
+        """The next walk, or the last one again to confirm it."""
+        code, trim = self.codes[-1] if self.again else 0, self.again
         if trim is None:
             (code,) = self.search.ask()
             trim = self.search.trim(code)
-        else:
-            world = world.model_copy(update={"time_step_s": min(CONFIRM_STEP_S, world.time_step_s)})
         self.codes.append(code)
         gait = replace(make_gait(load_robot("ant"), "demo"), slots=self.search.space.slots_of(code))
         plan = TrialPlan(gait=gait, belief=Failure(leg=self.leg))
@@ -258,7 +258,7 @@ class OpenLoop:
             robot="ant",
             plan=plan,
             failure=plan.belief,
-            world=world,
+            world=self.world,
             seed=self.number,
             trial=len(self.codes),
         )
@@ -297,7 +297,7 @@ def walk_open_loop(
         search = OPEN_LOOP[name](
             drift_samples_of(prior, robot, leg), [space.code_of(slots) for slots in ranked]
         )
-        world = member.model_copy(update={"sensor_noise": noise})
+        world = member.model_copy(update={"sensor_noise": noise, "time_step_s": CONFIRM_STEP_S})
         searched.append(OpenLoop(number=number, world=world, leg=leg, search=search))
     for _ in range(walks):
         left = [one for one in searched if not one.confirmed]

@@ -72,7 +72,7 @@ class AdaptOptions(RobotOptions):
     target: Annotated[str | float | None, Typed()] = None
     """Stop once the objective is this small: in its unit, which is metres (0.05), but s/m for speed, degrees
     for tilt and m/s for steadiness; or as a share of the ideal distance of a walk (1%); bayes once it is
-    90 % sure, trim once another walk confirms it. (default: 0.025 with bayes and trim, else none)
+    90 % sure, trim once a walk within it repeats that. (default: 0.025 with bayes and trim, else none)
     """
 
     target_m: Annotated[float | None, Range(low=0, above=True), UNTYPED] = None

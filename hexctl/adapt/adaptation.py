@@ -167,7 +167,7 @@ class Adaptation:
         store = SessionStore(self._folder)
         with ExitStack() as stack:
             session, setting, servos = self._begin(store, stack, stop_requested, checked)
-            before = len(session.trials)
+            before = len(session.trials) + len(session.confirmations)
             if on_begin is not None:
                 on_begin(session)
             with self._view(servos) as live:
@@ -177,7 +177,7 @@ class Adaptation:
             session=session,
             ended=ended,
             trouble=trouble,
-            walked=len(session.trials) - before,
+            walked=len(session.trials) + len(session.confirmations) - before,
             wall_s=time.perf_counter() - began_s,
             overview=self._write_overview(session, store),
         )
@@ -283,6 +283,7 @@ class Adaptation:
             if AUTO in spec.baseline_gaits and not session.trials
             else None,
             margin_m_of=partial(margin_m_of, setting.robot, setting.plan),
+            repeats_exactly=setting.world is not None and setting.world.repeats,
             walk_finely=None if servos is not None else at_finer_step(runner).walk,
         )
         try:

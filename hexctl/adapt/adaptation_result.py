@@ -21,7 +21,7 @@ class AdaptationResult:
         ended: why the search ended: `budget`, `target`, `confirmed`, `exhausted` or
             `not worth another trial`; `interrupted` by a requested stop; `stopped` by `trouble`.
         trouble: of the robot or the recordings; the session can be resumed after it.
-        walked: number of trials of this run.
+        walked: number of trials and confirmations of this run.
         wall_s: duration of the run.
         overview: the recording that shows all trials, or None.
     """

@@ -23,7 +23,9 @@ from hexctl.adapt.setting import Note, Setting, load_setting, log_note, start_no
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
+from hexctl.backends.sim.world import with_step
 from hexctl.control.assessment.static_stability import usual_posture
+from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import InputError, UnusedError, argument, check_type
@@ -203,6 +205,8 @@ def _with_trim(spec: SessionSpec, *, free: bool) -> SessionSpec:
     for name in ("count_repeats", "early_stop", "worth_m"):
         if (value := getattr(spec, name)) is not None and value is not False:  # 0 is given, too
             raise InputError(f"{got} {argument(name)}; allowed: without")
+    if spec.world is not None:
+        spec = replace(spec, world=with_step(spec.world, CONFIRM_STEP_S))
     known = spec.target_m is not None or spec.target_share is not None
     return spec if known else replace(spec, target_m=DEFAULT_TARGET_M)
 

@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
-from hexctl.adapt.sessions.recommendation import next_to_confirm
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.walk_records import WalkRecord
@@ -63,9 +62,7 @@ class SearchBar:
         """Update the count of walks."""
         done = _walked(session)
         (task,) = self._progress.tasks
-        more = session.confirmations and next_to_confirm(session) is not None
-        total = max(task.total or 0, done + CONFIRMATION_WALKS * bool(more))
-        self._progress.update(self._task, completed=done, total=total)
+        self._progress.update(self._task, completed=done, total=max(task.total or 0, done))
 
     def print_above(self, line: Text) -> None:
         """Print a line above the bar."""

@@ -14,7 +14,7 @@ from hexctl.adapt.prior.prior_files import check_prior
 from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
-from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.sim.world import World, load_world, without_step
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.assessment.uncertainty_store import (
@@ -166,21 +166,24 @@ def budget_note(spec: SessionSpec) -> str | None:
 def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, note: Note) -> SessionSpec:
     """Spec with the simulation's own uncertainty of its trials, if it was measured, else a note.
 
-    Real robots, other objectives than the end of a walk, and steered walks have none. `note` is called with
-    the command that measures it. Raises InputError for a damaged file of measurements in `folder`.
+    Real robots, other objectives than the end of a walk, and steered walks have none; trimmed walks need that
+    of their own world. `note` is called with the command that measures it. Raises InputError for a damaged
+    file of measurements in `folder`.
     """
     if setting.world is None or spec.objective != "final" or spec.hold != "none":
         return spec
     found = known_uncertainty(setting.robot, setting.world, duration_s=spec.duration_s, folder=folder)
+    if found is not None and found.borrowed and spec.optimizer == TRIM:
+        return spec
     if found is not None:
         return replace(
             spec,
             uncertainty_m=round(found.numerical_m, 4),
             uncertainty_caveat=found.caveat(str(spec.broken)),
-            confirmed_uncertainty_m=_confirmed_m(setting.world, found),
+            confirmed_uncertainty_m=0.0 if spec.optimizer == TRIM else _confirmed_m(setting.world, found),
         )
     if spec.duration_s >= MEASURED_S:
-        command = _measuring(spec, setting.world)
+        command = _measuring(spec)
         note(f"the simulation's own uncertainty is not known here; {command} measures it")
     return spec
 
@@ -190,11 +193,12 @@ def _confirmed_m(world: World, found: SimulationUncertainty) -> float:
     return found.confirmed_m or 0.0 if world.time_step_s > CONFIRM_STEP_S else 0.0
 
 
-def _measuring(spec: SessionSpec, world: World) -> str:
-    usual = World()
+def _measuring(spec: SessionSpec) -> str:
+    name = without_step(str(spec.world))
+    world, usual = load_world(name), World()
     words = ["hexctl", "check", spec.robot, "--physics"]
-    if any(getattr(world, name) != getattr(usual, name) for name in COMPUTATION):
-        words += ["--world", str(spec.world)]
+    if any(getattr(world, field) != getattr(usual, field) for field in COMPUTATION):
+        words += ["--world", name]
     if spec.duration_s != MEASURED_S:
         words += ["--duration", f"{spec.duration_s:g}"]
     return shlex.join(words)

@@ -1,4 +1,4 @@
-"""The gaits of a robot with failed legs, as a search space of codes 1..n!, and distances in it."""
+"""The gaits of a robot with failed legs, as a search space of codes 1..n!, and a distance in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import Objective, make_objective
-from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizer import Observation, Optimizer, Trim
 from hexctl.adapt.runner import (
     LegFailedError,
     RobotStoppedError,
@@ -61,18 +61,21 @@ class AdaptLoop:
         stable_slots: Slots | None = None,
         margin_m_of: Callable[[Slots], float] | None = None,
         walk_finely: WalkTrial | None = None,
+        repeats_exactly: bool = False,
     ) -> None:
         """Prepare to continue a session.
 
         Args:
             objective: by default the one in its spec.
             stable_slots: of the gait `auto`, if the baseline has it.
-            walk_finely: walks at the time step `CONFIRM_STEP_S`; None on a real robot.
+            repeats_exactly: whether a second walk would end as the first one.
+            walk_finely: walks at the time step `CONFIRM_STEP_S`; None if all walks do, and on a real robot.
         """
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
         self._baseline_slots = NAMED_SLOTS if stable_slots is None else {**NAMED_SLOTS, AUTO: stable_slots}
         self._margin_m_of, self._walk_finely = margin_m_of, walk_finely
+        self._repeats_exactly = repeats_exactly
         self._objective = make_objective(session.spec.objective) if objective is None else objective
         self._stop_requested, self._on_stored = stop_requested, on_stored
         if session.optimizer_state is not None:
@@ -136,8 +139,6 @@ class AdaptLoop:
     def _search(self) -> str:
         spec = self._session.spec
         while len(self._session.trials) < spec.budget - spec.confirm:
-            if not self._confirm_last():
-                return "interrupted"
             if self._reached():
                 return "target"
             if self._optimizer.finished:
@@ -148,12 +149,14 @@ class AdaptLoop:
                 return "exhausted"
             if self._stop_requested():
                 return "interrupted"
-            (code,) = self._optimizer.ask(1)
-            should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
-            if not self._try(code, should_stop):
+            if (last := self._to_confirm()) is not None:
+                walked = self._try(last.code, trim=last.trim, confirms=True)
+            else:
+                (code,) = self._optimizer.ask(1)
+                should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
+                walked = self._try(code, should_stop)
+            if not walked:
                 return "interrupted"
-        if not self._confirm_last():
-            return "interrupted"
         if self._optimizer.finished:
             return "confirmed"
         return "target" if self._reached() else "budget"
@@ -166,56 +169,52 @@ class AdaptLoop:
     def _reached(self) -> bool:
         """Whether the best trial so far is within the target, unless the optimizer judges that.
 
-        Trimmed walks are within it if a walk that confirms one is.
+        Trimmed walks are within it once one repeats.
         """
         session, optimizer, target_m = self._session, self._optimizer, self._session.spec.target_m
         if optimizer.judges_target or target_m is None:
             return False
         if optimizer.trims:
-            within = [trial for trial in session.trials if trial.score <= target_m]
-            again = [session.confirmation_of(trial) for trial in within]
-            return any(walk is not None and walk.score <= target_m for walk in again)
+            walks: list[TrialRecord | BaselineRecord] = [*session.trials]
+            if self._repeats_exactly:
+                walks += session.baseline
+            return any(walk.score <= target_m and self._is_confirmed(walk) for walk in walks)
         return session.best is not None and session.best.score <= target_m
 
-    def _confirm_last(self) -> bool:
-        """Confirm a trimmed trial that is within the target; return False when interrupted."""
-        session, target_m = self._session, self._session.spec.target_m
-        if not self._optimizer.trims or target_m is None or not session.trials:
-            return True
-        last = session.trials[-1]
-        if last.score > target_m or session.confirmation_of(last) is not None:
-            return True
-        return not self._stop_requested() and self._confirmed(last, teaches=True)
+    def _is_confirmed(self, walk: TrialRecord | BaselineRecord) -> bool:
+        return self._repeats_exactly or (isinstance(walk, TrialRecord) and walk.confirms)
+
+    def _to_confirm(self) -> TrialRecord | None:
+        """The last trial, if it was trimmed to within the target and has to repeat that."""
+        trials, target_m = self._session.trials, self._session.spec.target_m
+        if not (self._optimizer.trims and trials) or target_m is None:
+            return None
+        return trials[-1] if trials[-1].score <= target_m and not self._is_confirmed(trials[-1]) else None
 
     def _confirm(self) -> bool:
         """Repeat the best gait as often as asked; return False when interrupted."""
         session, spec = self._session, self._session.spec
         while self._repeats() < spec.confirm and len(session.trials) < spec.budget:
-            code = self._optimizer.recommended() or (session.best.code if session.best else None)
+            best = session.best
+            code = self._optimizer.recommended() or (best.code if best else None)
             if code is None:
                 break
-            if not self._try(code, confirms=True):
+            trim = best.trim if best and self._optimizer.trims else None
+            if not self._try(code, trim=trim, confirms=True):
                 return False
         return True
 
     def _confirm_finely(self) -> bool:
         while self._walk_finely is not None and (found := next_to_confirm(self._session)) is not None:
-            if self._stop_requested() or not self._confirmed(found.walk):
+            if self._stop_requested() or not self._confirmed(found.walk, self._walk_finely):
                 return False
         return True
 
-    def _confirmed(self, found: TrialRecord | BaselineRecord, *, teaches: bool = False) -> bool:
-        """Walk a gait again, in simulation at a finer time step, and store it; False when interrupted.
-
-        It teaches the optimizer unless the search has ended: with a greater budget it may go on.
-        """
+    def _confirmed(self, found: TrialRecord | BaselineRecord, walk: WalkTrial) -> bool:
+        """Walk a gait again at a finer time step, and store it; False when interrupted."""
         index = found.index if isinstance(found, TrialRecord) else BASELINE_INDEX
-        code, slots, optimizer = found.code, found.slots, self._optimizer
-        what, walk = f"the confirmation of gait {code}", self._walk_finely or self._walk
-        request = TrialRequest(
-            index=index, code=code or 0, slots=slots, trim=found.trim if optimizer.trims else None
-        )
-        one = self._checked(walk(request), what)
+        code, slots, what = found.code, found.slots, f"the confirmation of gait {found.code}"
+        one = self._checked(walk(TrialRequest(index=index, code=code or 0, slots=slots)), what)
         if _interrupted(one, what):
             return False
         record = ConfirmationRecord(
@@ -223,24 +222,31 @@ class AdaptLoop:
             slots=slots,
             score=self._scored(one, what),
             margin_m=found.margin_m,
-            time_step_s=None if self._walk_finely is None else CONFIRM_STEP_S,
+            time_step_s=CONFIRM_STEP_S,
             **_stored(one),
         )
-        if teaches and code is not None:
-            optimizer.repeat(code, record.score, Observation.of(one.result))
-        self._keep(record, one, optimizer.state() if teaches else None)
+        self._keep(record, one)
         return True
 
     def _repeats(self) -> int:
         return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
 
-    def _try(self, code: int, should_stop: Enough | None = None, *, confirms: bool = False) -> bool:
-        """Walk a code as the next trial, learn from it and store it; return False when interrupted."""
+    def _try(
+        self,
+        code: int,
+        should_stop: Enough | None = None,
+        *,
+        trim: Trim | None = None,
+        confirms: bool = False,
+    ) -> bool:
+        """Walk a code as the next trial, learn from it and store it; return False when interrupted.
+
+        The trim is the optimizer's by default.
+        """
         optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
         predicted, what = optimizer.predict(code), f"trial {index}"
-        request = TrialRequest(
-            index=index, code=code, slots=slots, trim=optimizer.trim(code), should_stop=should_stop
-        )
+        trim = optimizer.trim(code) if trim is None else trim
+        request = TrialRequest(index=index, code=code, slots=slots, trim=trim, should_stop=should_stop)
         walked = self._checked(self._walk(request), what)
         if _interrupted(walked, what):
             return False

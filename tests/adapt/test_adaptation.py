@@ -115,7 +115,7 @@ def test_a_session_is_continued_with_more_budget() -> None:
     with pytest.raises(InputError, match="budget"):
         Adaptation.resume(part.session.name, budget=4, record=False)
     resumed = Adaptation.resume(part.session.name, budget=9, record=False).run()
-    assert (resumed.walked, resumed.trials) == (5, whole.trials)
+    assert (resumed.walked, resumed.trials) == (6, whole.trials), "five trials and a confirmation"
 
 
 @pytest.mark.usefixtures("landscape")
@@ -318,20 +318,27 @@ def spec_of(folder: Path, notes: list[str], **options: object) -> SessionSpec:
 
 def test_a_simulated_session_stores_the_uncertainty_that_was_measured(tmp_path: Path) -> None:
     notes: list[str] = []
-    assert 0 < spec_of(tmp_path, notes).uncertainty_m < 0.05
+    assert (
+        0 < spec_of(tmp_path, notes).uncertainty_m < 0.01 < spec_of(tmp_path, notes, trim="off").uncertainty_m
+    )
     keep_uncertainty(shipped(), World(), FOUND, folder=tmp_path)
-    assert spec_of(tmp_path, notes, duration_s=40.0).uncertainty_m == pytest.approx(0.03)
+    assert spec_of(tmp_path, notes, duration_s=40.0, trim="off").uncertainty_m == pytest.approx(0.03)
     assert spec_of(tmp_path, notes, duration_s=40.0, uncertainty_m=0).uncertainty_m == 0
     assert not notes
 
 
 def test_walks_are_confirmed_where_a_finer_step_says_more(tmp_path: Path) -> None:
     notes: list[str] = []
-    assert 0 < spec_of(tmp_path, notes).confirmed_uncertainty_m < 0.015
+    assert 0 < spec_of(tmp_path, notes, trim="off").confirmed_uncertainty_m < 0.015
+    assert (
+        spec_of(tmp_path, notes).confirmed_uncertainty_m
+        == spec_of(tmp_path, notes, world="slope").uncertainty_m
+        == 0.0
+    )
     fine = tmp_path / "fine.yaml"
     fine.write_text("time_step_s: 0.0005", encoding="utf-8")
     keep_uncertainty(shipped(), load_world(fine), replace(FOUND, confirmed_m=0.01), folder=tmp_path)
-    at_fine = spec_of(tmp_path, notes, world=str(fine), duration_s=40.0)
+    at_fine = spec_of(tmp_path, notes, world=str(fine), duration_s=40.0, trim="off")
     assert (at_fine.uncertainty_m, at_fine.confirmed_uncertainty_m) == (FOUND.step_m, 0.0)
     assert spec_of(tmp_path, notes, objective="mean").confirmed_uncertainty_m == 0.0
 
@@ -408,7 +415,7 @@ def test_an_uncertainty_that_is_not_known_is_one_note_with_its_command(tmp_path:
     world.write_text("time_step_s: 0.004")
     for options, command in (
         ({"duration_s": 45.0}, "hexctl check ant --physics --duration 45"),
-        ({"world": str(world)}, f"hexctl check ant --physics --world {world}"),
+        ({"world": str(world), "trim": "off"}, f"hexctl check ant --physics --world {world}"),
     ):
         notes: list[str] = []
         assert spec_of(tmp_path, notes, **options).uncertainty_m == 0

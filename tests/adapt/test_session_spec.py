@@ -216,16 +216,12 @@ def test_json_has_leg_and_kind_and_degrees() -> None:
     assert "heading_rad" not in values
 
 
-def test_a_score_has_the_label_of_its_objective_and_a_chance_if_its_uncertainty_is_known() -> None:
+def test_a_score_has_the_label_of_its_objective() -> None:
     spec = SessionSpec(failed_leg=5, target_m=0.025)
-    assert (spec.score_label, spec.greatest_chance) == (OBJECTIVES["final"].label, None)
+    assert spec.score_label == OBJECTIVES["final"].label
     custom = replace(spec, objective="mine:score")
     assert custom.score_label == "mine:score"
     assert replace(custom, objective_label="my words").score_label == "my words"
-    known = replace(spec, uncertainty_m=0.025)
-    assert known.greatest_chance == pytest.approx(0.6827, abs=1e-4)
-    assert replace(known, target_m=None).greatest_chance is None
-    assert replace(known, objective="mean").greatest_chance is None
 
 
 def test_the_pareto_front_is_of_valid_trials_that_no_other_beats() -> None:

@@ -1,4 +1,4 @@
-"""The gait space, its distances, and the objectives: named ones and custom functions."""
+"""The gait space, its distance, and the objectives: named ones and custom functions."""
 
 import itertools
 import math

@@ -97,11 +97,13 @@ def test_the_table_has_a_line_for_each_search() -> None:
 def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
     known = drift_samples_of(load_prior(shipped_priors() / OPEN_LOOP_PRIOR), shipped(), 5)
     one = OpenLoop(number=1, world=World(), leg=5, search=OPEN_LOOP["trim"](known, range(1, 121)))
-    steps = []
+    trims = []
     for off_m in (0.3, 0.01, 0.03, 0.02, 0.02):
-        steps.append(one.trial().world.time_step_s)
-        one.take(replace(result_of(off_m), true_deviation=Deviation(off_m + 0.01, 0.1, 0.1, off_m)))
-    assert steps == [0.002, 0.002, 0.0005, 0.002, 0.0005]
+        plan = one.trial().plan
+        trims.append(plan.trim_rad)
+        walk = replace(result_of(off_m), trim_rad=plan.trim_rad, turn_trim_rad_s=plan.turn_trim_rad_s)
+        one.take(replace(walk, true_deviation=Deviation(off_m + 0.01, 0.1, 0.1, off_m)))
+    assert (trims[1], trims[3]) == (trims[2], trims[4])
     assert one.confirmed == 5
     assert [one.best_m(walks) for walks in (1, 2)] == pytest.approx([0.31, 0.02])
     assert open_loop_lines([one])[-1] == "confirmed: 100%, after 5 walks (median)"

@@ -215,6 +215,13 @@ def confirmed(signed_m: float) -> Session:
     return made
 
 
+def repeated() -> Session:
+    made = session(optimizer="trim", backend="zenoh", world=None)
+    again = {**OUTCOME, "deviation_m": {"signed": -0.004}}
+    made.trials += [replace(made.trials[0], index=2, score=0.004, outcome=again, confirms=True)]
+    return made
+
+
 def real() -> Session:
     made = session(backend="zenoh", world=None)
     made.settled_on = {"code": 17, "chance": 0.65, "target_m": 0.025}
@@ -246,6 +253,8 @@ STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation"
         (lambda: session(uncertainty_m=0.0213), "found", "gait 17, trial 1, ends 0.6 cm left"),
         (lambda: session(uncertainty_m=0.0213), "accuracy", "± 2.1 cm"),
         (real, "chance", "65 % that gait 17 ends within 2.5 cm"),
+        (repeated, "found", "gait 17, trial 1, ends 0.4 cm right"),
+        (repeated, "accuracy", "repeated in trial 2; within 2.5 cm"),
         (lambda: confirmed(-0.002), "found", "gait 17, trial 1, ends 0.2 cm right"),
         (lambda: confirmed(-0.002), "accuracy", "± 0.8 cm by a walk at a time step of 0.5 ms; within 2.5 cm"),
         (lambda: confirmed(0.2), "accuracy", "± 0.8 cm by a walk at a time step of 0.5 ms; not within"),
@@ -292,7 +301,7 @@ def test_no_line_of_a_search_is_wider_than_a_terminal() -> None:
 def test_a_search_that_can_be_continued_counts_the_walks_before_its_trials() -> None:
     begun = replace(session(tripod=0.1, budget=3), trials=[])
     (line,) = (line for line in closing_lines(begun, None).splitlines() if line.startswith("unfinished"))
-    for word in ("0 trials", "1 walk ", "30 s walked", "hexctl adapt --resume s"):
+    for word in ("0 trials", "1 baseline walk", "30 s walked", "hexctl adapt --resume s"):
         assert word in line
 
 

@@ -100,7 +100,8 @@ def test_a_session_believes_the_prior_that_it_is_given(
         assert expected["low_m"] < expected["signed_m"] < expected["high_m"]
         assert 0 <= expected["chance"] <= 1
         assert expected["target_m"] == 0.002
-    assert outcome["walked_s"] == sum(trial["walked_s"] for trial in outcome["trials"])
+    walks = outcome["baseline"] + outcome["trials"] + outcome["confirmations"]
+    assert outcome["walked_s"] == sum(walk["walked_s"] for walk in walks)
     assert outcome["ended"] in ("budget", "confirmed")
     assert 0 <= outcome["settled_on"]["chance"] <= 1
 

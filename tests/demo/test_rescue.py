@@ -38,7 +38,7 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(
     assert rescue.EVENT.at_s < noticed.at_s < rescue.EVENT.at_s + 2
     assert result.adaptation is not None
     spec = result.adaptation.session.spec
-    assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), result.world, 1)
+    assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), f"{result.world}@0.5ms", 1)
     said = json.loads(json.dumps(result.to_dict()))
     assert said["recovered"]["speed_kept"] > said["walked_on"]["speed_kept"]
     _check_recordings(result)

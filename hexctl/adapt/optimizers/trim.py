@@ -3,13 +3,14 @@
 A gait drifts similarly in each walk. A second walk that removes the drift of the first is therefore worth
 more than a walk of another gait. A trim changes the turn of a walk and its course:
 
-    h' = b - a        w' = -(b + q h') / g
+    h' = h + t - c        w' = w - (t + q (h' - h)) / g
 
-with the drift (a, b) and the gains g and q that `DriftBelief` expects. If the turn is small already it stays,
-and h' = -(a + g w) / (1 + q) brings the end to the line. A gait promises what is left then: its noise
-between walks, and the turn that exceeds the limits. A gait that was not walked promises the noise of a usual
-one and a share of its unknown drift, over the walks that it takes to learn its trim. The next walk is of the
-gait that promises to end nearest to its line.
+with the course c and the half turn t that `DriftBelief` expects of the last trim (h, w), and its gains g and
+q. If the turn is small already it stays, and h' = h - c / (1 + q) brings the end to the line.
+
+A gait promises what is left then: its noise between walks, and the turn that exceeds the limits. A gait that
+was not walked promises the noise of a usual one and a share of its unknown drift, over the walks that it
+takes to learn its trim. The next walk is of the gait that promises to end nearest to its line.
 """
 
 import math
@@ -21,7 +22,7 @@ import numpy as np
 from hexctl.adapt.drift import Drift, drift_of, half_steady_s
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
 from hexctl.adapt.prior.acquisition import chance_within
-from hexctl.adapt.prior.drift_belief import GAIN_SD, DriftBelief, TrimmedWalk
+from hexctl.adapt.prior.drift_belief import GAIN_SD, LEAST_GAIN, DriftBelief, TrimmedWalk
 from hexctl.adapt.prior.samples import DriftSamples
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.trial_plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
@@ -113,15 +114,18 @@ class TrimSearch(Optimizer):
     def _straightened(self, code: int) -> tuple[Trim, float]:
         """The trim of a gait, and the remaining course error, because trims have limits."""
         expected = self._belief.forecast(code)
-        gain, coupled = expected.gain * self._half_s, expected.coupled
-        course_rad, turn_rad_s = self._walked.get(code, (0.0, 0.0))
-        left_rad = expected.half_turn_rad + gain * turn_rad_s + coupled * course_rad
-        if self._turns and (code not in self._walked or abs(left_rad) > SMALL_TURN_RAD):
-            course_rad = expected.half_turn_rad - expected.course_rad
-            turn_rad_s = -(expected.half_turn_rad + coupled * course_rad) / gain
+        last_rad, last_rad_s = self._walked.get(code, (0.0, 0.0))
+        drift = expected.after(last_rad, last_rad_s * self._half_s)
+        # A step from the last trim, whose drift is known: the gains that it takes have minima.
+        gain, coupled = max(expected.gain, LEAST_GAIN) * self._half_s, max(expected.coupled, 0.0)
+        turn_rad_s = last_rad_s
+        if self._turns and (code not in self._walked or abs(drift.half_turn_rad) > SMALL_TURN_RAD):
+            beside_rad = drift.half_turn_rad - drift.course_rad
+            turn_rad_s -= (drift.half_turn_rad + coupled * beside_rad) / gain
         turn_rad_s = _limited(turn_rad_s, MAX_TURN_TRIM_RAD_S)
-        course_rad = _limited(-(expected.course_rad + gain * turn_rad_s) / (1 + coupled), MAX_TRIM_RAD)
-        left_rad = expected.course_rad + gain * turn_rad_s + (1 + coupled) * course_rad
+        turned_rad = drift.course_rad + gain * (turn_rad_s - last_rad_s)
+        course_rad = _limited(last_rad - turned_rad / (1 + coupled), MAX_TRIM_RAD)
+        left_rad = turned_rad + (1 + coupled) * (course_rad - last_rad)
         return Trim.rounded(math.degrees(course_rad), math.degrees(turn_rad_s)), left_rad
 
     def _suggest(self, count: int) -> list[int]:

@@ -16,7 +16,7 @@ The noise of a gait is estimated from what its walks leave unexplained.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -71,6 +71,15 @@ class DriftForecast:
     coupled: float
     sd_rad: float
 
+    def after(self, course_trim_rad: float, half_turn_trim_rad: float) -> "DriftForecast":
+        """The drift with a trim."""
+        turned_rad = self.gain * half_turn_trim_rad + self.coupled * course_trim_rad
+        return replace(
+            self,
+            course_rad=self.course_rad + course_trim_rad + turned_rad,
+            half_turn_rad=self.half_turn_rad + turned_rad,
+        )
+
 
 class DriftBelief:
     """Belief about the gaits of a failed leg; `samples` None stands for any world.
@@ -124,13 +133,12 @@ class DriftBelief:
             across = np.vstack([self._covariance[np.ix_(seen, rows)].T, self._gains_covariance @ trims.T])
             mean = mean + across @ self._weights
             covariance = covariance - across @ self._inverse @ across.T
-        gain = max(float(mean[2]), LEAST_GAIN)
-        by = np.array([1.0, 0.0, -mean[1] / gain, 0.0])
+        by = np.array([1.0, 0.0, -mean[1] / max(float(mean[2]), LEAST_GAIN), 0.0])
         return DriftForecast(
             course_rad=float(mean[0]),
             half_turn_rad=float(mean[1]),
-            gain=gain,
-            coupled=max(float(mean[3]), 0.0),
+            gain=float(mean[2]),
+            coupled=float(mean[3]),
             sd_rad=math.sqrt(max(float(by @ covariance @ by), 1e-12)),
         )
 

@@ -1,6 +1,7 @@
 """Which walk of a session to recommend, and which ends to confirm by a walk at a finer time step first.
 
-The end of a walk is that of its confirmation, else its own, each with its own uncertainty. Walks of the
+The end of a walk is that of its confirmation, else its own, each with its own uncertainty. A repeat confirms
+a trimmed trial. Walks of the
 baseline need no search.
 """
 
@@ -26,9 +27,10 @@ class Walks(Protocol):
 
     spec: SessionSpec
     trials: list[TrialRecord]
+    ended: str | None
     baseline: list[BaselineRecord]
 
-    def confirmation_of(self, found: Walk) -> ConfirmationRecord | None:
+    def confirmation_of(self, found: Walk) -> ConfirmationRecord | TrialRecord | None:
         """The walk that confirms the gait of another walk with its trim, or None."""
 
 
@@ -44,7 +46,7 @@ class Contender:
     searched: bool
     score: float
     uncertainty_m: float
-    confirmation: ConfirmationRecord | None
+    confirmation: ConfirmationRecord | TrialRecord | None
 
     @property
     def preference(self) -> tuple[bool, float, float]:
@@ -100,8 +102,8 @@ def straightest_baseline(session: Walks) -> Contender | None:
 
 
 def contenders(session: Walks) -> list[Contender]:
-    """Valid walks of the baseline, and the straightest trial; none before the first trial."""
-    if not session.trials:
+    """Valid walks of the baseline, and the straightest trial; none before a trial, if there is one."""
+    if not session.trials and session.ended != "target":
         return []
     baseline = _valid(_contender(session, walk, searched=False) for walk in session.baseline)
     best = _straightest(_trials(session))
@@ -124,7 +126,8 @@ def _unresolved(session: Walks) -> list[Contender]:
 
 def _contender(session: Walks, walk: Walk, *, searched: bool) -> Contender:
     spec, confirmation = session.spec, session.confirmation_of(walk)
-    uncertainty_m = spec.uncertainty_m if confirmation is None else spec.confirmed_uncertainty_m
+    finer = isinstance(confirmation, ConfirmationRecord)
+    uncertainty_m = spec.confirmed_uncertainty_m if finer else spec.uncertainty_m
     return Contender(
         walk=walk,
         searched=searched,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import Objective, undominated
+from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.sessions.recommendation import recommended
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import (
@@ -37,7 +38,7 @@ class Session:
         ended: why its search ended, as `AdaptLoop.run` returns it; None while it can be resumed.
         settled_on: gait that the optimizer recommends and its `Prediction.as_json`, or None.
         baseline: walks with the robot's usual gaits, before the first trial.
-        confirmations: walks that confirm a gait, in simulation at a finer time step.
+        confirmations: walks at a finer time step that confirm a gait, without a trim.
         stored_bytes: last known size of its file.
     """
 
@@ -52,15 +53,18 @@ class Session:
     confirmations: list[ConfirmationRecord] = field(default_factory=list)
     stored_bytes: int = field(default=0, compare=False, repr=False)
 
-    def confirmation_of(self, found: WalkRecord) -> ConfirmationRecord | None:
+    def confirmation_of(self, found: WalkRecord) -> ConfirmationRecord | TrialRecord | None:
         """The walk that confirms the gait of another walk with its trim, or None."""
-        same = (walk for walk in self.confirmations if (walk.slots, walk.trim) == (found.slots, found.trim))
-        return next(same, None)
+        walks: list[ConfirmationRecord | TrialRecord] = [*self.confirmations]
+        if self.spec.optimizer == TRIM:
+            walks += (trial for trial in self.trials if trial.confirms)
+        return next((walk for walk in walks if (walk.slots, walk.trim) == (found.slots, found.trim)), None)
 
     @property
     def walked_s(self) -> float:
-        """Seconds walked in all trials."""
-        return float(sum(trial.outcome["duration_s"] for trial in self.trials))
+        """Seconds walked in the baseline, the trials and the confirmations."""
+        walks = (*self.baseline, *self.trials, *self.confirmations)
+        return float(sum(walk.outcome["duration_s"] for walk in walks))
 
     @property
     def best(self) -> TrialRecord | None:
@@ -92,9 +96,14 @@ class Session:
 
     @property
     def within_target(self) -> float | None:
-        """Probability that the recommended, confirmed gait ends within the target; None if not confirmed."""
+        """Probability that the recommended gait ends within the target; None if its end is not confirmed.
+
+        Trimmed walks of a simulation are as fine as the walks that confirm others.
+        """
         found, target_m = recommended(self), self.spec.target_m
-        if found is None or found.confirmation is None or target_m is None:
+        if found is None or target_m is None:
+            return None
+        if found.confirmation is None and not (self.spec.optimizer == TRIM and found.uncertainty_m):
             return None
         if not found.uncertainty_m:
             return float(found.score <= target_m)
@@ -131,7 +140,6 @@ class Session:
             "found": best is not None,
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,
-            "greatest_chance": self.spec.greatest_chance,
             "confirmations": [walk.as_json() for walk in self.confirmations],
             "recommended": self._recommended_json(),
             "ended": self.ended,

@@ -100,16 +100,6 @@ class SessionSpec(AdaptOptions):
         share = self.target_share
         return f"{text} ({100 * share:g} % of {self.target_m / share:.2f} {unit})"
 
-    @property
-    def greatest_chance(self) -> float | None:
-        """Probability that a gait which ends on the line is within the target, by `uncertainty_m` only.
-
-        It limits the confidence of every gait. None without a target or an uncertainty.
-        """
-        if self.target_m is None or not self.uncertainty_text:
-            return None
-        return math.erf(self.target_m / (math.sqrt(2) * self.uncertainty_m))
-
     def score_text(self, score: float) -> str:
         """Score with its unit, for a person; a length in cm."""
         return score_text(score, self.objective_unit)

@@ -148,6 +148,7 @@ class WalkRecord:
             **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
             **{name: outcome[name] for name in ("stopped", "clipped_ticks", "hold", *QUALITIES, "trim_deg")},
             "turn_trim_deg_s": outcome["turn_trim_deg_s"],
+            "walked_s": outcome["duration_s"],
             "margin_m": None if self.margin_m is None else round(self.margin_m, 4),
         }
 
@@ -179,7 +180,6 @@ class TrialRecord(WalkRecord):
             "code": self.code,
             **self._measured_json(),
             "confirms": self.confirms,
-            "walked_s": self.outcome["duration_s"],
             "expected": self.expected,
             "recording": self.recording,
             "cause": self.outcome["cause"],
@@ -218,7 +218,6 @@ class BaselineRecord(WalkRecord):
             "index": BASELINE_INDEX,
             "code": self.code,
             **self._measured_json(),
-            "walked_s": self.outcome["duration_s"],
             "recording": self.recording,
             "cause": self.outcome["cause"],
         }
@@ -226,13 +225,13 @@ class BaselineRecord(WalkRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ConfirmationRecord(WalkRecord):
-    """A walk that confirms a gait with its trim, no trial; `code` is None outside the session's gaits.
+    """A simulated walk that confirms a gait, no trial; `code` is None outside the session's gaits.
 
-    `time_step_s` is the finer one of a simulation, None on a real robot.
+    `time_step_s` is the finer one of its simulation.
     """
 
     code: int | None
-    time_step_s: Annotated[float, Field(gt=0)] | None
+    time_step_s: Annotated[float, Field(gt=0)]
 
     @property
     def name(self) -> str:

@@ -1,5 +1,6 @@
 """Simulated worlds: floor, load and servo condition, and domain randomization over them."""
 
+import re
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -145,6 +146,11 @@ class World(Section):
         return any(
             value != drawn[name].default and not isinstance(value, tuple) for name, value in values.items()
         )
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the trials of one seed are alike: no noise and no losses are drawn for each."""
+        return self.sensor_noise == SensorNoise() and not (self.lost_commands or self.lost_poses)
 
     @property
     def steps_per_tick(self) -> int:
@@ -369,6 +375,20 @@ def load_randomization(name_or_path: str | Path) -> DomainRandomization:
 #: World of a simulation that names none.
 DEFAULT_WORLD = "flat"
 
+#: A world at another time step, such as `flat@0.5ms`.
+_STEPPED = re.compile(r"(?P<world>.+)@(?P<ms>\d+(\.\d+)?)ms")
+
+
+def without_step(world: str) -> str:
+    """Text of a world without its time step."""
+    stepped = _STEPPED.fullmatch(world)
+    return stepped["world"] if stepped else world
+
+
+def with_step(world: str, step_s: float) -> str:
+    """Text of a world with a time step, unless it has one."""
+    return world if _STEPPED.fullmatch(world) else f"{world}@{1000 * step_s:g}ms"
+
 
 def load_world(name_or_path: str | Path = DEFAULT_WORLD) -> World:
     """The world of a shipped name, of a YAML file, or a member of a family, such as `randomised:7`.
@@ -376,11 +396,15 @@ def load_world(name_or_path: str | Path = DEFAULT_WORLD) -> World:
         world = hexctl.load_world("randomised:7")
         print(world.friction, world.slope_deg)
 
-    Missing keys have the flat world's values. Raises InputError.
+    `flat@0.5ms` is the world `flat` with another time step. Missing keys have the flat world's values. Raises
+    InputError.
     """
     allowed = "a name, the path of a YAML file, or a member of a family, such as 'randomised:7'"
     check_type(name_or_path, (str, Path), "world", allowed)
     text = str(name_or_path)
+    if (stepped := _STEPPED.fullmatch(text)) and not is_file(Path(text)):
+        values = load_world(stepped["world"]).model_dump() | {"time_step_s": float(stepped["ms"]) / 1000}
+        return validate(World, values, Path(text))
     family, colon, number = text.rpartition(":")
     if colon and not is_file(Path(text)):
         if not (number.isdecimal() and len(number) <= len(str(MAX_MEMBERS))):

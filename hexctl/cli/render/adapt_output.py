@@ -216,7 +216,7 @@ def _confirmation_line(session: Session, walk: ConfirmationRecord) -> Text:
     """Line of a walk at a finer time step."""
     named = (gait for gait, slots in NAMED_SLOTS.items() if walk.code is None and slots == walk.slots)
     name = next(named, "-" if walk.code is None else f"{walk.code}")
-    note = ", confirms" if walk.time_step_s is None else f" at {1000 * walk.time_step_s:g} ms"
+    note = f" at {1000 * walk.time_step_s:g} ms"
     return Text(_walk_text(session.spec, walk, "", name, note), style="cyan" if walk.valid else "red")
 
 
@@ -322,15 +322,15 @@ def resume_command(session: Session) -> str:
 def _ending(session: Session, ended: str | None) -> str:
     trials = trials_text(len(session.trials))
     if ended in (None, "interrupted"):
-        return f"unfinished after {trials}{_unfinished(session)}; continue with: {resume_command(session)}"
-    return f"ended after {trials}, {session.walked_s:.0f} s walked: {ENDS.get(ended or '', ended)}"
+        return f"unfinished after {trials}{_others(session)}; continue with: {resume_command(session)}"
+    return f"ended after {trials}{_others(session)}: {ENDS.get(ended, ended)}"
 
 
-def _unfinished(session: Session) -> str:
-    walks = (*session.baseline, *session.trials)
-    walked_s = sum(walk.outcome["duration_s"] for walk in walks)
-    others = f" and {_walks_text(len(session.baseline))} without a search" if session.baseline else ""
-    return f"{others}, {walked_s:.0f} s walked"
+def _others(session: Session) -> str:
+    count = len(session.baseline)
+    others = f" and {count} baseline {'walk' if count == 1 else 'walks'}" if count else ""
+    finer = f" and {len(session.confirmations)} to confirm" if session.confirmations else ""
+    return f"{others}{finer}, {session.walked_s:.0f} s walked"
 
 
 def _commands(session: Session) -> list[str]:
@@ -343,7 +343,7 @@ def _commands(session: Session) -> list[str]:
 
 
 def _found_lines(session: Session, found: Contender | None) -> list[str]:
-    if not session.trials:
+    if not session.trials and found is None:
         return ["found: nothing yet, no trial has been walked"]
     if found is None:
         return [f"found: no valid trial: {_why_none(session)}"]
@@ -364,13 +364,14 @@ def _name(walk: TrialRecord | BaselineRecord) -> str:
 
 def _surety_lines(session: Session, found: Contender | None) -> list[str]:
     spec, settled = session.spec, session.settled_on
-    if found is not None and found.confirmation is not None:
-        if (step_s := found.confirmation.time_step_s) is None:
-            return ["accuracy: confirmed by another walk"]
-        known = f"± {in_cm(found.uncertainty_m)} by a walk at a time step of {1000 * step_s:g} ms"
-        return [f"accuracy: {known}{_reached(session)}"]
+    uncertain = f"accuracy: ± {in_cm(found.uncertainty_m)} by" if found is not None else ""
+    match found.confirmation if found is not None else None:
+        case ConfirmationRecord(time_step_s=step_s):
+            return [f"{uncertain} a walk at a time step of {1000 * step_s:g} ms{_reached(session)}"]
+        case TrialRecord() as again:
+            return [f"accuracy: repeated in {again.name}{_reached(session)}"]
     if found is not None and spec.uncertainty_text:
-        return [f"accuracy: ± {in_cm(spec.uncertainty_m)} by the simulation's time step"]
+        return [f"{uncertain} the simulation's time step{_reached(session)}"]
     if settled is None:
         return []
     chance, target = 100 * settled["chance"], in_cm(settled["target_m"])

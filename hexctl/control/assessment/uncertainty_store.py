@@ -22,7 +22,7 @@ UNCERTAINTIES = "uncertainty.yaml"
 #: the square root of 2, for two normally distributed ends.
 DISTINCT = 2.8
 
-#: Time step of the walks that confirm the end of a gait, in s.
+#: Time step of trimmed walks, and of walks that confirm the end of a gait, in s.
 CONFIRM_STEP_S = 0.0005
 
 #: Fields of a world that belong to the computation: no measurement is lent across different values.
@@ -108,6 +108,13 @@ class _Entry(BaseModel):
         return same_walks and self.world == world
 
     @property
+    def confirming(self) -> "_Entry":
+        """The measurement at the time step of walks that confirm."""
+        world = self.world.model_copy(update={"time_step_s": CONFIRM_STEP_S})
+        finer = {"world": world, "step_m": self.confirmed_m, "confirmed_m": None}
+        return self.model_copy(update={**finer, "low_m": None, "high_m": None})
+
+    @property
     def uncertainty(self) -> SimulationUncertainty:
         return SimulationUncertainty(
             step_m=self.step_m,
@@ -136,11 +143,13 @@ def known_uncertainty(
 ) -> SimulationUncertainty | None:
     """Uncertainty of a robot's walks as measured before, or None; world None is flat.
 
-    The measurement with the most walks counts. Another world borrows (`borrowed`) the value of the flat world
+    The measurement with the most walks counts. At the time step `CONFIRM_STEP_S` it is the one of walks that
+    confirm. Another world borrows (`borrowed`) the value of the flat world
     with its time step, friction cone and solver tolerance. Raises InputError for a damaged file.
     """
     model, place = as_robot(robot), as_world(world)
-    entries = [*_entries(Path(folder) / UNCERTAINTIES), *_entries(config_root() / UNCERTAINTIES)]
+    measured = [*_entries(Path(folder) / UNCERTAINTIES), *_entries(config_root() / UNCERTAINTIES)]
+    entries = [*measured, *(entry.confirming for entry in measured if entry.confirmed_m is not None)]
     for measured_in in (place, _flat_like(place)):
         fitting = [entry for entry in entries if entry.is_for(model, measured_in, duration_s)]
         if fitting:

@@ -11,7 +11,7 @@ import pytest
 from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH, make_simulation
-from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.sim.world import World, load_world, with_step, without_step
 from hexctl.control.guard import Guard
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
@@ -104,6 +104,16 @@ def test_a_bad_value_is_refused_with_file_and_key(key: str, tmp_path: Path) -> N
 def test_a_world_whose_values_contradict_is_refused(text: str, named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
         load_world(_written(text, tmp_path))
+
+
+def test_a_name_may_have_a_time_step() -> None:
+    for name in ("slope", "real:7", "transfer:500"):
+        assert load_world(f"{name}@0.5ms") == load_world(name).model_copy(update={"time_step_s": 0.0005})
+    assert with_step("real:7", 0.0005) == with_step("real:7@0.5ms", 0.002) == "real:7@0.5ms"
+    assert without_step("real:7@0.5ms") == without_step("real:7") == "real:7"
+    for name, words in (("flat@3ms", "time_step_s: got 0.003"), ("flt@1ms", "did you mean 'flat'")):
+        with pytest.raises(InputError, match=words):
+            load_world(name)
 
 
 def test_an_unknown_world_lists_the_known_ones() -> None:
@@ -414,6 +424,13 @@ def test_a_world_with_sensor_faults_is_read_as_it_was_written() -> None:
 
 
 @pytest.mark.long
+def test_trials_of_a_world_are_alike_without_noise_and_losses() -> None:
+    rough = World(roughness_m=0.02, joint_offset_deg=1.0)
+    assert rough.repeats
+    for change in ({"sensor_noise": SensorNoise(yaw_deg=0.1)}, {"lost_commands": 0.01}, {"lost_poses": 0.01}):
+        assert not rough.model_copy(update=change).repeats
+
+
 def test_a_world_knows_whether_its_simulation_depends_on_the_seed() -> None:
     """The prior listed such quantities by hand; one that was forgotten had the same draw in each world."""
     assert CHANGED.keys() == World.model_fields.keys(), "each quantity needs an example"
