@@ -11,6 +11,7 @@ from hexctl.backends.robot_options import FAILURE, RecordedOptions
 from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.assessment.leg_sets import doubt, leg_set
 from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
+from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor.recovery import MOST_RECOVERED, RecoveryPolicy, default_policy, make_policy
 from hexctl.control.trial_plan import (
     AUTO_ROTATION,
@@ -25,6 +26,7 @@ from hexctl.control.trial_plan import (
     suited_rotation,
 )
 from hexctl.control.walk_options import WalkOptions
+from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.errors import InputError, UnusedError, argument
 from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import (
@@ -50,6 +52,9 @@ from hexctl.robot.failure_grammar import (
     read_healings,
 )
 from hexctl.robot.model import Robot
+
+#: Options that cannot be combined with `fast`.
+FAST_CHOOSES = ("pace_hz", "amplitude", "swing_share", "turn_rate_rad_s")
 
 
 def _shift(text: str) -> tuple[float, float]:
@@ -103,6 +108,11 @@ class RunSpec(RecordedOptions, WalkOptions):
 
     swing_share: Annotated[float | None, SWING, RARE] = None
     """How long a foot is in the air, as a fraction of the cycle, {}. (default: 1/3)"""
+
+    fast: bool = False
+    """Walk straight as fast as the servos follow: at the pace, step length and, with --gait auto and a failed
+    leg, swing share that its joints allow. (default: at the robot's pace)
+    """
 
     then: Annotated[Sequence[str], RARE] = ()
     """Change the gait in stride, to one that --gait takes, such as wave@10: from 10 s on; may be given
@@ -202,6 +212,8 @@ class RunSpec(RecordedOptions, WalkOptions):
             check_options(self.backend, names={"events": _option_of(event)}, events=str(event))
         names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
         steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
+        self._check_fast()
+        steps["fast"] = self.fast or None
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
             if value is not None:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
@@ -240,6 +252,13 @@ class RunSpec(RecordedOptions, WalkOptions):
         if self.record is not None:
             probe_file(Path(self.record))
 
+    def _check_fast(self) -> None:
+        """Raise UnusedError for options that `fast` chooses or excludes."""
+        for name in FAST_CHOOSES if self.fast else ():
+            if (value := getattr(self, name)) is not None:
+                allowed = f"allowed: without {argument('fast')}"
+                raise UnusedError(f"{argument(name)}: got {value:g}; {allowed}", field=name)
+
 
 def _option_of(event: FailureEvent) -> str:
     return "heal" if event.failure is None else "failure"
@@ -266,6 +285,8 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
     if spec.gait == AUTO:
         _check_recoverable(plan, robot)
         plan = replace(plan, gait=auto_gait(robot, plan, stand_up=stand_up))
+    if spec.fast:
+        plan = replace(plan, gait=_fast(spec, robot, plan))
     check_tucked(robot, plan)
     return replace(plan, changes=_changes_of(spec.then, robot, plan, stand_up=stand_up))
 
@@ -295,6 +316,19 @@ def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
     )
     swing_share = SWING_SHARE if spec.swing_share is None else spec.swing_share
     return replace(gait, posture=posture, swing_share=swing_share)
+
+
+def _fast(spec: RunSpec, robot: Robot, plan: TrialPlan) -> Gait:
+    heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
+    gaits = fast_gaits(
+        robot, plan.gait, heading_rad=heading_rad, lost=plan.failed_legs, reorder=spec.gait == AUTO
+    )
+    if not gaits:
+        raise InputError(
+            f"{argument('fast')}: got it, and the servos of {robot.name} do not carry this gait at any pace; "
+            "allowed: without; hexctl check says which joint is too weak"
+        )
+    return gaits[0]
 
 
 def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:

@@ -144,7 +144,7 @@ def _gait_text(gait: dict[str, Any]) -> str:
     named = gait["name"] not in (slots, str(gait["code"]))
     code = "" if gait["code"] is None else f", code {gait['code']}"
     then = "".join(f", then {change}" for change in gait.get("then", []))
-    slots = f"{'a crawl, ' if gait.get('phases') else ''}slots {slots}"
+    slots = f"{'evenly spread, ' if gait.get('phases') else ''}slots {slots}"
     return (f"{gait['name']} ({slots}{code})" if named else f"{slots}{code}") + then
 
 

@@ -1,13 +1,8 @@
 """The stance width for five legs: the drive that the servos need there, over stance widths.
 
-Without a leg its neighbours carry up to twice the load, and the lever of a joint grows with the width. A
-motor holds the static torque tau of its joint, overcomes its dry friction and its back-EMF b w at the joint
-speed w, and needs the share of its stall torque
-
-    u = |tau + tau_dry sign(w) + b w| / tau_stall
-
-of its drive. With u above 1 the joint does not follow, and the body sinks. The proposed width is the one of
-the robot if u stays below 1 on any five legs, else the widest one at which it does.
+Without a leg its neighbours carry up to twice the load, and the lever of a joint grows with the width. With
+a drive above 1 (`JointPath`) a joint does not follow, and the body sinks. The proposed width is the one of
+the robot if the drive stays below 1 on any five legs, else the widest one at which it does.
 """
 
 import math
@@ -15,20 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from hexctl.control.assessment.crawl import gait_without
+from hexctl.control.assessment.joint_path import JointPath
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
-from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import Gait, Motion
-from hexctl.ik.legs import legs_that_reach, solve_legs
-from hexctl.ik.statics import static_load
 from hexctl.robot.model import Robot, in_stance_of
-from hexctl.types import N_LEGS, FloatArray
+from hexctl.types import N_LEGS
 
-#: Points of a gait cycle, and directions of travel: bodies are symmetric.
-POINTS, HEADINGS_RAD = 36, (0.0, math.pi / 2)
+#: Directions of travel: bodies are symmetric.
+HEADINGS_RAD = (0.0, math.pi / 2)
 
 #: Widths of the search, as shares of the robot's.
 SHARES = tuple(0.98 - 0.02 * step for step in range(25))
@@ -110,19 +101,9 @@ def _drive_at(robot: Robot, walks: Walks, width_m: float) -> float:
 
 def _drive(robot: Robot, walks: Walks) -> float:
     """Largest share of a servo's drive over the cycles of some walks; inf if they cannot carry the robot."""
-    feet = np.stack([_feet(robot, gait, motion) for gait, motion in walks])  # (walks, points, 6, 3)
-    spacing_m = np.linalg.norm(feet - np.roll(feet, -1, axis=-2), axis=-1)
-    if spacing_m.min() < 2 * robot.foot_radius_m or not legs_that_reach(robot, feet).all():
-        return math.inf
-    joints = solve_legs(robot, feet).joint_positions_rad
-    paces_hz = np.array([gait.pace_hz for gait, _ in walks])[:, np.newaxis, np.newaxis]
-    speed_rad_s = POINTS * paces_hz * (np.roll(joints, -1, axis=1) - np.roll(joints, 1, axis=1)) / 2
-    load = static_load(robot, joints)
-    moving_nm = robot.dry_friction_nm * np.sign(speed_rad_s) + robot.back_emf_nm_s_per_rad * speed_rad_s
-    shares = np.abs(load.torques_nm + moving_nm) / robot.joint_max_torque_nm
-    return float(shares.max()) if load.balanced.all() else math.inf
-
-
-def _feet(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
-    time_s = RAMP_DURATION_S + (np.arange(POINTS) + 0.5) / (POINTS * gait.pace_hz)
-    return gait_feet_body(robot, gait, motion, time_s)
+    most = 0.0
+    for gait, motion in walks:
+        if (path := JointPath.of(robot, gait, motion)) is None:
+            return math.inf
+        most = max(most, path.drive(gait.pace_hz))
+    return most
