@@ -40,9 +40,10 @@ class AdaptOptions(RobotOptions):
     """Most trials to walk, {}."""
 
     optimizer: Annotated[Any, Typed(words="optimizers")] = None
-    """What chooses the next gait: trim (straightens one gait by its paths, see --trim), bayes (knows
-    simulated worlds), random, exhaustive, or one of the paper's pso, psosp, dps, debest, derand; or
-    package.module:Class. (default: trim, else bayes if a prior fits, else random)
+    """What chooses the next gait: trim (straightens one gait by its paths, see --trim), strides (pace, step
+    length and swing share within the servos' limits, then codes), bayes (knows simulated worlds), random,
+    exhaustive, or one of the paper's pso, psosp, dps, debest, derand; or package.module:Class. (default:
+    trim; strides for speed and cost; else bayes if a prior fits, else random)
 
     In Python also a class.
     """

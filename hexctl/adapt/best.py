@@ -14,6 +14,7 @@ from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
+from hexctl.control.assessment.top_speed import STRIDE, Stride
 from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, argument
@@ -158,7 +159,23 @@ def _of_session(
         source = f"gait {best.gait}, as good as any trial of the session {session.name}"
     else:
         source = f"gait {best.code}, trial {best.index} of the session {session.name}"
-    return BestGait(spec=_walk_with(spec, gait, body_raise, rotation), source=source), best.result
+    walk = _walk_with(spec, gait, body_raise, rotation)
+    if best.stride is not None:
+        walk = _with_stride(walk, robot, best.stride, failure)
+        source += f", at {best.stride.pace_hz:g} Hz"
+    return BestGait(spec=walk, source=source), best.result
+
+
+def _with_stride(spec: RunSpec, robot: Robot, stride: Stride, failure: Failure) -> RunSpec:
+    """A walk with the stride of a trial, except for what its own options say."""
+    own = {name: getattr(spec, name) for name in STRIDE if getattr(spec, name) is not None}
+    gait = make_gait(robot, cast(Slots, spec.gait), height=spec.height)
+    gait = replace(gait, posture=Posture(body_raise=spec.body_raise or 0.0))
+    return replace(
+        spec,
+        gait=replace(stride, **own).applied(gait, (failure.leg,)),
+        **dict.fromkeys((*STRIDE, "height", "body_raise")),
+    )
 
 
 def _with_trim(found: BestGait, walk: TrialResult) -> BestGait:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, check_type
@@ -25,10 +26,17 @@ TRIM_DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Trim:
-    """Correction of a walk, counter-clockwise: of its course, and in open loop of its turn rate."""
+    """What a trial changes of a walk besides its code.
+
+    Attributes:
+        course_rad: correction of its course, counter-clockwise.
+        turn_rad_s: in open loop, correction of its turn rate.
+        stride: in place of the robot's; None keeps that.
+    """
 
     course_rad: float = 0.0
     turn_rad_s: float = 0.0
+    stride: Stride | None = None
 
     @classmethod
     def rounded(cls, course_deg: float | None, turn_deg_s: float | None) -> "Trim":
@@ -182,7 +190,7 @@ class Optimizer(ABC):
         return
 
     def trim(self, code: int) -> Trim | None:
-        """Trim of the next walk of a gait; None from searches that do not trim."""
+        """Trim of the next walk of a gait; None from searches that change only gaits."""
         return None
 
     def predict(self, code: int) -> Prediction | None:

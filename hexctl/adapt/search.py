@@ -12,7 +12,7 @@ from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer, name_of
-from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
 from hexctl.adapt.prior.prior_files import prior_folders
 from hexctl.adapt.sessions.search_session import Session
@@ -32,6 +32,9 @@ from hexctl.errors import InputError, UnusedError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.loader import load_robot
+
+#: Objectives for which strides are searched.
+OF_STRIDES = ("speed", "cost")
 
 #: Packages that decide how trials end.
 PACKAGES = ("hexctl", "mujoco", "numpy")
@@ -56,13 +59,16 @@ def new_spec(
     options = AdaptOptions(**asked)
     measure, free = as_objective(options.objective), options.optimizer is None
     spec = _with_trim(_with_target(_spec_of(options, measure), options.target), free=free)
+    spec = _with_strides(spec, free=free and options.prior is None)
     check_numbers(spec)
     _check_options(spec, measure)
-    if spec.optimizer not in (BAYES, TRIM):
+    if spec.optimizer not in (BAYES, STRIDES, TRIM):
         make_optimizer(options.optimizer or spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
     spec, setting = _in_its_setting(spec, options.body_raise)
     if options.uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
+    if spec.optimizer == STRIDES:
+        return spec
     prior = None if options.prior is None else str(options.prior)
     return choose_prior(
         spec, setting, prior, free=free, folders=prior_folders(folder), note=note, advice=advice
@@ -209,6 +215,21 @@ def _with_trim(spec: SessionSpec, *, free: bool) -> SessionSpec:
         spec = replace(spec, world=with_step(spec.world, CONFIRM_STEP_S))
     known = spec.target_m is not None or spec.target_share is not None
     return spec if known else replace(spec, target_m=DEFAULT_TARGET_M)
+
+
+def _with_strides(spec: SessionSpec, *, free: bool) -> SessionSpec:
+    """Spec of a search of strides, the default for fast or cheap walks along a held line."""
+    of_codes = spec.early_stop or spec.count_repeats or spec.worth_m is not None
+    steered = spec.objective in OF_STRIDES and spec.hold != "none"
+    if free and steered and not of_codes:
+        return replace(spec, optimizer=STRIDES)
+    if spec.optimizer == STRIDES and (of_codes or not steered):
+        raise InputError(
+            f"{argument('optimizer')}: got {STRIDES} with {argument('objective')} {spec.objective} and "
+            f"{argument('hold')} {spec.hold}; allowed: with {' or '.join(OF_STRIDES)} along a held line, "
+            f"without {argument('early_stop')}, {argument('count_repeats')} and {argument('worth_m')}"
+        )
+    return spec
 
 
 def _check_options(spec: SessionSpec, objective: Objective) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.optimizer import Trim
-from hexctl.adapt.optimizers.shipped import BAYES, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, STRIDES, TRIM
 from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_files import check_prior
 from hexctl.adapt.prior.samples import covering
@@ -67,6 +67,8 @@ class Setting:
         plan = replace(self.plan, gait=replace(self.plan.gait, slots=slots))
         if trim is None:
             return plan
+        if trim.stride is not None:
+            return replace(plan, gait=trim.stride.applied(plan.gait, plan.failed_legs))
         turn_rad_s = trim.turn_rad_s if plan.hold == "none" else None
         return replace(plan, trim_rad=trim.course_rad, turn_trim_rad_s=turn_rad_s)
 
@@ -156,7 +158,7 @@ def baseline_note(spec: SessionSpec) -> str | None:
 def budget_note(spec: SessionSpec) -> str | None:
     """Note that a budget is larger than the number of gaits that are walked once each, or None."""
     gaits = GaitSpace((spec.broken.leg,)).size
-    if spec.optimizer in (BAYES, TRIM) or spec.count_repeats or spec.budget - spec.confirm <= gaits:
+    if spec.optimizer in (BAYES, TRIM, STRIDES) or spec.count_repeats or spec.budget - spec.confirm <= gaits:
         return None
     confirming = f" and {spec.confirm} to confirm" if spec.confirm else ""
     most = f"{gaits}{confirming} are walked: there are {gaits} gaits"

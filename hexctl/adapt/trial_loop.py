@@ -262,6 +262,7 @@ class AdaptLoop:
             score=score,
             margin_m=self._margin_m(slots),
             **_stored(walked),
+            stride=None if trim is None else trim.stride,
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),
         )

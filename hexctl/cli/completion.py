@@ -73,9 +73,9 @@ def _backends() -> Iterable[str]:
 
 
 def _optimizers() -> Iterable[str]:
-    from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
+    from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
 
-    return [BAYES, TRIM, *OPTIMIZERS]
+    return [BAYES, STRIDES, TRIM, *OPTIMIZERS]
 
 
 def _objectives() -> Iterable[str]:

@@ -3,13 +3,17 @@
 from collections.abc import Callable
 
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.plugins import load_named
 from hexctl.typed_names import nearest
 
-_CLASSES = {"hexctl.adapt.optimizers.bayes:Bayes": BAYES, "hexctl.adapt.optimizers.trim:TrimSearch": TRIM}
+_CLASSES = {
+    "hexctl.adapt.optimizers.bayes:Bayes": BAYES,
+    "hexctl.adapt.optimizers.trim:TrimSearch": TRIM,
+    "hexctl.adapt.optimizers.strides:StrideSearch": STRIDES,
+}
 
 
 def name_of(optimizer: OptimizerChoice) -> str:
@@ -43,17 +47,17 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
             f"{argument('optimizer')}: got {BAYES} without a prior; allowed: {', '.join(OPTIMIZERS)} "
             f"({BAYES} with hexctl adapt and hexctl study --transfer)"
         )
-    if name == TRIM:
+    if name in (TRIM, STRIDES):
         raise InputError(
-            f"{argument('optimizer')}: got {TRIM} outside of a session; allowed: {', '.join(OPTIMIZERS)} "
-            f"({TRIM} with hexctl adapt)"
+            f"{argument('optimizer')}: got {name} outside of a session; allowed: {', '.join(OPTIMIZERS)} "
+            f"({name} with hexctl adapt)"
         )
     if ":" in name:
         return _own(name)(space, seed)
     raise InputError(
         f"{argument('optimizer')}: got {name!r}; allowed: {BAYES} (with a prior), {', '.join(OPTIMIZERS)}, "
-        f"{TRIM} (with hexctl adapt), "
-        f"or package.module:Class for your own Optimizer{nearest(name, (BAYES, *OPTIMIZERS, TRIM))}"
+        f"{TRIM} and {STRIDES} (with hexctl adapt), "
+        f"or package.module:Class for your own Optimizer{nearest(name, (BAYES, *OPTIMIZERS, STRIDES, TRIM))}"
     )
 
 

@@ -40,5 +40,8 @@ OPTIMIZERS: "Mapping[str, type[Optimizer]]" = _Shipped(
 #: Needs a prior, so that `hexctl.adapt.sessions.session_optimizer` makes it.
 BAYES = "bayes"
 
+#: Walks the strides that the servos of a robot hold, so that it is made there too.
+STRIDES = "strides"
+
 #: Needs walks that hold their heading and a robot whose gaits are ranked, so that it is made there too.
 TRIM = "trim"

@@ -13,7 +13,7 @@ import numpy as np
 
 from hexctl.adapt.optimizer import NINETY_PERCENT, Prediction
 from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_lines import DAMAGE
 from hexctl.adapt.sessions.session_optimizer import make_search
@@ -67,7 +67,7 @@ def _without(spec: SessionSpec) -> str:
         return "with this objective bayes expects scores and not ends of walks, which are not shown"
     if spec.optimizer == TRIM:
         return "trim expects each trimmed gait to end on its line, give or take its noise"
-    if spec.optimizer in OPTIMIZERS:
+    if spec.optimizer in (STRIDES, *OPTIMIZERS):
         return f"{spec.optimizer} expects nothing of gaits that it has not walked"
     return f"what {spec.optimizer} expects of the gaits is not known here"
 

@@ -1,5 +1,7 @@
 """The optimizer of a session, by its spec and prior."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from hexctl.adapt.arena import body_heading_rad
@@ -8,7 +10,8 @@ from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.score_bayes import REAL_NOISE, SIMULATED_NOISE, WORTH, ScoreBayes
-from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.adapt.optimizers.shipped import STRIDES, TRIM
+from hexctl.adapt.optimizers.strides import StrideSearch
 from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.prior.prior import Prior, ScorePrior
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, noise_m
@@ -17,6 +20,7 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
 from hexctl.control.assessment.static_stability import slots_by_stability
+from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.robot.model import Robot
 
@@ -28,14 +32,19 @@ def make_search(
     prior: Prior | ScorePrior | None,
     optimizer: OptimizerClass | None = None,
 ) -> Optimizer:
-    """Fresh optimizer of a session: `trim`, `bayes` with a prior, else the one in its spec.
+    """Fresh optimizer of a session: `trim`, `strides`, `bayes` with a prior, else the one in its spec.
 
     `optimizer` is its class, if it cannot be imported by the name in the spec.
     """
     space = GaitSpace((spec.broken.leg,))
-    if spec.optimizer == TRIM:
-        heading_rad = body_heading_rad(plan, robot)
+    heading_rad = body_heading_rad(plan, robot)
+    if spec.optimizer in (TRIM, STRIDES):
         ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
+    if spec.optimizer == STRIDES:
+        gait = replace(plan.gait, slots=ranked[0])
+        fast = fast_gaits(robot, gait, heading_rad=heading_rad, lost=plan.failed_legs, reorder=True)
+        return StrideSearch(space, spec.seed, gaits=fast, ranked=ranked)
+    if spec.optimizer == TRIM:
         known = drift_samples_of(prior, robot, spec.broken.leg) if isinstance(prior, Prior) else None
         return TrimSearch(
             space,

@@ -7,6 +7,7 @@ from typing import Any
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import BASELINE_GAITS
+from hexctl.control.assessment.top_speed import STRIDE
 from hexctl.control.trial_result import QUALITIES
 from hexctl.errors import InputError, MissingExtraError, is_of_disk
 from hexctl.files import OnDamage, log_damage
@@ -24,6 +25,7 @@ LAST_COLUMNS = (
     "trim_deg",
     "turn_trim_deg_s",
     "margin_m",
+    *STRIDE,
 )
 
 #: Fields of `SessionSpec` that come last in an exported row.
@@ -55,6 +57,7 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         expected = values.pop("expected") or {}
         values |= {f"expected_{name}": expected.get(name) for name in EXPECTED}
         values["slots"] = " ".join(str(slot) for slot in trial.slots)
+        values |= values.pop("stride") or dict.fromkeys(STRIDE)
         values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
         head = {"session": session.name, "optimizer": spec["optimizer"], "failed_leg": spec["failed_leg"]}
         asked = {name: spec[name] for name in ASKED_COLUMNS}

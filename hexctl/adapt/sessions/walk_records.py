@@ -1,6 +1,6 @@
 """Stored walks of a session: trials, the baseline, and confirmations of a gait."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Trim
+from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
 from hexctl.gait.gait import AUTO
 from hexctl.types import N_LEGS
@@ -91,6 +92,7 @@ class WalkRecord:
         path_m: progress and signed deviation along the walk, five points a second.
         recording: path of the recording, or None.
         margin_m: minimum static stability margin of its gait over a cycle; None if unknown.
+        stride: in place of the robot's; None for that.
     """
 
     slots: Annotated[tuple[int, ...], Field(min_length=N_LEGS, max_length=N_LEGS)]
@@ -99,11 +101,13 @@ class WalkRecord:
     path_m: list[_Point]
     recording: str | None
     margin_m: float | None = None
+    stride: Stride | None = None
 
     @property
     def trim(self) -> Trim:
         """Trim of the walk; of none without one."""
-        return Trim.rounded(self.outcome["trim_deg"], self.outcome["turn_trim_deg_s"])
+        trim = Trim.rounded(self.outcome["trim_deg"], self.outcome["turn_trim_deg_s"])
+        return replace(trim, stride=self.stride)
 
     @property
     def result(self) -> TrialResult:
@@ -150,6 +154,7 @@ class WalkRecord:
             "turn_trim_deg_s": outcome["turn_trim_deg_s"],
             "walked_s": outcome["duration_s"],
             "margin_m": None if self.margin_m is None else round(self.margin_m, 4),
+            "stride": None if self.stride is None else asdict(self.stride),
         }
 
 

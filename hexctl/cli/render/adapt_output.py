@@ -16,7 +16,7 @@ from rich.text import Text
 from hexctl.adapt.objectives import Objective
 from hexctl.adapt.optimizer import TRIM_DIGITS
 from hexctl.adapt.optimizers.bayes import SURE
-from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.adapt.optimizers.shipped import STRIDES, TRIM
 from hexctl.adapt.runner import LegFailedError
 from hexctl.adapt.search_progress import CONFIRMATION_WALKS, SearchBar
 from hexctl.adapt.sessions.comparison import scores_without_search
@@ -122,6 +122,7 @@ def header_line(session: Session) -> str:
     """Names of the columns."""
     trim = f"{'trim':>9}" if _trims(session.spec) else ""
     trim += f"{'turn':>11}" if trim and session.spec.hold == "none" else ""
+    trim += f"{'pace Hz':>9}{'step':>8}{'in air':>9}" if session.spec.optimizer == STRIDES else ""
     score = "" if session.spec.objective == "final" else f"{'score':>10}"
     return f"walk   gait  {'slots':<11}  {'end':>13}  {'distance':>8}{score}{trim}  status"
 
@@ -238,7 +239,11 @@ def _status(walk: WalkRecord) -> str:
 
 
 def _trim(spec: SessionSpec, walk: WalkRecord) -> str:
-    """Columns of the trim; empty for a walk without one."""
+    """Columns of the trim or the stride; empty for a walk without one."""
+    if (stride := walk.stride) is not None:
+        return f"{stride.pace_hz:>9.2f}{stride.amplitude:>8.3f}{100 * stride.swing_share:>7.0f} %"
+    if spec.optimizer == STRIDES:
+        return f"{'-':>9}{'-':>8}{'-':>7}  "
     if not _trims(spec):
         return ""
     trim_deg, turn_deg_s = (walk.outcome[name] for name in ("trim_deg", "turn_trim_deg_s"))
@@ -435,14 +440,14 @@ def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
     asked, failure = option_of(spec.broken)
     chosen = {
         asked.replace("_", "-"): failure,
-        "gait": _gait_option(walk),
+        "gait": _gait_option(walk) if walk.stride is None else f"best:{session.name}",
         **_course_options(session, walk),
     }
     where = ("backend", "robot", "world", "seed", "connect", "link")
     unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != usual[name]}
     options = {
         **chosen,
-        "body-raise": f"{spec.body_raise:g}" if spec.body_raise else None,
+        "body-raise": f"{spec.body_raise:g}" if spec.body_raise and walk.stride is None else None,
         "self-rotation": spec.self_rotation,
         **unusual,
         "keys": spec.credentials,
