@@ -12,6 +12,7 @@ from benchmarks.search_gain import (
     OPEN_LOOP,
     OPEN_LOOP_PRIOR,
     OpenLoop,
+    fast_lines,
     lines_of,
     losses,
     open_loop_lines,
@@ -107,3 +108,11 @@ def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
     assert one.confirmed == 5
     assert [one.best_m(walks) for walks in (1, 2)] == pytest.approx([0.31, 0.02])
     assert open_loop_lines([one])[-1] == "confirmed: 100%, after 5 walks (median)"
+
+
+def test_fast_walks_are_compared_world_by_world() -> None:
+    usual = [replace(result_of(0.01), distance_m=way_m) for way_m in (1.0, 1.0, 2.0, 2.0, 2.0, 2.0)]
+    fast = [replace(one, distance_m=1.5 * (one.distance_m or 0.0), clipped_ticks=3) for one in usual]
+    lines = fast_lines(usual, fast)
+    assert lines[0] == "speed over the usual: 1.50 ± 0.00"
+    assert lines[2].startswith("fast: 0 of 6 not ok, 3.0 clipped")
