@@ -174,7 +174,11 @@ def _with_stride(spec: RunSpec, robot: Robot, stride: Stride, failure: Failure) 
     return replace(
         spec,
         gait=replace(stride, **own).applied(gait, (failure.leg,)),
-        **dict.fromkeys((*STRIDE, "height", "body_raise")),
+        pace_hz=None,
+        amplitude=None,
+        swing_share=None,
+        height=None,
+        body_raise=None,
     )
 
 

@@ -41,8 +41,8 @@ class Trim:
     @classmethod
     def rounded(cls, course_deg: float | None, turn_deg_s: float | None) -> "Trim":
         """Trim of degrees, 0 for None, rounded so that a command line repeats it exactly."""
-        angles = (math.radians(round(degrees or 0.0, TRIM_DIGITS)) for degrees in (course_deg, turn_deg_s))
-        return cls(*angles)
+        course, turn = (round(degrees or 0.0, TRIM_DIGITS) for degrees in (course_deg, turn_deg_s))
+        return cls(math.radians(course), math.radians(turn))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,6 +1,7 @@
 """Strides: a table of paces, amplitudes and swing shares, then codes with the best of them."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.setting import load_setting
+from hexctl.control.assessment.top_speed import Stride
 from hexctl.errors import InputError
 from hexctl.runs.run_spec import RunSpec, plan_of
 from hexctl.testing.optimizer_conformance import ONE_FAILED, Make, OptimizerConformance
@@ -35,7 +37,7 @@ def test_the_best_of_the_table_walks_more_slowly_and_then_with_other_orders_of_t
     spec = new_spec(failed_leg=5, objective="speed")
     setting = load_setting(spec)
     search = make_search(spec, setting.robot, setting.plan, None)
-    strides = []
+    strides: list[Stride] = []
     while not search.exhausted:
         if len(strides) == 9:  # a search that goes on from its state
             state, search = search.state(), make_search(spec, setting.robot, setting.plan, None)
@@ -52,8 +54,9 @@ def test_the_best_of_the_table_walks_more_slowly_and_then_with_other_orders_of_t
 
 
 @pytest.mark.parametrize("given", [{"prior": "none"}, {"hold": "none"}, {"objective": "tilt"}], ids=str)
-def test_other_searches_walk_at_the_pace_of_the_robot(given: dict[str, str]) -> None:
-    assert new_spec(failed_leg=5, **{"objective": "speed", **given}).optimizer != "strides"
+def test_other_searches_walk_at_the_pace_of_the_robot(given: dict[str, Any]) -> None:
+    asked = {"objective": "speed", **given}
+    assert new_spec(failed_leg=5, **asked).optimizer != "strides"
 
 
 def test_strides_without_a_held_line_are_refused() -> None:
