@@ -122,8 +122,13 @@ def two_up(robot: Robot, gait: Gait, *, heading_rad: float) -> Gait:
     Phases are i/n and the swing share is 2/n. With five legs, swings take a fifth longer than in a code, and
     three feet always stand; in a code with this swing share sometimes only two do.
     """
-    share = 2 / len(_walking(gait))
-    return _spread(robot, gait, heading_rad, share, np.array([gait.posture.shift]) * robot.size_m)
+    return _two_up(robot, gait, round(heading_rad / DIRECTION_STEP_RAD))
+
+
+@lru_cache(maxsize=1024)
+def _two_up(robot: Robot, gait: Gait, direction: int) -> Gait:
+    share, shift_m = 2 / len(_walking(gait)), np.array([gait.posture.shift]) * robot.size_m
+    return _spread(robot, gait, DIRECTION_STEP_RAD * direction, share, shift_m)
 
 
 def _walking(gait: Gait) -> list[int]:

@@ -11,11 +11,12 @@ import numpy as np
 
 from hexctl.control.assessment.crawl import REACH_POINTS, gait_without
 from hexctl.control.assessment.static_stability import DIRECTION_STEP_RAD, STAND_UP
+from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor.repertoire import SAFEST, Repertoire, walks_on
 from hexctl.control.monitor.repertoire_store import find_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
-from hexctl.gait.gait import PACE_HZ, Gait, Motion
+from hexctl.gait.gait import PACE_HZ, SWING_SHARE, Gait, Motion
 from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -66,7 +67,8 @@ class Response:
         if self.gait is None or self.stays:
             return "walked on"
         slots = f"slots {','.join(map(str, self.gait.slots))}"
-        return f"changed to {slots}" if self.gait.phases is None else f"changed to a crawl, {slots}"
+        crawls = self.gait.phases is not None and self.gait.swing_share < SWING_SHARE
+        return f"changed to {'a crawl, ' if crawls else ''}{slots}"
 
 
 class RecoveryPolicy(ABC):
@@ -105,8 +107,8 @@ class StopWalking(RecoveryPolicy):
 class GlideToStableGait(RecoveryPolicy):
     """Glides to the best gait for the intact legs: by the repertoire, else the most stable one.
 
-    That is `gait_without`, or a faster gait in the repertoire. With three lost legs it stops. The course
-    stays.
+    That is `gait_without`, or a faster gait in the repertoire. A walk faster than the robot's own continues
+    as fast as the servos of five legs hold. With three lost legs it stops. The course stays.
 
     Args:
         repertoire: `auto` finds the robot's, in `runs/repertoires` or shipped; None uses no repertoire.
@@ -142,7 +144,6 @@ class GlideToStableGait(RecoveryPolicy):
         if faster is not None and faster.stays:
             return faster
         response = faster or Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
-        response = replace(response, gait=_at_speed(plan, response.gait))
         return _sunk_over(robot, plan, heading_body_rad, failures, response)
 
     def _covering(self, robot: Robot, plan: TrialPlan) -> Repertoire | None:
@@ -157,7 +158,7 @@ class GlideToStableGait(RecoveryPolicy):
             return None
         faster = f"{choice.gain:.0%} of the speed faster than the safest gait"
         if not walks_on(choice.candidate, plan.gait):
-            gait = choice.candidate.gait(plan.gait)
+            gait = _at_speed(plan, choice.candidate.gait(plan.gait))
             return Response(gait=gait, why=f"{faster} in {choice.walks} walks")
         legs = " and ".join(str(leg) for leg in sorted({one.leg for one in failures}))
         why = f"{faster} without leg {legs} in {choice.walks} walks"
@@ -168,13 +169,33 @@ class GlideToStableGait(RecoveryPolicy):
         posture = plan.gait.posture
         raised = replace(posture, body_raise=posture.body_raise or STAND_UP)
         lost = tuple(sorted({*plan.failed_legs, *legs}))
-        gait = replace(plan.gait, posture=raised)
-        return gait_without(robot, gait, heading_rad=heading_body_rad, legs=lost)
+        gait = gait_without(
+            robot, replace(plan.gait, posture=raised), heading_rad=heading_body_rad, legs=lost
+        )
+        return _held(robot, plan, heading_body_rad, gait) or _at_speed(plan, gait)
 
 
-def _at_speed(plan: TrialPlan, gait: Gait | None) -> Gait | None:
+def _held(robot: Robot, plan: TrialPlan, heading_body_rad: float, gait: Gait) -> Gait | None:
+    """In a walk faster than the robot's own, the gait on five legs that its servos hold, else None.
+
+    It is no faster than the plan.
+    """
+    own, asked = robot.gait, plan.gait
+    fast = asked.pace_hz * asked.amplitude > own.pace_hz * own.amplitude
+    if not fast or len(gait.posture.tucked_legs) != 1:
+        return None
+    base = replace(gait, amplitude=own.amplitude)
+    held = fast_gaits(robot, base, heading_rad=heading_body_rad, reorder=True)
+    if not held:
+        return None
+    speed_hz = asked.strokes_per_cycle * asked.amplitude * asked.pace_hz
+    pace_hz = speed_hz / (held[0].strokes_per_cycle * held[0].amplitude)
+    return replace(held[0], pace_hz=min(held[0].pace_hz, pace_hz))
+
+
+def _at_speed(plan: TrialPlan, gait: Gait) -> Gait:
     """A gait whose pace keeps the plan's speed: feet move more slowly in the longer stance of a crawl."""
-    if gait is None or gait.phases is None:
+    if gait.phases is None:
         return gait
     pace_hz = gait.pace_hz * plan.gait.strokes_per_cycle / gait.strokes_per_cycle
     return replace(gait, pace_hz=min(pace_hz, PACE_HZ.high))

@@ -7,6 +7,8 @@ import pytest
 
 from hexctl import Failure, TrialPlan, make_gait
 from hexctl.control.assessment import crawl
+from hexctl.control.assessment.joint_path import JointPath
+from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor import recovery
 from hexctl.control.monitor.posture_trial import PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
@@ -165,3 +167,17 @@ def test_a_repertoire_is_read_before_the_walk_only(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(recovery, "find_repertoire", None)
     assert policy.respond(shipped(), _plan(), 0.0, [STUCK]).stays
     assert not unprepared.respond(shipped(), _plan(), 0.0, [STUCK]).stays
+
+
+@pytest.mark.slow
+def test_a_fast_walk_continues_as_fast_as_the_servos_of_five_legs_hold_and_no_faster() -> None:
+    robot = shipped("phantomx")
+    fast = fast_gaits(robot, make_gait(robot, "tripod"), heading_rad=0.0)[0]
+    plan = TrialPlan(gait=fast, hold="line")
+    gait = GlideToStableGait(None).respond(robot, plan, 0.0, [GONE]).gait
+    assert gait is not None
+    assert gait.swing_share == 2 / 5
+    assert ideal_speed_m_s(robot, gait, Motion()) <= ideal_speed_m_s(robot, fast, Motion()) + 1e-9
+    path = JointPath.of(robot, gait, Motion())
+    assert path is not None
+    assert path.most_pace_hz > gait.pace_hz
