@@ -108,7 +108,7 @@ class GlideToStableGait(RecoveryPolicy):
     """Glides to the best gait for the intact legs: by the repertoire, else the most stable one.
 
     That is `gait_without`, or a faster gait in the repertoire. A walk faster than the robot's own continues
-    as fast as the servos of five legs hold. With three lost legs it stops. The course stays.
+    as fast as the servos of the other legs hold. With three lost legs it stops. The course stays.
 
     Args:
         repertoire: `auto` finds the robot's, in `runs/repertoires` or shipped; None uses no repertoire.
@@ -176,13 +176,12 @@ class GlideToStableGait(RecoveryPolicy):
 
 
 def _held(robot: Robot, plan: TrialPlan, heading_body_rad: float, gait: Gait) -> Gait | None:
-    """In a walk faster than the robot's own, the gait on five legs that its servos hold, else None.
+    """In a walk faster than the robot's own, the fastest variant of a gait that its servos hold, else None.
 
     It is no faster than the plan.
     """
     own, asked = robot.gait, plan.gait
-    fast = asked.pace_hz * asked.amplitude > own.pace_hz * own.amplitude
-    if not fast or len(gait.posture.tucked_legs) != 1:
+    if asked.pace_hz * asked.amplitude <= own.pace_hz * own.amplitude:
         return None
     base = replace(gait, amplitude=own.amplitude)
     held = fast_gaits(robot, base, heading_rad=heading_body_rad, reorder=True)

@@ -7,6 +7,7 @@ import pytest
 
 from hexctl import Failure, TrialPlan, make_gait
 from hexctl.control.assessment import crawl
+from hexctl.control.assessment.crawl import CRAWL_SWING
 from hexctl.control.assessment.joint_path import JointPath
 from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor import recovery
@@ -170,13 +171,16 @@ def test_a_repertoire_is_read_before_the_walk_only(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.slow
-def test_a_fast_walk_continues_as_fast_as_the_servos_of_five_legs_hold_and_no_faster() -> None:
+@pytest.mark.parametrize(("legs", "swing_share"), [((2,), 2 / 5), ((1, 2), CRAWL_SWING)])
+def test_a_fast_walk_continues_as_fast_as_the_servos_of_the_other_legs_hold_and_no_faster(
+    legs: tuple[int, ...], swing_share: float
+) -> None:
     robot = shipped("phantomx")
     fast = fast_gaits(robot, make_gait(robot, "tripod"), heading_rad=0.0)[0]
-    plan = TrialPlan(gait=fast, hold="line")
-    gait = GlideToStableGait(None).respond(robot, plan, 0.0, [GONE]).gait
+    failures = [Failure(leg=leg, kind="locked") for leg in legs]
+    gait = GlideToStableGait(None).respond(robot, TrialPlan(gait=fast, hold="line"), 0.0, failures).gait
     assert gait is not None
-    assert gait.swing_share == 2 / 5
+    assert gait.swing_share == swing_share
     assert ideal_speed_m_s(robot, gait, Motion()) <= ideal_speed_m_s(robot, fast, Motion()) + 1e-9
     path = JointPath.of(robot, gait, Motion())
     assert path is not None
