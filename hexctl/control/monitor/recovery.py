@@ -178,15 +178,14 @@ class GlideToStableGait(RecoveryPolicy):
 def _held(robot: Robot, plan: TrialPlan, heading_body_rad: float, gait: Gait) -> Gait | None:
     """In a walk faster than the robot's own, the fastest variant of a gait that its servos hold, else None.
 
-    It is no faster than the plan.
+    It is no faster than the plan. If they hold none, the robot walks it at its own pace.
     """
     own, asked = robot.gait, plan.gait
     if asked.pace_hz * asked.amplitude <= own.pace_hz * own.amplitude:
         return None
     base = replace(gait, amplitude=own.amplitude)
     held = fast_gaits(robot, base, heading_rad=heading_body_rad, reorder=True)
-    if not held:
-        return None
+    held = held or (replace(base, pace_hz=own.pace_hz),)
     speed_hz = asked.strokes_per_cycle * asked.amplitude * asked.pace_hz
     pace_hz = speed_hz / (held[0].strokes_per_cycle * held[0].amplitude)
     return replace(held[0], pace_hz=min(held[0].pace_hz, pace_hz))

@@ -175,6 +175,7 @@ def test_a_repertoire_is_read_before_the_walk_only(monkeypatch: pytest.MonkeyPat
 def test_a_fast_walk_continues_as_fast_as_the_servos_of_the_other_legs_hold_and_no_faster(
     legs: tuple[int, ...], swing_share: float
 ) -> None:
+    """Those of four legs hold no pace: it continues at the robot's."""
     robot = shipped("phantomx")
     fast = fast_gaits(robot, make_gait(robot, "tripod"), heading_rad=0.0)[0]
     failures = [Failure(leg=leg, kind="locked") for leg in legs]
@@ -184,4 +185,4 @@ def test_a_fast_walk_continues_as_fast_as_the_servos_of_the_other_legs_hold_and_
     assert ideal_speed_m_s(robot, gait, Motion()) <= ideal_speed_m_s(robot, fast, Motion()) + 1e-9
     path = JointPath.of(robot, gait, Motion())
     assert path is not None
-    assert path.most_pace_hz > gait.pace_hz
+    assert path.most_pace_hz > gait.pace_hz or gait.pace_hz == robot.gait.pace_hz
