@@ -19,7 +19,7 @@ from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import legs_that_reach, solve_legs
 from hexctl.ik.statics import static_load
 from hexctl.robot.model import Robot
-from hexctl.types import ArrayFields, BoolArray, FloatArray
+from hexctl.types import ArrayFields, FloatArray
 
 #: Points of a gait cycle: a change between two of them is what a servo can follow at all.
 POINTS = 36
@@ -35,17 +35,18 @@ class JointPath(ArrayFields):
     Attributes:
         changes_rad: of the joints per cycle, (points, 18).
         torques_nm: that hold the robot, (points, 18).
-        balanced: points at which the standing feet carry it, (points,); the others do not count.
     """
 
     robot: Robot
     changes_rad: FloatArray
     torques_nm: FloatArray
-    balanced: BoolArray
 
     @classmethod
     def of(cls, robot: Robot, gait: Gait, motion: Motion) -> "JointPath | None":
-        """Path of a gait; None if a foot is out of reach, joints out of their ranges, or feet touch."""
+        """Path of a gait.
+
+        None if feet are out of reach, their joints out of their ranges, two feet touch, or the robot tips.
+        """
         # From the begin of a cycle on: the points are the same at any pace.
         cycles = math.ceil(RAMP_DURATION_S * gait.pace_hz) + (np.arange(POINTS) + 0.5) / POINTS
         time_s = cycles / gait.pace_hz
@@ -55,11 +56,12 @@ class JointPath(ArrayFields):
             return None
         joints = solve_legs(robot, feet).joint_positions_rad
         load = static_load(robot, joints)
+        if not load.balanced.all():
+            return None
         return cls(
             robot=robot,
             changes_rad=POINTS * (np.roll(joints, -1, axis=0) - np.roll(joints, 1, axis=0)) / 2,
             torques_nm=load.torques_nm,
-            balanced=load.balanced,
         )
 
     def drive(self, pace_hz: float) -> float:
@@ -67,17 +69,17 @@ class JointPath(ArrayFields):
         robot, speed_rad_s = self.robot, pace_hz * self.changes_rad
         moving_nm = robot.dry_friction_nm * np.sign(speed_rad_s) + robot.back_emf_nm_s_per_rad * speed_rad_s
         shares = np.abs(self.torques_nm + moving_nm) / robot.joint_max_torque_nm
-        return float(shares[self.balanced].max(initial=0.0))
+        return float(shares.max())
 
     @property
     def most_pace_hz(self) -> float:
         """Pace up to which every joint follows; 0 if a servo cannot even hold its torque."""
         robot, turning_rad = self.robot, np.maximum(np.abs(self.changes_rad), STILL_RAD)
         by_speed_hz = float((robot.joint_max_speed_rad_s / turning_rad).min())
-        left_nm = robot.joint_max_torque_nm - robot.dry_friction_nm
-        left_nm = (left_nm - self.torques_nm * np.sign(self.changes_rad))[self.balanced]
-        if left_nm.min(initial=math.inf) <= 0:
+        against_nm = robot.dry_friction_nm + self.torques_nm * np.sign(self.changes_rad)
+        left_nm = robot.joint_max_torque_nm - against_nm
+        if left_nm.min() <= 0:
             return 0.0
-        lost_nm_s = (robot.back_emf_nm_s_per_rad * turning_rad)[self.balanced]
+        lost_nm_s = robot.back_emf_nm_s_per_rad * turning_rad
         by_torque_hz = np.divide(left_nm, lost_nm_s, out=np.full_like(left_nm, np.inf), where=lost_nm_s > 0)
-        return min(by_speed_hz, float(by_torque_hz.min(initial=math.inf)))
+        return min(by_speed_hz, float(by_torque_hz.min()))
