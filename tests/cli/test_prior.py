@@ -290,7 +290,7 @@ def test_a_repertoire_is_built_continued_and_shown(
         ("--failure 5:limp --robot pexod --duration 6", "limp", "--robot pexod --failure limp --duration 6"),
         ("--failed-leg 5 --duration 6 --objective mean", "mean", None),
         (
-            "--failure 5:limp --objective speed --duration 6 --no-baseline",
+            "--failure 5:limp --objective speed --prior auto --duration 6 --no-baseline",
             "prior",
             "--failure limp --hold line --duration 6",
         ),
