@@ -60,11 +60,11 @@ class DeadLegs:
         self.idle: FloatArray = np.zeros(legs)
         self.start: FloatArray = np.zeros(legs)
 
-    def update(self, state: RobotState, none_nm: FloatArray, expected_rad: FloatArray | None) -> None:
-        """Update with a state, torques (18,) below which there is none, and expected angles or None."""
+    def update(self, state: RobotState, powered: BoolArray | None, expected_rad: FloatArray | None) -> None:
+        """Update with a state, the joints that give torque, if measured, and expected angles or None."""
         self._walked_s += self._period_s
-        if state.joint_torques_nm is not None:
-            gives = np.logical_or.reduce(_of_legs(np.abs(state.joint_torques_nm) >= none_nm), axis=-1)
+        if powered is not None:
+            gives = np.logical_or.reduce(_of_legs(powered), axis=-1)
             if not gives.all() or np.count_nonzero(self._idle_s):
                 many = np.count_nonzero(gives, axis=-1, keepdims=True) > N_LEGS // 2
                 self._idle_s = (self._idle_s + self._period_s * many) * ~gives
