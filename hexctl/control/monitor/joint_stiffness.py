@@ -56,10 +56,11 @@ WEAK_SHARE, STANDS_OUT = 0.75, 0.8
 
 #: A joint weak from the start has less than this share of any other leg's stiffness: intact servos of one
 #: robot differ by up to a factor of two. Its servos are at their limits for at most this share of the time.
-WEAK_FROM_START, LEAST_AT_LIMIT = 0.5, 0.05
+WEAK_FROM_START, MOST_AT_LIMIT = 0.5, 0.15
 
-#: Standard deviations by which it is weaker than usual, and than other legs.
-SIGMAS, SIGMAS_FROM_START = 2.5, 6.0
+#: Standard deviations by which it is weaker than usual, and than other legs. Their square includes this share
+#: of the usual squared change of the compliance.
+SIGMAS, SIGMAS_FROM_START, OF_USUAL_CHANGE = 2.5, 6.0, 0.5
 
 #: The usual compliance counts if its relative standard deviation is below this.
 KNOWN_TO = 0.25
@@ -68,7 +69,7 @@ KNOWN_TO = 0.25
 LEAST_VARIATION = 0.3
 
 #: Mean weight of the samples of a joint whose motion the equation explains, whatever its compliance.
-LEAST_FIT = 0.5
+LEAST_FIT = 0.4
 
 #: Cycles for which a joint must be weak.
 HELD_CYCLES = 0.6
@@ -230,7 +231,7 @@ class JointStiffness:
         self._slow[:2] += slow * (np.stack([at_limit, variation]) - self._slow[:2])
         self._slow[2] += slow * (self._teaches & varies) * (change * change - self._slow[2])
         known = (self._walked > KNOWN_CYCLES) & (error2 < (KNOWN_TO * usual) ** 2) & watched & ~self.weak
-        error2 = error2 + self._slow[2]
+        error2 = error2 + OF_USUAL_CHANGE * self._slow[2]
         error2 += self._variance / (spread * 2 * PRESENT_CYCLES * SAMPLES_PER_CYCLE)
         known &= usual > 0
         some = np.maximum(usual, LEAST_COMPLIANCE)
@@ -255,7 +256,7 @@ class JointStiffness:
     def _weak_from_start(self, usual: FloatArray, error2: FloatArray, known: BoolArray) -> BoolArray:
         """Which joints are weaker than those of any other leg, leading shape + (18,)."""
         others = np.maximum.reduce(np.where(known, usual, 0.0).take(self._others))
-        weak: BoolArray = (others > 0) & (others < WEAK_FROM_START * usual) & (self._slow[0] < LEAST_AT_LIMIT)
+        weak: BoolArray = (others > 0) & (others < WEAK_FROM_START * usual) & (self._slow[0] < MOST_AT_LIMIT)
         weak &= (usual - others > SIGMAS_FROM_START * np.sqrt(error2)) & (self._walked > COMPARED_CYCLES)
         self.share = np.where(weak, others / np.maximum(usual, LEAST_COMPLIANCE), self.share)
         return weak
