@@ -21,8 +21,9 @@ import numpy as np
 from hexctl.control.monitor.recent_motion import RecentMotion
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray
 
-#: Ticks between updates, and earlier ticks that an update needs, besides the age of a state.
-BLOCK_TICKS, EARLIER_TICKS = 20, 3
+#: Ticks between updates, earlier ticks that an update needs, besides the age of a state, and updates between
+#: solutions for all coefficients.
+BLOCK_TICKS, EARLIER_TICKS, SOLVE_BLOCKS = 20, 3, 2
 
 #: Half the play between a servo and its joint, by which v is computed: p adapts it to the real one.
 HALF_PLAY_RAD = math.radians(0.3)
@@ -65,14 +66,14 @@ SIGMAS, SIGMAS_FROM_START, OF_USUAL_CHANGE = 2.5, 6.0, 0.5
 #: The usual compliance counts if its relative standard deviation is below this.
 KNOWN_TO = 0.25
 
-#: The present compliance counts if the torque varies by at least this share of its usual variance.
-LEAST_VARIATION = 0.3
-
 #: Mean weight of the samples of a joint whose motion the equation explains, whatever its compliance.
 LEAST_FIT = 0.4
 
 #: Cycles for which a joint must be weak.
 HELD_CYCLES = 0.6
+
+#: Least share that is measured.
+LEAST_SHARE = 0.01
 
 #: A joint below this share of its stiffness teaches nothing, for so many cycles.
 DOUBTFUL_SHARE, DOUBTED_CYCLES = 0.85, 3.0
@@ -100,19 +101,20 @@ class JointStiffness:
         self._shaft_rad: FloatArray | None = None
         self._moments: FloatArray = np.zeros((*joints, _ROWS, _ROWS))
         self._coefficients: FloatArray = np.zeros((*joints, _ROWS - 1))
-        self._variance: FloatArray = np.ones(joints)
-        # Means over the last half cycle: weight, torque and rest, their products, and unweighted torques.
-        self._present: FloatArray = np.zeros((7, *joints))
+        self._variance, self._error2, self._no_cycles = np.ones(joints), np.ones(joints), np.zeros(joints)
+        # Means over the last half cycle: weight, torque, rest, and products of the torque with both.
+        self._present: FloatArray = np.zeros((5, *joints))
         self._present_share = np.minimum(1.0, self._cycles / PRESENT_CYCLES)
-        self._compliance: FloatArray = np.zeros(joints)
-        # Slow means: share of samples at the limit, variance of the torque, squared change of compliance.
-        self._slow: FloatArray = np.zeros((3, *joints))
-        self._most: FloatArray = np.zeros(joints)
-        self._doubted: FloatArray = np.zeros(joints)
+        self._compliance, self._changes, self._spread = np.zeros(joints), np.zeros(joints), np.ones(joints)
+        self._most, self._at_limit, self._doubted = np.zeros(joints), np.zeros(joints), np.zeros(joints)
+        self._share_of_others: FloatArray = np.ones(joints)
         self._teaches: BoolArray = np.ones(joints, dtype=bool)
+        none: BoolArray = np.zeros(joints, dtype=bool)
+        self._known, self._fits, self._from_start = none, none, none
         places = np.arange(self._most.size).reshape(*shape, N_LEGS, JOINTS_PER_LEG)
-        others = [np.roll(places, legs, axis=-2).reshape(joints) for legs in range(1, N_LEGS)]
-        self._others = np.stack(others)  # the same joint of the other legs
+        kind = [np.roll(places, legs, axis=-2).reshape(joints) for legs in range(N_LEGS)]
+        self._kind = np.stack(kind)  # the same joint of all legs, of the own leg first
+        self._blocks = 0
         self._held: FloatArray = np.zeros(joints)
         self.weak: BoolArray = np.zeros(joints, dtype=bool)
         self.new: BoolArray = np.zeros(joints, dtype=bool)
@@ -123,35 +125,32 @@ class JointStiffness:
         """Take the last ticks of the motion, with states of an age; watched legs have the shape + (6,)."""
         rows = motion.last(BLOCK_TICKS + EARLIER_TICKS + age_ticks)
         self.new = np.zeros_like(self.weak)
-        # A sum is finite only if every term is.
-        if rows is None or not math.isfinite(np.add.reduce(rows, axis=None)):
+        if rows is None:
             return
         samples = self._samples(rows, age_ticks)
+        # A sum is finite only if every term is.
+        if not math.isfinite(np.add.reduce(samples, axis=None)):
+            self._shaft_rad = None
+            return
+        ready = self._walked >= FIRST_CYCLES
         self._walked = self._walked + self._cycles
-        known = bool(self._variance.max() < 1)
-        rest = self._rest(samples)
-        torque = samples[..., _TORQUE, :]
-        size = np.abs(torque)
-        below = size < AT_LIMIT * self._most_of_kind(size.max(axis=-1))[..., np.newaxis]
-        weights = below.astype(float)
-        if known:
-            off = np.abs(rest - self._compliance[..., np.newaxis] * torque)
-            weights *= np.minimum(
-                1.0, HUBER * np.sqrt(self._variance)[..., np.newaxis] / np.maximum(off, 1e-12)
-            )
         slow = np.maximum(self._cycles / USUAL_CYCLES, self._cycles / self._walked)
+        torque, rest = samples[..., _TORQUE, :], self._rest(samples)
+        size = np.abs(torque)
+        below = size < AT_LIMIT * self._most_of_kind(np.maximum.reduce(size, axis=-1))[..., np.newaxis]
+        weights = below * self._huber(torque, rest, ready)
         self._learn(samples, weights, slow)
-        if self._walked.min() < FIRST_CYCLES:
-            return
-        error2 = self._solve()
-        if not known:
+        self._blocks += 1
+        if self._blocks % SOLVE_BLOCKS == 0:
+            joints = np.repeat(watched, JOINTS_PER_LEG, axis=-1)
+            self._solve(joints)
+        if ready.any():
+            limited = 1 - np.add.reduce(below, axis=-1) / BLOCK_TICKS
+            self._at_limit = self._at_limit + slow * ready * (limited - self._at_limit)
+            self._estimate(weights, torque, rest, ready)
+            self._judge(slow * ready)
+        else:
             self._compliance = self._coefficients[..., _TORQUE].copy()
-            return
-        now = np.stack(
-            [weights, torque, torque * torque, *(weights * one for one in _products(torque, rest))]
-        )
-        joints = np.repeat(watched, JOINTS_PER_LEG, axis=-1)
-        self._judge(now.mean(axis=-1), 1 - below.mean(axis=-1), slow, error2, joints)
 
     def _samples(self, rows: FloatArray, age: int) -> FloatArray:
         """Samples of a block, leading shape + (18, 7, ticks), of measured angles, targets and torques."""
@@ -186,10 +185,17 @@ class JointStiffness:
         rest: FloatArray = samples[..., -1, :] - explained
         return rest
 
+    def _huber(self, torque: FloatArray, rest: FloatArray, ready: BoolArray) -> FloatArray:
+        """Weights of samples by their distance from the equation with the present compliance."""
+        off = np.abs(rest - self._compliance[..., np.newaxis] * torque)
+        near = np.where(ready, HUBER * np.sqrt(self._variance), np.inf)[..., np.newaxis]
+        return (
+            np.asarray(near / np.maximum(off, near)) if ready.all() else np.where(off > near, near / off, 1.0)
+        )
+
     def _most_of_kind(self, size: FloatArray) -> FloatArray:
         """Maximum torque of the joints of a kind."""
-        kinds = _of_legs(size).max(axis=-2, keepdims=True)
-        most = np.broadcast_to(kinds, (*kinds.shape[:-2], N_LEGS, JOINTS_PER_LEG)).reshape(size.shape)
+        most = np.maximum.reduce(size.take(self._kind))
         self._most = np.maximum((1 - FADES_PER_CYCLE * self._cycles) * self._most, most)
         return self._most
 
@@ -199,72 +205,70 @@ class JointStiffness:
         rate = (slow * self._teaches)[..., np.newaxis, np.newaxis]
         self._moments = self._moments + rate * (moments - self._moments)
 
-    def _solve(self) -> FloatArray:
-        """Solve for all coefficients; the variance of the usual compliance."""
-        left, right = self._moments[..., :-1, :-1], self._moments[..., :-1, -1]
-        left = left + _RIDGE
+    def _solve(self, watched: BoolArray) -> None:
+        """Solve for all coefficients, and compare the usual compliances of the legs."""
+        left, right = self._moments[..., :-1, :-1] + _RIDGE, self._moments[..., :-1, -1]
         scale = np.sqrt(np.diagonal(left, axis1=-2, axis2=-1)) + LEAST_RAD2
         left = left / (scale[..., np.newaxis] * scale[..., np.newaxis, :]) + _LITTLE
         both: FloatArray = np.zeros((*right.shape, 2))
         both[..., 0], both[..., _TORQUE, 1] = right / scale, 1.0
         solved = np.linalg.solve(left, both)
         self._coefficients = solved[..., 0] / scale
-        weight = np.maximum(self._moments[..., 0, 0], LEAST_RAD2)
+        weight = np.maximum(self._moments[..., 0, 0], LEAST_WEIGHT)
         left_over = self._moments[..., -1, -1] - np.add.reduce(solved[..., 0] * both[..., 0], axis=-1)
         self._variance = np.maximum(left_over, LEAST_RAD2) / weight
         count = SAMPLES_PER_CYCLE * np.minimum(self._walked, 2 * USUAL_CYCLES)
-        error2: FloatArray = self._variance * solved[..., _TORQUE, 1] / (scale[..., _TORQUE] ** 2 * count)
-        return error2
-
-    def _judge(
-        self, now: FloatArray, at_limit: FloatArray, slow: FloatArray, error2: FloatArray, watched: BoolArray
-    ) -> None:
-        """Compare the present compliance, from the means of a block, (7,) + joints, with the usual one."""
+        self._error2 = self._variance * solved[..., _TORQUE, 1] / (scale[..., _TORQUE] ** 2 * count)
         usual = self._coefficients[..., _TORQUE]
-        self._present = self._present + self._present_share * (now - self._present)
-        weight, mean, square, torque, rest, squares, product = self._present
-        weight = np.maximum(weight, LEAST_WEIGHT)
-        spread = np.maximum(squares - torque * torque / weight, LEAST_TORQUE2)
-        self._compliance = (product - torque * rest / weight) / spread
-        variation, change = square - mean * mean, self._compliance - usual
-        varies = variation >= LEAST_VARIATION * self._slow[1]
-        self._slow[:2] += slow * (np.stack([at_limit, variation]) - self._slow[:2])
-        self._slow[2] += slow * (self._teaches & varies) * (change * change - self._slow[2])
-        known = (self._walked > KNOWN_CYCLES) & (error2 < (KNOWN_TO * usual) ** 2) & watched & ~self.weak
-        error2 = error2 + OF_USUAL_CHANGE * self._slow[2]
-        error2 += self._variance / (spread * 2 * PRESENT_CYCLES * SAMPLES_PER_CYCLE)
-        known &= usual > 0
-        some = np.maximum(usual, LEAST_COMPLIANCE)
-        self.share = some / np.maximum(self._compliance, 0.01 * some)
-        self._doubt(known)
-        others = np.minimum.reduce(np.where(known, np.minimum(self.share, 1.0), 1.0).take(self._others))
-        weak = (
-            known & varies & (weight > LEAST_FIT) & (self.share < np.minimum(WEAK_SHARE, STANDS_OUT * others))
+        self._known = (self._walked > KNOWN_CYCLES) & (usual > 0) & watched & ~self.weak
+        self._known &= self._error2 < (KNOWN_TO * usual) ** 2
+        self._compare_legs(usual)
+
+    def _compare_legs(self, usual: FloatArray) -> None:
+        """Look for joints that were weaker than those of any other leg from the start."""
+        others = np.maximum.reduce(np.where(self._known, usual, 0.0).take(self._kind[1:]))
+        self._share_of_others = others / np.maximum(usual, LEAST_COMPLIANCE)
+        sure = usual - others > SIGMAS_FROM_START * np.sqrt(self._error2 + OF_USUAL_CHANGE * self._changes)
+        least = (
+            self._known & (others > 0) & (self._walked > COMPARED_CYCLES) & (self._at_limit < MOST_AT_LIMIT)
         )
+        self._from_start = least & sure & (self._share_of_others < WEAK_FROM_START)
+
+    def _estimate(self, weights: FloatArray, torque: FloatArray, rest: FloatArray, ready: BoolArray) -> None:
+        """Estimate the present compliance."""
+        weighted = weights * torque
+        now = np.stack([weights, weighted, weights * rest, weighted * torque, weighted * rest])
+        now = np.add.reduce(now, axis=-1) / BLOCK_TICKS
+        self._present = self._present + self._present_share * ready * (now - self._present)
+        weight, mean, rest_mean, square, product = self._present
+        self._fits = weight > LEAST_FIT
+        weight = np.maximum(weight, LEAST_WEIGHT)
+        self._spread = np.maximum(square - mean * mean / weight, LEAST_TORQUE2)
+        present = (product - mean * rest_mean / weight) / self._spread
+        self._compliance = np.where(ready, present, self._coefficients[..., _TORQUE])
+
+    def _judge(self, slow: FloatArray) -> None:
+        """Compare the present compliance with the usual one."""
+        usual, known = self._coefficients[..., _TORQUE], self._known
+        change = self._compliance - usual
+        self._changes = self._changes + slow * self._teaches * (change * change - self._changes)
+        some = np.maximum(usual, LEAST_COMPLIANCE)
+        self.share = some / np.maximum(self._compliance, LEAST_SHARE * some)
+        doubtful = known & (self.share < DOUBTFUL_SHARE)
+        self._doubted = (self._doubted + self._cycles) * doubtful
+        self._teaches = ~doubtful | (self._doubted >= DOUBTED_CYCLES)
+        if not (np.count_nonzero(doubtful) or np.count_nonzero(self._from_start)):
+            self._held = self._no_cycles
+            return
+        error2 = self._error2 + OF_USUAL_CHANGE * self._changes
+        error2 += self._variance / (self._spread * 2 * PRESENT_CYCLES * SAMPLES_PER_CYCLE)
+        others = np.minimum.reduce(np.where(known, np.minimum(self.share, 1.0), 1.0).take(self._kind[1:]))
+        weak = doubtful & self._fits & (self.share < np.minimum(WEAK_SHARE, STANDS_OUT * others))
         weak &= change > SIGMAS * np.sqrt(error2)
-        weak |= known & self._weak_from_start(usual, error2, known)
-        self._held = (self._held + self._cycles) * weak
-        self.new = self._held >= HELD_CYCLES
+        self.share = np.where(self._from_start & ~weak, self._share_of_others, self.share)
+        self._held = (self._held + self._cycles) * (weak | self._from_start)
+        self.new = (self._held >= HELD_CYCLES) & ~self.weak
         self.weak = self.weak | self.new
+        self._known = known & ~self.weak
+        self._from_start = self._from_start & ~self.weak
         self.error = self.share * np.sqrt(error2) / np.maximum(self._compliance, some)
-
-    def _doubt(self, known: BoolArray) -> None:
-        """Let joints that may be weak teach nothing, for a while."""
-        self._doubted = (self._doubted + self._cycles) * (known & (self.share < DOUBTFUL_SHARE))
-        self._teaches = (self._doubted == 0) | (self._doubted >= DOUBTED_CYCLES)
-
-    def _weak_from_start(self, usual: FloatArray, error2: FloatArray, known: BoolArray) -> BoolArray:
-        """Which joints are weaker than those of any other leg, leading shape + (18,)."""
-        others = np.maximum.reduce(np.where(known, usual, 0.0).take(self._others))
-        weak: BoolArray = (others > 0) & (others < WEAK_FROM_START * usual) & (self._slow[0] < MOST_AT_LIMIT)
-        weak &= (usual - others > SIGMAS_FROM_START * np.sqrt(error2)) & (self._walked > COMPARED_CYCLES)
-        self.share = np.where(weak, others / np.maximum(usual, LEAST_COMPLIANCE), self.share)
-        return weak
-
-
-def _products(torque: FloatArray, rest: FloatArray) -> tuple[FloatArray, ...]:
-    return torque, rest, torque * torque, torque * rest
-
-
-def _of_legs(joints: FloatArray) -> FloatArray:
-    return joints.reshape(*joints.shape[:-1], N_LEGS, JOINTS_PER_LEG)

@@ -82,15 +82,13 @@ class RecentMotion:
     def last(self, ticks: int) -> FloatArray | None:
         """Measured angles, targets and torques of the last ticks, (3, ticks) + leading shape + (18,).
 
-        The last targets are not sent yet, and equal those before. None if the memory is shorter; NaN before
-        the first tick.
+        The last targets are not sent yet: they are old ones. None if the memory is shorter; NaN before the
+        first tick.
         """
-        count = self._rows.shape[1]
-        if ticks > count:
-            return None
-        rows: FloatArray = self._rows[:, (self._row - np.arange(ticks)[::-1]) % count]
-        rows[1, -1] = rows[1, -2]
-        return rows
+        count, first = self._rows.shape[1], self._row + 1 - ticks
+        if first >= 0:
+            return self._rows[:, first : self._row + 1]
+        return None if ticks > count else self._rows[:, np.arange(first, self._row + 1)]
 
     def of_leg(self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES) -> LegMotion:
         """Motion of a leg, 1..6, of one robot of a batch, in the last cycles, up to `MOST_STILL_CYCLES`."""
