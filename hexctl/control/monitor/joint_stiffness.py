@@ -104,6 +104,7 @@ class JointStiffness:
         self._variance, self._error2, self._no_cycles = np.ones(joints), np.ones(joints), np.zeros(joints)
         # Means over the last half cycle: weight, torque, rest, and products of the torque with both.
         self._present: FloatArray = np.zeros((5, *joints))
+        self._now: FloatArray = np.zeros((5, *joints, BLOCK_TICKS))
         self._present_share = np.minimum(1.0, self._cycles / PRESENT_CYCLES)
         self._compliance, self._changes, self._spread = np.zeros(joints), np.zeros(joints), np.ones(joints)
         self._most, self._at_limit, self._doubted = np.zeros(joints), np.zeros(joints), np.zeros(joints)
@@ -170,12 +171,15 @@ class JointStiffness:
     def _behind_play(self, targets_rad: FloatArray) -> FloatArray:
         """Shafts that follow targets, (ticks,) + leading shape + (18,), with play."""
         low, high = targets_rad - HALF_PLAY_RAD, targets_rad + HALF_PLAY_RAD
-        shaft_rad = targets_rad[0] if self._shaft_rad is None else self._shaft_rad
-        shafts_rad: FloatArray = np.empty(targets_rad.shape)
-        for row in range(BLOCK_TICKS):
-            shaft_rad = np.minimum(np.maximum(shaft_rad, low[row]), high[row], out=shafts_rad[row])
-        self._shaft_rad = shaft_rad
-        return shafts_rad
+        shafts_rad: FloatArray = np.empty((BLOCK_TICKS + 1, *targets_rad.shape[1:]))
+        shafts_rad[0] = shaft_rad = targets_rad[0] if self._shaft_rad is None else self._shaft_rad
+        # In every other tick, and then in those between.
+        for tick in range(2, BLOCK_TICKS + 1, 2):
+            least_rad = np.maximum(shaft_rad, low[tick - 1])
+            shaft_rad = np.minimum(least_rad, high[tick - 1], out=shafts_rad[tick])
+        between = np.minimum(np.maximum(shafts_rad[:-2:2], low[::2]), high[::2])
+        shafts_rad[1::2], self._shaft_rad = between, shaft_rad
+        return shafts_rad[1:]
 
     def _rest(self, samples: FloatArray) -> FloatArray:
         """Distance from the target that is not explained by anything but the torque."""
@@ -236,8 +240,12 @@ class JointStiffness:
 
     def _estimate(self, weights: FloatArray, torque: FloatArray, rest: FloatArray, ready: BoolArray) -> None:
         """Estimate the present compliance."""
-        weighted = weights * torque
-        now = np.stack([weights, weighted, weights * rest, weighted * torque, weighted * rest])
+        now = self._now
+        now[0] = weights
+        weighted = np.multiply(weights, torque, out=now[1])
+        np.multiply(weights, rest, out=now[2])
+        np.multiply(weighted, torque, out=now[3])
+        np.multiply(weighted, rest, out=now[4])
         now = np.add.reduce(now, axis=-1) / BLOCK_TICKS
         self._present = self._present + self._present_share * ready * (now - self._present)
         weight, mean, rest_mean, square, product = self._present

@@ -193,9 +193,9 @@ class LegMonitor:
             self._following.update(state, parts)
         elif self._balance is not None:
             self._balance.update(state, phases)
-        torques_nm = state.joint_torques_nm
-        powered = None if torques_nm is None else np.abs(torques_nm) >= self._none_nm
-        self._support.update(state, parts, self._following if state.measured else None, powered)
+        size_nm = None if state.joint_torques_nm is None else np.abs(state.joint_torques_nm)
+        idle = None if size_nm is None else size_nm < self._none_nm
+        self._support.update(state, parts, self._following if state.measured else None, size_nm, idle)
         self._motion.measured(state.joint_positions_rad, state.joint_torques_nm)
         self._evidence[0] = self._following.rho_of_legs
         self._evidence[1] = self._support.missing
@@ -206,7 +206,7 @@ class LegMonitor:
             if state.joint_torques_nm is None:
                 # Feet hang in the air on a bumpy floor.
                 self._ratios[1] *= self._balance.even
-        self._dead.update(state, powered, self._following.expected_rad if self._ticks else None)
+        self._dead.update(state, idle, self._following.expected_rad if self._ticks else None)
         np.maximum(self._ratios[_EFFORT], self._dead.idle, out=self._ratios[_EFFORT])
         self._ratios[_START] = self._dead.start
         self._listen(stale)

@@ -72,10 +72,10 @@ def test_a_dead_leg_that_is_put_down_again_starts_anew() -> None:
     dead = DeadLegs((), 0.02, np.array(1 / TICKS_PER_CYCLE))
     state = RobotState(np.zeros(18), 0.0, True)
     for _ in range(100):
-        dead.update(state, np.arange(18) >= 3, None)
+        dead.update(state, np.arange(18) < 3, None)
     assert dead.idle[0] > 1
     dead.forget(1)
-    dead.update(state, np.ones(18, dtype=bool), None)
+    dead.update(state, np.zeros(18, dtype=bool), None)
     assert not dead.idle.any()
 
 
@@ -116,7 +116,8 @@ def _missing(
         contacts = (phases < 1 / 3) | (phases >= 2 / 3)
         torques = change(tick, contacts, np.repeat(np.where(contacts, 0.5, 0.0), 3))
         state = RobotState(np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=torques)
-        support.update(state, cycle_parts(phases))
+        size = None if torques is None else np.abs(torques)
+        support.update(state, cycle_parts(phases), size_nm=size)
         most = np.maximum(most, support.missing) if tick > from_tick else most
     return most
 
