@@ -142,9 +142,12 @@ class JointStiffness:
         weights = below * self._huber(torque, rest, ready)
         self._learn(samples, weights, slow)
         self._blocks += 1
-        if self._blocks % SOLVE_BLOCKS == 0:
-            joints = np.repeat(watched, JOINTS_PER_LEG, axis=-1)
-            self._solve(joints)
+        solves = self._blocks % SOLVE_BLOCKS == 0
+        if solves:
+            self._solve()
+        self._known = self._known & np.repeat(watched, JOINTS_PER_LEG, axis=-1)
+        if solves:
+            self._compare_legs()
         if ready.any():
             limited = 1 - np.add.reduce(below, axis=-1) / BLOCK_TICKS
             self._at_limit = self._at_limit + slow * ready * (limited - self._at_limit)
@@ -209,7 +212,7 @@ class JointStiffness:
         rate = (slow * self._teaches)[..., np.newaxis, np.newaxis]
         self._moments = self._moments + rate * (moments - self._moments)
 
-    def _solve(self, watched: BoolArray) -> None:
+    def _solve(self) -> None:
         """Solve for all coefficients, and compare the usual compliances of the legs."""
         left, right = self._moments[..., :-1, :-1] + _RIDGE, self._moments[..., :-1, -1]
         scale = np.sqrt(np.diagonal(left, axis1=-2, axis2=-1)) + LEAST_RAD2
@@ -224,12 +227,12 @@ class JointStiffness:
         count = SAMPLES_PER_CYCLE * np.minimum(self._walked, 2 * USUAL_CYCLES)
         self._error2 = self._variance * solved[..., _TORQUE, 1] / (scale[..., _TORQUE] ** 2 * count)
         usual = self._coefficients[..., _TORQUE]
-        self._known = (self._walked > KNOWN_CYCLES) & (usual > 0) & watched & ~self.weak
+        self._known = (self._walked > KNOWN_CYCLES) & (usual > 0) & ~self.weak
         self._known &= self._error2 < (KNOWN_TO * usual) ** 2
-        self._compare_legs(usual)
 
-    def _compare_legs(self, usual: FloatArray) -> None:
+    def _compare_legs(self) -> None:
         """Look for joints that were weaker than those of any other leg from the start."""
+        usual = self._coefficients[..., _TORQUE]
         others = np.maximum.reduce(np.where(self._known, usual, 0.0).take(self._kind[1:]))
         self._share_of_others = others / np.maximum(usual, LEAST_COMPLIANCE)
         sure = usual - others > SIGMAS_FROM_START * np.sqrt(self._error2 + OF_USUAL_CHANGE * self._changes)
@@ -262,6 +265,7 @@ class JointStiffness:
         self._changes = self._changes + slow * self._teaches * (change * change - self._changes)
         some = np.maximum(usual, LEAST_COMPLIANCE)
         self.share = some / np.maximum(self._compliance, LEAST_SHARE * some)
+        self._from_start = self._from_start & known
         doubtful = known & (self.share < DOUBTFUL_SHARE)
         self._doubted = (self._doubted + self._cycles) * doubtful
         self._teaches = ~doubtful | (self._doubted >= DOUBTED_CYCLES)
