@@ -253,8 +253,8 @@ def without_count(result: TrialResult) -> TrialResult:
 
 
 def noticed_legs(result: TrialResult) -> list[NoticedFailure]:
-    """Noticed failures of legs that did not heal, by leg."""
-    last = {one.failure.leg: one for one in result.noticed}
+    """Noticed failures of legs that did not heal, by leg; a weak joint is none."""
+    last = {one.failure.leg: one for one in result.noticed if one.failure.kind != "weak"}
     return [last[leg] for leg in sorted(last) if not last[leg].healed]
 
 

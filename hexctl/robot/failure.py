@@ -138,10 +138,11 @@ class NoticedFailure:
         at_s: seconds since the walk began.
         failure: leg, kind and joint, as it assumes.
         evidence: `following` (joints do not follow targets), `support` (missing load), `effort` (missing
-            torque), `balance` (lean and contacts), `start` (dead before the first step) or `silence` (a servo
-            that does not answer).
+            torque), `balance` (lean and contacts), `start` (dead before the first step), `silence` (a servo
+            that does not answer) or `stiffness` (a weak joint, whose leg is used as before).
         did: the response, in few words.
         healed: whether the leg was found intact, or a missing one was put down for a trial.
+        torque_error: standard deviation of the torque fraction of a weak joint; None for other kinds.
     """
 
     at_s: float
@@ -149,6 +150,7 @@ class NoticedFailure:
     evidence: str
     did: str
     healed: bool = False
+    torque_error: float | None = None
 
     def __str__(self) -> str:
         comma = "," if self.healed and self.failure.kind in ON_TRIAL else ""
@@ -157,8 +159,10 @@ class NoticedFailure:
     @property
     def in_words(self) -> str:
         """Leg, and how it failed or that it is intact again: `leg 5 limp`."""
-        again = "put down again, on trial" if self.failure.kind in ON_TRIAL else "whole again"
-        return f"leg {self.failure.leg} {again if self.healed else in_words(self.failure)}"
+        how = in_words_with_share(self.failure, self.torque_error)
+        if self.healed:
+            how = "put down again, on trial" if self.failure.kind in ON_TRIAL else "whole again"
+        return f"leg {self.failure.leg} {how}"
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values."""
@@ -167,6 +171,10 @@ class NoticedFailure:
             "leg": self.failure.leg,
             "kind": self.failure.kind,
             "joint": self.failure.joint,
+            "torque_fraction": round(self.failure.torque_fraction, 3)
+            if self.failure.kind == "weak"
+            else None,
+            "torque_error": None if self.torque_error is None else round(self.torque_error, 3),
             "evidence": self.evidence,
             "did": self.did,
             "healed": self.healed,
@@ -175,13 +183,15 @@ class NoticedFailure:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Inverse of `to_dict`; the angle of a stuck joint is not kept."""
-        failure = Failure(leg=int(data["leg"]), kind=str(data["kind"]), joint=data["joint"])
+        weak = {} if data["torque_fraction"] is None else {"torque_fraction": float(data["torque_fraction"])}
+        failure = Failure(leg=int(data["leg"]), kind=str(data["kind"]), joint=data["joint"], **weak)
         return cls(
             at_s=float(data["at_s"]),
             failure=failure,
             evidence=str(data["evidence"]),
             did=str(data["did"]),
             healed=bool(data["healed"]),
+            torque_error=data["torque_error"],
         )
 
 
@@ -190,10 +200,14 @@ def in_words(failure: Failure) -> str:
     return failure.kind if failure.joint is None else f"{failure.joint} {failure.kind}"
 
 
-def in_words_with_share(failure: Failure) -> str:
-    """Kind and joint of a failure, and the remaining torque of a weak leg or joint."""
-    share = f" ({failure.torque_fraction:g} of its torque)" if failure.kind == "weak" else ""
-    return in_words(failure) + share
+def in_words_with_share(failure: Failure, error: float | None = None) -> str:
+    """Kind and joint of a failure, and the remaining torque of a weak leg or joint, with its error."""
+    if failure.kind != "weak":
+        return in_words(failure)
+    share = (
+        f"{failure.torque_fraction:g}" if error is None else f"{failure.torque_fraction:.2f} ± {error:.2f}"
+    )
+    return f"{in_words(failure)} ({share} of its torque)"
 
 
 #: The failure of one leg, those of several, or None.

@@ -61,6 +61,8 @@ LEG_5 = {
             "leg": 5,
             "kind": "limp",
             "joint": None,
+            "torque_fraction": None,
+            "torque_error": None,
             "evidence": "following",
             "did": "stopped",
             "healed": False,

@@ -215,7 +215,7 @@ def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
 ) -> None:
     plans: list[PriorPlan] = []
 
-    def built_at_once(plan: PriorPlan, path: Path, **_options: object) -> None:
+    def built_at_once(plan: PriorPlan, path: Path, _work: object) -> None:
         plans.append(plan)
         save_prior(made_up_score_prior(plan.key, plan.legs, plan.worlds), path)
 

@@ -76,7 +76,7 @@ def _misses_its_line(outcome: dict[str, Any]) -> bool:
 
 def _stopped_for_a_leg(outcome: dict[str, Any]) -> bool:
     """Whether the policy `stop` ended a walk for legs without which a robot can walk."""
-    noticed = outcome.get("noticed", ())
+    noticed = [each for each in outcome.get("noticed", ()) if each["kind"] != "weak"]
     failed = {each["leg"] for each in noticed} | {outcome["failed_leg"], *outcome.get("further_failures", ())}
     return bool(noticed) and noticed[-1]["did"] == "stopped" and len(failed - {None}) <= MOST_LOST
 

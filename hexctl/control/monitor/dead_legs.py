@@ -60,12 +60,13 @@ class DeadLegs:
         self.idle: FloatArray = np.zeros(legs)
         self.start: FloatArray = np.zeros(legs)
 
-    def update(self, state: RobotState, none_nm: FloatArray, expected_rad: FloatArray | None) -> None:
-        """Update with a state, torques (18,) below which there is none, and expected angles or None."""
+    def update(self, state: RobotState, idle: BoolArray | None, expected_rad: FloatArray | None) -> None:
+        """Update with a state, the joints without torque, if measured, and expected angles or None."""
         self._walked_s += self._period_s
-        if state.joint_torques_nm is not None:
-            gives = np.logical_or.reduce(_of_legs(np.abs(state.joint_torques_nm) >= none_nm), axis=-1)
-            if not gives.all() or np.count_nonzero(self._idle_s):
+        if idle is not None:
+            dead = np.logical_and.reduce(_of_legs(idle), axis=-1)
+            if np.count_nonzero(dead) or np.count_nonzero(self._idle_s):
+                gives = ~dead
                 many = np.count_nonzero(gives, axis=-1, keepdims=True) > N_LEGS // 2
                 self._idle_s = (self._idle_s + self._period_s * many) * ~gives
                 self.idle = self._idle_s / self._most_idle_s

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from hexctl.control.monitor.body_balance import BodyBalance
 from hexctl.control.monitor.dead_legs import DeadLegs
 from hexctl.control.monitor.joint_following import JointFollowing
+from hexctl.control.monitor.joint_stiffness import BLOCK_TICKS, JointStiffness
 from hexctl.control.monitor.leg_support import NO_TORQUE_SHARE, LegSupport
 from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.control.monitor.recent_motion import STILL_CYCLES, TAKES_PART, RecentMotion, failure_shown
-from hexctl.robot.failure import UNKNOWN, Failure, in_words
+from hexctl.robot.failure import UNKNOWN, Failure, in_words_with_share
 from hexctl.robot.model import Robot
 from hexctl.types import (
+    JOINT_KINDS,
     JOINTS_PER_LEG,
     N_JOINTS,
     N_LEGS,
@@ -55,6 +57,9 @@ LEARNING_TICKS = 4
 #: Kinds of evidence, in the order of the monitor's arrays.
 EVIDENCE = ("following", "support", "effort", "balance", "start", "silence")
 
+#: Evidence of a weak joint: no alarm, the leg is used as before.
+STIFFNESS = "stiffness"
+
 #: Evidence that does not show how a leg failed, and evidence that shows it once and for all.
 UNTOLD, SETTLED = ("balance", "silence"), ("balance", "start", "silence")
 
@@ -77,12 +82,14 @@ class Suspicion:
     Attributes:
         evidence: one of `EVIDENCE`; those in `UNTOLD` do not show how the leg failed.
         ratio: evidence over its threshold, above 1.
+        error: standard deviation of the torque fraction of a weak joint; None for other kinds.
     """
 
     failure: Failure
     step: int
     evidence: str
     ratio: float
+    error: float | None = None
 
     @property
     def leg(self) -> int:
@@ -90,7 +97,7 @@ class Suspicion:
         return self.failure.leg
 
     def __str__(self) -> str:
-        return f"leg {self.leg} {in_words(self.failure)}"
+        return f"leg {self.leg} {in_words_with_share(self.failure, self.error)}"
 
 
 class LegMonitor:
@@ -106,6 +113,7 @@ class LegMonitor:
         failed: legs that it assumes to have failed.
         new: legs detected in the last tick.
         ratio: evidence against each leg, an alarm at 1.
+        weakened: whether joints were found weak in the last tick.
     """
 
     def __init__(
@@ -124,7 +132,7 @@ class LegMonitor:
         self._before_rad: FloatArray | None = None
         self._wild_ticks: NDArray[np.int64] = np.zeros((*shape, N_JOINTS), dtype=np.int64)
         self._following = JointFollowing(shape, period_s, cycles, robot.joint_max_torque_nm)
-        self._support = LegSupport(shape, cycles, robot.joint_max_torque_nm)
+        self._support = LegSupport(shape, cycles)
         self._dead = DeadLegs(shape, period_s, cycles)
         # Rows as in EVIDENCE: maximum rho of each leg, missing load, longest idle joint.
         self._evidence: FloatArray = np.zeros((_ROWS, *legs))
@@ -146,6 +154,8 @@ class LegMonitor:
         self._ticks, self._alarm_ticks = 0, np.zeros(legs, dtype=int)
         self._alarm, self._suspected = np.ones(legs), False
         self._motion = RecentMotion(shape, cycles)
+        self._stiffness = JointStiffness(shape, cycles, robot.joint_max_torque_nm)
+        self._all_heard, self.weakened = True, False
         self.failed: BoolArray = np.zeros(legs, dtype=bool) if believed is None else believed.copy()
         self._watched = np.where(self.failed, 0.0, 1.0)
         none: BoolArray = np.zeros(legs, dtype=bool)
@@ -183,7 +193,9 @@ class LegMonitor:
             self._following.update(state, parts)
         elif self._balance is not None:
             self._balance.update(state, phases)
-        self._support.update(state, parts, self._following if state.measured else None)
+        size_nm = None if state.joint_torques_nm is None else np.abs(state.joint_torques_nm)
+        idle = None if size_nm is None else size_nm < self._none_nm
+        self._support.update(state, parts, self._following if state.measured else None, size_nm, idle)
         self._motion.measured(state.joint_positions_rad, state.joint_torques_nm)
         self._evidence[0] = self._following.rho_of_legs
         self._evidence[1] = self._support.missing
@@ -194,7 +206,7 @@ class LegMonitor:
             if state.joint_torques_nm is None:
                 # Feet hang in the air on a bumpy floor.
                 self._ratios[1] *= self._balance.even
-        self._dead.update(state, self._none_nm, self._following.expected_rad if self._ticks else None)
+        self._dead.update(state, idle, self._following.expected_rad if self._ticks else None)
         np.maximum(self._ratios[_EFFORT], self._dead.idle, out=self._ratios[_EFFORT])
         self._ratios[_START] = self._dead.start
         self._listen(stale)
@@ -203,6 +215,10 @@ class LegMonitor:
         if self._ticks % LEARNING_TICKS == 0:
             self._learn_usual()
         self._count_alarms()
+        self._all_heard &= state.stale_joints is None
+        self.weakened = False
+        if self._ticks % BLOCK_TICKS == 0:
+            self._compare_stiffness(state)
 
     def sent(self, targets_rad: FloatArray, age_s: float = 0.0) -> None:
         """Take the targets sent in the tick, leading shape + (18,), after a state of an age."""
@@ -246,6 +262,18 @@ class LegMonitor:
             ratio=float(self.ratio[row][leg - 1]),
         )
 
+    def weak_joints(self, step: int, row: tuple[int, ...] = ()) -> list[Suspicion]:
+        """Joints found weak in the last tick, of one robot of a batch."""
+        found = []
+        for joint in np.flatnonzero(self._stiffness.new[row]).tolist():
+            leg, kind = divmod(joint, JOINTS_PER_LEG)
+            share, error = (
+                float(one[(*row, joint)]) for one in (self._stiffness.share, self._stiffness.error)
+            )
+            failure = Failure(leg=leg + 1, kind="weak", joint=JOINT_KINDS[kind], torque_fraction=share)
+            found.append(Suspicion(failure=failure, step=step, evidence=STIFFNESS, ratio=1.0, error=error))
+        return found
+
     def silent(self, leg: int, row: tuple[int, ...] = ()) -> bool:
         """Whether a servo of a leg, 1..6, is silent now, of one robot of a batch."""
         return bool(self._silent_s[row][leg - 1] > 0)
@@ -278,6 +306,12 @@ class LegMonitor:
         few = np.count_nonzero(legs, axis=-1, keepdims=True) < MANY
         self._ratios[:_SILENCE] *= ~legs
         self._ratios[_SILENCE] = few * self._silent_s / SILENT_S
+
+    def _compare_stiffness(self, state: RobotState) -> None:
+        if state.measured and state.joint_torques_nm is not None and self._all_heard:
+            self._stiffness.update(self._motion, round(state.age_s / self._period_s), ~self.failed)
+            self.weakened = bool(np.count_nonzero(self._stiffness.new))
+        self._all_heard = True
 
     def _learn_usual(self) -> None:
         rho = self._evidence[0] * self._watched

@@ -66,16 +66,14 @@ class LegSupport:
         known: whether the last state had torques or contacts.
     """
 
-    def __init__(self, shape: tuple[int, ...], cycles: FloatArray, limits_nm: FloatArray) -> None:
+    def __init__(self, shape: tuple[int, ...], cycles: FloatArray) -> None:
         legs, joints = (*shape, N_LEGS), (*shape, N_JOINTS)
         self._shape, self._cycles = shape, np.asarray(cycles)
         self._torques: bool | None = None
         # Arrays of equal shape are the fastest to compute with, so the constants have it too.
-        self._none_nm = np.broadcast_to(NO_TORQUE_SHARE * limits_nm, joints).copy()
         self._off_rad = np.full(joints, OFF_RAD)
         self._per_tick = np.broadcast_to(self._cycles[..., np.newaxis], joints).copy()
         self._legs = np.repeat(np.arange(math.prod(legs)).reshape(legs), JOINTS_PER_LEG, axis=-1)
-        self._size_nm: FloatArray = np.zeros(joints)
         self.missing: FloatArray = np.zeros(legs)
         self.idle_cycles: FloatArray = np.zeros(joints)
         self.idle_of_legs: FloatArray = np.zeros(legs)
@@ -101,10 +99,21 @@ class LegSupport:
         self._most: FloatArray = np.zeros(columns)
 
     def update(
-        self, state: RobotState, parts: NDArray[np.int64], joints: JointFollowing | None = None
+        self,
+        state: RobotState,
+        parts: NDArray[np.int64],
+        joints: JointFollowing | None = None,
+        size_nm: FloatArray | None = None,
+        idle: BoolArray | None = None,
     ) -> None:
-        """Take the state of a tick, parts of the cycle, leading shape + (6,), and joints if measured."""
-        load = self._load(state)
+        """Take the state of a tick, and parts of the cycle, leading shape + (6,).
+
+        Args:
+            joints: how they follow, if measured.
+            size_nm: torques without signs, leading shape + (18,), if measured.
+            idle: joints without torque, (18,) likewise.
+        """
+        load = self._load(state, size_nm)
         self.known = load is not None
         self._silent_ticks = 0 if self.known else self._silent_ticks + 1
         if self._silent_ticks == SILENT_TICKS:
@@ -123,19 +132,20 @@ class LegSupport:
         if self._feet:
             missing = self.missing
             self.missing = np.minimum(missing[..., _LEGS], missing[..., _FEET] + BEYOND_CONTACT)
-        if self._torques and joints is not None:
-            self._count_idle(weight, state.joint_positions_rad, joints)
+        if self._torques and joints is not None and idle is not None:
+            self._count_idle(weight, state.joint_positions_rad, joints, idle)
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
             teaches = (self._carried > self._calm) & self._teaches
             self._habit.learn(self._learns() * teaches * (load - usual))
 
-    def _count_idle(self, weight: FloatArray, measured_rad: FloatArray, joints: JointFollowing) -> None:
-        idle = self._size_nm < self._none_nm
+    def _count_idle(
+        self, weight: FloatArray, measured_rad: FloatArray, joints: JointFollowing, idle: BoolArray
+    ) -> None:
         before, self._idle = self._idle, bool(np.count_nonzero(idle))
         if not (before or self._idle):
             return
-        idle &= joints.off_rad(measured_rad) > self._off_rad
+        idle = idle & (joints.off_rad(measured_rad) > self._off_rad)
         passed = (weight * self._knows)[..., _LEGS].take(self._legs) * self._per_tick
         self.idle_cycles = (self.idle_cycles + passed) * idle
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
@@ -175,16 +185,15 @@ class LegSupport:
             self._learned = bool((self._learned_cycles >= MEMORY_CYCLES).all())
         return self._share
 
-    def _load(self, state: RobotState) -> FloatArray | None:
+    def _load(self, state: RobotState, size_nm: FloatArray | None) -> FloatArray | None:
         """Loads, leading shape + columns, of the kind measured first: torques and contacts do not compare."""
-        contacts, torques_nm = state.foot_contacts, state.joint_torques_nm
-        if self._torques is None and not (torques_nm is None and contacts is None):
-            self._begin(torques_nm is not None, contacts is not None)
+        contacts = state.foot_contacts
+        if self._torques is None and not (size_nm is None and contacts is None):
+            self._begin(size_nm is not None, contacts is not None)
         if self._torques is False and contacts is not None:
             return contacts.astype(float)
-        if not self._torques or torques_nm is None:
+        if not self._torques or size_nm is None:
             return None
-        size_nm = self._size_nm = np.abs(torques_nm)
         legs_nm: FloatArray = size_nm[..., 1::JOINTS_PER_LEG] + size_nm[..., 2::JOINTS_PER_LEG]
         if not self._feet:
             return legs_nm

@@ -124,6 +124,8 @@ class MonitoredWalk(Controller):
             self._monitor.update(state, phases)
             if np.count_nonzero(self._monitor.new):  # half the time of `any`
                 self._respond(step)
+            if self._monitor.weakened:
+                self._report_weak(step)
             for due in [due for due in self._unsettled if step >= due[0]]:
                 self._unsettled.remove(due)
                 self._settle_kind(*due[1:])
@@ -165,6 +167,7 @@ class MonitoredWalk(Controller):
                 evidence=each.suspicion.evidence,
                 did=str(each.response),
                 healed=each.healed,
+                torque_error=each.suspicion.error,
             )
             for each in self.noticed[index]
         )
@@ -203,6 +206,13 @@ class MonitoredWalk(Controller):
                 self._stopped[index] = f"{suspicion}; {self._trouble}" if self._trouble else str(suspicion)
             self._look_again(index, suspicion, len(self.noticed[index]) - 1 - len(failed_trials))
         self._glide(responses)
+
+    def _report_weak(self, step: int) -> None:
+        """Report joints with part of their torque; no response made a walk with one better."""
+        for index, noticed in enumerate(self.noticed):
+            for suspicion in self._monitor.weak_joints(step, self._row(index)):
+                noticed.append(Noticed(suspicion=suspicion, response=Response()))
+                self._tell(f"noticed: {suspicion}, by {suspicion.evidence}")
 
     def _end_trials(self, index: int, suspicion: Suspicion) -> list[Suspicion]:
         """End the trials of other legs, as missing again: their load is learned again."""

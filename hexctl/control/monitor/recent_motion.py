@@ -13,6 +13,9 @@ from hexctl.types import JOINT_KINDS, N_JOINTS, ArrayFields, BoolArray, FloatArr
 #: Default and maximum window, in cycles, that separates still joints from moving ones.
 STILL_CYCLES, MOST_STILL_CYCLES = 0.25, 1.5
 
+#: Minimum ticks of the memory.
+LEAST_ROWS = 40
+
 #: Latest part of that window that shows missing power, in cycles.
 POWER_CYCLES = 0.125
 
@@ -62,7 +65,7 @@ class RecentMotion:
 
     def __init__(self, shape: tuple[int, ...], cycles: FloatArray) -> None:
         self._cycle_ticks = 1 / cycles
-        rows = math.ceil(MOST_STILL_CYCLES * self._cycle_ticks.max())
+        rows = max(LEAST_ROWS, math.ceil(MOST_STILL_CYCLES * self._cycle_ticks.max()))
         self._rows: FloatArray = np.full((3, rows, *shape, N_JOINTS), np.nan)
         self._row = 0
 
@@ -75,6 +78,17 @@ class RecentMotion:
         """Take the targets sent in the tick, leading shape + (18,)."""
         self._rows[1, self._row] = targets_rad
         self._row = (self._row + 1) % self._rows.shape[1]
+
+    def last(self, ticks: int) -> FloatArray | None:
+        """Measured angles, targets and torques of the last ticks, (3, ticks) + leading shape + (18,).
+
+        The last targets are not sent yet: they are old ones. None if the memory is shorter; NaN before the
+        first tick.
+        """
+        count, first = self._rows.shape[1], self._row + 1 - ticks
+        if first >= 0:
+            return self._rows[:, first : self._row + 1]
+        return None if ticks > count else self._rows[:, np.arange(first, self._row + 1)]
 
     def of_leg(self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES) -> LegMotion:
         """Motion of a leg, 1..6, of one robot of a batch, in the last cycles, up to `MOST_STILL_CYCLES`."""

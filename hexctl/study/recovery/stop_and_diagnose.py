@@ -93,7 +93,8 @@ class StopAndDiagnoseWalk(Controller):
 
     def _alarmed(self) -> bool:
         known = {failure.leg for failure in self._failures}
-        return any(one.suspicion.leg not in known for one in self.walk.noticed[0])
+        alarms = (one.suspicion.failure for one in self.walk.noticed[0])
+        return any(one.leg not in known and one.kind != "weak" for one in alarms)
 
     def _standing_test(self) -> StandingTest:
         robot = self._start.robot

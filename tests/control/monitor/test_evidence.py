@@ -70,13 +70,12 @@ def test_a_joint_that_always_needs_all_its_servo_to_swing_may_get_caught_for_a_c
 
 def test_a_dead_leg_that_is_put_down_again_starts_anew() -> None:
     dead = DeadLegs((), 0.02, np.array(1 / TICKS_PER_CYCLE))
-    torques_nm = np.ones(18)
-    torques_nm[:3] = 0.0
+    state = RobotState(np.zeros(18), 0.0, True)
     for _ in range(100):
-        dead.update(RobotState(np.zeros(18), 0.0, True, joint_torques_nm=torques_nm), np.full(18, 0.1), None)
+        dead.update(state, np.arange(18) < 3, None)
     assert dead.idle[0] > 1
     dead.forget(1)
-    dead.update(RobotState(np.zeros(18), 0.0, True, joint_torques_nm=np.ones(18)), np.full(18, 0.1), None)
+    dead.update(state, np.zeros(18, dtype=bool), None)
     assert not dead.idle.any()
 
 
@@ -110,14 +109,15 @@ def _missing(
 
     `change` changes contacts and torques of a tick and returns the torques that are told.
     """
-    support = support or LegSupport((), np.array(1 / TICKS_PER_CYCLE), np.ones(18))
+    support = support or LegSupport((), np.array(1 / TICKS_PER_CYCLE))
     most = np.zeros(6)
     for tick in range(ticks):
         phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
         contacts = (phases < 1 / 3) | (phases >= 2 / 3)
         torques = change(tick, contacts, np.repeat(np.where(contacts, 0.5, 0.0), 3))
         state = RobotState(np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=torques)
-        support.update(state, cycle_parts(phases))
+        size = None if torques is None else np.abs(torques)
+        support.update(state, cycle_parts(phases), size_nm=size)
         most = np.maximum(most, support.missing) if tick > from_tick else most
     return most
 
@@ -137,14 +137,14 @@ def test_a_foot_on_the_floor_is_there_whatever_the_torques_say() -> None:
 
 def test_a_tick_without_torques_is_no_tick_without_load() -> None:
     """Contacts are no torques: where these are missing for a while, what was learned of them is kept."""
-    support = LegSupport((), np.float64(1 / TICKS_PER_CYCLE), np.ones(18))  # type: ignore[arg-type]
+    support = LegSupport((), np.float64(1 / TICKS_PER_CYCLE))  # type: ignore[arg-type]
 
     def change(tick: int, _contacts: BoolArray, torques: FloatArray) -> FloatArray | None:
         assert support.known == (tick > 0 and not 300 < tick <= 350)  # of the tick before
         return None if 300 <= tick < 350 else 10 * torques
 
     assert _missing(change, ticks=400, from_tick=250, support=support).max() < 0.5
-    support = LegSupport((), np.array(0.02), np.ones(18))
+    support = LegSupport((), np.array(0.02))
     support.update(RobotState(np.zeros(18), 0.0, True), cycle_parts(np.zeros(6)))
     assert not support.known, "neither contacts nor torques"
     assert (support.missing == 0).all()

@@ -36,6 +36,7 @@ from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import FloatArray
 from tests.control.monitor.repertoires import made_up, situation
@@ -107,6 +108,17 @@ def test_a_leg_that_the_plan_knows_of_is_not_noticed_again_and_another_is_taken_
     assert first.response.gait is not None
     assert set(first.response.gait.posture.tucked_legs) >= {5}
     assert (second.healed, second.response.gait) == (True, trial.plan.gait)
+
+
+@pytest.mark.slow
+def test_a_weak_joint_is_named_with_its_share_and_its_leg_walks_on() -> None:
+    result, walk = _walk(_trial("2:weak:femur:0.5@5", duration_s=7.5), StopWalking())
+    (noticed,) = result.noticed
+    assert (noticed.failure.leg, noticed.failure.joint, noticed.did) == (2, "femur", "walked on")
+    assert noticed.failure.torque_fraction == pytest.approx(0.5, abs=0.15)
+    assert NoticedFailure.from_dict(noticed.to_dict()).in_words == noticed.in_words
+    assert result.status == "ok"
+    assert not walk.believed_failures()
 
 
 def test_the_robot_can_stop_instead_and_says_why() -> None:
