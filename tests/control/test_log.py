@@ -15,7 +15,7 @@ from hexctl.control.log import TickLog
 from hexctl.control.table import CHUNK_ROWS
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.types import JOINT_NAMES
-from tests.recorders import Calling
+from tests.trials import Calling
 
 
 def _record(log: TickLog | Recorders, index: int, *, posed: bool = True) -> None:

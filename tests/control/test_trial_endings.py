@@ -32,9 +32,8 @@ from hexctl.control.trial import Enough, stop_when
 from hexctl.types import FloatArray, leg_slice
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
-from tests.recorders import Calling
 from tests.robots import shipped
-from tests.trials import gait_of, walk
+from tests.trials import Calling, gait_of, walk
 
 
 def _plan(**changes: Any) -> TrialPlan:

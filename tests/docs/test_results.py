@@ -1,5 +1,6 @@
 """README and pages have the figures of docs/results/results.yaml, and `±` stands on the results page only."""
 
+import importlib.util
 import re
 from datetime import date
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 
 from benchmarks import results
 from benchmarks.rows import Bar, Row
+from tests.docs.pages import ROOT
 
 TABLES = results.results()
 
@@ -61,3 +63,15 @@ def test_benchmarks_write_their_rows(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert new["line"] == TABLES["line"]
     with pytest.raises(KeyError):
         results.put({"line.pose.nothing": "1"})
+
+
+def test_the_matrix_is_made_from_the_results() -> None:
+    pytest.importorskip("mkdocs", reason="the site needs the docs extra: pip install '.[docs]'")
+    spec = importlib.util.spec_from_file_location("site_hooks", ROOT / "docs" / "site_hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    hooks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hooks)
+    page = (ROOT / "docs" / "results" / "fault-matrix.md").read_text(encoding="utf-8")
+    assert page.count("<!-- generated: fault_matrix -->") == 1
+    assert "| controller killed | rests |" in hooks.fault_matrix()

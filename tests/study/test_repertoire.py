@@ -20,7 +20,7 @@ from hexctl.study.repertoire_plan import RepertoirePlan, build_repertoire, reper
 from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
-from tests.study.watching import Remembering
+from tests.study.made_up import Remembering
 
 
 def plan(name: str = "ant", **options: Any) -> RepertoirePlan:

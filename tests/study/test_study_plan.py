@@ -20,8 +20,8 @@ from hexctl.study.priors.prior_options import PriorOptions
 from hexctl.study.study_options import TAKEN_BY, StudyOptions
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
+from tests.study.made_up import Remembering
 from tests.study.made_up_transfer import plan as transfer_plan
-from tests.study.watching import Remembering
 
 
 @pytest.mark.parametrize("kind", ["transfer", "matrix", "hold", "recovery"])

@@ -25,8 +25,7 @@ from hexctl.study.walk_cache import CacheError, Place, WalkCache
 from hexctl.study.walking import as_finished, evaluate, simulating, walk_all
 from hexctl.waiting import comes_true
 from tests.robots import shipped
-from tests.study.made_up import spec
-from tests.study.watching import Remembering
+from tests.study.made_up import Remembering, spec
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,14 @@
-"""What trials bring to steered walks, replayed on made-up landscapes."""
+"""The benchmarks: rows and bars, what trials bring to steered walks, and what stops a robot."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks.causes import DEFECTS, cause_rows
+from benchmarks.check import make_legs_solid
+from benchmarks.rows import Bar, Count, Row
+from benchmarks.scale import QUICK
 from benchmarks.search_gain import (
     AFTER,
     END_POINTS,
@@ -25,13 +29,16 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import drift_samples_of
+from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, load_randomization
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.trial_result import Deviation
+from hexctl.robot.model import Robot
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_score_prior
 from tests.adapt.walking import result_of
+from tests.control.assessment.loads import moved_together
 from tests.robots import shipped
 from tests.study.made_up import made_up_in
 
@@ -105,3 +112,84 @@ def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
     assert one.confirmed == 5
     assert [one.best_m(walks) for walks in (1, 2)] == pytest.approx([0.31, 0.02])
     assert open_loop_lines([one])[-1] == "confirmed: 100%, after 5 walks (median)"
+
+
+@pytest.mark.parametrize(
+    ("bar", "text", "inside", "outside"),
+    [
+        (Bar(low=0.9), ">= 0.9", 0.9, 0.89),
+        (Bar(high=1.25), "<= 1.25", 1.25, 1.26),
+        (Bar(30, 70), "30..70", 70, 71),
+    ],
+)
+def test_a_bar_is_shown_and_includes_its_ends(bar: Bar, text: str, inside: float, outside: float) -> None:
+    assert str(bar) == text
+    assert bar.holds(inside)
+    assert not bar.holds(outside)
+
+
+def test_a_row_without_a_bar_neither_holds_nor_fails() -> None:
+    assert Row("x", 1.0, "s").as_json() == {
+        "name": "x",
+        "value": 1.0,
+        "unit": "s",
+        "bar": None,
+        "holds": None,
+        "note": "",
+    }
+
+
+def test_a_row_without_a_value_does_not_clear_its_bar() -> None:
+    assert Row("x", None, "gaits", Bar(low=1)).as_json()["holds"] is False
+
+
+def test_the_verdict_is_of_the_value_before_rounding() -> None:
+    row = Row("x", 1.250004, "ratio", Bar(high=1.25))
+    assert row.as_json()["value"] == 1.25
+    assert row.holds is False
+
+
+@pytest.mark.parametrize(
+    ("count", "interval"),
+    [
+        (Count(31, 35), (0.740, 0.955)),
+        (Count(0, 20), (0.0, 0.161)),
+        (Count(20, 20), (0.839, 1.0)),
+        (Count(0, 0), (0.0, 1.0)),
+    ],
+)
+def test_intervals_hold_without_a_failure_and_without_a_robot(
+    count: Count, interval: tuple[float, float]
+) -> None:
+    assert count.interval == pytest.approx(interval, abs=0.001)
+
+
+def legs_in_contact(robot: Robot, *, solid: bool) -> int:
+    """Contacts between two legs of a robot in its stance, after one control period."""
+    with SimServos(robot) as servos:
+        if solid:
+            make_legs_solid(servos)
+        servos.clock.tick()
+        servos.read()
+        physics = servos.compiled.physics
+        names = [
+            [physics.model.id2name(geom, "geom") for geom in (contact.geom1, contact.geom2)]
+            for contact in physics.data.contact
+        ]
+    return sum(all("/leg" in name for name in pair) for pair in names)
+
+
+def test_solid_legs_touch_where_others_pass_through() -> None:
+    crowded = moved_together(0.05)
+    assert legs_in_contact(crowded, solid=False) == 0
+    assert legs_in_contact(crowded, solid=True) > 0
+    assert legs_in_contact(moved_together(1.0), solid=True) == 0
+
+
+@pytest.mark.slow
+def test_the_defect_of_a_robot_is_found() -> None:
+    rows = {row.name: row for row in cause_rows(replace(QUICK, walk_s=15.0))}
+    assert rows.keys() == {f"check.causes.{defect}" for defect in DEFECTS}
+    for row in rows.values():
+        assert row.value == 1.0, row.note
+        assert "1 of 1 named" in row.note
