@@ -205,13 +205,6 @@ def test_when_all_gaits_were_tried_the_likeliest_is_walked_again() -> None:
     assert optimizer.ask() == [60]
 
 
-def test_without_what_a_trial_showed_only_that_it_was_tried_is_known() -> None:
-    optimizer, before = made_up_bayes(SAMPLES), made_up_bayes(SAMPLES)
-    codes = search(optimizer, 10)
-    assert len(set(codes)) == 10
-    np.testing.assert_array_equal(optimizer.forecast().mean_m, before.forecast().mean_m)
-
-
 def test_a_gait_that_fell_once_is_not_settled_on_though_it_walked_before() -> None:
     optimizer = made_up_bayes(SAMPLES)
     good = np.array([*np.zeros(10), 1.6, 3.2, 0.0])

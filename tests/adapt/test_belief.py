@@ -142,17 +142,6 @@ def test_a_trial_that_shows_nothing_changes_nothing() -> None:
             np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
 
 
-def test_the_order_of_trials_does_not_matter() -> None:
-    trials = ordinary([7, 55, 110, 31])
-    first = believed(trials).forecast()
-    for order in ([3, 2, 1, 0], [1, 3, 0, 2]):
-        other = believed([trials[place] for place in order]).forecast()
-        assert first.widened == other.widened == 1.0
-        np.testing.assert_allclose(other.mean_m, first.mean_m, atol=1e-8)
-        np.testing.assert_allclose(other.covariance_m2, first.covariance_m2, atol=1e-8)
-        np.testing.assert_allclose(other.distance_m, first.distance_m, atol=1e-8)
-
-
 def test_the_more_a_world_surprises_the_more_is_widened() -> None:
     mean = SAMPLES.features.mean(axis=0)
     widened = []
@@ -393,15 +382,6 @@ def test_a_gait_that_was_tried_is_never_picked(seed: int, tried: int, best_m: fl
     mean[rows], sd[rows] = 0.0, 1e-5
     row = most_useful(forecast(mean, sd, common=0.3), random.uniform(0, 1, 120), known, best_m)
     assert not known[row]
-
-
-def test_a_gait_that_was_tried_is_not_picked_even_where_nothing_can_be_gained() -> None:
-    """No gait can walk, or the best one is perfect: still something untried is named."""
-    known = NONE_TRIED.copy()
-    known[:119] = True
-    mean = np.linspace(-1, 1, 120)
-    assert most_useful(forecast(mean, 0.1), ALL_WALK, known, 0.0) == 119
-    assert most_useful(forecast(mean, 0.1), np.zeros(120), known, 0.5) == 119
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -88,15 +88,6 @@ def test_only_the_order_of_scores_matters(core: type[Population]) -> None:
 
 
 @pytest.mark.parametrize("core", CORES)
-def test_the_best_value_of_continuous_functions_falls_below_random_search(core: type[Population]) -> None:
-    for function in (sphere, rosenbrock):
-        found = [minimum(core, function, 30, seed) for seed in range(30)]
-        random = np.random.default_rng(0).uniform(LOW, HIGH, size=(30, 300, 2))
-        by_chance = function(random).min(axis=1)
-        assert np.median(found) < np.median(by_chance) / 3
-
-
-@pytest.mark.parametrize("core", CORES)
 def test_a_core_is_restored_exactly(core: type[Population]) -> None:
     original, restored = make(core, 3), make(core, 4)
     for _ in range(8):

@@ -54,13 +54,6 @@ def test_a_moved_gait_has_the_same_lags_between_the_moved_legs(symmetry: BodySym
         np.testing.assert_array_equal(shifts, shifts[:, :1] * np.ones((1, 6), dtype=int))
 
 
-def test_a_leg_of_ant_serves_all_others_and_one_of_pexod_one() -> None:
-    goals = {
-        name: {symmetry.legs[1] for symmetry in symmetries(name)} for name in ("ant", "phantomx", "pexod")
-    }
-    assert goals == {"ant": {1, 2, 3, 4, 5, 6}, "phantomx": {2, 5}, "pexod": {2, 5}}
-
-
 WORLD = World(
     slope_deg=1.5,
     slope_direction_deg=50.0,
@@ -134,12 +127,6 @@ def test_own_worlds_come_first_and_as_they_are() -> None:
     np.testing.assert_allclose(samples.features[..., DISTANCE], prior.progress_m[0][..., -1], rtol=1e-9)
     np.testing.assert_allclose(samples.features[..., YAW], prior.yaw_rad[0], rtol=1e-9)
     np.testing.assert_array_equal(samples.finished, np.ones(120))
-
-
-def test_all_legs_of_ant_serve_each_leg_in_both_mirrors() -> None:
-    prior = made_up_prior(legs=(1, 2, 3, 4, 5, 6), worlds=2)
-    for leg in range(1, 7):
-        assert samples_of(prior, shipped(), leg).features.shape[0] == 2 * 6 * 2
 
 
 @pytest.mark.parametrize(("name", "legs", "leg", "worlds"), [
