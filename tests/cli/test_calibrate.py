@@ -7,7 +7,6 @@ answers the questions that are asked on stderr.
 import os
 import re
 import select
-import signal
 import subprocess
 import sys
 import time
@@ -174,25 +173,6 @@ def test_a_robot_wired_otherwise_is_found_out(running: BoardProcess, wiring: Ser
     for seen_deg in person.seen_deg:
         np.testing.assert_allclose(seen_deg[others], person.seen_deg[0][others], atol=0.2)
     assert running.end()["refused"] == 0
-
-
-@pytest.mark.long
-def test_ctrl_c_keeps_what_was_saved(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
-    joint = JOINT_NAMES.index("leg1_coxa")
-    with Person(running, wiring, file, "--joints", "leg1") as person:
-        person.begins()
-        person.judges_sign(joint)
-        person.reads(r"measured, ok, skip: ")
-        person.types("at 3")
-        person.limits("skip", "skip")
-        person.reads(r"move it, skip: ")
-        person.process.send_signal(signal.SIGINT)
-        last = person.ends()
-    assert person.process.returncode == 130
-    assert last.startswith("saved leg1_coxa in")
-    found = load_robot_file(file).servo_map
-    assert found.signs[:3].tolist() == [-1, 1, 1]
-    assert found.offsets_deg[1:3].tolist() == [0, 75]
 
 
 def test_driver_and_port_come_from_the_robot_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

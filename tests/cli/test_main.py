@@ -77,39 +77,6 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.startswith("hexctl 0.")
 
 
-BAD_FILES = {
-    "not a mapping": b"- 1\n- 2\n",
-    "a number": b"42\n",
-    "broken YAML": b"name: [ant\n",
-    "binary junk": bytes(range(256)) * 4,
-    "a tag": b"!!python/object/apply:os.system ['true']\n",
-    "unknown key": b"frictoin: 1\n",
-    "not finite": b"friction: .nan\n",
-    "wrong type": b"friction: slippery\n",
-}
-
-
-@pytest.mark.parametrize("option", ["--robot", "--world"])
-@pytest.mark.parametrize("content", BAD_FILES.values(), ids=BAD_FILES.keys())
-def test_bad_files_name_the_file(
-    option: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "bad.yaml"
-    path.write_bytes(content)
-    assert exit_code(["run", "--no-record", option, str(path)]) == 2
-    printed = capsys.readouterr()
-    assert len(printed.err.splitlines()) == 1
-    assert str(path) in printed.err
-
-
-@pytest.mark.parametrize("option", ["--robot", "--seed", "--world"])
-def test_long_values_are_shortened(option: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["run", option, "s" * 5001]) == 2
-    said = capsys.readouterr().err
-    assert "(5001 characters)" in said
-    assert len(said) < 600
-
-
 @pytest.mark.parametrize("line", PATH_LINES)
 def test_a_path_that_no_system_has_is_refused_in_one_line(
     line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

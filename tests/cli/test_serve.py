@@ -126,17 +126,6 @@ def test_with_certificates_controllers_command_and_viewers_look(tmp_path: Path) 
         assert "--keys" in stranger.stderr
 
 
-@pytest.mark.realtime
-def test_watching_ends_with_an_interrupt(tmp_path: Path) -> None:
-    with (
-        served(tmp_path, backend="mock") as robot,
-        program(tmp_path, "watch", "hexctl", "status", "--watch", "--connect", robot.endpoint) as watch,
-    ):
-        watch.wait_for("posture")
-        watch.signal(signal.SIGINT)
-        assert watch.wait() == 0
-
-
 CALM: dict[str, Any] = {
     "robot": "ant",
     "backend": "sim",
