@@ -5,15 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
-from hexctl.control.log import TickLog
 from hexctl.control.monitor.recovery import RecoveryPolicy, Response
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import HexctlError, InputError, WrongTypeError
+from hexctl.errors import HexctlError, InputError
 from hexctl.gait.gait import make_gait
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.failure import Failure, FailureEvent
@@ -51,38 +48,6 @@ def test_it_is_recorded_to_a_file_or_into_a_folder(tmp_path: Path) -> None:
     first, second = (run(record_folder=folder, gait="wave", **SHORT).recording for _ in range(2))
     assert {first, second} == set(folder.iterdir())
     assert all(path.name.endswith(".rrd") and "_ant_wave" in path.name for path in folder.iterdir())
-
-
-class Broken:
-    """A recorder that fails."""
-
-    block_ticks = None
-
-    def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        raise RuntimeError("no room")
-
-
-class Counting:
-    """A recorder that counts."""
-
-    block_ticks = 10
-
-    def __init__(self) -> None:
-        self.ticks = 0
-
-    def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        self.ticks += stop - start
-
-
-def test_a_recorder_that_fails_costs_neither_walk_nor_recording_nor_other_recorders(tmp_path: Path) -> None:
-    broken, counting = Broken(), Counting()
-    done = run(record=tmp_path / "walk.rrd", recorders=[broken, counting], **SHORT)
-    assert done.trial.status == "ok"
-    assert counting.ticks == len(done.log)
-    assert done.recording_error is None
-    (failure,) = done.recorder_failures
-    assert failure.recorder is broken
-    assert "no room" in str(failure.error)
 
 
 def test_it_stops_on_request() -> None:
@@ -197,26 +162,6 @@ class FastYawMock(PosedMock):
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
         self.position_world = None
-
-
-class YawMock(MockServos):
-    """A robot that knows its yaw alone."""
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot)
-
-    def read(self) -> RobotState:
-        return replace(super().read(), base_quaternion_world=np.array([1.0, 0.0, 0.0, 0.0]))
-
-
-class PositionMock(YawMock):
-    """A robot that tells its position only at the fifth reading."""
-
-    reads = 0
-
-    def read(self) -> RobotState:
-        self.reads += 1
-        return replace(super().read(), base_position_world=np.zeros(3) if self.reads > 4 else None)
 
 
 class TestFailuresInMidWalk:
@@ -358,27 +303,3 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
 def test_what_cannot_be_done_is_refused_by_name(options: dict[str, Any], named: str) -> None:
     with pytest.raises(HexctlError, match=named):
         run(**options)
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("failure", 5),
-        ("failure", [5]),
-        ("failed_leg", 2.5),
-        ("heal", "5@3"),
-        ("policy", 3),
-        ("seed", 1.5),
-        ("world", 3),
-        ("backend", RunSpec),
-        ("realtime", "yes"),
-        ("record", 5),
-        ("duration_s", "5"),
-        ("robot", 3),
-    ],
-)
-def test_a_wrong_type_is_refused_by_name(option: str, value: object) -> None:
-    with pytest.raises(WrongTypeError, match=option):
-        run(**{option: value})  # type: ignore[arg-type]
-    with pytest.raises(WrongTypeError):
-        run("ant")  # type: ignore[arg-type]
