@@ -308,18 +308,6 @@ def test_answers_of_other_sizes_are_not_waited_for_and_not_taken(servo: LateServ
     assert _read(line, 30, size=2) == b"\x64\x02"
 
 
-def test_servos_that_begin_to_answer_late_are_heard_again(servo: LateServoLine) -> None:
-    line = PacketLine(servo, PROTOCOLS[1], timeout_s=TIMEOUT_S)
-    for _ in range(80):
-        assert _read(line, 11) == b"\x03"
-    servo.delays_s = [0.04] * 12
-    heard = []
-    for _ in range(12):
-        heard.append(_read(line, 11, tries=1))
-        servo.pass_time(0.08)  # what comes late comes between two questions
-    assert b"\x03" in heard[:8]
-
-
 def test_missing_servos_are_not_waited_for_much_longer_than_the_others_take(servo: LateServoLine) -> None:
     line = PacketLine(servo, PROTOCOLS[1], timeout_s=TIMEOUT_S)
     request = PROTOCOLS[1].instruction(7, READ, bytes([11, 1]))

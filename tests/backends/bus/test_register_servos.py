@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.backends.bus.packets import PROTOCOLS, READ
+from hexctl.backends.bus.packets import PROTOCOLS
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.register_servo import RegisterServo
 from hexctl.backends.bus.registers import table_of
@@ -138,18 +138,6 @@ def test_a_damaged_line_is_asked_again() -> None:
         assert servo.change(servo.table.goal, value) in ("", "no answer")
         assert servo.value(servo.table.goal) in (value, None)
     assert 2000 <= real.number(servo.table.goal) < 2040
-
-
-def test_a_late_answer_is_not_taken_for_another() -> None:
-    """An answer says nothing of its question: that of the one before would pass for it."""
-    servo, _ = _servo("dynamixel", "xl430-w250")
-    table, packets = servo.table, servo._packets
-    assert table.mode is not None
-    for register, number in ((table.flags, 0), (table.shutdown, 36), (table.servo_id, 5)):
-        mode = packets.packets.place(table.mode.address, 1)
-        packets.tell(5, READ, mode)  # whose answer, 3, nobody waits for
-        packets.line.discard = lambda: False  # type: ignore[method-assign]  # it comes after that
-        assert servo.sure(register) == number
 
 
 def test_a_setting_behind_a_lock_goes_with_the_power() -> None:

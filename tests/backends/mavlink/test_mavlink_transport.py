@@ -23,12 +23,10 @@ from hexctl.backends.mavlink.mavlink_transport import (
     Port,
     PortAddress,
     SequenceCount,
-    UdpPort,
     open_port,
     parse_port,
 )
 from hexctl.errors import InputError, RobotFaultError
-from tests.many_files import many_open_files
 
 
 @pytest.mark.parametrize(
@@ -129,21 +127,6 @@ def test_a_flood_of_addresses_does_not_renumber_an_active_peer() -> None:
     port.sent.clear()
     link.send(heartbeat, 0)
     assert port.sent == [(0, 0)]  # forgotten long ago
-
-
-def test_a_port_in_a_program_with_many_open_files() -> None:
-    with many_open_files(), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
-        peer.bind(("127.0.0.1", 0))
-        port = UdpPort(PortAddress("udpout", "127.0.0.1", peer.getsockname()[1]))
-        assert port.receive(0.0) == []
-        port.send(b"here", None)
-        data, sender = peer.recvfrom(100)
-        peer.sendto(data, sender)
-        assert port.receive(10.0) == [(b"here", None)]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hostile:
-            hostile.sendto(b"elsewhere", sender)
-        assert port.receive(0.05) == [], "only its peer is heard"
-        port.close()
 
 
 def test_ports_that_cannot_be_opened_are_faults() -> None:
