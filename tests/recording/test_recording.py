@@ -212,21 +212,6 @@ def test_a_recording_that_is_deleted_meanwhile_is_reported_at_the_end(trial: Tri
     assert not path.exists()
 
 
-@pytest.mark.parametrize("indexed_s", [0.0, 120.0])
-def test_a_recording_that_is_deleted_as_it_is_closed_is_reported(
-    indexed_s: float, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def delete(stream: Any) -> None:
-        rrd.disconnect(stream)
-        path.unlink()
-
-    path = tmp_path / "deleted.rrd"
-    monkeypatch.setattr(module, "INDEXED_S", indexed_s)
-    monkeypatch.setattr(module, "disconnect", delete)
-    with pytest.raises(RecordingError, match="deleted"):
-        write(path, trial)
-
-
 CHILD = """
 import pickle, sys, time
 from pathlib import Path
@@ -389,50 +374,3 @@ def test_memory_does_not_grow_with_the_length_of_a_walk(
     assert len(late) > 2 * WARM_S - 2
     # The least of some seconds: a piece that is just being written does not count.
     assert min(late[-8:]) - min(late[:8]) < MOST_BYTES
-
-
-OPENED = """
-import os, sys
-from pathlib import Path
-from hexctl.recording.recording import Recording
-from hexctl.recording.rrd import load_rerun
-from hexctl.robot.loader import load_robot
-from hexctl.waiting import wait_for
-rr = load_rerun()  # before the tests do, without hexctl's choice of what Rerun logs
-from tests.recording.conftest import make_plan
-
-def record(name):
-    Recording(Path(sys.argv[1]) / f"{name}.rrd", robot, make_plan(robot), title="one of many").close()
-
-robot = load_robot("ant")
-"""
-
-#: Two threads of each recording that is kept; one or two may be on their way out.
-CLOSED = """
-def threads():
-    return len(os.listdir("/proc/self/task"))
-
-record("first")
-first = threads()
-for index in range(5):
-    record(index)
-wait_for(lambda: threads() <= first + 2, 60, "closed recordings keep their threads")
-"""
-
-OF_THE_PROGRAM = """
-rr.init("a program of its own")
-rr.save(sys.argv[1] + "/own.rrd")
-own = rr.get_global_data_recording().get_recording_id()
-record("walk")
-assert rr.get_global_data_recording().get_recording_id() == own
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("script", [CLOSED, OF_THE_PROGRAM], ids=["closed", "of the program"])
-def test_closed_recordings_are_let_go_and_that_of_the_program_itself_goes_on(
-    script: str, tmp_path: Path
-) -> None:
-    command = [sys.executable, "-c", OPENED + script, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
-    assert (done.returncode, done.stderr) == (0, "")

@@ -10,20 +10,17 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
 from hexctl.control.log import TickLog
-from hexctl.errors import InputError
 from hexctl.recording import paths
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.recording import Recording
-from hexctl.recording.rrd_reader import check_viewable, rerun_chunks
 from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
 from hexctl.recording.side_by_side import names_of, write_together
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_meshes
 from hexctl.runs.run import run
 from hexctl.types import JointTargets
-from tests.recording.conftest import ReadBack, Trial, make_plan, messages
-from tests.recording.made_up import arrow_stream, recording_of
+from tests.recording.conftest import ReadBack, Trial, make_plan
 from tests.robot.meshmaking import glb_box, stl_box
 from tests.robots import edited_file, put, shipped
 
@@ -160,26 +157,3 @@ def test_the_scene_leads_to_a_copy_of_each_walk(written: list[Path], recordings:
         np.testing.assert_array_equal(before.measured_rad, after.measured_rad)
         assert before.properties == after.properties
         assert before.floor_quaternion.tolist() == after.floor_quaternion.tolist()
-
-
-@pytest.mark.parametrize("kind", [0, 1, 3])
-def test_damage_outside_of_chunks_does_not_end_the_scene(
-    kind: int, recordings: list[Path], tmp_path: Path
-) -> None:
-    """Messages of these kinds hold the index, the store and the layout that is shown."""
-    content, damaged = bytearray(recordings[1].read_bytes()), tmp_path / "damaged.rrd"
-    start, stop = next(messages(bytes(content), kind))
-    content[start:stop] = b"\xff" * (stop - start)
-    damaged.write_bytes(content)
-    check_viewable(damaged)
-    *_, copy = write_together([recordings[0], damaged], tmp_path / "new")
-    np.testing.assert_array_equal(read_trial(copy).measured_rad, read_trial(recordings[1]).measured_rad)
-
-
-def test_a_chunk_that_rerun_refuses_names_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "without-rows.rrd"
-    path.write_bytes(recording_of(arrow_stream()))
-    check_viewable(path)
-    with pytest.raises(InputError) as refused:
-        list(rerun_chunks(path))
-    assert str(path) in str(refused.value)
