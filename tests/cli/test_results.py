@@ -192,30 +192,6 @@ def damaged(walk: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_session_is_shown_without_what_is_damaged_and_names_it(
-    damaged: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    name = session(3)
-    lost, empty = (Path("runs", name, f"trial-00{index}.rrd") for index in (2, 3))
-    lost.write_bytes(damaged.read_bytes())
-    empty.write_bytes(b"")
-    for named in (
-        name,
-        f"runs/{name}/overview.rrd",
-        str(lost.resolve().with_name("overview.rrd")),
-    ):
-        assert exit_code(["view", named]) == 3
-        assert opened() == [f"runs/{name}/overview.rrd"]
-        table = table_of(Path(opened()[0]))
-        assert "▶ 1" in table
-        assert "▶ 2" not in table
-        assert "▶ 3" not in table
-        damage, emptied = capsys.readouterr().err.splitlines()
-        assert damage.startswith(f"hexctl: recording: {lost} is damaged")
-        assert emptied.startswith(f"hexctl: recording: {empty} is not a Rerun recording")
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--web",)])
 def test_a_damaged_recording_is_named_before_anything_is_shown(
     options: tuple[str, ...], walk: Path, damaged: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
@@ -274,23 +250,3 @@ def test_it_prints_where_the_output_lies(walk: Path, capsys: Any) -> None:
         assert capsys.readouterr().out == f"{path}\n"
         assert Path(path).stat().st_size > 1000
     assert "ros2_control" in Path("a.urdf").read_text()
-
-
-@pytest.mark.slow
-def test_what_a_session_has_lost_is_named_and_the_rest_is_written(
-    walk: Path, damaged: Path, tmp_path: Path, capsys: Any
-) -> None:
-    name = session(3, missing=(2,))
-    first, second, third = (Path("runs", name, f"trial-00{index}.rrd") for index in (1, 2, 3))
-    shutil.copy(damaged, first)
-    shutil.copy(walk, third)
-    assert exit_code(["export", name, "--to", "mcap", "-o", "bags"]) == 3
-    captured = capsys.readouterr()
-    assert captured.out == "bags\n"
-    assert [path.name for path in Path("bags").iterdir()] == [third.stem]
-    harmed, missing = captured.err.splitlines()
-    assert harmed.startswith(f"hexctl: recording: {first} is damaged")
-    assert missing.startswith(f"hexctl: recording: {second} is not there")
-    assert exit_code(["export", name, "-o", "trials.csv"]) == 0
-    assert capsys.readouterr().err == ""
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "runs", "trials.csv"]

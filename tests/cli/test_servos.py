@@ -181,3 +181,19 @@ def test_that_no_usb_adapter_is_there_is_noted(
     printed = capsys.readouterr()
     assert "/dev/ttyAMA0" in printed.out
     assert ("no USB serial adapter" in printed.err) is (vendor is None)
+
+
+def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    section = {"driver": "feetech", "port": "/dev/nothing"}
+    file = edited_file(tmp_path, put("servos", section), base="phantomx")
+    before = file.read_text()
+    for options, code, named in (
+        ([], 3, "/dev/nothing"),
+        (["--connect", "/dev/nowhere"], 3, "/dev/nowhere"),
+        (["--backend", "dynamixel"], 2, "--backend"),
+    ):
+        assert exit_code(["calibrate", str(file), *options]) == code
+        assert named in capsys.readouterr().err
+    assert file.read_text() == before

@@ -138,33 +138,6 @@ def test_it_walks_along_the_heading_that_it_is_given(heading_deg: float) -> None
     assert abs(result.deviation.signed) < math.tan(math.radians(5)) * float(result.distance_m or 0)
 
 
-def test_a_walk_to_the_left_of_the_line_deviates_positively() -> None:
-    """The line is the heading; the floor is a slope that pulls the robot down to its left."""
-    slope = World(slope_deg=12, slope_direction_deg=-90, friction=0.6)
-    deviation = walk("tripod", world=slope, duration_s=8).result.deviation
-    assert deviation is not None
-    assert deviation.signed > 0.02
-    assert deviation.final == pytest.approx(deviation.signed)
-
-
-@pytest.mark.parametrize("rate_deg_s", [20, -20])
-def test_it_turns_in_place_at_the_rate_that_it_is_given(rate_deg_s: float) -> None:
-    result = walk("tripod", travel=0.0, turn_rate_rad_s=math.radians(rate_deg_s), duration_s=6).result
-    assert result.status == "ok"
-    assert result.yaw_change_rad is not None
-    assert 0.55 <= math.degrees(result.yaw_change_rad) / (6 * rate_deg_s) <= 1.0
-    assert math.hypot(*result.path_m[-1]) < 0.10
-
-
-def test_a_blend_of_travel_and_turn_walks_a_curve() -> None:
-    result = walk("tripod", turn_rate_rad_s=math.radians(8), duration_s=6).result
-    assert result.status == "ok"
-    assert result.yaw_change_rad is not None
-    assert result.deviation is not None
-    assert math.degrees(result.yaw_change_rad) > 22
-    assert result.deviation.signed > 0.07
-
-
 def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: Path) -> None:
     raised = [{"position_m": [0.08 * x, 0.08 * y, z], "yaw_deg": yaw} for x, y, z, yaw in UNEVEN_MOUNTS]
     robot = load_robot(edited_file(tmp_path, put("mounts", raised), put("name", "uneven")))

@@ -234,21 +234,6 @@ time.sleep(60)
 """
 )
 
-FULL_DISK = (
-    CHILD
-    + """
-import resource, signal
-from hexctl.errors import RecordingError
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
-try:
-    recording.write_block(trial["log"], 0, 200)
-    recording.finish(trial["result"], {})
-except RecordingError as error:
-    print("refused:", error)
-"""
-)
-
 
 def _start(script: str, path: Path, trial: Trial) -> "subprocess.Popen[bytes]":
     """Run a script that records the trial in a process of its own."""
@@ -280,18 +265,6 @@ def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Pa
     read = ReadBack(path)
     assert len(_joints(read, 1)) == 200
     assert len(read.blueprints) == 1
-
-
-@pytest.mark.slow
-def test_a_full_disk_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> None:
-    child = _start(FULL_DISK, tmp_path / "full.rrd", trial)
-    assert child.stdout is not None
-    output = child.stdout.read().decode()
-    child.stdout.close()
-    child.wait(10)
-    assert output.startswith("refused:"), output
-    assert "incomplete" in output
-    assert output.count("\n") == 1
 
 
 def test_without_rerun_the_extra_is_named(

@@ -9,16 +9,15 @@ import pytest
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.recording.recorded_trial import read_trial
-from hexctl.recording.rrd import END_PADDING, RERUN, check_whole, probe_file
+from hexctl.recording.rrd import END_PADDING, check_whole, probe_file
 from hexctl.recording.rrd_reader import (
     CHUNK,
     HEAD_BYTES,
     MAGIC,
     MESSAGE_HEAD,
-    check_viewable,
     read_chunks,
 )
-from tests.recording.conftest import ReadBack, Trial, damage, messages, write
+from tests.recording.conftest import ReadBack, Trial, messages, write
 
 
 @pytest.mark.parametrize("missing_bytes", [1, 5000])
@@ -52,18 +51,6 @@ def test_a_probe_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_would_end_reruns_reader_is_refused_in_one_line(trial_file: Path, trial: Trial) -> None:
-    damaged = damage(trial_file)
-    for read in (read_trial, check_viewable):
-        with pytest.raises(InputError) as refused:
-            read(damaged)
-        assert str(damaged) in str(refused.value)
-        assert RERUN in str(refused.value)
-        assert "\n" not in str(refused.value)
-    assert len(read_trial(trial_file)) == len(trial.log)
-
-
-@pytest.mark.slow
 def test_no_damage_ends_the_process(trial_file: Path, tmp_path: Path) -> None:
     chance, content = random.Random(0), trial_file.read_bytes()
     path, refused = tmp_path / "spoiled.rrd", 0
@@ -94,21 +81,6 @@ def test_what_was_cut_off_is_read_up_to_there(
     warned = [record.getMessage() for record in caplog.records]
     assert len(warned) == (left_out_bytes > 0)
     assert all(str(cut) in text and f" {left_out_bytes} " in text for text in warned)
-
-
-@pytest.mark.slow
-def test_a_damaged_length_leaves_the_rest_out_with_a_warning(
-    trial_file: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    content, damaged = bytearray(trial_file.read_bytes()), tmp_path / "damaged.rrd"
-    start, _ = list(messages(bytes(content), CHUNK))[100]
-    content[start - 1] = 127
-    damaged.write_bytes(content)
-    assert len(list(read_chunks(damaged))) == 100
-    check_viewable(damaged)
-    (warned,) = [record.getMessage() for record in caplog.records]
-    assert str(damaged) in warned
-    assert f" {len(content) - start + MESSAGE_HEAD.size} " in warned
 
 
 @pytest.mark.slow

@@ -23,10 +23,6 @@ def _bus_on(line: BoardLine, bus_map: BusMap) -> RegisterBus:
     return bus
 
 
-def _bus(bus_map: BusMap, *faults: str) -> RegisterBus:
-    return _bus_on(BoardLine(bus_map, *faults), bus_map)
-
-
 @pytest.mark.parametrize(("driver", "model"), MODELS)
 def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
     bus_map = a_map(driver, model)
@@ -77,25 +73,6 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
     assert error.startswith("stands beyond the limits ")
     bus.set_torque(False)
     assert {report.place: report.error for report in bus.poll_all()}[4] == ""
-
-
-def test_an_adapter_that_echoes_is_noticed() -> None:
-    for model in ("sts3215", "scs0009"):
-        bus = _bus(a_map("feetech", model), "echo")
-        assert bus.find().all()
-        assert len(bus.poll_all()) == 18
-        assert bus.servos[0].model_number() == a_map("feetech", model).models[0].number
-
-
-def test_garbled_answers_are_counted_and_never_believed() -> None:
-    bus_map = a_map()
-    bus = _bus(bus_map, "garble:0.2")
-    bus.find()
-    for _ in range(60):
-        for report in bus.poll():
-            assert report.position == stance_counts(bus_map)[report.place]
-    assert bus._counters.missed > 20
-    assert bus._counters.garbled > 20
 
 
 def _servo(driver: str, model: str, *faults: str) -> tuple[RegisterServo, BusServo]:

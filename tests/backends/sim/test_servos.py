@@ -10,9 +10,8 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.backends.sim.servos import SimClock, SimServos
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH
-from hexctl.backends.sim.world import World, load_world
-from hexctl.errors import RobotFaultError, SimulationDivergedError, WrongTypeError
-from hexctl.robot.configs import config_root
+from hexctl.backends.sim.world import World
+from hexctl.errors import RobotFaultError, SimulationDivergedError
 from hexctl.robot.rotations import yaw_rad
 from hexctl.testing.servo_conformance import LegServosConformance, move
 from hexctl.types import FloatArray
@@ -220,15 +219,3 @@ def test_a_step_that_fails_does_not_count() -> None:
     with pytest.raises(ZeroDivisionError):
         clock.tick()
     assert clock.now_s == 0
-
-
-def test_robot_and_world_are_taken_by_their_names() -> None:
-    servos = SimServos("ant", world="slippery")
-    assert servos.robot.name == "ant"
-    assert servos.world == load_world("slippery")
-    assert SimServos("ant", world="transfer:0").world == load_world("transfer:0")
-    assert SimServos("ant", world=config_root() / "worlds" / "slippery.yaml").world == load_world("slippery")
-    with pytest.raises(WrongTypeError, match="world: got 3"):
-        SimServos("ant", world=3)  # type: ignore[arg-type]
-    with pytest.raises(WrongTypeError, match="robot: got None"):
-        SimServos(None)  # type: ignore[arg-type]

@@ -232,15 +232,6 @@ def test_play_of_the_robot_file_counts_where_the_world_has_none() -> None:
     np.testing.assert_allclose(drawn, expected)
 
 
-def test_a_robot_with_play_in_its_joints_does_not_follow_small_targets() -> None:
-    stood = _joints_after(World(), [STANCE] * 6)
-    small = _joints_after(World(servo_backlash_deg=2.0), [STANCE + math.radians(0.9)] * 6)
-    np.testing.assert_array_equal(small, stood)
-    large = _joints_after(World(servo_backlash_deg=2.0), [STANCE + math.radians(1.5)] * 6)
-    half_behind = _joints_after(World(), [STANCE + math.radians(0.5)] * 6)
-    np.testing.assert_allclose(large, half_behind, rtol=0, atol=1e-9)
-
-
 @given(losses=st.lists(st.booleans(), min_size=1, max_size=30))
 def test_a_lost_command_leaves_the_servos_at_the_one_before(losses: list[bool]) -> None:
     train = _train(lost_commands=0.5)
@@ -339,31 +330,3 @@ def test_a_batch_with_everything_loose_equals_its_single_trials(
         assert made.to_dict() == alone.to_dict()
         assert np.array_equal(made.path_m, alone.path_m)
         assert len(made.path_m) == 30
-
-
-@cache
-def _path(world: World) -> FloatArray:
-    plan = TrialPlan(gait=make_gait(shipped(), "demo"), duration_s=0.2)
-    return run_sim_trial(SimTrial(robot=shipped(), plan=plan, failure=None, world=world)).path_m
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "key",
-    [
-        "servo_delay_s",
-        "servo_backlash_deg",
-        "friction_cone",
-        "time_step_s",
-        "added_mass_share",
-        "joint_stiffness",
-        "joint_friction_nm",
-        "tibia_error",
-        "friction_ratio",
-        "state_latency_s",
-        "lost_commands",
-    ],
-)
-def test_each_of_them_makes_a_difference_to_the_walk(key: str) -> None:
-    without = LOOSE.model_copy(update={key: getattr(World(), key)})
-    assert not np.array_equal(_path(LOOSE), _path(without))

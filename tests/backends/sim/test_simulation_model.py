@@ -241,20 +241,3 @@ def test_a_robot_slides_across_the_grain_and_not_along_it() -> None:
         slipped.append(float(np.linalg.norm((after - before)[:2])))
     assert slipped[0] > 0.3
     assert slipped[1] < 0.05
-
-
-def test_a_pair_of_equal_frictions_is_the_contact_that_it_replaces() -> None:
-    """What a pair does not inherit from the floor would show here."""
-    plain = make_simulation(shipped(), World()).physics
-    with_pairs = make_simulation(shipped(), World(friction_ratio=1 + 1e-12)).physics
-    for physics in (plain, with_pairs):
-        physics.step(200)
-    assert with_pairs.model.npair == 6
-    assert with_pairs.data.ncon == plain.data.ncon
-    np.testing.assert_allclose(with_pairs.data.qpos, plain.data.qpos, atol=1e-9)
-
-
-def test_a_missing_leg_touches_no_grain_either() -> None:
-    world = World(friction_ratio=1.5)
-    model = make_simulation(shipped(), world, Failure(leg=3, kind="missing")).physics.model
-    assert model.npair == 5
