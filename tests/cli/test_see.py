@@ -138,31 +138,6 @@ def test_the_arena_of_a_simulated_floor_is_none_that_a_camera_sees(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_lens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import cv2
-
-    from tests.vision.detection.test_lens_calibration import LENSES, pictures, ray_error_px
-
-    files = []
-    for number, picture in enumerate(pictures("480p")):
-        files.append(tmp_path / f"board{number}.png")
-        cv2.imwrite(str(files[-1]), picture)
-    blank = tmp_path / "blank.png"
-    cv2.imwrite(str(blank), np.full((480, 640), 128, dtype=np.uint8))
-    output = tmp_path / "lens.yaml"
-    asked = ["see", "calibrate", *map(str, [blank, *files]), "--output", str(output)]
-    assert exit_code([*asked, "--json"]) == 0
-    said = capsys.readouterr()
-    result = json.loads(said.out)
-    assert result["pictures"] >= 15
-    assert result["missing"] == []
-    assert "blank.png" in said.err
-    assert ray_error_px(LENSES["480p"], load_lens(output)) < 0.5
-    assert exit_code(asked) == 2
-    assert "--output" in capsys.readouterr().err
-
-
-@pytest.mark.slow
 def test_the_command_takes_a_video(tmp_path: Path) -> None:
     import cv2
 
