@@ -80,15 +80,6 @@ def test_a_finished_session_goes_on_with_another_budget(capsys: pytest.CaptureFi
     assert run_json(capsys, *go_on, lines=1)["trials"] == longer["trials"]
 
 
-@on_a_landscape
-def test_a_session_at_its_target_has_nothing_to_walk(capsys: pytest.CaptureFixture[str]) -> None:
-    begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--target", "9"]
-    outcome = run_json(capsys, *begun, "--budget", "5")
-    assert (outcome["ended"], len(outcome["trials"])) == ("target", 1)
-    resume = ["adapt", "--resume", outcome["session"], "--no-record", "--budget", "8"]
-    assert len(run_json(capsys, *resume, lines=1)["trials"]) == 1
-
-
 def test_no_valid_trial_is_no_success(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

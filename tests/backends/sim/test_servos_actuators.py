@@ -137,28 +137,6 @@ def test_offset_and_play_come_in_the_order_of_the_gear(given_rad: list[float]) -
         np.testing.assert_allclose(shafts[:, joint], expected, rtol=0, atol=1e-12)
 
 
-def test_a_jammed_joint_stays_where_it_is_whatever_lies_before_it() -> None:
-    stuck = Failure(leg=2, kind="stuck", joint="femur", angle_rad=0.4)
-    train = _train(stuck, offsets_rad=np.full(18, 0.02), servo_backlash_deg=1.0)
-    driven = _driven(train, _targets([0.5, -0.5, 0.2]))
-    assert driven[:, 4].tolist() == [0.4] * 3
-    moved = np.delete(np.abs(np.diff(driven, axis=0)).max(axis=0), 4)
-    assert (moved > 0).all()
-
-
-def test_copies_and_their_original_leave_one_another_alone() -> None:
-    """Each hears other targets than the rest, as gaits of one batch do."""
-    given_rad = np.random.default_rng(3).uniform(-1, 1, (4, 20))
-    targets = [_targets(row.tolist()) for row in given_rad]
-    walked, *others = (_train(servo_backlash_deg=4.0) for _ in range(5))
-    for train in (walked, *others):
-        _driven(train, _targets([0.4, -0.1, 0.3]))
-    together = _driven(walked.copies(3), np.stack(targets[:3], axis=1))
-    for index in range(3):
-        np.testing.assert_array_equal(together[:, index], _driven(others[index], targets[index]))
-    np.testing.assert_array_equal(_driven(walked, targets[3]), _driven(others[3], targets[3]))
-
-
 def _joints_after(world: World, targets_rad: Sequence[FloatArray]) -> FloatArray:
     """The true joint angles one tick after each target, (T, 18)."""
     joints = []

@@ -59,15 +59,6 @@ def test_the_trunk_has_its_centre_of_mass_and_inertia() -> None:
     np.testing.assert_allclose(sorted(oracle.body_inertia[1]), sorted(INERTIA))
 
 
-def test_a_centre_of_mass_alone_moves_the_mass_of_the_shape() -> None:
-    robot = _with(body=replace(shipped().body, com_m=COM_M))
-    plain = _trunk(make_simulation(shipped(), STILL).physics, robot)
-    moved = _trunk(make_simulation(robot, STILL).physics, robot)
-    assert moved[0] == plain[0]
-    np.testing.assert_allclose(moved[1], COM_M)
-    np.testing.assert_allclose(moved[2], plain[2], atol=1e-15)
-
-
 def test_the_links_have_their_centres_of_mass() -> None:
     coms = np.array([[0.02, 0.005], [0.03, -0.002], [0.04, 0.01]])
     robot = _with(link_coms_m=coms)

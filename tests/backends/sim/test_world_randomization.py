@@ -140,15 +140,6 @@ def test_a_kind_comes_before_a_range(tmp_path: Path) -> None:
     assert min(first.friction, third.friction) >= 0.4
 
 
-@pytest.mark.parametrize("scale", ["even", "log", "normal"])
-@given(shares=st.lists(st.floats(0, 1), min_size=2, max_size=20))
-def test_a_greater_share_lies_below_a_greater_value(scale: str, shares: list[float]) -> None:
-    spread = Distribution.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
-    values = spread.at(np.sort(shares))
-    assert np.isfinite(values).all()
-    assert (np.diff(values) >= 0).all()
-
-
 @pytest.mark.parametrize(
     ("scale", "shares", "values"),
     [
