@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from hexctl.adapt.prior.acquisition import (
     chance_above,
     chance_within,
-    expected_excess,
     expected_gain_m,
     expected_size_m,
     most_useful,
@@ -339,12 +338,3 @@ def test_the_gain_over_two_trials_is_what_chance_brings(seed: int) -> None:
     # Seven outcomes stand for all: what is picked is the best one, or as good as it.
     assert picked in few
     assert gains[few.index(picked)] >= max(gains) - 0.01
-
-
-def test_the_expected_gain_is_that_of_a_normal_number() -> None:
-    drawn = np.random.default_rng(0).normal(1.0, 0.5, 200_000)
-    mean, sd = np.array([1.0, 1.0]), np.array([0.5, 1e-6])
-    gain = expected_excess(0.8 - mean, sd)
-    assert gain[0] == pytest.approx(np.maximum(0.8 - drawn, 0).mean(), rel=0.02)
-    assert gain[1] == pytest.approx(0.0, abs=1e-9)
-    assert expected_excess(0.8 - np.array([0.2]), np.array([1e-6]))[0] == pytest.approx(0.6)

@@ -40,20 +40,6 @@ def test_a_program_that_is_stopped_while_it_waits_knows_so_before_anything_pause
     assert clock.standstill is said, "once is enough"
 
 
-def test_late_by_less_than_a_period_runs_at_once_and_keeps_the_grid() -> None:
-    time = FakeTime()
-    clock = time.clock()
-    clock.tick()
-    time.work(1.7 * PERIOD_S)
-    late = clock.tick()
-    assert late.index == 2
-    assert late.late_s == pytest.approx(0.7 * PERIOD_S)
-    after = clock.tick()
-    assert after.index == 3
-    assert after.late_s == pytest.approx(0, abs=1e-6)
-    assert clock.overruns == 0
-
-
 def test_a_sleep_that_returns_early_is_slept_again() -> None:
     time = FakeTime(early_share=0.5)
     clock = time.clock()

@@ -16,7 +16,6 @@ from benchmarks.search_gain import (
     OPEN_LOOP,
     OPEN_LOOP_PRIOR,
     OpenLoop,
-    lines_of,
     losses,
     open_loop_lines,
     regrets,
@@ -96,11 +95,6 @@ def test_a_prior_that_knows_the_gaits_is_ahead_of_chance_and_of_a_shuffled_one(
     assert [runs for runs, _ in searches(prior, shipped(), 5).values()] == [1, 5, 5]
 
 
-def test_the_table_has_a_line_for_each_search() -> None:
-    lines = lines_of({"bayes": np.array([[0.1, 0.02], [0.3, 0.0]])})
-    assert lines[-1] == "| bayes | 20.0 ± 10.0 (30.0) | 1.0 ± 1.0 (2.0) |"
-
-
 def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
     known = drift_samples_of(load_prior(shipped_priors() / OPEN_LOOP_PRIOR), shipped(), 5)
     one = OpenLoop(number=1, world=World(), leg=5, search=OPEN_LOOP["trim"](known, range(1, 121)))
@@ -112,31 +106,6 @@ def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
     assert one.confirmed == 5
     assert [one.best_m(walks) for walks in (1, 2)] == pytest.approx([0.31, 0.02])
     assert open_loop_lines([one])[-1] == "confirmed: 100%, after 5 walks (median)"
-
-
-@pytest.mark.parametrize(
-    ("bar", "text", "inside", "outside"),
-    [
-        (Bar(low=0.9), ">= 0.9", 0.9, 0.89),
-        (Bar(high=1.25), "<= 1.25", 1.25, 1.26),
-        (Bar(30, 70), "30..70", 70, 71),
-    ],
-)
-def test_a_bar_is_shown_and_includes_its_ends(bar: Bar, text: str, inside: float, outside: float) -> None:
-    assert str(bar) == text
-    assert bar.holds(inside)
-    assert not bar.holds(outside)
-
-
-def test_a_row_without_a_bar_neither_holds_nor_fails() -> None:
-    assert Row("x", 1.0, "s").as_json() == {
-        "name": "x",
-        "value": 1.0,
-        "unit": "s",
-        "bar": None,
-        "holds": None,
-        "note": "",
-    }
 
 
 def test_a_row_without_a_value_does_not_clear_its_bar() -> None:

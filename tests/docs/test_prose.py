@@ -163,12 +163,3 @@ def test_docstrings_have_few_banned_phrases() -> None:
     texts = chain.from_iterable(docstrings(path) for path in sorted((ROOT / "hexctl").rglob("*.py")))
     found = [each[0] for text in texts for each in BANNED.finditer(re.sub(r"`[^`]*`", "X", text))]
     assert len(found) <= MOST_IN_DOCSTRINGS, found
-
-
-def test_words_and_sentences_are_counted() -> None:
-    text = "---\nsearch:\n  boost: 2\n---\n\n# A title\n\nYou walk `hexctl run`. It stops; then it stands.\n"
-    assert sentence_lengths(prose(text)) == [3, 5]
-    assert prose(text).count(";") == 1
-    indented = '=== "make"\n\n    ```sh\n    make setup\n    ```\n'
-    assert sentence_lengths(prose(indented)) == []
-    assert BANNED.search("Nobody told the robot") is not None

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from benchmarks import results
-from benchmarks.rows import Bar, Row
 from tests.docs.pages import ROOT
 
 TABLES = results.results()
@@ -46,23 +45,6 @@ def test_a_number_is_replaced_by_that_of_its_key() -> None:
     tables = {"line": {"rows": {"pose": {"mean": "0.25 ± 0.02"}}}}
     page = "It ends 7.1 cm<!-- line.pose.mean --> off, 3 cm of 4."
     assert results.updated(page, tables) == "It ends 0.25 cm<!-- line.pose.mean --> off, 3 cm of 4."
-
-
-def test_benchmarks_write_their_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    copy = tmp_path / "results.yaml"
-    copy.write_bytes(results.FILE.read_bytes())
-    monkeypatch.setattr(results, "FILE", copy)
-    monkeypatch.setattr(results, "pages", list)
-    rows = [Row("tick.monitor", 41.236, "us", Bar(high=30)), Row("see.noisy.yaw_rms", 0.4, "deg")]
-    results.save_rows([*rows, Row("no.such.row", 1.0, "us")])
-    new = results.results()
-    row = new["performance"]["rows"]["tick.monitor"]
-    assert (row["value"], row["bar"], row["unit"]) == ("41.24", "<= 30, missed", "µs")
-    assert new["performance"]["date"] == date.today().isoformat()
-    assert new["camera"]["rows"]["noisy"] == {**TABLES["camera"]["rows"]["noisy"], "heading": "0.4"}
-    assert new["line"] == TABLES["line"]
-    with pytest.raises(KeyError):
-        results.put({"line.pose.nothing": "1"})
 
 
 def test_the_matrix_is_made_from_the_results() -> None:

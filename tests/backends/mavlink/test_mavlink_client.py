@@ -237,15 +237,6 @@ def test_torque_off_releases_and_closing_says_goodbye_and_moves_nothing(tmp_path
         assert len(board.overrides()) == 1
 
 
-def test_losses_and_noise_are_counted(tmp_path: Path) -> None:
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        board.sequence += 5
-        eventually(lambda: servos.counters.lost >= 5, board.port.time)
-        board.port.others["controller"].put(b"noise", None)
-        eventually(lambda: servos.counters.malformed >= 1, board.port.time)
-        assert next_state(servos).healthy
-
-
 def test_a_signed_link_works_both_ways(tmp_path: Path) -> None:
     key = bytes(range(32))
     with ScriptedBoard(signing_key=key) as board, servos_at(board, tmp_path, key=key) as servos:

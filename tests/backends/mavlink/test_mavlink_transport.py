@@ -87,15 +87,6 @@ def test_a_sender_that_restarts_after_a_silence_is_received_immediately() -> Non
     assert count.lost == 0
 
 
-@given(st.lists(st.booleans(), min_size=1, max_size=600))
-def test_what_is_dropped_on_the_way_is_counted(arrives: list[bool]) -> None:
-    """Every loss before the last arrival, as long as fewer than 127 are lost in a row."""
-    kept = [index for index, there in enumerate(arrives) if there or index % 100 == 0]
-    count, accepted = follow(kept)
-    assert all(accepted)
-    assert count.lost == kept[-1] + 1 - len(kept)
-
-
 class SilentPort(Port):
     """Keeps what is sent, with the address."""
 

@@ -16,10 +16,8 @@ from hexctl.backends.pwm.pca9685 import (
     I2cBus,
     Pca9685,
     Pca9685Servos,
-    channel_bytes,
     open_i2c,
     prescale_of,
-    pulse_of,
 )
 from hexctl.errors import MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
@@ -103,15 +101,6 @@ def test_registers_are_what_other_drivers_take_them_for() -> None:
             assert off == pytest.approx(wanted[joint] * 4096 * 50 / 1e6, abs=1.0)
         for memory in map(bytes, bus.memories.values()):
             assert (memory[0x00], memory[0x01], memory[0xFE]) == (0x20, 0x04, 121)
-
-
-@pytest.mark.parametrize("pulse_us", [500.0, 1000.0, 1499.9, 1500.0, 2500.0])
-def test_a_pulse_comes_back_from_its_registers(pulse_us: float) -> None:
-    assert pulse_of(channel_bytes(pulse_us, COUNT_US), COUNT_US) == pytest.approx(pulse_us, abs=COUNT_US / 2)
-    assert channel_bytes(float("nan"), COUNT_US) == bytes.fromhex("00000010")
-    assert np.isnan(pulse_of(bytes.fromhex("00000010"), COUNT_US))
-    assert np.isnan(pulse_of(bytes.fromhex("00100000"), COUNT_US)), "always on is no pulse"
-    assert channel_bytes(1500, COUNT_US).hex() == "00003301"  # 307
 
 
 @pytest.mark.parametrize(("oscillator_mhz", "prescale"), [(25.0, 121), (26.3, 127), (23.9, 116)])
