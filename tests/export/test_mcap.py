@@ -122,16 +122,6 @@ def test_contacts_and_events(found: Messages, walk: RecordedTrial) -> None:
     assert texts == [event.text for event in walk.events]
 
 
-def test_the_twist_is_that_of_the_walk(walk: RecordedTrial, found: Messages) -> None:
-    speeds = {time_ns: message.twist.twist.linear for time_ns, message in found["/odom"]}
-    walking = walk.walk_s > 1
-    forward = np.linalg.norm(walk.base_position_world[-1, :2] - walk.base_position_world[walking][0, :2])
-    linear = np.array([[speeds[ns].x, speeds[ns].y] for ns in walk.stamps_ns[walking].tolist()])
-    assert np.linalg.norm(linear.mean(axis=0)) == pytest.approx(
-        forward / np.ptp(walk.time_s[walking]), rel=0.05
-    )
-
-
 @pytest.mark.slow
 def test_servos_battery_and_a_robot_that_knows_no_place(walk: RecordedTrial, tmp_path: Path) -> None:
     volts, warm = np.full((2, N_JOINTS), np.nan), np.full((2, N_JOINTS), 31.0)

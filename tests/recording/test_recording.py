@@ -1,27 +1,20 @@
 """Recordings as they are written: every tick, in blocks, on full disks and by killed programs."""
 
-import gc
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
-import tracemalloc
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.servos import SimServos
-from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMN_NAMES, PACED_BLOCK_TICKS, Recorders, TickLog
-from hexctl.control.table import Table
-from hexctl.control.trial import run_trial
+from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.recording import paths, rrd
@@ -29,9 +22,8 @@ from hexctl.recording import recording as module
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import END
 from hexctl.recording.viewer import viewer_binary
-from hexctl.robot.loader import load_robot
 from hexctl.types import JOINT_KINDS
-from tests.recording.conftest import ReadBack, Trial, make_plan, write
+from tests.recording.conftest import ReadBack, Trial, write
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +44,6 @@ def _joints(read: ReadBack, which: int) -> np.ndarray:
             path = f"/{paths.link_path(leg, kind)}"
             columns.append([value[which] for value in read.values(path, "Scalars:scalars")])
     return np.array(columns).T
-
-
-def test_every_tick_is_recorded_from_time_zero(read: ReadBack, trial: Trial) -> None:
-    times = read.times_s("/world/robot", "Transform3D:translation")
-    np.testing.assert_allclose(times, trial.log["time_s"] - trial.log["time_s"][0], atol=1e-9)
 
 
 def test_joint_angles_are_those_of_the_log(read: ReadBack, trial: Trial) -> None:
@@ -165,32 +152,6 @@ def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, t
         assert np.isfinite(
             np.concatenate([np.ravel(value) for value in whole.values(entity, component)])
         ).all()
-
-
-@pytest.mark.slow
-def test_a_walk_that_keeps_time_writes_a_part_at_each_tick(
-    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "BLOCK_TICKS", 50)
-    sent: list[int] = []
-    with Recording(tmp_path / "a.rrd", trial.robot, trial.plan, title="a", floor=trial.floor) as recording:
-        stream = recording._stream
-        monkeypatch.setattr(type(stream), "send_columns", _counting(type(stream).send_columns, sent))
-        most = 0
-        for stop in range(1, len(trial.log) + 1):
-            before = len(sent)
-            recording.write_block(trial.log, stop - 1, stop)
-            most = max(most, len(sent) - before)
-        assert 0 < most <= 6, "a leg, or the lanes of all legs"
-        recording.finish(trial.result, {"world": "flat", "seed": 0})
-
-
-def _counting(send: Any, sent: list[int]) -> Any:
-    def counted(*arguments: Any, **named: Any) -> Any:
-        sent.append(1)
-        return send(*arguments, **named)
-
-    return counted
 
 
 def test_a_place_that_is_taken_is_refused_and_kept(trial: Trial, tmp_path: Path) -> None:
@@ -303,47 +264,3 @@ def test_a_flush_that_never_comes_back_is_left_behind(
     for thread in rrd._abandoned:
         thread.join(10)
     assert not rrd.stuck()
-
-
-#: Rows of a chunk: the chunks that are kept are full after 4 s.
-CHUNK_ROWS = 50
-
-#: By then everything has happened once.
-WARM_S = 15.0
-
-#: Half a minute of rows alone would be ten times as much.
-MOST_BYTES = 200_000
-
-
-@dataclass
-class Watch:
-    """Notes how much Python has in memory, once a second."""
-
-    bytes: list[int] = field(default_factory=list)
-    block_ticks: int | None = 50
-
-    def write_block(self, _log: TickLog, _start: int, _stop: int) -> None:
-        gc.collect()
-        self.bytes.append(tracemalloc.get_traced_memory()[0])
-
-
-@pytest.mark.long
-def test_memory_does_not_grow_with_the_length_of_a_walk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(Table.__init__.__kwdefaults__, "chunk_rows", CHUNK_ROWS)  # type: ignore[arg-type]
-    monkeypatch.setattr(module, "BLOCK_TICKS", 50)
-    robot, watch, path = load_robot("ant"), Watch(), tmp_path / "walk.rrd"
-    plan = make_plan(robot, duration_s=3 * WARM_S)
-    with SimServos(robot) as servos, Recording(path, robot, plan, title="a walk") as recorded:
-        recorders = Recorders(recorded, watch, block_ticks=PACED_BLOCK_TICKS)
-        tracemalloc.start(1)
-        try:
-            run_trial(Guard(servos), plan, recorders=recorders)
-        finally:
-            tracemalloc.stop()
-    assert not recorders.failures
-    late = watch.bytes[int(WARM_S) :]
-    assert len(late) > 2 * WARM_S - 2
-    # The least of some seconds: a piece that is just being written does not count.
-    assert min(late[-8:]) - min(late[:8]) < MOST_BYTES
