@@ -92,8 +92,6 @@ def test_worlds_are_none_that_a_benchmark_uses_and_fewer_are_the_first_of_more()
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"directions": 5}, "directions"),
-        ({"worlds": 17}, "worlds"),
         ({"worlds": 0}, "worlds"),
         ({"codes": 30}, "codes"),
         ({"failures": ("tired",)}, "tired"),
