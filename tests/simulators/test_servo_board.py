@@ -15,6 +15,7 @@ from hexctl.simulators.servo_board import (
     FREE_AFTER_S,
     MOST_PEERS,
     Channels,
+    OverrideStream,
     Peers,
 )
 from hexctl.types import FloatArray
@@ -124,6 +125,15 @@ def test_what_a_controller_sent_long_ago_moves_nothing_although_it_was_forgotten
     client.listen(0.1)
     assert not shows(client, stance + 30)
     assert running.end()["not_yet"] == 5
+
+
+def test_a_stream_is_steady_once_it_has_come_for_long_enough_without_a_silence() -> None:
+    stream = OverrideStream()
+    steady = []
+    for at_s in (0.0, 0.15, 0.29, 0.31, 0.52, 0.7, 0.85):  # 0.21 s of silence before 0.52
+        stream.note(at_s)
+        steady.append(stream.steady)
+    assert steady == [False, False, False, True, False, False, True]
 
 
 def test_without_a_controller_the_servos_are_let_go(
