@@ -128,7 +128,7 @@ class TrimSearch(Optimizer):
         """One gait for any count: the next trim needs its walk."""
         left = [code for code in self._codes if code not in self._failed] or self._codes
         if not self._promises_m:
-            self._promises_m = {each: self.promise_m(each) for each in self._codes}
+            self._promises_m.update((each, self.promise_m(each)) for each in self._codes)
         return [min(left, key=self._promises_m.__getitem__)]
 
     def _learn(self, codes: list[int], scores: list[float]) -> None:
