@@ -199,7 +199,7 @@ def test_a_bad_value_is_refused_in_one_line_with_file_and_key(what: str, tmp_pat
     assert "input should" not in message.lower()
 
 
-#: What is no mapping; `test_yaml_text.py` has what is no YAML.
+#: What is no mapping; the hostile texts below are no YAML.
 BAD_TEXTS = {
     "list": b"- 1\n- 2\n",
     "empty": b"",
