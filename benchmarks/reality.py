@@ -77,7 +77,8 @@ def _bench_runs(archive: str) -> list[BenchRun]:
     return runs
 
 
-def _lukas_servo() -> ServoValues:
+def lukas_servo() -> ServoValues:
+    """The servo of lukas, with its stiffness per unit of the P gain."""
     values = ServoValues.of(load_robot("lukas"))
     return replace(values, stiffness_nm_per_rad=values.stiffness_nm_per_rad / STS_P_GAIN)
 
@@ -86,11 +87,16 @@ def _mean_deg(runs: list[BenchRun], values: ServoValues) -> float:
     return float(np.degrees(np.mean(list(mean_errors_rad(runs, values).values()))))
 
 
-def sts3215_error_deg() -> float:
-    """Mean error of the servo of lukas on runs that were not fitted."""
+def sts3215_judged_runs() -> list[BenchRun]:
+    """Runs of an STS3215 that were not fitted; raises FileNotFoundError without the measured files."""
     runs = _bench_runs("sts3215_12v_160.tar.xz")
     order = np.random.default_rng(SHUFFLE).permutation(len(runs))
-    return _mean_deg([runs[index] for index in order[FITTED:]], _lukas_servo())
+    return [runs[index] for index in order[FITTED:]]
+
+
+def sts3215_error_deg() -> float:
+    """Mean error of the servo of lukas on runs that were not fitted."""
+    return _mean_deg(sts3215_judged_runs(), lukas_servo())
 
 
 def xl330_error_deg() -> float:
@@ -161,7 +167,7 @@ def settled_error_deg() -> float:
     return float(np.quantile(np.concatenate(errors), 0.9))
 
 
-def _open_loop() -> list[tuple[float, float]]:
+def open_loop_walks() -> list[tuple[float, float]]:
     """Share of the commanded way and turn in degrees of open-loop tripods of lukas, 30 s in each world."""
     robot = load_robot("lukas")
     plan = TrialPlan(gait=make_gait(robot, "tripod"), duration_s=30.0, hold="none", self_rotation="none")
@@ -177,12 +183,12 @@ def _open_loop() -> list[tuple[float, float]]:
 
 def travel_share(quantile: float) -> float:
     """Quantile of the share of the commanded way in open loop."""
-    return float(np.quantile([share for share, _ in _open_loop()], quantile))
+    return float(np.quantile([share for share, _ in open_loop_walks()], quantile))
 
 
 def greatest_turn_deg() -> float:
     """Greatest turn in open loop."""
-    return max(abs(turn_deg) for _, turn_deg in _open_loop())
+    return max(abs(turn_deg) for _, turn_deg in open_loop_walks())
 
 
 def believed_c() -> float:

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import yaml
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -16,21 +17,11 @@ from generated_reference import PARTS  # noqa: E402  a neighbour of this file
 #: A link out of docs/ to a shipped file, by its `../` and its path.
 LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
 
-#: How much pages count in the search, if not 1: users look for how-to pages, and API pages have every word.
-BOOSTS = {
-    "safety.md": 3,
-    "tutorials/get-started.md": 1.5,
-    "tutorials/python.md": 1.5,
-    "how-to/install.md": 2,
-    "how-to/servos.md": 1.5,
-    "how-to/which-servos.md": 1.8,
-    "how-to/recordings.md": 2,
-    "how-to/troubleshooting.md": 1.5,
-    "reference/recording-formats.md": 0.7,
-    "explanation/architecture.md": 0.5,
-    "results/": 0.5,
-    "api/": 0.3,
-}
+#: How much classes of pages count in the search: lists have every word, and most users look for what to do.
+BOOSTS = {"api/index.md": 0.7, "api/": 0.3, "reference/": 0.7, "results/": 0.5}
+
+#: Words for the search that pages lack, by page; the theme indexes tags like titles.
+KEYWORDS: dict[str, str] = yaml.safe_load((ROOT / "docs" / "keywords.yaml").read_text(encoding="utf-8"))
 
 #: A figure that is no link yet.
 FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
@@ -74,9 +65,11 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Point links to shipped files at their place in the site, and write the generated references."""
-    boost = next((boost for path, boost in BOOSTS.items() if page.file.src_uri.startswith(path)), 1)
-    page.meta.setdefault("search", {}).setdefault("boost", boost)
+    """Point links to shipped files at their place, write generated references, weigh the page in search."""
+    name = page.file.src_uri
+    boost = next((boost for path, boost in BOOSTS.items() if name.startswith(path)), 1)
+    page.meta["search"] = {"boost": boost}
+    page.meta["tags"] = [KEYWORDS[name]] if name in KEYWORDS else []
     markdown = LISTED_ELSEWHERE.sub(r"\g<0>\n    options: {members: false, show_signature: false}", markdown)
     parts = {**PARTS, "fault_matrix": fault_matrix}
     return GENERATED.sub(lambda found: parts[found[1]](), LINK.sub(r"](\1\2)", markdown))

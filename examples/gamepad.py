@@ -13,6 +13,8 @@ EVENT = struct.Struct("llHHi")  # seconds, microseconds, type, code, value: see 
 KEY, AXIS = 1, 3
 STICK_X, STICK_Y, SHOULDER, START = (AXIS, 0), (AXIS, 1), (KEY, 310), (KEY, 315)
 
+if len(sys.argv) == 1:
+    raise SystemExit("usage: python examples/gamepad.py /dev/input/eventN; ls /dev/input/by-id names them")
 pad = os.open(sys.argv[1], os.O_RDONLY | os.O_NONBLOCK)
 values = dict.fromkeys((STICK_X, STICK_Y, SHOULDER, START), 0)
 with Drive("ant", realtime=True) as robot:

@@ -8,6 +8,8 @@ import sys
 
 from hexctl.identify.identification import identify
 
+if len(sys.argv) == 1:
+    raise SystemExit("usage: python examples/identify_servos.py LOG...; hexctl identify makes a log")
 found = identify(sys.argv[1:])
 for name, estimate in found.estimates.items():
     doubt = "" if estimate.known else ", which these logs do not determine"

@@ -173,6 +173,12 @@ def is_of_disk(error: BaseException | None) -> bool:
     return isinstance(error, OSError) and error.errno in _OF_DISK
 
 
+def room_hint(error: BaseException | None) -> str:
+    """The end of a message about a full disk: the next step; empty for other errors."""
+    full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return "; free some space, or write elsewhere" if full else ""
+
+
 #: Number types: the accepted abstract type (a bool is not one), and its name.
 _NUMBERS: dict[type, tuple[type, str]] = {float: (Real, "a number"), int: (Integral, "a whole number")}
 

@@ -20,6 +20,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from hexctl.errors import InputError, UnusedError, argument, check_type
+from hexctl.typed_names import nearest
 
 #: The Tab key offers the numbers of a range with at most this many whole numbers.
 MAX_OFFERED = 10
@@ -191,11 +192,13 @@ def chosen_options(spec: Any) -> dict[str, str]:
     return {option.flag: _typed_text(value) for option, value in values if value != option.default}
 
 
-def check_names(call: str, given: Iterable[str], spec: type, *further: str) -> None:
-    """Raise InputError for unknown keywords of a call: neither fields of its options nor among `further`."""
-    known = [*(field.name for field in fields(spec)), *further]
+def check_names(call: Callable[..., Any], given: Iterable[str], spec: type) -> None:
+    """Raise InputError for keywords of a call that are neither fields of its options nor its own."""
+    own = [one.name for one in inspect.signature(call).parameters.values() if one.kind != one.VAR_KEYWORD]
+    known = list(dict.fromkeys([*(field.name for field in fields(spec)), *own]))
     if unknown := [name for name in given if name not in known]:
-        raise InputError(f"{call}: got {', '.join(unknown)}; allowed: {', '.join(known)}")
+        allowed = f"{', '.join(known)}{nearest(unknown[0], known)}"
+        raise InputError(f"{call.__name__}: got {', '.join(unknown)}; allowed: {allowed}")
 
 
 def check_fields(spec: Any) -> None:

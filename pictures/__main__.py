@@ -12,7 +12,7 @@ from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from pictures import camera_map, failure_strip, figures, rescue, step_response
+from pictures import camera_map, failure_strip, figures, reality, rescue, step_response
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 
@@ -34,6 +34,8 @@ PICTURES: dict[str, Callable[[Path], Picture | Path]] = {
     "prior": _prior,
     "step_response": step_response.draw_step_response,
     "failure": failure_strip.draw_failure_strip,
+    "servo_terms": reality.draw_servo_terms,
+    "real_walks": reality.draw_real_walks,
     "camera_map": camera_map.draw_camera_map,
 }
 

@@ -6,15 +6,15 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_100,
+    "": 2_110,
     "adapt": 8_240,
     "backends": 10_210,
-    "cli": 6_980,
+    "cli": 7_030,
     "client": 1_100,
-    "control": 12_180,
+    "control": 12_190,
     "demo": 260,
     "doctor": 570,
-    "export": 2_000,
+    "export": 2_010,
     "gait": 650,
     "identify": 1_270,
     "ik": 1_150,
@@ -24,7 +24,7 @@ CEILINGS = {
     "server": 4_430,
     "simulators": 2_310,
     "study": 8_380,
-    "teleop": 1_890,
+    "teleop": 1_910,
     "testing": 560,
     "vision": 6_590,
     "wire": 3_150,

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.adaptation_result import AdaptationResult
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
@@ -43,6 +44,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.gait.gait import AUTO
+from hexctl.options import check_names
 from hexctl.recording.live import LiveView
 from hexctl.waiting import StopRequested, never
 
@@ -343,6 +345,7 @@ def adapt(
     check_type(record, bool, "record", "True or False; recordings go into folder")
     check_type(progress, bool, "progress", "True or False")
     check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
+    check_names(adapt, options, AdaptOptions)
     if servos is not None and options.get("backend", "sim") == "sim":
         options["backend"] = f"{type(servos).__module__}:{type(servos).__qualname__}"
     asked = {**options, "failed_leg": failed_leg, "ask": operator is not None}

@@ -201,7 +201,7 @@ def _with_trim(spec: SessionSpec, *, free: bool) -> SessionSpec:
             f"{got} {argument('hold')} {spec.hold}; allowed: with heading, or none for a robot without a yaw"
         )
     for name in ("count_repeats", "early_stop", "worth_m"):
-        if getattr(spec, name) not in (None, False):
+        if (value := getattr(spec, name)) is not None and value is not False:  # 0 is given, too
             raise InputError(f"{got} {argument(name)}; allowed: without")
     known = spec.target_m is not None or spec.target_share is not None
     return spec if known else replace(spec, target_m=DEFAULT_TARGET_M)

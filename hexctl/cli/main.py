@@ -21,6 +21,7 @@ from hexctl.errors import (
     MissingExtraError,
     ReachError,
     is_of_disk,
+    room_hint,
     shortened,
 )
 
@@ -210,13 +211,13 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except TyperException as error:
         return _print_error(usage_text(error), error.exit_code)
     except (InputError, LimitError, ReachError, MissingExtraError) as error:
-        return _print_error(in_flags(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
+        return _print_error(_worded(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
     except HexctlError as error:
-        return _print_error(in_flags(error), FAULT)
+        return _print_error(_worded(error), FAULT)
     except OSError as error:
         if not isinstance(error.filename, str | bytes):
             raise
-        text = f"{os.fsdecode(error.filename)}: {error.strerror}"
+        text = f"{os.fsdecode(error.filename)}: {error.strerror}{room_hint(error)}"
         return _print_error(text, FAULT if is_of_disk(error) else BAD_INPUT)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
@@ -228,6 +229,12 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+def _worded(error: HexctlError) -> str:
+    """Text of an error, with the next step on a full disk unless it names one."""
+    text = in_flags(error)
+    return text if "; free some space" in text else f"{text}{room_hint(error.__cause__)}"
+
+
 #: Commands that list the values of an argument, by its name in the help text.
 LISTED_BY = {"SESSION": "hexctl sessions list"}
 
@@ -237,6 +244,8 @@ def _bad_value(error: typer.BadParameter) -> str:
         return f"{origin}: {error.message}"
     if error.param is not None and not error.message and error.param.metavar in LISTED_BY:
         return f"{error.format_message().rstrip('.')}; {LISTED_BY[error.param.metavar]} prints the names"
+    if error.param is not None and not error.message and error.ctx is not None:
+        return f"{error.format_message().rstrip('.')}; {error.ctx.get_usage().replace('Usage', 'usage')}"
     if error.param is None or "; allowed: " not in error.message:
         return error.format_message()
     flag = next((name for name in error.param.opts if name.startswith("--")), error.param.name)

@@ -13,7 +13,7 @@ import numpy as np
 from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import RUNS, StoreError
 from hexctl.control.log import frame_columns, joint_fields
-from hexctl.errors import InputError, MissingExtraError, argument
+from hexctl.errors import InputError, MissingExtraError, argument, is_of_disk
 from hexctl.export.export_options import (
     FORMATS,
     ROBOT_FORMATS,
@@ -24,6 +24,7 @@ from hexctl.export.export_options import (
 )
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
 from hexctl.files import OnDamage, file_instead, log_damage
+from hexctl.options import check_names
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.robot.configs import config_names, config_root
 from hexctl.robot.formats.mjcf import mjcf_of
@@ -134,6 +135,7 @@ def export(
     """
     if not sources:
         raise InputError("export: got nothing; allowed: a robot, recordings, or a session")
+    check_names(export, options, ExportOptions)
     asked = ExportOptions(to=to, output=output, **options)
     kind = _format(asked.to, asked.output)
     path = _free(_output(sources[0], kind, asked.output))
@@ -155,7 +157,8 @@ def export(
         raise
     except OSError as error:
         reason = file_instead(path.parent) or error.strerror
-        raise InputError(f"export: {path} cannot be written ({reason}); allowed: a new file") from error
+        allowed = "" if is_of_disk(error) else "; allowed: a new file"
+        raise InputError(f"export: {path} cannot be written ({reason}){allowed}") from error
     return path
 
 
@@ -231,7 +234,12 @@ def _write_robot(sources: Sequence[str | Path | Robot], kind: str, path: Path, *
 
 def write_ros2(robot: Robot, folder: Path) -> None:
     """Write a launch file, layouts of RViz and Foxglove, and the URDF of a robot into a new folder."""
-    shutil.copytree(config_root() / "ros", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    root = config_root() / "ros"
+    for file in root.rglob("*"):  # copytree would hide why a file cannot be written
+        if file.is_file() and file.parent.name != "__pycache__":
+            target = folder / file.relative_to(root)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(file, target)
     (folder / f"{robot.name}.urdf").write_text(urdf_of(robot), encoding="utf-8")
 
 

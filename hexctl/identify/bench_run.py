@@ -118,7 +118,7 @@ def read_bench_run(path: Path) -> BenchRun:
         content: Any = json.loads(read_file(path, MOST_BYTES))
         parsed = _BenchFile.model_validate(content)
     except (ValueError, ValidationError) as error:
-        first = str(error).partition("\n")[0]
+        first = f"is not valid JSON: {error}".partition("\n")[0]
         if isinstance(error, ValidationError):
             problem = error.errors()[0]
             first = f"{'.'.join(map(str, problem['loc'])) or 'it'}: {problem['msg'].lower()}"

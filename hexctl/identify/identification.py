@@ -171,6 +171,6 @@ def move_on_stand(*, stop_requested: StopRequested = never, **where: Any) -> Run
 
     Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.
     """
-    check_names("identify", where, RecordedOptions)
+    check_names(move_on_stand, where, RecordedOptions)
     with IdentificationRun(RunSpec(**where)) as connected:
         return connected.walk(stop_requested=stop_requested)

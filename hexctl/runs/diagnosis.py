@@ -165,7 +165,7 @@ def diagnose(
 
     Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.
     """
-    check_names("diagnose", where, RecordedOptions)
+    check_names(diagnose, where, RecordedOptions)
     spec = RunSpec(**where)
     with DiagnosisRun(spec) as connected:
         return connected.diagnose(ask=ask, stop_requested=stop_requested)

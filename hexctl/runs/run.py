@@ -35,7 +35,7 @@ from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble, write_trouble
 from hexctl.gait.gait import DEFAULT_GAIT
-from hexctl.options import chosen_options
+from hexctl.options import check_names, chosen_options
 from hexctl.robot.failure import FailureEvent, check_healings
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
@@ -369,5 +369,6 @@ def run(
     check_type(spec, (RunSpec, NoneType), "run", keywords)
     if spec is not None and options:
         raise InputError(f"run: got a spec and {', '.join(options)} too; allowed: one or the other")
+    check_names(run, options, RunSpec)
     with Run(spec or spec_of(options), controller=controller) as connected:
         return connected.walk(recorders=recorders, stop_requested=stop_requested, should_stop=should_stop)

@@ -40,7 +40,7 @@ from hexctl.gait.gait import (
     parse_slots,
 )
 from hexctl.gait.posture import POSTURE, Posture
-from hexctl.options import RARE, UNTYPED, Typed, check_fields, check_names
+from hexctl.options import RARE, UNTYPED, Typed, check_fields
 from hexctl.recording.rrd import probe_file
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.failure_grammar import (
@@ -250,7 +250,6 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
     given = dict(options)
     if given.get("record") is False:
         given["record"] = given["record_folder"] = None
-    check_names("run", given, RunSpec, "controller", "recorders", "stop_requested")
     return RunSpec(**given)
 
 

@@ -228,5 +228,5 @@ def serve(
 
     Raises what `RobotService.run` raises.
     """
-    check_names("serve", options, RobotService)
+    check_names(serve, options, RobotService)
     RobotService(**options).run(stop_requested, on_started=on_started, on_event=on_event)

@@ -13,10 +13,12 @@ requests for a foreign host name, and sockets of foreign pages, are refused.
 """
 
 import asyncio
+import errno
 import hmac
 import ipaddress
 import json
 import math
+import os
 import secrets
 import ssl
 import threading
@@ -138,9 +140,11 @@ class DrivePage:
             raise RobotFaultError("page: does not start")
         if self._failed is not None:
             place = f"{self._address.host}:{self._address.port}"
+            number = getattr(self._failed, "errno", None)  # asyncio's text repeats the address
+            why = os.strerror(number) if number in (errno.EADDRINUSE, errno.EACCES) else self._failed
             raise InputError(
-                f"{argument('page')}: cannot listen on {place} ({self._failed}); "
-                "allowed: an address of this computer and a free port"
+                f"{argument('page')}: cannot listen on {place} ({why}); allowed: an address of this computer "
+                "and a free port, such as 127.0.0.1:0, which takes any"
             ) from self._failed
         return self
 

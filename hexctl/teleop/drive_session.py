@@ -14,10 +14,11 @@ from hexctl.control.drive.drive import Drive
 from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.errors import EStopError, HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS, Gait
+from hexctl.ik.legs import link_points_body
 from hexctl.robot.failure import in_words
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import N_LEGS, FloatArray, RobotState, all_finite
 
 #: Requests of devices in addition to velocities.
 REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
@@ -36,6 +37,9 @@ STOPPED_POLL_S = 0.1
 
 #: Reports over which the speed of the body is measured.
 SPEED_REPORTS = 10
+
+#: Height of a foot above the lowest one from which it is shown as lifted, as a share of the step height.
+IN_AIR = 0.25
 
 #: Shorter distances count as no travel, because measured positions are noisy.
 LEAST_TRAVEL_M = 0.01
@@ -224,9 +228,22 @@ class DriveSession:
             "body_raise": round(drive.body_raise, 3),
             "battery_v": state.battery_v,
             "battery_share": state.battery_share,
+            "legs": self._legs(state),
             "failures": [f"leg {one.leg} {in_words(one)}" for one in drive.failures],
             "said": state.fault or (robot_stop and robot_stop.trouble) or self._no_walk() or self.said,
         }
+
+    def _legs(self, state: RobotState) -> list[dict[str, Any]]:
+        """Each leg seen from above, from mount to foot as (forward, left) in stance radii, and its state."""
+        robot, gait, failed = self.drive.robot, self.drive.gait_now, {one.leg for one in self.drive.failures}
+        if not all_finite(state.joint_positions_rad):
+            return []
+        points_m = link_points_body(robot, state.joint_positions_rad)
+        heights_m = points_m[:, -1, 2]
+        in_air = heights_m > heights_m.min() + IN_AIR * gait.height * robot.size_m
+        seen = (points_m[..., :2] / robot.stance_radius_m).round(3).tolist()
+        states = ["failed" if leg + 1 in failed else "air" if in_air[leg] else "" for leg in range(N_LEGS)]
+        return [{"points": each, "state": how} for each, how in zip(seen, states, strict=True)]
 
     def _no_walk(self) -> str:
         drive = self.drive

@@ -352,6 +352,7 @@ def test_a_body_stands_up_off_a_locked_leg_that_does_not_trail(
         ({"hold": "heading", "count_repeats": True}, "optimizer"),
         ({"early_stop": True}, "optimizer"),
         ({"worth_m": 0.01}, "optimizer"),
+        ({"worth_m": 0.0}, "optimizer"),
         ({"trim": "off"}, "trim"),
     ],
     ids=str,

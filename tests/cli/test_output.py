@@ -96,7 +96,7 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"status": "aborted", "stopped": "fault: battery"}, "status", "aborted (fault: battery)"),
         ({"servo_link": LOST}, "link", "90 messages came; 2 lost"),
         ({"clipped_ticks": 7}, "guard", "7 commands clipped, too fast"),
-        ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --recover"),
+        ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --policy glide"),
         (SPOT, "walked", "10.0 s on the spot, ended 0.5 cm from the start"),
         (SPOT, "turned", "37.4 degrees, 75 % of ideal (50.0)"),
         ({**UNSEEN, "hold": "heading"}, "walked", "10.0 s; its position is not known"),

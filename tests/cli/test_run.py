@@ -13,6 +13,7 @@ from unittest.mock import ANY
 import pytest
 
 from hexctl.cli.main import exit_code
+from hexctl.cli.render.run_output import summary
 from hexctl.recording import recording
 from hexctl.recording.rrd import ROOM_BYTES
 from tests.cli.kits import Kit
@@ -192,7 +193,9 @@ def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.C
     assert "stopped" in said
     assert "aborted (leg 5 locked)" in said
     assert exit_code([*walk, "--policy", "walk-on"]) == 0
-    assert "walked on" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "walked on" in said
+    assert "next: the same with --policy glide" in said
 
 
 @pytest.mark.slow
@@ -204,6 +207,17 @@ def test_a_walk_that_came_nowhere_without_a_leg_proposes_the_stable_gait(
     assert "next: the same with --gait auto" in capsys.readouterr().out
     assert exit_code(["run", *asked, "--gait", "auto"]) == 0
     assert "--gait auto" not in capsys.readouterr().out
+
+
+def test_a_walk_without_a_leg_that_is_slow_or_misses_its_line_names_the_next_step(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    outcome = run_json(capsys, "run", "--no-record", "--duration", "1", "--failure", "5:locked")
+    assert "--gait auto" in str(summary(outcome)[-1])
+    on_course = {**outcome, "distance_m": outcome["ideal_distance_m"]}
+    assert not any("next: " in str(part) for part in summary(on_course))
+    missed = {**on_course, "deviation_m": {**outcome["deviation_m"], "signed": -0.2}}
+    assert "hexctl adapt" in str(summary(missed)[-1])
 
 
 def test_json_keeps_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
@@ -295,6 +309,7 @@ def test_a_terminal_shows_progress_and_the_result_at_the_end(tmp_path: Path) -> 
 FULL_DISK = """
 import resource, signal, sys
 from hexctl.cli.main import exit_code
+from hexctl.cli.render.run_output import summary
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
 sys.exit(exit_code(["run", "--duration", "20", "--json"]))

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.world import World
+from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from hexctl.identify.fit import Fit, fit_values
+from hexctl.identify.fit import Fit, OnStep, fit_values
 from hexctl.identify.identification import Identification, IdentificationRun, move_on_stand
 from hexctl.identify.identified_file import write_identified
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
@@ -35,6 +36,20 @@ def test_motions_keep_angles_and_speeds_of_every_robot(name: str) -> None:
     assert (np.ptp(targets, axis=0) > 0.1).all()
     np.testing.assert_allclose(targets[-1], robot.stance_angles_rad, atol=0.05)
     assert motions.done(steps, state)
+
+
+def test_an_interrupted_search_names_its_step_and_the_command_that_continues(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, on_step: OnStep, **__: object) -> None:
+        on_step(3, 0.01)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hexctl.identify.identification.identify", interrupted)
+    assert exit_code(["identify", "a b.rrd", "--robot", "ant", "-o", "new.yaml"]) == 130
+    said = capsys.readouterr().err.splitlines()
+    assert said[0].endswith("step 3, error 0.573 deg")
+    assert said[1].endswith("continue with: hexctl identify 'a b.rrd' --robot ant -o new.yaml")
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -262,6 +263,18 @@ def test_a_robot_with_a_latched_stop_shows_no_speed_of_before() -> None:
         session.ask("stop")
         shown = session.status(state)
         assert (shown["speed_m_s"], shown["velocity"]) == (None, [0, 0, 0])
+
+
+def test_a_status_draws_each_leg_and_its_state() -> None:
+    with Drive("ant", failure="5:locked") as drive:
+        state = drive.reset()
+        feet_rad = state.joint_positions_rad.copy()
+        feet_rad[1] += 0.3  # lifts leg 1
+        session = DriveSession(drive)
+        legs = session.status(replace(state, joint_positions_rad=feet_rad))["legs"]
+        assert [leg["state"] for leg in legs] == ["air", "", "", "", "failed", ""]
+        np.testing.assert_allclose(np.hypot(*legs[1]["points"][-1]), 1.0, atol=0.05)
+        assert session.status(replace(state, joint_positions_rad=np.full(18, np.nan)))["legs"] == []
 
 
 def test_an_interrupt_before_the_first_command_commands_nothing() -> None:

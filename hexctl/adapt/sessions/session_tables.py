@@ -8,7 +8,7 @@ from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import BASELINE_GAITS
 from hexctl.control.trial_result import QUALITIES
-from hexctl.errors import InputError, MissingExtraError
+from hexctl.errors import InputError, MissingExtraError, is_of_disk
 from hexctl.files import OnDamage, log_damage
 
 #: What was predicted for a trial, a column each.
@@ -95,9 +95,9 @@ def export_session(
     except FileExistsError:
         raise InputError(f"export: {path} exists; allowed: a new file, nothing is replaced") from None
     except OSError as error:
-        raise InputError(
-            f"export: {path} cannot be written ({error.strerror}); allowed: a new file"
-        ) from error
+        path.unlink(missing_ok=True)
+        allowed = "" if is_of_disk(error) else "; allowed: a new file"
+        raise InputError(f"export: {path} cannot be written ({error.strerror}){allowed}") from error
 
 
 def _write_csv(rows: list[dict[str, Any]], path: Path) -> None:

@@ -146,6 +146,8 @@ def _torque(report: dict[str, Any]) -> str:
     weak = [name for name, row in report["joints"].items() if row["static_torque_nm"] > row["max_torque_nm"]]
     too_weak = f", too weak: {_joints(weak)}" if weak else ""
     share, capacity = report["static_torque_share"], report["load_capacity"]
+    if report["tipping"] == 1:
+        return "torque: not known, since the robot tips over all the time"
     return (
         f"torque: standing takes up to {100 * share:.0f} % of the limit; "
         f"the legs carry {capacity:.3g} x the weight{too_weak}"
@@ -157,7 +159,9 @@ def _stance(report: dict[str, Any]) -> str:
     own_m, drive = report["stance_outward_m"], report["five_leg_drive"]
     other_m, other = report["proposed_outward_m"], report["proposed_five_leg_drive"]
     needs = (
-        "do not reach the floor" if drive is None else f"need up to {100 * drive:.0f} % of a servo's drive"
+        "do not reach the floor, or tip over,"
+        if drive is None
+        else f"need up to {100 * drive:.0f} % of a servo's drive"
     )
     text = f"stance: five legs {needs} at outward_m {own_m:g}"
     if drive is not None and drive <= 1:

@@ -19,6 +19,9 @@ NOTED_MISS_DEG = 0.15
 #: The true deviation of a simulation is printed if the measurement differs by more than this.
 NOTED_ERROR_M = 0.02
 
+#: Share of its ideal distance that a robot on six good legs walks at least, and a missed line.
+USUAL_SHARE, MISSED_M = 0.9, 0.05
+
 #: Lengths below this are printed in cm.
 ONE_M = 1.0
 
@@ -48,11 +51,27 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
         return [f"next: {clearing}"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
     may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST
-    if outcome["status"] == "aborted" and _stopped_for_a_leg(outcome):
-        return ["next: the same with --recover, which continues without the leg"]
-    if outcome["status"] == "no_progress" and may_walk and outcome["gait"]["name"] != AUTO:
+    ignored = outcome.get("noticed") and outcome.get("options", {}).get("policy") == "walk-on"
+    if ignored or (outcome["status"] == "aborted" and _stopped_for_a_leg(outcome)):
+        return ["next: the same with --policy glide, which continues without the leg"]
+    if may_walk and outcome["gait"]["name"] != AUTO and _is_slow(outcome):
         return [f"next: the same with --gait {AUTO}, the most stable gait for the other legs"]
+    if may_walk and _misses_its_line(outcome):
+        return [
+            "next: hexctl adapt with the same leg, robot and world, which finds a gait that ends on the line"
+        ]
     return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []
+
+
+def _is_slow(outcome: dict[str, Any]) -> bool:
+    ideal_m, walked_m = outcome["ideal_distance_m"], outcome["distance_m"]
+    slow = bool(ideal_m) and walked_m is not None and walked_m < USUAL_SHARE * ideal_m
+    return outcome["status"] == "no_progress" or (outcome["status"] == "ok" and slow)
+
+
+def _misses_its_line(outcome: dict[str, Any]) -> bool:
+    off_m, straight = outcome["deviation_m"]["signed"], not outcome["ideal_yaw_change_deg"]
+    return outcome["status"] == "ok" and straight and off_m is not None and abs(off_m) > MISSED_M
 
 
 def _stopped_for_a_leg(outcome: dict[str, Any]) -> bool:

@@ -2,7 +2,8 @@
 
 import json
 import math
-from dataclasses import fields
+import shlex
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +19,7 @@ from hexctl.cli.console import (
 )
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import WithBar
+from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, connected
@@ -69,7 +71,11 @@ def identify(
         from hexctl.robot.loader import load_robot
 
         own_robot = load_robot(str(options.robot))
-    found = _identified(paths, own_robot, options)
+    try:
+        found = _identified(paths, own_robot, options)
+    except KeyboardInterrupt:
+        print_note(f"hexctl: interrupted; the logs are kept; continue with: {_again(paths, options)}")
+        raise typer.Exit(INTERRUPTED) from None
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         print_note("hexctl: the result fits no better than the robot file: has a leg failed in these logs?")
@@ -78,15 +84,21 @@ def identify(
     try:
         written = _write(found, options, paths)
     except OSError as error:
-        again = f"{' '.join(map(str, paths))} --robot {options.robot}"
         raise InputError(
             f"--output: {options.output} cannot be written ({error.strerror}); allowed: a new file; "
-            f"continue with: hexctl identify {again} -o FILE"
+            f"continue with: {_again(paths, replace(options, output='FILE.yaml'))}"
         ) from error
     if as_json:
         print_result(json.dumps(found.to_dict() | {"output": written}))
     elif written is not None:
         print_result("", f"wrote {written}")
+
+
+def _again(paths: list[Path], options: IdentifyOptions) -> str:
+    """Command that identifies the same logs."""
+    gain = [] if options.p_gain is None else ["--p-gain", f"{options.p_gain:g}"]
+    output = [] if options.output is None else ["-o", str(options.output)]
+    return shlex.join(["hexctl", "identify", *map(str, paths), "--robot", str(options.robot), *gain, *output])
 
 
 def _moved(given: dict[str, Any], *, yes: bool) -> Path:
@@ -101,9 +113,12 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     )
     ask_consent(CONSENT.format(run.motions_s), yes=yes or run.spec.simulated)
     with connected(run) as interrupt:
+        print_note(f"hexctl: the legs move for {run.motions_s:.0f} s; Ctrl-C stops")
         done = run.walk(stop_requested=interrupt.requested)
         check_commanded(done.outcome)
         if interrupt.requested() or done.trial.status != "ok":
+            why = " by Ctrl-C" if interrupt.requested() else why_in_words(done.trial.stopped)
+            print_note(f"hexctl: stopped{why}; nothing was identified; the same command begins again")
             raise typer.Exit(INTERRUPTED if interrupt.requested() else code_of(done.trial))
     if done.recording_error is not None:
         raise done.recording_error
@@ -121,7 +136,7 @@ def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Ide
 
 
 class _SearchProgress(WithBar):
-    """One line on stderr, on a terminal: the step of the search and its error."""
+    """The step of the search and its error on stderr: one line on a terminal, else a line per step."""
 
     def __init__(self) -> None:
         self._bar = make_bar("")
@@ -129,6 +144,8 @@ class _SearchProgress(WithBar):
 
     def show(self, step: int, error_rad: float) -> None:
         text = f"search, a minute or two: step {step}, error {math.degrees(error_rad):.3f} deg"
+        if self._bar.disable:
+            print_note(text)
         self._bar.update(self._task, description=text, visible=True)
 
 

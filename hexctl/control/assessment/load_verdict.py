@@ -107,7 +107,7 @@ def _weak(load: GaitLoad) -> str:
 
 
 def _soft(load: GaitLoad) -> str:
-    if load.lift_left >= GOOD_LIFT or _too_soft(load):
+    if load.lift_left >= GOOD_LIFT or _tips_over(load) or _too_soft(load):
         return ""
     count, legs = len(load.dragging_legs), ", ".join(str(leg) for leg in load.dragging_legs)
     if load.all_drag:

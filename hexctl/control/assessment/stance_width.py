@@ -41,7 +41,7 @@ class StanceWidth:
     Attributes:
         outward_m: distance of the nominal feet from the coxa axes.
         drive: largest share of a servo's drive on five legs, at 1 all that it has; inf if a foot is out of
-            reach, or its joints out of their ranges.
+            reach, its joints out of their ranges, or the robot tips over.
         proposed_m: the proposed distance, `outward_m` if it is right.
         proposed_drive: the drive that it needs.
     """
@@ -109,7 +109,7 @@ def _drive_at(robot: Robot, walks: Walks, width_m: float) -> float:
 
 
 def _drive(robot: Robot, walks: Walks) -> float:
-    """Largest share of a servo's drive over the cycles of some walks; inf if the feet cannot be there."""
+    """Largest share of a servo's drive over the cycles of some walks; inf if they cannot carry the robot."""
     feet = np.stack([_feet(robot, gait, motion) for gait, motion in walks])  # (walks, points, 6, 3)
     spacing_m = np.linalg.norm(feet - np.roll(feet, -1, axis=-2), axis=-1)
     if spacing_m.min() < 2 * robot.foot_radius_m or not legs_that_reach(robot, feet).all():
@@ -120,7 +120,7 @@ def _drive(robot: Robot, walks: Walks) -> float:
     load = static_load(robot, joints)
     moving_nm = robot.dry_friction_nm * np.sign(speed_rad_s) + robot.back_emf_nm_s_per_rad * speed_rad_s
     shares = np.abs(load.torques_nm + moving_nm) / robot.joint_max_torque_nm
-    return float(shares[load.balanced].max(initial=0.0))
+    return float(shares.max()) if load.balanced.all() else math.inf
 
 
 def _feet(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:

@@ -12,7 +12,7 @@ from hexctl.control.calibration.jogging import JoggedCalibration, JointJogger
 from hexctl.control.calibration.operator import INTRODUCTION, CalibrationResult, Operator
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError, argument
-from hexctl.options import RARE, Typed, check_fields
+from hexctl.options import RARE, Typed, check_fields, check_names
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.servos.servos_section import check_writable
@@ -61,6 +61,7 @@ def calibrate(
     Raises InputError for a file, joints, options or servos that cannot be calibrated, and RobotFaultError for
     a robot that cannot be reached or stops.
     """
+    check_names(calibrate, options, CalibrationOptions)
     asked = CalibrationOptions(**options)
     path = find_config("robots", robot)
     check_writable(path)

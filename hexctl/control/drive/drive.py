@@ -24,6 +24,7 @@ from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import TrialFrame
 from hexctl.errors import EStopError, InputError, check_type
 from hexctl.gait.gait import Gait, make_gait
+from hexctl.options import check_names
 from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.robot.failure_grammar import AskedFailures, read_failures
 from hexctl.robot.loader import RobotFile, load_robot_file
@@ -82,6 +83,7 @@ class Drive:
         recorders: Recorders | None = None,
         **options: Any,
     ) -> None:
+        check_names(Drive, options, BackendOptions)
         self._failures, events = read_failures(failure)
         if events:
             options["events"] = (*options.get("events", ()), *events)

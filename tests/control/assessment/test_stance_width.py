@@ -1,5 +1,7 @@
 """The stance width that a check proposes: the servos carry the robot on any five legs."""
 
+import math
+
 import pytest
 
 from hexctl.control.assessment.stance_width import stance_width
@@ -15,6 +17,16 @@ def test_shipped_robots_stand_as_is_proposed(name: str) -> None:
     found = stance_width(shipped(name), make_gait(shipped(name), "tripod"))
     assert found.proposed_m == found.outward_m
     assert found.drive <= 1
+
+
+def test_no_stance_is_proposed_for_a_robot_that_tips_over_on_five_legs() -> None:
+    file = load_robot_file("ant")
+    content = read_mapping(file.path)
+    tips = robot_of_content(
+        {**content, "body": {**content["body"], "mass_kg": 5.0, "com_m": [0.3, 0.0, 0.0]}}, file.path
+    )
+    found = stance_width(tips, make_gait(tips, "tripod"))
+    assert (found.drive, found.proposed_drive) == (math.inf, math.inf)
 
 
 @pytest.mark.slow
