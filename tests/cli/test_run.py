@@ -47,7 +47,7 @@ def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0)
 def test_the_summary_says_how_it_went_and_how_to_look(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert exit_code(["run", "--duration", "2", "--failed-leg", "4"]) == 0
+    assert exit_code(["run", "--duration", "2", "--gait", "tripod"]) == 0
     printed = capsys.readouterr().out
     (recording,) = (tmp_path / "runs").iterdir()
     for word in ("slots 1,4,1,4,1,4", "off line", "status     ok", f"hexctl view runs/{recording.name}"):
@@ -309,7 +309,6 @@ def test_a_terminal_shows_progress_and_the_result_at_the_end(tmp_path: Path) -> 
 FULL_DISK = """
 import resource, signal, sys
 from hexctl.cli.main import exit_code
-from hexctl.cli.render.run_output import summary
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
 sys.exit(exit_code(["run", "--duration", "20", "--json"]))
