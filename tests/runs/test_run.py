@@ -5,8 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
 from hexctl.control.monitor.recovery import RecoveryPolicy, Response
 from hexctl.control.trial_result import TrialResult
@@ -162,6 +164,26 @@ class FastYawMock(PosedMock):
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
         self.position_world = None
+
+
+class YawMock(MockServos):
+    """A robot that knows its yaw alone."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+
+    def read(self) -> RobotState:
+        return replace(super().read(), base_quaternion_world=np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+class PositionMock(YawMock):
+    """A robot that tells its position only at the fifth reading."""
+
+    reads = 0
+
+    def read(self) -> RobotState:
+        self.reads += 1
+        return replace(super().read(), base_position_world=np.zeros(3) if self.reads > 4 else None)
 
 
 class TestFailuresInMidWalk:
