@@ -24,15 +24,6 @@ from hexctl.files import (
 )
 
 
-def test_a_file_is_made_and_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    atomic_write(path, "größer")
-    assert path.read_text(encoding="utf-8") == "größer"
-    atomic_write(path, b"\x00\xff")
-    assert path.read_bytes() == b"\x00\xff"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_a_file_in_the_place_of_a_folder_is_told_as_that(tmp_path: Path) -> None:
     (tmp_path / "runs").touch()
     for folder in (tmp_path / "runs", tmp_path / "runs" / "a"):

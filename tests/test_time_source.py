@@ -4,7 +4,9 @@ import threading
 
 import pytest
 
+from hexctl.errors import RobotFaultError
 from hexctl.time_source import WALL_TIME, TimeSource
+from hexctl.waiting import comes_true, wait_for
 from tests.backends.fake_time import FakeTime
 
 
@@ -50,3 +52,34 @@ def test_another_thread_goes_on_once_enough_simulated_time_has_passed() -> None:
     thread.start()
     time.join(thread)
     assert seen_s[0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_the_first_true_value_ends_the_wait() -> None:
+    values = iter([None, 0, "", "there", "later"])
+    assert wait_for(lambda: next(values), 60.0, "never", poll_s=0.0) == "there"
+
+
+def test_a_condition_is_tested_once_even_without_time() -> None:
+    assert wait_for(lambda: 5, 0.0, "never") == 5
+
+
+@pytest.mark.parametrize("message", ["it never came", lambda: "it never came"])
+def test_a_condition_that_stays_false_is_an_error_with_the_message(message: str) -> None:
+    time = FakeTime(50.0)
+    with pytest.raises(RobotFaultError, match="it never came"):
+        wait_for(lambda: None, 60.0, message, poll_s=0.5, time=time)
+    assert time.now() == pytest.approx(110.0, abs=1.0)
+
+
+def test_a_condition_that_comes_true_in_time_is_not_waited_for_any_longer() -> None:
+    time = FakeTime(50.0)
+    assert comes_true(lambda: time.now() > 60.0, 60.0, poll_s=0.5, time=time)
+    assert time.now() == pytest.approx(60.0, abs=1.0)
+
+
+def test_what_a_condition_raises_ends_the_wait() -> None:
+    def broken() -> None:
+        raise OSError("no link")
+
+    with pytest.raises(OSError, match="no link"):
+        wait_for(broken, 60.0, "never")

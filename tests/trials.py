@@ -1,5 +1,6 @@
 """Trials in the simulation, as short to write as a command line."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,3 +52,16 @@ def walk(
             guard, TrialPlan(gait=gait_of(robot, gait), belief=failure, **plan), recorders=(log,)
         )
     return Outcome(result, log, guard)
+
+
+class Calling:
+    """A recorder that calls a function with each block."""
+
+    def __init__(
+        self, function: Callable[[TickLog, int, int], object], block_ticks: int | None = None
+    ) -> None:
+        self._function = function
+        self.block_ticks = block_ticks
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        self._function(log, start, stop)

@@ -2,7 +2,6 @@
 
 import math
 import shutil
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +32,7 @@ from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import InputError, RecordingError, WrongTypeError
+from hexctl.errors import InputError, WrongTypeError
 from tests.adapt.walking import Landscape, result_of
 from tests.cli.adaptkits import Blind, EStopped
 from tests.cli.kits import Kit
@@ -133,17 +132,6 @@ def test_a_finished_session_is_continued_without_writing(monkeypatch: pytest.Mon
     )
     assert (again.walked, again.ended, again.trials) == (0, "budget", whole.trials)
     assert begun == [whole.session.name]
-
-
-@pytest.mark.usefixtures("landscape")
-def test_one_adaptation_continues_its_session_until_it_has_ended() -> None:
-    stops = iter([False] * 3 + [True])
-    part = adapt(5, budget=4, optimizer="pso", record=False, stop_requested=lambda: next(stops, True))
-    assert part.ended == "interrupted"
-    resumed = Adaptation.resume(part.session.name, record=False)
-    assert resumed.run().ended == "budget"
-    again = resumed.run()
-    assert (again.walked, again.ended, len(again.trials)) == (0, "budget", 4)
 
 
 @pytest.mark.usefixtures("landscape")
@@ -297,18 +285,6 @@ def test_a_session_whose_folder_is_deleted_ends_with_one_error(tmp_path: Path) -
     assert list_sessions(tmp_path / "runs") == []
 
 
-def test_a_recording_that_cannot_be_written_does_not_hide_that_the_store_is_gone(tmp_path: Path) -> None:
-    spec = new_spec(failed_leg=5, prior="none", budget=6, baseline=False)
-    adaptation = Adaptation(spec, record=False)
-
-    def lose(_: TrialRunner, *_trial: object) -> WalkedTrial:
-        shutil.rmtree(tmp_path / "runs")
-        raise RecordingError("runs/trial-001.rrd: the recording cannot be written")
-
-    with mock.patch.object(TrialRunner, "walk", lose), pytest.raises(StoreError, match="was deleted"):
-        adaptation.run()
-
-
 FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=40.0)
 
 
@@ -357,23 +333,6 @@ def test_what_noise_is_believed_is_stored() -> None:
     assert (simulated.noise_m, real.noise_m) == (SIMULATED_NOISE_M, REAL_NOISE_M)
     assert real.worth_m == pytest.approx(REAL_NOISE_M)
     assert [noise_m(spec) for spec in (simulated, real)] == [SIMULATED_NOISE_M, REAL_NOISE_M]
-
-
-LIGHT = """
-import sys
-import hexctl
-from hexctl.adapt.space import GaitSpace
-assert callable(hexctl.adapt) and GaitSpace((5,)).size == 120
-heavy = {"mujoco", "dm_control", "rerun", "zenoh", "typer", "hexctl.adapt.adaptation"} & set(sys.modules)
-assert not heavy, heavy
-import hexctl.adapt.adaptation  # a robot's own computer adapts over a link, without a simulation
-heavy = {"mujoco", "dm_control"} & set(sys.modules)
-assert not heavy, heavy
-"""
-
-
-def test_the_package_is_callable_and_light_and_adapting_over_a_link_loads_no_simulation() -> None:
-    subprocess.run([sys.executable, "-c", LIGHT], check=True)
 
 
 @pytest.mark.usefixtures("landscape")

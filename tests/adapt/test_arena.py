@@ -8,7 +8,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed, body_heading_rad, check_radius
-from hexctl.adapt.prior.prior import PriorKey
 from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.trial_plan import SELF_ROTATIONS, TrialPlan
 from hexctl.control.walks.turning import turn_needed_rad
@@ -91,12 +90,6 @@ def test_a_start_has_room_for_the_walk_wherever_there_is_any(
         assert arena.room_m(started, arena.aim_rad(started, 0.0)) >= reach_m - 1e-9
 
 
-@given(ANGLES)
-def test_at_home_it_goes_where_it_is_told(heading_rad: float) -> None:
-    arena = Arena(home_m=(3.0, 4.0), radius_m=5.0)
-    assert arena.aim_rad(np.array([3.01, 4.0, 0.1]), heading_rad) == heading_rad
-
-
 ROBOT = shipped()
 
 ARENA = Arena(home_m=(0.5, -0.2), radius_m=3.0)
@@ -157,13 +150,6 @@ def test_a_robot_that_was_put_down_does_not_turn(self_rotation: str) -> None:
     placed = as_placed(plan, ROBOT)
     assert turn_needed_rad(ROBOT, placed) == 0
     assert apart_deg(placed.motion(0.0).heading_rad, body_heading_rad(plan, ROBOT)) < 1e-6
-
-
-@pytest.mark.parametrize("self_rotation", ["rear", "front"])
-def test_the_prior_is_asked_the_same_whatever_way_a_trial_goes(self_rotation: str) -> None:
-    plan = plan_of(self_rotation)
-    turned = aimed(plan, ROBOT, standing(2.0, -1.0, 1.0), ARENA)
-    assert PriorKey.of(ROBOT, turned) == PriorKey.of(ROBOT, plan)
 
 
 def test_a_robot_that_lost_its_pose_cannot_aim() -> None:

@@ -176,42 +176,6 @@ def test_a_gait_that_failed_is_not_asked_for_again(status: str) -> None:
     assert all(optimizer.predict(code).chance == 0.0 for code in failed)
 
 
-def test_gaits_that_fall_in_simulations_are_tried_later() -> None:
-    usual = made_up_bayes(BELIEVED)
-    first = usual.ask()[0]
-    finished = np.ones(GAITS)
-    finished[first - 1] = 0.0
-    falling = Samples(leg=5, features=BELIEVED.features, finished=finished)
-    wary = made_up_bayes(falling)
-    assert wary.predict(first).chance < 0.1 * usual.predict(first).chance
-    assert wary.ask()[0] != first
-
-
-def test_when_all_gaits_were_tried_the_likeliest_is_walked_again() -> None:
-    world = worlds(1)[0]
-    world[:, FINAL] = 0.3 + np.arange(GAITS) / 100
-    world[59, FINAL] = 0.06
-    optimizer = made_up_bayes(SAMPLES)
-    codes = []
-    for _ in range(GAITS):
-        (code,) = optimizer.ask()
-        codes.append(code)
-        # Of some it is only told that they were tried: quicker, and there is enough to choose from.
-        if code % 4 == 0:
-            tell(optimizer, code, world[code - 1])
-        else:
-            optimizer.tell([code], [1.0])
-    assert sorted(codes) == list(range(1, 121))
-    assert optimizer.ask() == [60]
-
-
-def test_without_what_a_trial_showed_only_that_it_was_tried_is_known() -> None:
-    optimizer, before = made_up_bayes(SAMPLES), made_up_bayes(SAMPLES)
-    codes = search(optimizer, 10)
-    assert len(set(codes)) == 10
-    np.testing.assert_array_equal(optimizer.forecast().mean_m, before.forecast().mean_m)
-
-
 def test_a_gait_that_fell_once_is_not_settled_on_though_it_walked_before() -> None:
     optimizer = made_up_bayes(SAMPLES)
     good = np.array([*np.zeros(10), 1.6, 3.2, 0.0])

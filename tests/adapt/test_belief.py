@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from hexctl.adapt.prior.acquisition import (
     chance_above,
     chance_within,
-    expected_excess,
     expected_gain_m,
     expected_size_m,
     most_useful,
@@ -72,14 +71,6 @@ def assert_agrees(forecast: Forecast, dense: Dense, tolerance: float = 1e-8) -> 
             np.testing.assert_allclose(forecast.covariance_m2, covariance, atol=tolerance, rtol=0)
 
 
-def test_before_any_trial_it_is_the_prior() -> None:
-    forecast = believed([]).forecast()
-    np.testing.assert_allclose(forecast.mean_m, SAMPLES.features[..., FINAL].mean(axis=0))
-    assert forecast.noise_m == pytest.approx(NOISE_M)
-    assert forecast.widened == 1.0
-    assert_agrees(forecast, Dense(SAMPLES, NOISE_M))
-
-
 @pytest.mark.parametrize("codes", [[17], [17, 90], [1, 30, 77, 120, 64]], ids=str)
 def test_it_agrees_with_dense_conditioning(codes: list[int]) -> None:
     trials = partly_blind(ordinary(codes))
@@ -133,37 +124,6 @@ def test_watching_a_walk_teaches_nothing() -> None:
     np.testing.assert_array_equal(belief.forecast().mean_m, undisturbed.forecast().mean_m)
 
 
-def test_a_trial_that_shows_nothing_changes_nothing() -> None:
-    nothing = np.full(N_FEATURES, np.nan)
-    for trials in ([], ordinary([3, 70])):
-        before = believed(trials).forecast()
-        after = believed([*trials, (55, nothing)]).forecast()
-        for name in ("mean_m", "covariance_m2", "distance_m", "distance_sd_m", "noise_m", "widened"):
-            np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
-
-
-def test_the_order_of_trials_does_not_matter() -> None:
-    trials = ordinary([7, 55, 110, 31])
-    first = believed(trials).forecast()
-    for order in ([3, 2, 1, 0], [1, 3, 0, 2]):
-        other = believed([trials[place] for place in order]).forecast()
-        assert first.widened == other.widened == 1.0
-        np.testing.assert_allclose(other.mean_m, first.mean_m, atol=1e-8)
-        np.testing.assert_allclose(other.covariance_m2, first.covariance_m2, atol=1e-8)
-        np.testing.assert_allclose(other.distance_m, first.distance_m, atol=1e-8)
-
-
-def test_the_more_a_world_surprises_the_more_is_widened() -> None:
-    mean = SAMPLES.features.mean(axis=0)
-    widened = []
-    for off_m in (0.0, 0.5, 1.0, 2.0, 4.0):
-        trials = [(code, mean[code - 1] + off_m * np.array([1, -1])[code % 2]) for code in (4, 61, 98)]
-        widened.append(believed(trials).forecast().widened)
-    assert widened[0] == 1.0
-    assert (np.diff(widened[1:]) > 0).all()
-    assert widened[-1] > 3
-
-
 def repeated(*finals_m: float) -> Forecast:
     mean = SAMPLES.features.mean(axis=0)[49]
     trials = []
@@ -182,16 +142,6 @@ def test_repeats_that_differ_raise_the_noise_and_equal_ones_lower_it() -> None:
     squares = NOISE_WEIGHT * NOISE_M**2 + 2 * 0.05**2
     assert repeated(-0.05, 0.05).noise_m == pytest.approx(math.sqrt(squares / (NOISE_WEIGHT + 1)))
     assert repeated(-0.05, 0.05, -0.05, 0.05).noise_m > repeated(-0.05, 0.05).noise_m > NOISE_M
-
-
-def test_many_trials_of_all_gaits_do_no_harm() -> None:
-    """All that a world can show, gaits repeated exactly: no square root of a negative number, no NaN."""
-    codes = [*range(1, 121, 4), *[60] * 5, *range(1, 121, 4)]
-    forecast = believed(trials_in(7, codes), noise_m=0.001).forecast()
-    for name in ("mean_m", "covariance_m2", "distance_m", "distance_sd_m", "sd_m"):
-        assert np.isfinite(getattr(forecast, name)).all()
-    true = world(7)[:, FINAL]
-    np.testing.assert_allclose(forecast.mean_m[::4], true[::4], atol=0.002)
 
 
 def test_a_gait_that_always_fell_is_not_believed_to_be_certain() -> None:
@@ -231,12 +181,6 @@ def test_a_stance_agrees_with_dense_conditioning(trials: int) -> None:
     assert_agrees(forecast, dense)
 
 
-def test_what_no_world_explains_tells_little_and_narrows_little() -> None:
-    shift, shrink = narrowed(sags(), sags().mean(axis=0) + 50 * sags().std(axis=0))
-    assert np.linalg.norm(shift) < 2 * np.sqrt(len(shift))
-    assert np.abs(shrink - np.eye(len(shift))).max() < 0.1
-
-
 @pytest.mark.parametrize("joints", [[], [4], list(range(12, 15)), list(range(17))], ids=str)
 def test_joints_that_do_not_say_are_left_out(joints: list[int]) -> None:
     silent, kept = ordinary_sag_rad(), [joint for joint in range(18) if joint not in joints]
@@ -270,14 +214,6 @@ def test_where_nothing_can_be_told_nothing_changes(known: FloatArray, seen: Floa
     shift, shrink = narrowed(known, seen)
     np.testing.assert_array_equal(shift, np.zeros(len(known)))
     np.testing.assert_array_equal(shrink, np.eye(len(known)))
-
-
-def test_a_prior_that_knows_no_stances_believes_the_same() -> None:
-    blind = replace(STANDING, sag_rad=None)
-    told = Belief(blind, noise_m=NOISE_M, sag_rad=ordinary_sag_rad()).forecast()
-    untold = Belief(STANDING, noise_m=NOISE_M).forecast()
-    np.testing.assert_array_equal(told.mean_m, untold.mean_m)
-    np.testing.assert_array_equal(told.covariance_m2, untold.covariance_m2)
 
 
 def test_the_failed_legs_own_deflection_tells_only_where_it_is_not_known_what_broke() -> None:
@@ -338,15 +274,6 @@ def test_the_expected_gain_is_its_integral(mean: float, sd: float, best: float) 
     assert expected_gain_m(one(mean), one(sd), best)[0] == pytest.approx(wanted, abs=1e-9)
 
 
-@given(mean=metres, sd=spreads, best=st.floats(0.001, 0.5))
-def test_a_gain_is_no_loss_no_more_than_all_there_is_and_the_same_on_both_sides(
-    mean: float, sd: float, best: float
-) -> None:
-    gain = expected_gain_m(one(mean), one(sd), best)[0]
-    assert -1e-12 <= gain <= best + 1e-12
-    assert expected_gain_m(one(-mean), one(sd), best)[0] == pytest.approx(gain, abs=1e-12)
-
-
 def forecast(mean_m: FloatArray, sd_m: FloatArray | float, common: float = 0.0) -> Forecast:
     """A forecast of gaits that have a share of their deviation in common."""
     sd = np.broadcast_to(np.asarray(sd_m, dtype=float), mean_m.shape)
@@ -375,14 +302,6 @@ NONE_TRIED = np.zeros(120, dtype=bool)
 ALL_WALK = np.ones(120)
 
 
-@pytest.mark.parametrize("row", [0, 57, 119])
-@pytest.mark.parametrize("best_m", [math.inf, 0.2])
-def test_the_obvious_gait_is_picked(row: int, best_m: float) -> None:
-    mean, sd = np.full(120, 1.5), np.full(120, 0.05)
-    mean[row], sd[row] = 0.0, 1e-3
-    assert most_useful(forecast(mean, sd), ALL_WALK, NONE_TRIED, best_m) == row
-
-
 @given(seed=st.integers(0, 10_000), tried=st.integers(0, 119), best_m=st.sampled_from([math.inf, 0.3, 1e-3]))
 def test_a_gait_that_was_tried_is_never_picked(seed: int, tried: int, best_m: float) -> None:
     random = np.random.default_rng(seed)
@@ -393,15 +312,6 @@ def test_a_gait_that_was_tried_is_never_picked(seed: int, tried: int, best_m: fl
     mean[rows], sd[rows] = 0.0, 1e-5
     row = most_useful(forecast(mean, sd, common=0.3), random.uniform(0, 1, 120), known, best_m)
     assert not known[row]
-
-
-def test_a_gait_that_was_tried_is_not_picked_even_where_nothing_can_be_gained() -> None:
-    """No gait can walk, or the best one is perfect: still something untried is named."""
-    known = NONE_TRIED.copy()
-    known[:119] = True
-    mean = np.linspace(-1, 1, 120)
-    assert most_useful(forecast(mean, 0.1), ALL_WALK, known, 0.0) == 119
-    assert most_useful(forecast(mean, 0.1), np.zeros(120), known, 0.5) == 119
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -428,12 +338,3 @@ def test_the_gain_over_two_trials_is_what_chance_brings(seed: int) -> None:
     # Seven outcomes stand for all: what is picked is the best one, or as good as it.
     assert picked in few
     assert gains[few.index(picked)] >= max(gains) - 0.01
-
-
-def test_the_expected_gain_is_that_of_a_normal_number() -> None:
-    drawn = np.random.default_rng(0).normal(1.0, 0.5, 200_000)
-    mean, sd = np.array([1.0, 1.0]), np.array([0.5, 1e-6])
-    gain = expected_excess(0.8 - mean, sd)
-    assert gain[0] == pytest.approx(np.maximum(0.8 - drawn, 0).mean(), rel=0.02)
-    assert gain[1] == pytest.approx(0.0, abs=1e-9)
-    assert expected_excess(0.8 - np.array([0.2]), np.array([1e-6]))[0] == pytest.approx(0.6)

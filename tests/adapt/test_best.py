@@ -82,17 +82,6 @@ def test_without_a_hold_it_is_the_straightest(built: Path) -> None:
     assert Run(found.spec).plan.self_rotation == "rear"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("robot_tells", "rotation"), [("Position", "none"), ("Yaw", "rear")])
-def test_the_best_gait_turns_the_leg_away_as_auto_does_where_the_robot_tells_no_position(
-    built: Path, robot_tells: str, rotation: str
-) -> None:
-    found = best_gait(spec(), built)
-    with Run(replace(found.spec, backend=f"tests.runs.test_run:{robot_tells}Mock")) as connected:
-        assert connected.plan.self_rotation == rotation
-        assert connected.plan.gait.slots == found.spec.gait
-
-
 def test_the_spec_of_a_run_takes_the_gait_that_best_stands_for() -> None:
     with pytest.raises(InputError, match="gait"):
         run(spec())

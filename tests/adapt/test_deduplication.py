@@ -12,7 +12,7 @@ from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedE
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
-from hexctl.testing.optimizer_conformance import ONE_FAILED, THREE_FAILED, search, slope
+from hexctl.testing.optimizer_conformance import ONE_FAILED, search, slope
 from hexctl.types import FloatArray
 
 
@@ -60,26 +60,6 @@ def test_every_code_is_handed_out_once_and_then_it_is_exhausted(
         optimizer.ask()
 
 
-def test_not_exhausted_before_the_last_score_is_told() -> None:
-    optimizer = Deduplication(make_optimizer("pso", THREE_FAILED, 0), 0)
-    search(optimizer, 5)
-    codes = optimizer.ask()
-    assert not optimizer.exhausted
-    tell(optimizer, codes)
-    assert optimizer.exhausted
-
-
-def test_a_known_code_is_answered_at_once_with_the_score_it_got() -> None:
-    inner = Scripted(iter([5, 5, 9, 5, 9, 30]))
-    optimizer = Deduplication(inner, 0)
-    asked = []
-    for score in (0.5, 0.9, 0.3):
-        asked += optimizer.ask()
-        optimizer.tell(asked[-1:], [score])
-    assert asked == [5, 9, 30]
-    assert inner.told == [(5, 0.5), (5, 0.5), (9, 0.9), (5, 0.5), (9, 0.9), (30, 0.3)]
-
-
 def test_a_code_that_comes_twice_in_one_ask_is_paid_for_once() -> None:
     inner = Scripted(iter([5, 9, 5, 30, 9, 5, 7, 7, 30, 8]))
     optimizer = Deduplication(inner, 0)
@@ -105,15 +85,6 @@ def test_a_search_that_is_stuck_gets_help_after_the_patience_and_asks_on() -> No
     assert set(inner.told) == {(5, slope(5))}, "a code that it did not ask for"
 
 
-def test_a_fresh_code_of_its_own_ends_the_help() -> None:
-    inner = Scripted(iter([5, *[5] * 21, 77, *[5] * 20]))
-    optimizer = Deduplication(inner, 0, patience=20)
-    assert search(optimizer, 4)[::3] == [5, 77]  # with two substitutes between them
-    assert len(inner.told) == 1 + 20 + 1 + 1
-    optimizer.ask()
-    assert len(inner.told) == 1 + 20 + 1 + 1 + 20
-
-
 def test_a_substitute_is_told_when_the_search_asks_for_it_later() -> None:
     asked: list[int] = []
     inner = Scripted(iter(lambda: asked[-1] if len(asked) > 1 else 5, None))
@@ -125,21 +96,6 @@ def test_a_substitute_is_told_when_the_search_asks_for_it_later() -> None:
     assert substitute != 5
     search(optimizer, 1)
     assert inner.told[-1] == (substitute, slope(substitute))
-
-
-@pytest.mark.parametrize("name", OPTIMIZERS)
-def test_the_search_is_told_exactly_what_it_would_see_on_its_own(name: str) -> None:
-    # Without help, the counted search is the bare one with its repetitions left out.
-    bare = search(make_optimizer(name, ONE_FAILED, 2), 60)
-    once = list(dict.fromkeys(bare))
-    assert search(fresh(name, 2, patience=10_000), len(once)) == once
-
-
-@pytest.mark.parametrize("name", OPTIMIZERS)
-def test_the_papers_count_passes_everything_through(name: str) -> None:
-    optimizer = fresh(name, 4, paper_count=True)
-    assert search(optimizer, 300) == search(make_optimizer(name, ONE_FAILED, 4), 300)
-    assert not optimizer.exhausted
 
 
 @pytest.mark.parametrize("stop", [0, 3])
@@ -194,15 +150,6 @@ class Outspoken(Scripted):
         self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
     ) -> None:
         self.seen += observations
-
-
-def test_an_answer_from_memory_is_a_score_alone() -> None:
-    inner = Outspoken()
-    inner._script = iter([5, 5, 9])
-    optimizer = Deduplication(inner, 0)
-    for _ in range(2):
-        optimizer.tell(optimizer.ask(), [0.3], [SEEN])
-    assert inner.seen == [SEEN, None, SEEN]
 
 
 @pytest.mark.parametrize("paper_count", [False, True])

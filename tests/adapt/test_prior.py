@@ -100,13 +100,6 @@ def test_a_prior_comes_back_as_it_went(path: Path) -> None:
         np.testing.assert_allclose(got, wanted, rtol=1e-3, atol=1e-4)
 
 
-def test_the_digest_survives_the_file_and_a_second_one(path: Path, tmp_path: Path) -> None:
-    loaded = load_prior(path)
-    assert loaded.digest() == prior_with_a_fall().digest()
-    save_prior(loaded, tmp_path / "again.npz")
-    assert same(load_prior(tmp_path / "again.npz"), loaded)
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -214,14 +207,6 @@ def test_a_place_that_is_none_is_refused_in_one_line(write_there: Any, tmp_path:
     assert "\n" not in str(refused.value)
 
 
-def test_looking_at_a_place_leaves_nothing_there(path: Path) -> None:
-    before = path.read_bytes()
-    check_place(path)
-    check_place(path.with_name("new.npz"))
-    assert list(path.parent.iterdir()) == [path]
-    assert path.read_bytes() == before
-
-
 def test_another_robot_is_named_once() -> None:
     differences = key_of().differences(key_of(shipped("phantomx")))
     assert "robot ant, not phantomx" in differences
@@ -315,12 +300,6 @@ def test_a_prior_of_a_question_with_other_parts_is_damaged(tmp_path: Path) -> No
     assert find_prior(key_of(), [tmp_path]).path is None
 
 
-def test_there_is_a_shipped_prior_for_the_default_session() -> None:
-    found = find_prior(key_of(), [shipped_priors()])
-    assert found.path is not None
-    assert found.path.name == "ant-locked-rear-30s.npz"
-
-
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
 def test_a_shipped_prior_is_whole_small_and_for_the_shipped_robot(path: Path) -> None:
     prior = open_prior(path)
@@ -344,16 +323,6 @@ def test_a_shipped_prior_is_whole_small_and_for_the_shipped_robot(path: Path) ->
         assert np.abs(samples.features).max() < 20
 
 
-def test_a_key_without_a_hold_is_that_of_open_loop_walks(tmp_path: Path) -> None:
-    path, steered = save(tmp_path, "a.npz", key_of()), replace(key_of(), hold="line")
-    assert load_prior(path).key.hold == "none"
-    with pytest.raises(InputError, match="is for hold none, not line"):
-        check_prior(path, steered)
-    other = save(tmp_path, "b.npz", steered)
-    assert load_prior(other).key == steered
-    assert find_prior(steered, [tmp_path]).path == other
-
-
 def test_what_a_score_prior_is_for_is_told(tmp_path: Path) -> None:
     save_prior(made_up_score_prior(), tmp_path / "scores.npz")
     described = describe_prior(tmp_path / "scores.npz")
@@ -369,53 +338,6 @@ def test_a_prior_for_another_hold_posture_or_failure_is_refused_by_name(tmp_path
     with pytest.raises(InputError, match="failure locked, not limp, hold line, not heading, posture auto, n"):
         check_prior(path, other)
     assert find_prior(other, [tmp_path]).path is None
-
-
-def test_other_files_are_no_priors(tmp_path: Path) -> None:
-    refusal(tmp_path / "nowhere.npz")
-    refusal(tmp_path)
-    path = tmp_path / "diary.npz"
-    for content in (b"", b"my diary\n" * 100, b"\x93NUMPY", b"PK\x03\x04" + bytes(99)):
-        path.write_bytes(content)
-        refusal(path)
-    np.savez(path, a=np.arange(3))
-    refusal(path)
-    np.save(tmp_path / "alone.npy", np.arange(3))
-    refusal(tmp_path / "alone.npy")
-
-
-def test_a_head_that_is_none_or_lacks_a_part_is_refused(path: Path) -> None:
-    head, arrays = parts_of(path)
-    parts = ("format", "version", "digest", "question", "legs", "origin")
-    assert set(head) == set(parts)
-    lacking = ({name: value for name, value in head.items() if name != part} for part in parts)
-    for other in ("", "[]", "7", "not json", *lacking):
-        write(path, other, **arrays)
-        refusal(path)
-
-
-def test_saving_makes_the_folder_and_leaves_nothing_but_the_prior(tmp_path: Path) -> None:
-    path = tmp_path / "runs" / "priors" / "new.npz"
-    for prior in (prior_with_a_fall(), small_prior()):
-        save_prior(prior, path)
-        assert list(path.parent.iterdir()) == [path]
-        assert load_prior(path).digest() == prior.digest()
-
-
-@pytest.mark.parametrize(("step", "number"), [("write_bytes", 28), ("replace", 5)])
-def test_a_disk_that_fails_keeps_the_old_prior(
-    step: str, number: int, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before = path.read_bytes()
-
-    def fails(*_: object) -> None:
-        raise OSError(number, "it fails")
-
-    monkeypatch.setattr(Path, step, fails)
-    with pytest.raises(ArchiveFileError, match=r"some\.npz"):
-        save_prior(small_prior(), path)
-    assert path.read_bytes() == before
-    assert list(path.parent.iterdir()) == [path]
 
 
 def weak(share: float) -> Failure:

@@ -54,13 +54,6 @@ def test_a_moved_gait_has_the_same_lags_between_the_moved_legs(symmetry: BodySym
         np.testing.assert_array_equal(shifts, shifts[:, :1] * np.ones((1, 6), dtype=int))
 
 
-def test_a_leg_of_ant_serves_all_others_and_one_of_pexod_one() -> None:
-    goals = {
-        name: {symmetry.legs[1] for symmetry in symmetries(name)} for name in ("ant", "phantomx", "pexod")
-    }
-    assert goals == {"ant": {1, 2, 3, 4, 5, 6}, "phantomx": {2, 5}, "pexod": {2, 5}}
-
-
 WORLD = World(
     slope_deg=1.5,
     slope_direction_deg=50.0,
@@ -136,23 +129,6 @@ def test_own_worlds_come_first_and_as_they_are() -> None:
     np.testing.assert_array_equal(samples.finished, np.ones(120))
 
 
-def test_all_legs_of_ant_serve_each_leg_in_both_mirrors() -> None:
-    prior = made_up_prior(legs=(1, 2, 3, 4, 5, 6), worlds=2)
-    for leg in range(1, 7):
-        assert samples_of(prior, shipped(), leg).features.shape[0] == 2 * 6 * 2
-
-
-@pytest.mark.parametrize(("name", "legs", "leg", "worlds"), [
-    ("ant", (5,), 5, 6), ("ant", (2,), 5, 6), ("phantomx", (2, 5), 5, 12), ("phantomx", (1,), 6, 3),
-    ("pexod", (2,), 5, 3), ("pexod", (2, 5), 5, 6),
-])  # fmt: skip
-def test_symmetries_bring_the_worlds_of_other_legs(
-    name: str, legs: tuple[int, ...], leg: int, worlds: int
-) -> None:
-    prior = made_up_prior(key_of(shipped(name)), legs=legs, worlds=3)
-    assert len(samples_of(prior, shipped(name), leg).features) == worlds
-
-
 @pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
 @pytest.mark.parametrize("leg", [2, 5])
 def test_a_moved_gait_takes_its_numbers_with_it(name: str, leg: int) -> None:
@@ -209,15 +185,6 @@ def test_the_last_point_of_a_walk_is_its_end() -> None:
         features = features_of(shown, 30.0)
         assert features[FINAL] == path[length - 1, 1]
         assert features[DISTANCE] == path[length - 1, 0]
-
-
-def test_a_walk_that_was_cut_short_shows_its_beginning() -> None:
-    path = np.column_stack([np.arange(1, 41) * 0.1, np.arange(1, 41) * 0.01])
-    features = features_of(
-        Observation(path_m=path, duration_s=8.0, yaw_change_rad=0.1, status="cut_short"), duration_s=20.0
-    )
-    np.testing.assert_allclose(features[:4], [0.1, 0.2, 0.3, 0.4])
-    assert np.isnan(features[4:]).all()
 
 
 def test_a_robot_that_fell_does_not_show_its_yaw_nor_its_end() -> None:

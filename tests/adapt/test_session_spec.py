@@ -10,7 +10,6 @@ import pytest
 
 import hexctl
 from hexctl.adapt.adapt_options import AdaptOptions
-from hexctl.adapt.adaptation import Adaptation
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.search import new_spec
@@ -74,22 +73,6 @@ def test_a_session_imports_no_code_without_trust(field: str) -> None:
         foreign.check_trusted((), trust=False)
     foreign.check_trusted((), trust=True)
     foreign.check_trusted({"servos" if field == "backend" else field}, trust=False)
-
-
-def test_resuming_a_foreign_session_runs_none_of_its_code(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "planted_score.py").write_text("open('ran', 'w').close()\ndef score(result): return 1.0\n")
-    foreign = replace(new_spec(failed_leg=5, budget=2), objective="planted_score:score")
-    store = SessionStore(tmp_path / "runs")
-    name = store.create(foreign).name
-    for session in (name, load_session(name, tmp_path / "runs")):
-        with pytest.raises(InputError, match="trust"):
-            Adaptation.resume(session, folder=tmp_path / "runs", record=False)
-    assert not (tmp_path / "ran").exists()
-    Adaptation.resume(name, folder=tmp_path / "runs", record=False, trust=True)
-    assert (tmp_path / "ran").exists()
 
 
 def session(*offs_m: float, name: str = "a", **spec: str) -> Session:

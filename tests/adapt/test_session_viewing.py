@@ -49,15 +49,6 @@ def test_a_trajectory_ends_where_the_trial_is_scored() -> None:
     assert len(trial.path_m) == 11
 
 
-def test_the_facts_say_what_was_asked_and_what_came_of_it() -> None:
-    facts = " / ".join(make_overview(make_session(result_of(0.3), result_of(0.02))).facts)
-    assert "leg 5 locked" in facts
-    assert "pso, seed 3: 2 of 12 trials" in facts
-    assert "best: trial 2, code 2, score 2.0 cm" in facts
-    assert "within 10 cm after 2 trials" in facts
-    assert "within 2.5 cm after 2 trials" in facts
-
-
 def test_a_trial_that_never_set_out_or_diverged_has_no_impossible_points() -> None:
     lost = replace(
         result_of(0.0, "aborted"),
@@ -132,21 +123,6 @@ def test_the_next_gait_has_the_interval_that_was_stored_with_it(
         assert step.beliefs.signed_m[row] == pytest.approx(trial.expected["signed_m"], abs=1e-9)
         assert step.beliefs.high_m[row] - step.beliefs.signed_m[row] == pytest.approx(reach_m, rel=1e-3)
         assert step.beliefs.signed_m[row] - step.beliefs.low_m[row] == pytest.approx(reach_m, rel=1e-3)
-
-
-def test_notes_say_why_a_gait_was_chosen_and_why_the_search_ended(
-    walked: tuple[Session, list[FloatArray]],
-) -> None:
-    session, _ = walked
-    notes = [step.note for step in search_steps(session)]
-    assert "Before the first trial" in notes[0]
-    first = session.trials[0]
-    assert f"**next: gait {first.code}**, the greatest expected gain of this trial and the next" in notes[0]
-    assert f"trial 1, gait {first.code}: ok" in notes[1]
-    assert "the greatest expected gain of one trial" in notes[2]
-    assert "a repeat of the best gait after the search" in notes[len(session.trials) - REPEATS]
-    assert f"the search ended: {session.ended}" in notes[-1]
-    assert all("| gait | expected | 90 % interval | within 2.5 cm |" in note for note in notes)
 
 
 def test_beliefs_that_are_not_those_of_the_session_are_not_shown(

@@ -122,15 +122,6 @@ def test_a_new_session_is_held_before_another_process_can_find_it(
     delete_session(session.name, tmp_path)
 
 
-def test_nothing_is_added_to_a_session_that_another_process_holds(tmp_path: Path) -> None:
-    (name,) = make_sessions(tmp_path, sessions=1)
-    session = load_session(name, tmp_path)
-    with SessionStore(tmp_path).held(name), pytest.raises(StoreError, match="another process"):
-        SessionStore(tmp_path).add(session, record(4), {})
-    assert len(load_session(name, tmp_path).trials) == len(session.trials) == 3
-    SessionStore(tmp_path).add(session, record(4), {})
-
-
 def test_of_two_writers_at_one_moment_neither_cuts_off_the_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -399,13 +390,6 @@ def test_deleting_follows_no_link(tmp_path: Path) -> None:
     assert list(runs.iterdir()) == []
 
 
-def test_a_running_session_is_not_deleted(tmp_path: Path) -> None:
-    (name,) = make_sessions(tmp_path, sessions=1)
-    with SessionStore(tmp_path).held(name), pytest.raises(InputError, match="another process"):
-        delete_session(name, tmp_path)
-    assert stored_names(tmp_path) == [name]
-
-
 def test_a_write_that_fails_leaves_the_session_as_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -447,22 +431,6 @@ def test_a_disk_that_fails_twice_is_named_by_the_next_write_too(
     resumed = load_session(session.name, tmp_path)
     assert resumed.trials == [record(1)]
     SessionStore(tmp_path).add(resumed, record(2), {"after": 2})
-
-
-def test_a_deletion_that_fails_is_not_tried_again_without_the_lock(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (name,) = make_sessions(tmp_path, sessions=1)
-    tried: list[Path] = []
-
-    def failing(place: Path) -> None:
-        tried.append(place)
-        raise OSError(errno.EBUSY, "in use")
-
-    monkeypatch.setattr(shutil, "rmtree", failing)
-    with pytest.raises(StoreError, match="in use"):
-        delete_session(name, tmp_path)
-    assert tried == [tmp_path / name]
 
 
 #: A user without the rights of root, who may read what all may.
@@ -553,14 +521,6 @@ def test_a_file_that_a_user_put_there_is_kept(
     change(path)
     assert remove_unfinished(tmp_path, session) is None
     assert path.read_bytes() == b"mine"
-
-
-def test_the_recording_of_a_trial_that_was_stored_is_kept(session: Session, tmp_path: Path) -> None:
-    path = tmp_path / "trial-001.rrd"
-    killed_while_recording(path)
-    session.trials.append(replace(record(1), recording=str(path)))
-    assert remove_unfinished(tmp_path, session) is None
-    assert path.exists()
 
 
 @pytest.mark.parametrize(
@@ -689,14 +649,6 @@ def test_reading_makes_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         load_session("any", tmp_path)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_options_that_are_numbers_of_numpy_are_stored_as_numbers(tmp_path: Path) -> None:
-    asked: dict[str, Any] = {"seed": np.int64(3), "duration_s": np.float32(4.0)}
-    session = SessionStore(tmp_path).create(replace(SPEC, **asked))
-    spec = json.loads((tmp_path / session.name / FILE_NAME).read_text())["session"]["spec"]
-    assert (spec["seed"], spec["duration_s"]) == (3, 4.0)
-    assert load_session(session.name, tmp_path).spec == replace(SPEC, seed=3, duration_s=4.0)
 
 
 def test_a_stored_trial_gives_its_result_again(tmp_path: Path) -> None:

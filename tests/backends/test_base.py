@@ -9,17 +9,14 @@ import pytest
 from hexctl.backends.base import (
     LegServos,
     ServosWrapper,
-    as_robot,
     connection_notes,
     failures_in_force,
     simulation_of,
 )
-from hexctl.backends.clock import WallClock
 from hexctl.backends.facets import TruePose
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
-from hexctl.errors import InputError, WrongTypeError
-from hexctl.robot.configs import config_root
+from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.server.served_servos import ServedServos
 from hexctl.testing import LegServosConformance
@@ -154,14 +151,3 @@ def test_only_a_simulation_breaks_legs() -> None:
     assert simulation_of(Guard(simulated)) is simulated
     with pytest.raises(InputError, match=r"failure: .*real robot"):
         simulation_of(Guard(MockServos("ant")))
-
-
-def test_a_robot_is_taken_by_its_name() -> None:
-    assert MockServos("phantomx").robot.name == "phantomx"
-    np.testing.assert_array_equal(as_robot("ant").stance_angles_rad, shipped().stance_angles_rad)
-    assert MockServos(config_root() / "robots" / "pexod.yaml").robot.name == "pexod"
-    with pytest.raises(InputError, match="'spider'"):
-        MockServos("spider")
-    with pytest.raises(WrongTypeError, match="robot: got 3"):
-        MockServos(3)  # type: ignore[arg-type]
-    assert isinstance(MockServos("ant").clock, WallClock)

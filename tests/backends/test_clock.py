@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,19 +25,6 @@ def test_time_and_the_grid_start_when_the_clock_is_first_asked() -> None:
     assert clock.now_s == pytest.approx(PERIOD_S + 0.005)
 
 
-def test_a_minute_of_random_work_does_not_drift() -> None:
-    time, rng = FakeTime(), np.random.default_rng(5)
-    clock = time.clock()
-    start_s = time.now_s
-    for index in range(1, 3001):
-        tick = clock.tick()
-        assert tick.index == index
-        assert time.now_s - start_s == pytest.approx(index * PERIOD_S, abs=1e-6)
-        assert tick.late_s == pytest.approx(0, abs=1e-6)
-        time.work(rng.uniform(0, 0.99) * PERIOD_S)
-    assert clock.overruns == 0
-
-
 def test_a_program_that_is_stopped_while_it_waits_knows_so_before_anything_pauses_its_clock() -> None:
     time = FakeTime()
     clock = time.clock()
@@ -52,34 +38,6 @@ def test_a_program_that_is_stopped_while_it_waits_knows_so_before_anything_pause
     clock.pause()
     clock.tick()
     assert clock.standstill is said, "once is enough"
-
-
-def test_late_by_less_than_a_period_runs_at_once_and_keeps_the_grid() -> None:
-    time = FakeTime()
-    clock = time.clock()
-    clock.tick()
-    time.work(1.7 * PERIOD_S)
-    late = clock.tick()
-    assert late.index == 2
-    assert late.late_s == pytest.approx(0.7 * PERIOD_S)
-    after = clock.tick()
-    assert after.index == 3
-    assert after.late_s == pytest.approx(0, abs=1e-6)
-    assert clock.overruns == 0
-
-
-@pytest.mark.parametrize(("work", "index", "missed"), [(2.5, 3, 1), (5.2, 6, 4), (1000.5, 1001, 999)])
-def test_missed_grid_points_are_skipped_and_counted(work: float, index: int, missed: int) -> None:
-    time = FakeTime()
-    clock = time.clock()
-    clock.tick()
-    time.work(work * PERIOD_S)
-    tick = clock.tick()
-    assert (tick.index, clock.overruns) == (index, missed)
-    assert tick.time_s == pytest.approx(index * PERIOD_S)
-    assert tick.late_s == pytest.approx((work + 1 - index) * PERIOD_S, abs=1e-6)
-    assert clock.tick().index == index + 1
-    assert clock.overruns == missed
 
 
 def test_a_sleep_that_returns_early_is_slept_again() -> None:

@@ -11,7 +11,6 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.registry import BACKENDS, BackendOptions, check_options, make_servos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
-from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot_file
@@ -132,16 +131,3 @@ def test_options_are_those_of_a_spec_except_where_they_are_given(tmp_path: Path)
     assert options == BackendOptions(
         robot=shipped(), world=OPTIONS.world, seed=4, connect="tcp/a:1", credentials=tmp_path
     )
-
-
-@pytest.mark.parametrize(
-    ("backend", "options"), [("mock", ["--realtime"]), ("own", ["--connect", "/dev/ttyUSB0"])]
-)
-def test_run_refuses_options_that_its_backend_would_ignore(
-    backend: str, options: list[str], own_module: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    name = f"{own_module}:Mine" if backend == "own" else backend
-    assert exit_code(["run", "--backend", name, "--no-record", "--duration", "1", *options]) == 2
-    err = capsys.readouterr().err
-    assert f"{options[0]}: got" in err
-    assert err.count("\n") == 1

@@ -44,18 +44,6 @@ def test_ports_have_their_adapter_and_a_name_that_stays(
     assert len(serial_ports()) == 3, "what is no tty and has no adapter is left out"
 
 
-def test_a_port_of_the_computer_without_a_device_is_left_out(
-    plugged: list[_Port], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plugged += [_port("/dev/ttyS1", None), _port("/dev/ttyAMA0", None)]
-    for name, type_ in (("ttyS0", 4), ("ttyS1", 0), ("ttyUSB0", 0)):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "type").write_text(f"{type_}\n")
-    monkeypatch.setattr(module, "TERMINALS", tmp_path)
-    names = [each.port.removeprefix("/dev/") for each in serial_ports()]
-    assert names == ["ttyAMA0", "ttyS0", "ttyUSB0", "ttyUSB1"]
-
-
 @pytest.mark.parametrize(
     "error", [TypeError("no vendor"), OSError("no such device"), UnicodeDecodeError("utf-8", b"", 0, 1, "?")]
 )

@@ -18,7 +18,6 @@ from hexctl.adapt import search
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
 from hexctl.adapt.sessions.store import SessionStore, list_sessions, load_session
 from hexctl.cli.main import exit_code
-from hexctl.recording.recording import Recording
 from hexctl.robot.configs import config_root
 from tests.adapt.walking import Landscape, result_of
 
@@ -65,16 +64,6 @@ def course(outcome: dict[str, Any]) -> list[Any]:
     return [{key: value for key, value in trial.items() if key != "recording"} for trial in outcome["trials"]]
 
 
-@pytest.mark.slow
-@on_a_landscape
-def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record"]
-    outcome = run_json(capsys, *words, "--budget", "500", lines=1)
-    assert (outcome["ended"], len(outcome["trials"])) == ("exhausted", 120)
-    for enough in (["--budget", "120"], ["--budget", "121", "--count-repeats"]):
-        run_json(capsys, *words, *enough, "--target", "9")
-
-
 @on_a_landscape
 def test_a_finished_session_goes_on_with_another_budget(capsys: pytest.CaptureFixture[str]) -> None:
     begun = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--budget"]
@@ -91,15 +80,6 @@ def test_a_finished_session_goes_on_with_another_budget(capsys: pytest.CaptureFi
     assert run_json(capsys, *go_on, lines=1)["trials"] == longer["trials"]
 
 
-@on_a_landscape
-def test_a_session_at_its_target_has_nothing_to_walk(capsys: pytest.CaptureFixture[str]) -> None:
-    begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--target", "9"]
-    outcome = run_json(capsys, *begun, "--budget", "5")
-    assert (outcome["ended"], len(outcome["trials"])) == ("target", 1)
-    resume = ["adapt", "--resume", outcome["session"], "--no-record", "--budget", "8"]
-    assert len(run_json(capsys, *resume, lines=1)["trials"]) == 1
-
-
 def test_no_valid_trial_is_no_success(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -109,39 +89,6 @@ def test_no_valid_trial_is_no_success(
     assert (outcome["found"], outcome["best"], outcome["ended"]) == (False, None, "budget")
     assert exit_code(words) == 4
     assert "no valid trial: fell" in capsys.readouterr().out
-
-
-@on_a_landscape
-def test_an_objective_of_ones_own_is_found_again(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    Path("hexctl_test_scores.py").write_text(
-        'def sideways(result):\n    """Distance to the left."""\n    return result.deviation.signed\n'
-    )
-    mine = ["--objective", "hexctl_test_scores:sideways", "--optimizer", "random"]
-    begun = run_json(capsys, "adapt", "--failed-leg", "5", "--no-record", "--budget", "3", *mine)
-    assert (begun["objective"], begun["objective_label"]) == (mine[1], "Distance to the left")
-    more = ["--no-record", "--trust", "--budget", "6"]
-    resumed = run_json(capsys, "adapt", "--resume", begun["session"], *more)
-    scores = [trial["score"] for trial in resumed["trials"] if trial["score"] is not None]
-    assert resumed["best"]["score"] == min(scores) < 0
-
-
-@pytest.mark.slow
-def test_a_recording_that_fails_costs_no_trial_and_is_said(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def no_room(*_: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Recording, "write_block", no_room)
-        assert exit_code([*QUICK, "--no-baseline"]) == 3
-    printed = capsys.readouterr()
-    assert "continue with: hexctl adapt --resume" in printed.err
-    (listed,) = run_json(capsys, "sessions", "list")
-    assert listed["trials"] == 1
-    assert len(run_json(capsys, "adapt", "--resume", listed["session"])["trials"]) == 3
 
 
 @pytest.mark.slow
@@ -187,40 +134,6 @@ def test_a_second_ctrl_c_says_how_to_resume(
     assert exit_code(QUICK) == 130
     (session,) = list_sessions()
     assert capsys.readouterr().err.endswith(f"hexctl adapt --resume {session.name}\n")
-
-
-@pytest.mark.slow
-def test_every_trial_is_walked_kept_and_recorded(searched: tuple[Path, Any]) -> None:
-    folder, outcome = searched
-    assert [trial["index"] for trial in outcome["trials"]] == [1, 2, 3]
-    assert [outcome[key] for key in ("optimizer", "failed_leg", "budget", "seed")] == ["pso", 4, 3, 2]
-    for trial in outcome["trials"]:
-        assert len(set(trial["slots"])) == 6
-        assert (trial["slots"][3], trial["hold"]) == (4, "line")
-        assert (folder / trial["recording"]).stat().st_size > 10_000
-        assert set(trial["deviation_m"]) == {"final", "mean", "max", "signed"}
-    assert outcome["best"] in outcome["trials"]
-    assert outcome["best"]["score"] == min(trial["score"] for trial in outcome["trials"])
-    assert {"trials_to_0.10_m", "trials_to_0.025_m", "wall_s"} <= set(outcome)
-    assert (folder / "runs" / outcome["session"] / "overview.rrd").exists()
-    assert [walk["gait"] for walk in outcome["baseline"]] == ["auto", "demo", "tripod"]
-    for walk in outcome["baseline"]:
-        assert Path(walk["recording"]).name == f"baseline-{walk['gait']}.rrd"
-        assert walk["status"] == "ok"
-
-
-@pytest.mark.long
-def test_the_baseline_changes_no_trial_and_the_same_seed_gives_the_same_session(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    first, again, other = (
-        run_json(capsys, *QUICK, "--trim", "off", "--no-record", "--seed", seed, *more)
-        for seed, more in (("5", []), ("5", ["--no-baseline"]), ("6", ["--no-baseline"]))
-    )
-    assert again["baseline"] == []
-    assert course(first) == course(again)
-    assert course(first) != course(other)
-    assert first["session"] != again["session"]
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from hexctl.cli.main import exit_code
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.place import CameraPose
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
-from tests.adapt.staying import PLACE, StayingSim
+from tests.adapt.staying import PLACE
 from tests.cli.adaptkits import SAG_RAD
 from tests.cli.kits import Kit
 from tests.vision.scenes import WEBCAM
@@ -209,18 +209,6 @@ def json_and_err(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0)
     assert exit_code([*words, "--json"]) == code
     printed = capsys.readouterr()
     return json.loads(printed.out), printed.err
-
-
-@pytest.mark.long
-def test_a_twin_goes_back_and_forth_in_its_arena(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(StayingSim, "farthest_m", 0.0)
-    assert exit_code([*TWIN, *SMALL]) == 0
-    printed = capsys.readouterr()
-    rows = [line for line in printed.out.splitlines() if line[:5].strip().isdigit()]
-    assert len(rows) == 5
-    assert 0.3 < StayingSim.farthest_m < 0.75
 
 
 @pytest.mark.long

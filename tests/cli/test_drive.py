@@ -3,6 +3,7 @@
 import json
 import re
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,13 +20,15 @@ from hexctl.control.drive.drive import Drive
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
+from pictures.needed import MissingProgramError
+from tests.cli.stopping.measure import CAUSES, Measurement, Stops
 from tests.cli.terminals import WAIT_S, on_terminal
 from tests.recording.conftest import ReadBack
 from tests.server.processes import hexctl, served
+from tests.viewer.conftest import give_up
 
-pytestmark = pytest.mark.realtime
 
-
+@pytest.mark.realtime
 def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
     with on_terminal(tmp_path, "--record", "drive.rrd", "--gamepad", "none") as terminal:
         terminal.wait("w s or arrows")
@@ -44,6 +47,7 @@ def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
     assert (tmp_path / "drive.rrd").stat().st_size > 10_000
 
 
+@pytest.mark.realtime
 def test_ctrl_c_ends_at_a_stand(tmp_path: Path) -> None:
     with on_terminal(tmp_path) as terminal:
         terminal.wait("tripod · driving")
@@ -54,6 +58,7 @@ def test_ctrl_c_ends_at_a_stand(tmp_path: Path) -> None:
         assert terminal.code() == 130
 
 
+@pytest.mark.realtime
 def test_a_terminal_that_goes_ends_at_a_stand_with_a_whole_recording(tmp_path: Path) -> None:
     record = tmp_path / "drive.rrd"
     with on_terminal(tmp_path, "--record", str(record), "--gait", "wave", "--failed-leg", "4") as terminal:
@@ -68,6 +73,7 @@ def test_a_terminal_that_goes_ends_at_a_stand_with_a_whole_recording(tmp_path: P
     assert (read_trial(record).leg_conditions == [0, 0, 0, failed, 0, 0]).all()
 
 
+@pytest.mark.realtime
 def test_the_page_drives_and_stops(tmp_path: Path) -> None:
     with on_terminal(tmp_path, "--page", "127.0.0.1:0", "--no-keyboard") as terminal:
         url = terminal.wait(r"drive on http://127\.0\.0\.1:\d+/\s")
@@ -87,6 +93,7 @@ def test_the_page_drives_and_stops(tmp_path: Path) -> None:
         assert terminal.code() == 0
 
 
+@pytest.mark.realtime
 def test_a_stop_of_the_page_is_latched_at_a_served_robot_until_a_person_clears_it(tmp_path: Path) -> None:
     with served(tmp_path, backend="sim") as robot:
         link = ("--backend", "zenoh", "--connect", robot.endpoint)
@@ -138,6 +145,7 @@ def paged(port: str) -> Iterator[ClientConnection]:
         yield page
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     "trouble", [["--gait", "trot"], ["--backend", "zenoh", "--connect", "tcp/127.0.0.1:1"]]
 )
@@ -147,9 +155,53 @@ def test_where_nothing_was_driven_there_is_no_recording(trouble: list[str], tmp_
     assert not record.exists()
 
 
+@pytest.mark.realtime
 def test_the_command_that_ends_a_stop_leads_to_the_robot_that_was_driven() -> None:
     there = Drive(servos=ZenohServos("ant", link=Link(endpoint="tcp/127.0.0.1:7448")))
     assert _why(there, "estop").endswith(
         "hexctl estop --clear --connect tcp/127.0.0.1:7448 when it may move again"
     )
     assert _why(Drive("ant"), "estop").endswith(": hexctl estop --clear when it may move again")
+
+
+TIMES = 100
+
+#: Those that no other test has, one of each kind.
+FEW = (
+    "pad-gone",
+    "page-silent",
+    "page-killed",
+    "terminal-closed",
+    "terminal-killed",
+    "terminal-frozen",
+    "link-held",
+)
+
+
+def measured(name: str, times: int, folder: Path) -> Stops:
+    """Stops of a cause; skips where there is no browser for it."""
+    try:
+        return Measurement(name, times, folder).run()
+    except MissingProgramError as error:
+        give_up(error)
+        raise
+
+
+@pytest.mark.realtime
+@pytest.mark.long
+@pytest.mark.parametrize("name", FEW)
+def test_a_robot_whose_driver_goes_comes_to_rest(name: str, tmp_path: Path) -> None:
+    assert len(measured(name, 2, tmp_path).rest_s) == 2
+
+
+@pytest.mark.realtime
+@pytest.mark.long
+@pytest.mark.soak
+@pytest.mark.parametrize("name", CAUSES)
+def test_a_robot_is_at_rest_in_time_a_hundred_times_of_a_hundred(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stops = measured(name, TIMES, tmp_path)
+    with capsys.disabled():
+        sys.stdout.write(f"\n{name}: {stops}\n")
+    assert stops.within == len(stops.rest_s) >= TIMES, stops

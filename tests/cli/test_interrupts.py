@@ -56,8 +56,6 @@ def interrupted(
     ("module", "quiet"),
     [
         ("hexctl.cli.main", False),
-        ("typer", False),
-        ("numpy._core._multiarray_umath", False),
         ("pydantic_core._pydantic_core", False),
         # Once the walk is asked for, its own soft stop answers, which prints a result.
         ("mujoco._structs", True),

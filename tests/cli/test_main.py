@@ -13,7 +13,6 @@ from hexctl.cli.console import flag_of, in_flags
 from hexctl.cli.entry import MAY_HANG
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError, argument
-from tests.cli.paths import PATH_LINES
 
 HEAVY = (
     *("mujoco", "dm_control", "rerun", "numpy", "pydantic", "yaml", "scipy", "pymavlink", "serial"),
@@ -77,37 +76,61 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.startswith("hexctl 0.")
 
 
-BAD_FILES = {
-    "not a mapping": b"- 1\n- 2\n",
-    "a number": b"42\n",
-    "broken YAML": b"name: [ant\n",
-    "binary junk": bytes(range(256)) * 4,
-    "a tag": b"!!python/object/apply:os.system ['true']\n",
-    "unknown key": b"frictoin: 1\n",
-    "not finite": b"friction: .nan\n",
-    "wrong type": b"friction: slippery\n",
-}
+TLS = "--connect tls/127.0.0.1:9"
 
-
-@pytest.mark.parametrize("option", ["--robot", "--world"])
-@pytest.mark.parametrize("content", BAD_FILES.values(), ids=BAD_FILES.keys())
-def test_bad_files_name_the_file(
-    option: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "bad.yaml"
-    path.write_bytes(content)
-    assert exit_code(["run", "--no-record", option, str(path)]) == 2
-    printed = capsys.readouterr()
-    assert len(printed.err.splitlines()) == 1
-    assert str(path) in printed.err
-
-
-@pytest.mark.parametrize("option", ["--robot", "--seed", "--world"])
-def test_long_values_are_shortened(option: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["run", option, "s" * 5001]) == 2
-    said = capsys.readouterr().err
-    assert "(5001 characters)" in said
-    assert len(said) < 600
+#: Command lines that take a path, for which `{}` stands; whatever path of a file that is not there it is,
+#: each ends before anything moves.
+PATH_LINES = (
+    "run --robot {}.yaml",
+    "run --no-record --world {}.yaml",
+    "run --backend mock --duration 0.1 --record {}.rrd",
+    f"run --no-record --backend zenoh --keys {{}} {TLS}",
+    "run --no-record --backend mavlink --keys {}",
+    "run --no-record --backend zenoh --link {}.yaml",
+    "run --no-record --backend feetech --connect {}",
+    "adapt --failed-leg 5 --robot {}.yaml",
+    "adapt --failed-leg 5 --prior {}.npz",
+    "adapt --failed-leg 5 --backend mock --arena {}.yaml",
+    "adapt --resume {}",
+    "drive --gamepad auto --robot {}.yaml",
+    "drive --gamepad {}",
+    "drive --page 0.0.0.0:9 --page-keys {}",
+    "view {}",
+    "view --connect tcp/127.0.0.1:9 --link {}.yaml",
+    f"view --keys {{}} {TLS}",
+    "export {} --to csv",
+    "export {}.yaml --to urdf",
+    "export ant --to urdf -o {}.urdf",
+    "check {}.yaml",
+    "diagnose --robot {}.yaml",
+    "calibrate {}.yaml --backend mavlink",
+    "sim board --robot {}.yaml",
+    "sim board --keys {}",
+    "serve --robot {}.yaml",
+    "serve --backend mock --link {}.yaml",
+    "serve --backend mavlink --device-keys {}",
+    "serve --backend feetech --connect {}",
+    "serve --backend mock --keys {} --listen tls/127.0.0.1:9",
+    f"status --keys {{}} {TLS}",
+    "status --link {}.yaml",
+    f"estop --keys {{}} {TLS}",
+    "study --out {}",
+    "sessions show {}",
+    "sessions delete {} --yes",
+    "robot import {}.urdf --output new.yaml",
+    "see print --output {}.pdf",
+    "see calibrate {}.png",
+    "see latency --camera {} --place {}.yaml",
+    "see --camera {} --place {}.yaml",
+    "sim camera --lens {}.yaml",
+    "servos scan --robot {}.yaml",
+    "sim fail 5 --link {}.yaml",
+    "keys new {}",
+    "keys mavlink {}",
+    "prior build --family {}.yaml",
+    "prior build --out {}.npz",
+    "prior show {}",
+)
 
 
 @pytest.mark.parametrize("line", PATH_LINES)

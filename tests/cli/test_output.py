@@ -14,7 +14,7 @@ from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecor
 from hexctl.cli.console import print_result
 from hexctl.cli.render.adapt_output import opening_lines, walk_line
 from hexctl.cli.render.run_output import summary
-from hexctl.cli.render.stop_reasons import in_words, why_in_words
+from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.wire.zenoh_messages import SERVER_ENDED
 from tests.adapt.walking import closing_lines
 
@@ -153,21 +153,6 @@ def test_a_robot_that_was_stopped_has_one_next_command(capsys: pytest.CaptureFix
     assert lines[-1].endswith("hexctl estop --clear")
     assert len([line for line in lines if "hexctl " in line]) == 1
     assert "start it again" in why_in_words(f"fault: {SERVER_ENDED}")
-
-
-@pytest.mark.parametrize(("status", "colour"), [("ok", "32"), ("no_progress", "33"), ("fell", "31")])
-def test_a_status_has_its_colour_on_a_terminal(
-    status: str, colour: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    print_result(*summary({**WALK, "status": status}))
-    assert f"{colour}m{status.replace('_', ' ')}" in capsys.readouterr().out
-
-
-def test_counts_in_words() -> None:
-    assert in_words({"late": 2, "stale_owner": 1, "other": 0}) == "2 late, 1 stale owner"
 
 
 OUTCOME = {

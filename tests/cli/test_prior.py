@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,20 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.prior.prior import ScorePrior, load_prior, load_score_prior, open_prior, save_prior
+from hexctl.adapt.prior.prior import load_prior, load_score_prior, save_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.study.priors.prior_building import PriorPlan
-from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
-from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
-from tests.robots import shipped
+from tests.adapt.priors import MadeUpModel, MadeUpWorld, made_up_prior, made_up_score_prior
 
 pytestmark = pytest.mark.slow
 
-BUILD = ["prior", "build", "--duration", "6", "--worlds", "2", "--legs", "5"]
 ADAPT = ["adapt", "--failed-leg", "5", "--no-record", "--no-baseline", "--trim", "off"]
 STEERED = [*ADAPT, "--objective", "speed"]
 
@@ -56,24 +52,6 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[Any, str]:
     assert exit_code([*arguments, "--json"]) == 0
     printed = capsys.readouterr()
     return json.loads(printed.out), printed.err
-
-
-@pytest.mark.long
-def test_a_prior_is_built_and_built_again_from_the_cache(capsys: pytest.CaptureFixture[str]) -> None:
-    outcome, _ = run(capsys, *BUILD, "--out", "mine/x.npz")
-    path = Path("mine/x.npz")
-    assert (outcome["prior"], outcome["robot"], outcome["failure"]) == (str(path), "ant", "locked")
-    assert (outcome["legs"], outcome["worlds"], outcome["duration_s"]) == ([5], 2, 6.0)
-    assert outcome["bytes"] == path.stat().st_size < 100_000
-    prior = load_prior(path)
-    assert prior.key == key_of(duration_s=6.0)
-    # Robots walk forward, a good part of half a metre; and no two worlds are the same.
-    assert 0.2 < np.nanmedian(prior.progress_m[..., -1]) < 1.0
-    assert not np.array_equal(prior.signed_m[0, 0], prior.signed_m[0, 1])
-    assert [entry.name for entry in path.parent.iterdir()] == ["x.npz"]
-    _, err = run(capsys, *BUILD, "--out", "again.npz")
-    assert err.count("cache") == 2
-    assert Path("again.npz").read_bytes() == path.read_bytes()
 
 
 def test_show_lists_those_that_would_be_found_ones_own_first(
@@ -120,19 +98,6 @@ def test_a_prior_in_its_place_is_found_by_itself(prior: str, capsys: pytest.Capt
     assert (asked["optimizer"], asked["prior"], err) == ("pso", None, "")
 
 
-@pytest.mark.parametrize("path", sorted(shipped_priors().glob("*.npz")), ids=lambda path: path.stem)
-def test_shipped_priors_are_small_and_know_how_robots_stand(path: Path) -> None:
-    prior = open_prior(path)
-    key = prior.key
-    assert path.stat().st_size < 500_000
-    assert key.robot_fingerprint == shipped(key.robot).fingerprint
-    steered = isinstance(prior, ScorePrior)
-    assert path.stem == f"{key.robot}-{key.failure}-{'none' if steered else 'rear'}-30s{'-line' * steered}"
-    if not isinstance(prior, ScorePrior):
-        assert prior.sag_rad is not None
-        assert np.isfinite(prior.sag_rad).all()
-
-
 @pytest.mark.parametrize("named", [[], ["--prior", "ant-locked-rear-30s"]])
 def test_the_shipped_prior_is_believed_by_default_and_by_name(
     named: list[str], made_up_world: MadeUpWorld, capsys: pytest.CaptureFixture[str]
@@ -152,17 +117,6 @@ def interrupted_after(count: int, capsys: pytest.CaptureFixture[str], *words: st
     session.spec, session.ended = replace(session.spec, budget=count + 1), None
     SessionStore(Path("runs")).keep(session)
     return str(outcome["session"])
-
-
-def test_a_session_that_believes_goes_on_where_it_was(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [*ADAPT, "--prior", prior, "--target", "0.001", "--worth", "0"]
-    whole, _ = run(capsys, *words, "--budget", "3")
-    assert len(whole["trials"]) == 3
-    name = interrupted_after(2, capsys, *words)
-    resumed, err = run(capsys, "adapt", "--resume", name, "--no-record")
-    assert err == ""
-    assert resumed["trials"] == whole["trials"]
-    assert resumed["settled_on"] == whole["settled_on"]
 
 
 def test_how_the_robot_stood_is_kept_with_the_session_and_told_again(
@@ -244,41 +198,6 @@ def test_a_search_of_steered_walks_believes_a_prior_of_their_scores(
     assert len({trial["code"] for trial in outcome["trials"]}) == 2
     name = interrupted_after(1, capsys, *words, "--worth", "0")
     assert run(capsys, "adapt", "--resume", name, "--no-record")[0]["trials"] == outcome["trials"]
-
-
-@pytest.mark.long
-def test_a_repertoire_is_built_continued_and_shown(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def walk(
-        _place: RepertoirePlace, cases: Sequence[RepertoireCase], _threads: int = 1
-    ) -> list[CandidateWalk]:
-        if Path("cut").exists():
-            raise KeyboardInterrupt
-        Path("cut").touch()
-        speeds = [0.9 if case.candidate.name == "walk-on" else 0.6 for case in cases]
-        return [
-            CandidateWalk(case=case, status="ok", speed=speed, cost=0.3)
-            for case, speed in zip(cases, speeds, strict=True)
-        ]
-
-    monkeypatch.setattr(RepertoirePlace, "walk", walk)
-    options = "--worlds 2 --directions 1 --codes 0 --family transfer --pairs limp --jobs 1"
-    words = ["prior", "build", "--repertoire", *options.split()]
-    assert exit_code(words) == 130
-    assert "runs/study-cache" in capsys.readouterr().err
-    made: dict[str, Any] = {}
-    for _ in range(20):
-        Path("cut").unlink()
-        if exit_code([*words, "--json"]) == 0:
-            made = json.loads(capsys.readouterr().out)
-            break
-    assert made["repertoire"] == "runs/repertoires/ant.npz"
-    assert (made["robot"], made["directions"], made["walks"], made["pairs"]) == ("ant", 1, 2, ["limp"])
-    assert made["others"] == made["situations"]
-    (shown,), _ = run(capsys, "prior", "show", "--repertoire", "runs/repertoires/ant.npz")
-    assert shown == made
-    assert exit_code(["prior", "show", "--repertoire", "ant"]) == 0
 
 
 @pytest.mark.parametrize(

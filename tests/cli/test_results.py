@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.sessions import session_viewing
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.space import GaitSpace
@@ -166,18 +165,6 @@ def test_a_robot_is_watched_while_another_commands_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-def test_a_robot_that_ends_is_said_in_one_line(tmp_path: Path) -> None:
-    with served(tmp_path, backend="mock") as robot:
-        watching = ("hexctl", "view", "--web", "--connect", robot.endpoint)
-        with program(tmp_path, "view", *watching) as viewer:
-            viewer.wait_for("in a browser")
-            robot.signal(signal.SIGKILL)
-            assert viewer.wait() == 3
-            assert "silent" in viewer.said()
-            assert "Traceback" not in viewer.said()
-
-
-@pytest.mark.realtime
 def test_without_a_screen_a_live_view_says_so_and_the_walk_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -202,51 +189,6 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def damaged(walk: Path) -> Path:
     return damage(walk)
-
-
-@pytest.mark.slow
-def test_a_session_is_shown_without_what_is_damaged_and_names_it(
-    damaged: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    name = session(3)
-    lost, empty = (Path("runs", name, f"trial-00{index}.rrd") for index in (2, 3))
-    lost.write_bytes(damaged.read_bytes())
-    empty.write_bytes(b"")
-    for named in (
-        name,
-        f"runs/{name}/overview.rrd",
-        str(lost.resolve().with_name("overview.rrd")),
-    ):
-        assert exit_code(["view", named]) == 3
-        assert opened() == [f"runs/{name}/overview.rrd"]
-        table = table_of(Path(opened()[0]))
-        assert "▶ 1" in table
-        assert "▶ 2" not in table
-        assert "▶ 3" not in table
-        damage, emptied = capsys.readouterr().err.splitlines()
-        assert damage.startswith(f"hexctl: recording: {lost} is damaged")
-        assert emptied.startswith(f"hexctl: recording: {empty} is not a Rerun recording")
-
-
-@pytest.mark.slow
-def test_an_old_overview_that_leads_to_damage_is_not_opened(
-    damaged: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name = session(2)
-    old = Path("runs", name, "overview.rrd")
-    assert exit_code(["view", name]) == 0
-    Path("runs", name, "trial-002.rrd").write_bytes(damaged.read_bytes())
-    write = session_viewing.write_overview
-
-    def refused(*arguments: Any, **options: Any) -> Path:
-        if options.get("into") is None:
-            raise PermissionError(13, "Permission denied")
-        return write(*arguments, **options)
-
-    monkeypatch.setattr(session_viewing, "write_overview", refused)
-    assert exit_code(["view", name]) == 3
-    assert Path(opened()[0]).name == old.name
-    assert opened() != [str(old)]
 
 
 @pytest.mark.slow
@@ -308,51 +250,3 @@ def test_it_prints_where_the_output_lies(walk: Path, capsys: Any) -> None:
         assert capsys.readouterr().out == f"{path}\n"
         assert Path(path).stat().st_size > 1000
     assert "ros2_control" in Path("a.urdf").read_text()
-
-
-@pytest.mark.slow
-def test_what_is_wrong_is_told_in_one_line_with_flags(walk: Path, tmp_path: Path, capsys: Any) -> None:
-    for words, named in (
-        ([], "--to"),
-        (["--to", "csv", "--camera", "top"], "--camera"),
-        (["--to", "csv", "--width", "100"], "--width"),
-        (["--to", "gif", "--caption", "a", "--caption", "b"], "--caption"),
-        (["--to", "gif", "--from", "99"], "--from"),
-        (["--to", "csv", "--robot", "nobody"], "unknown robot 'nobody'"),
-    ):
-        assert exit_code(["export", str(walk), *words]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith(f"hexctl: {named}")
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_a_damaged_recording_is_named_and_nothing_is_written(
-    damaged: Path, tmp_path: Path, capsys: Any
-) -> None:
-    for kind in ("csv", "urdf"):
-        assert exit_code(["export", str(damaged), "--to", kind, "-o", f"out.{kind}"]) == 2
-        told = capsys.readouterr().err
-        assert told.startswith(f"hexctl: recording: {damaged} is damaged")
-        assert told.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_what_a_session_has_lost_is_named_and_the_rest_is_written(
-    walk: Path, damaged: Path, tmp_path: Path, capsys: Any
-) -> None:
-    name = session(3, missing=(2,))
-    first, second, third = (Path("runs", name, f"trial-00{index}.rrd") for index in (1, 2, 3))
-    shutil.copy(damaged, first)
-    shutil.copy(walk, third)
-    assert exit_code(["export", name, "--to", "mcap", "-o", "bags"]) == 3
-    captured = capsys.readouterr()
-    assert captured.out == "bags\n"
-    assert [path.name for path in Path("bags").iterdir()] == [third.stem]
-    harmed, missing = captured.err.splitlines()
-    assert harmed.startswith(f"hexctl: recording: {first} is damaged")
-    assert missing.startswith(f"hexctl: recording: {second} is not there")
-    assert exit_code(["export", name, "-o", "trials.csv"]) == 0
-    assert capsys.readouterr().err == ""
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "runs", "trials.csv"]

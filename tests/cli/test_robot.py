@@ -1,15 +1,13 @@
 """`hexctl check`, `robot`, `gaits` and `worlds`: robot files and their meshes."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.sim.world import load_world
 from hexctl.cli.main import exit_code
-from hexctl.control.assessment.uncertainty_store import keep_uncertainty, known_uncertainty
 from hexctl.gait.gait import make_gait
 from hexctl.recording import paths
 from hexctl.robot.configs import config_names, config_root
@@ -57,64 +55,12 @@ def test_the_verdict_is_first_in_a_short_answer_and_the_joints_are_verbose(
     assert [line for line in verbose if line.startswith("leg6_tibia")]
 
 
-@pytest.mark.slow
-def test_the_pace_it_names_is_clipped_nowhere(capsys: pytest.CaptureFixture[str]) -> None:
-    pace = check_json(capsys, "ant")["max_pace_hz"]
-    assert check_json(capsys, "ant", "--pace", f"{pace - 0.001}")["speed_holds"]
-    assert not check_json(capsys, "ant", "--pace", f"{pace + 0.01}")["speed_holds"]
-
-
 def test_a_joint_out_of_range_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "stiff.yaml"
     text = (config_root() / "robots" / "ant.yaml").read_text()
     path.write_text(text.replace("min_deg: -60, max_deg: 60", "min_deg: -10, max_deg: 10"))
     report = check_json(capsys, str(path), code=2)
     assert "leg1_coxa" in report["joints_out_of_range"]
-
-
-@pytest.mark.slow
-def test_servos_too_weak_for_the_weight_are_impossible(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "weak.yaml"
-    text = (config_root() / "robots" / "ant.yaml").read_text()
-    path.write_text(text.replace("max_torque_nm: 2.5", "max_torque_nm: 0.05"))
-    report = check_json(capsys, str(path), code=2)
-    assert not report["possible"]
-    assert report["load_capacity"] < 1
-    femur = report["joints"]["leg1_femur"]
-    assert femur["static_torque_nm"] > femur["max_torque_nm"]
-    assert exit_code(["check", str(path)]) == 2
-    printed = capsys.readouterr().out
-    assert "too weak" in printed
-    assert printed.splitlines()[0].endswith("cannot walk this gait")
-
-
-@pytest.mark.slow
-def test_legs_that_cross_and_soft_servos_leave_open_whether_the_robot_walks(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    crowded, heavy = tmp_path / "crowded.yaml", tmp_path / "heavy.yaml"
-    text = (config_root() / "robots" / "pexod.yaml").read_text()
-    for x_m, nearer_m in (("0.11", "0.03"), ("-0.01", "0.0"), ("-0.13", "-0.03")):
-        text = text.replace(f"position_m: [{x_m},", f"position_m: [{nearer_m},")
-    crowded.write_text(text)
-    report = check_json(capsys, str(crowded), "--gait", "demo")
-    assert (report["legs_cross"], report["doubtful"]) == (True, True)
-    one, other = report["nearest_legs"]
-    assert exit_code(["check", str(crowded), "--gait", "demo"]) == 0
-    printed = capsys.readouterr().out
-    assert printed.count(f"cross for {100 * report['legs_cross_share']:.0f} % of the cycle") == 1
-    assert f"legs: {one} and {other} overlap by {-1000 * report['least_leg_clearance_m']:.0f} mm" in printed
-    text = (config_root() / "robots" / "phantomx.yaml").read_text()
-    heavy.write_text(
-        text.replace("mass_kg: 1.522", "mass_kg: 8.0").replace("outward_m: 0.096", "outward_m: 0.15")
-    )
-    report = check_json(capsys, str(heavy))
-    assert report["sag_deg"] > 8
-    assert report["dragging_legs"]
-    assert [warning for warning in report["warnings"] if warning.startswith("soft")]
-    assert (report["possible"], report["doubtful"]) == (True, True)
 
 
 @pytest.mark.parametrize(
@@ -147,25 +93,6 @@ def test_whether_ranges_and_gait_fit_the_servos(
     report = check_json(capsys, str(path))
     for key, count in found.items():
         assert (report[key] if isinstance(count, bool) else len(report[key])) == count
-
-
-@pytest.mark.long
-def test_the_simulations_own_uncertainty_is_measured_and_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert known_uncertainty("pexod", duration_s=0.5) is None
-    physics = check_json(capsys, "pexod", "--physics", "--duration", "0.5")["physics"]
-    found = known_uncertainty("pexod", duration_s=0.5)
-    assert found is not None
-    assert found.to_dict() == physics
-    assert (tmp_path / "runs" / "uncertainty.yaml").is_file()
-    keep_uncertainty(shipped("pexod"), World(), replace(found, walks=100), folder=tmp_path / "runs")
-    assert exit_code(["check", "pexod", "--physics", "--duration", "0.5"]) == 0
-    assert "100 walks" in capsys.readouterr().err
-    kept = known_uncertainty("pexod", duration_s=0.5)
-    assert kept is not None
-    assert kept.walks == 100
 
 
 @pytest.mark.slow
@@ -258,30 +185,3 @@ def test_a_run_and_a_trial_show_them(robot_file: Path, tmp_path: Path) -> None:
     assert exit_code([*adapt, "--budget", "1", "--optimizer", "random"]) == 0
     (trial,) = (tmp_path / "runs").glob("*/trial-001.rrd")
     assert drawn(trial) == stl_box()
-
-
-@pytest.mark.slow
-def test_check_names_them(robot_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["check", str(robot_file)]) == 0
-    assert "meshes for body, solids for the rest" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", [["run"], ["check"]])
-def test_a_broken_one_is_refused_before_anything_moves(
-    command: list[str], robot_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "trunk.stl").write_bytes(b"no mesh")
-    assert exit_code([*command, "--robot", str(robot_file)]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert len(printed.err.splitlines()) == 1
-    assert "meshes.body.file" in printed.err
-    assert not list(tmp_path.glob("runs/*"))
-
-
-@pytest.mark.slow
-def test_without_a_recording_they_are_not_loaded(robot_file: Path, tmp_path: Path) -> None:
-    (tmp_path / "trunk.stl").unlink()
-    run = ["run", "--robot", str(robot_file), "--duration", "0.2", "--no-record", "--json"]
-    assert exit_code(run) == 0

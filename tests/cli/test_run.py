@@ -16,7 +16,6 @@ from hexctl.cli.main import exit_code
 from hexctl.cli.render.run_output import summary
 from hexctl.recording import recording
 from hexctl.recording.rrd import ROOM_BYTES
-from tests.adapt.walking import stored_session
 from tests.cli.kits import Kit
 from tests.cli.terminals import OnTerminal, wait_until_it_grows
 from tests.vision.test_place import saved
@@ -48,7 +47,7 @@ def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0)
 def test_the_summary_says_how_it_went_and_how_to_look(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert exit_code(["run", "--duration", "2", "--failed-leg", "4"]) == 0
+    assert exit_code(["run", "--duration", "2", "--gait", "tripod"]) == 0
     printed = capsys.readouterr().out
     (recording,) = (tmp_path / "runs").iterdir()
     for word in ("slots 1,4,1,4,1,4", "off line", "status     ok", f"hexctl view runs/{recording.name}"):
@@ -171,21 +170,6 @@ def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(
     assert "ant-locked-none-30s-line.npz" in printed.err
     assert exit_code([*words, "--failure", "2:missing"]) == 2
     assert "--gait" in _one_line(capsys.readouterr().err)
-
-
-@pytest.mark.slow
-def test_the_best_gait_of_a_session_is_that_of_its_baseline_where_no_trial_is_better(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    session = stored_session(tmp_path / "runs", 0.03, tripod=0.01)
-    words = ["run", "--failed-leg", "2", "--duration", "0.6", "--no-record", "--json"]
-    assert exit_code([*words, "--gait", f"best:{session}"]) == 0
-    printed = capsys.readouterr()
-    assert (session in printed.err, json.loads(printed.out)["gait"]["name"]) == (True, "tripod")
-    assert exit_code([*words, "--gait", "wave", "--then", f"best:{session}@0.5"]) == 0
-    line = _one_line(capsys.readouterr().err)
-    assert "0.5 s" in line
-    assert "tripod" in line
 
 
 def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(
@@ -325,7 +309,6 @@ def test_a_terminal_shows_progress_and_the_result_at_the_end(tmp_path: Path) -> 
 FULL_DISK = """
 import resource, signal, sys
 from hexctl.cli.main import exit_code
-from hexctl.cli.render.run_output import summary
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
 sys.exit(exit_code(["run", "--duration", "20", "--json"]))

@@ -20,8 +20,6 @@ from hexctl.vision.place import CameraPose, load_place
 from hexctl.vision.place import arena_of as seen_arena
 from hexctl.vision.twin.posture_history import followed_robot
 from hexctl.vision.twin.twin_camera import FLOOR_TAGS, WEBCAM
-from hexctl.vision.video.mjpeg import MjpegServer
-from hexctl.vision.video.video_writer import VideoWriter
 from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_pose
@@ -31,28 +29,6 @@ from tests.vision import scenes
 from tests.vision.test_place import PLACE, saved
 
 HOME = FLOOR_TAGS[0].pose
-
-
-@pytest.mark.realtime
-def test_a_setting_of_the_sheet_counts_as_if_typed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    saved(tmp_path)
-    Path("hexctl.toml").write_text("[see]\nrobot-tag = 11\n")
-    assert exit_code(["see", "--camera", "63", "--no-link"]) == 2
-    assert "hexctl.toml: see.robot-tag: " in capsys.readouterr().err
-
-
-@pytest.mark.realtime
-def test_a_page_on_a_port_in_use_names_its_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with VideoWriter(tmp_path / "empty.avi") as writer, MjpegServer() as server:
-        writer.write(np.zeros((48, 64, 3), dtype=np.uint8), 0.0)
-        writer.close()
-        port = server.url.rpartition(":")[2].partition("/")[0]
-        asked = ["see", "--camera", str(tmp_path / "empty.avi"), "--no-link", "--page", port]
-        assert exit_code(asked) == 3
-    assert "--page" in capsys.readouterr().err
 
 
 @pytest.mark.long
@@ -119,47 +95,8 @@ def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, capsys: pytest.Ca
         assert named in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "words",
-    ["--robot-tag 11", "--robot-edge-mm 90", "--fov-deg 70", "--lens other.yaml", "--tag-height-mm 40"],
-)
-def test_what_contradicts_a_known_place_is_one_line(
-    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    place = saved(tmp_path)
-    asked = ["see", "--camera", "63", "--no-link", "--place", str(place), *words.split()]
-    assert exit_code(asked) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"hexctl: {words.split()[0]}: ")
-
-
 def test_the_arena_of_a_simulated_floor_is_none_that_a_camera_sees(tmp_path: Path) -> None:
     assert exit_code(["run", "--no-record", "--arena", str(saved(tmp_path))]) == 2
-
-
-@pytest.mark.slow
-def test_the_command_writes_a_lens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import cv2
-
-    from tests.vision.detection.test_lens_calibration import LENSES, pictures, ray_error_px
-
-    files = []
-    for number, picture in enumerate(pictures("480p")):
-        files.append(tmp_path / f"board{number}.png")
-        cv2.imwrite(str(files[-1]), picture)
-    blank = tmp_path / "blank.png"
-    cv2.imwrite(str(blank), np.full((480, 640), 128, dtype=np.uint8))
-    output = tmp_path / "lens.yaml"
-    asked = ["see", "calibrate", *map(str, [blank, *files]), "--output", str(output)]
-    assert exit_code([*asked, "--json"]) == 0
-    said = capsys.readouterr()
-    result = json.loads(said.out)
-    assert result["pictures"] >= 15
-    assert result["missing"] == []
-    assert "blank.png" in said.err
-    assert ray_error_px(LENSES["480p"], load_lens(output)) < 0.5
-    assert exit_code(asked) == 2
-    assert "--output" in capsys.readouterr().err
 
 
 @pytest.mark.slow

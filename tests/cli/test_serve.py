@@ -126,17 +126,6 @@ def test_with_certificates_controllers_command_and_viewers_look(tmp_path: Path) 
         assert "--keys" in stranger.stderr
 
 
-@pytest.mark.realtime
-def test_watching_ends_with_an_interrupt(tmp_path: Path) -> None:
-    with (
-        served(tmp_path, backend="mock") as robot,
-        program(tmp_path, "watch", "hexctl", "status", "--watch", "--connect", robot.endpoint) as watch,
-    ):
-        watch.wait_for("posture")
-        watch.signal(signal.SIGINT)
-        assert watch.wait() == 0
-
-
 CALM: dict[str, Any] = {
     "robot": "ant",
     "backend": "sim",
@@ -199,22 +188,6 @@ def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None
         console.print(status_table([{}, CALM, odd], CLEAR_COMMAND))
     for text in ("ant (sim), world rough", "lab[/red], for 1.0 s", "[/E12]", "tcp/[fe80::1]:7447"):
         assert text in shown.get()
-
-
-@pytest.mark.realtime
-def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
-    with served(tmp_path, "--world", "rough", "--failure", "5:limp", backend="sim") as robot:
-        shown = hexctl("status", "--connect", robot.endpoint)
-        simulated = robot.status()["simulated"]
-        walk = ("run", "--backend", "zenoh", "--connect", robot.endpoint, "--no-record", "--duration", "0.1")
-        other = hexctl(*walk, "--failed-leg", "3", "--self-rotation", "none")
-        same = hexctl(*walk, "--failure", "5:limp", "--self-rotation", "none")
-    assert simulated == {"world": "rough", "failure": "leg 5 limp"}
-    assert "failure leg 5 limp" in other.stderr
-    assert same.returncode == 0, same.stderr
-    assert "failure" not in same.stderr
-    assert "ant (sim), world rough, failure leg 5 limp" in shown.stdout, shown.stderr
-    assert "controller  none" in shown.stdout
 
 
 def test_what_is_told_in_another_way_costs_no_other_line() -> None:

@@ -165,14 +165,6 @@ def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(
     assert f"hexctl: HEXCTL_CONNECT sets --connect {board.path}" in printed.err
 
 
-@pytest.mark.realtime
-def test_an_id_is_set_on_servos_that_do_not_report_their_model(capsys: pytest.CaptureFixture[str]) -> None:
-    with bus_board(a_map("lx16a", "lx16a"), *ONLY_ONE) as board:
-        words = ["servos", "set-id", "99", "--driver", "lx16a", "--connect", board.path, "--json"]
-        assert exit_code(words) == 0
-        assert json.loads(capsys.readouterr().out)["id"] == 99
-
-
 def test_ports_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["ports", "--json"]) == 0
     assert all({"port", "adapter", "vendor"} <= each.keys() for each in json.loads(capsys.readouterr().out))
@@ -189,3 +181,19 @@ def test_that_no_usb_adapter_is_there_is_noted(
     printed = capsys.readouterr()
     assert "/dev/ttyAMA0" in printed.out
     assert ("no USB serial adapter" in printed.err) is (vendor is None)
+
+
+def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    section = {"driver": "feetech", "port": "/dev/nothing"}
+    file = edited_file(tmp_path, put("servos", section), base="phantomx")
+    before = file.read_text()
+    for options, code, named in (
+        ([], 3, "/dev/nothing"),
+        (["--connect", "/dev/nowhere"], 3, "/dev/nowhere"),
+        (["--backend", "dynamixel"], 2, "--backend"),
+    ):
+        assert exit_code(["calibrate", str(file), *options]) == code
+        assert named in capsys.readouterr().err
+    assert file.read_text() == before

@@ -9,22 +9,8 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
-from hexctl.vision.detection.lens import load_lens
-from hexctl.vision.video.video_source import open_video
-from hexctl.waiting import wait_for
 from tests.backends.mavlink.boards import PATIENCE_S, board
-from tests.server.processes import free_port, program, served
-
-
-@pytest.mark.realtime
-def test_a_port_in_use_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
-    with board("--backend", "mock") as running:
-        port = running.port.replace("udpout", "udpin")
-        assert exit_code(["sim", "board", "--backend", "mock", "--connect", port]) == 3
-        assert len(capsys.readouterr().err.splitlines()) == 1
-        report = running.end()
-    assert report["ticks"] > 0
-    assert report["overrides"] == 0
+from tests.server.processes import free_port
 
 
 @pytest.mark.realtime
@@ -100,21 +86,3 @@ def test_what_happens_to_boards_on_an_i2c_bus_is_said(
         assert exit_code(["run", "--backend", "pca9685", "--connect", running.port, *words]) == 3
         assert message in json.loads(capsys.readouterr().out)["stopped"]
         running.end()
-
-
-@pytest.mark.realtime
-def test_ctrl_c_ends_it_with_what_it_managed(tmp_path: Path) -> None:
-    with served(tmp_path, backend="sim") as robot:
-        arguments = ("hexctl", "sim", "camera", "--connect", robot.endpoint, "--fps", "10", "--json")
-        with program(tmp_path, "camera", *arguments) as camera:
-            camera.wait_for("Ctrl-C ends it")
-            url = camera.said().partition(" at ")[2].split()[0]
-            camera.wait_for("--lens ")
-            lens_file = camera.said().partition("--lens ")[2].split()[0]
-            assert load_lens(Path(lens_file)).calibrated
-            with open_video(url) as source:
-                wait_for(source.read, 30, "no picture came")
-            camera.signal(signal.SIGINT)
-            assert camera.wait() == 0
-            report = json.loads(camera.said().strip().splitlines()[-1])
-    assert report["delivered"] > 0

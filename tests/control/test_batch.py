@@ -25,7 +25,6 @@ from hexctl.backends.sim.flaws import SensorFaults
 from hexctl.backends.sim.simulated_batch import SimBatch
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import check_walk
-from hexctl.errors import WrongTypeError
 from hexctl.robot.model import in_stance_of
 
 FAULTY = SensorFaults(yaw_drift_deg_per_min=200.0, pose_frozen_s=((0.9, 1.5),), position_jump_s=((1.8, 2.1),))
@@ -181,14 +180,6 @@ def test_a_robot_that_falls_before_its_walk(ant: Robot) -> None:
     world = World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3))
     (made,) = assert_as_alone([trial(ant, "demo", world=world)])
     assert (made.status, made.deviation) == ("fell", None)
-
-
-def test_wrong_types_are_refused_by_name(ant: Robot) -> None:
-    trials: Any = 3
-    with pytest.raises(WrongTypeError, match=r"^trials"):
-        run_sim_trials(trials)
-    with pytest.raises(WrongTypeError, match=r"^make_controller"):
-        run_sim_trials([trial(ant, "tripod")], make_controller=trials)
 
 
 def test_one_that_diverges_ends_alone(ant: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,8 +32,8 @@ from hexctl.errors import WrongTypeError
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import BoolArray, FloatArray
 from tests.control.posed import PosedMock
-from tests.recorders import Calling
 from tests.robots import shipped
+from tests.trials import Calling
 
 ANT = shipped()
 

@@ -15,7 +15,7 @@ from hexctl.control.log import TickLog
 from hexctl.control.table import CHUNK_ROWS
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.types import JOINT_NAMES
-from tests.recorders import Calling
+from tests.trials import Calling
 
 
 def _record(log: TickLog | Recorders, index: int, *, posed: bool = True) -> None:
@@ -93,30 +93,6 @@ def test_what_is_missing_is_told_and_has_no_numbers() -> None:
     blind = TickLog()
     blind.record(Tick(1, 0.02), RobotState(stance, 0.0, True), stance, JointTargets(stance, 0.02))
     assert blind.to_frame()["contact_leg3"].isna().all()
-
-
-@pytest.mark.parametrize("fails", ["first", "last"])
-def test_a_recorder_that_fails_is_left_out_and_silences_no_other(fails: str) -> None:
-    calls: list[int] = []
-    rows: list[tuple[int, int]] = []
-
-    def fail(_: TickLog, first: int, __: int) -> None:
-        calls.append(first)
-        raise OSError("disk full")
-
-    failing = Calling(fail, block_ticks=2)
-    whole = Calling(lambda _, first, last: rows.append((first, last)))
-    both = (failing, whole) if fails == "first" else (whole, failing)
-    recorders = Recorders(*both, block_ticks=3)
-    for index in range(7):
-        _record(recorders, index)
-    recorders.flush()
-    assert calls == [0]
-    assert rows == [(0, 3), (3, 6), (6, 7)]
-    assert isinstance(recorders.error_of(failing), OSError)
-    assert recorders.error_of(whole) is None
-    assert [failure.recorder for failure in recorders.failures] == [failing]
-    assert len(recorders.log) == 7
 
 
 def test_each_recorder_has_blocks_of_its_own_size() -> None:

@@ -11,10 +11,7 @@ import pytest
 
 from hexctl import (
     Failure,
-    Gait,
     Guard,
-    LimitError,
-    ReachError,
     Recorders,
     RobotFaultError,
     SimServos,
@@ -32,9 +29,8 @@ from hexctl.control.trial import Enough, stop_when
 from hexctl.types import FloatArray, leg_slice
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
-from tests.recorders import Calling
 from tests.robots import shipped
-from tests.trials import gait_of, walk
+from tests.trials import Calling, gait_of, walk
 
 
 def _plan(**changes: Any) -> TrialPlan:
@@ -288,15 +284,6 @@ def test_what_is_broken_and_what_the_controller_believes_are_two_things() -> Non
     assert excursion_rad[True].max() < 0.06
     assert excursion_rad[False][0].max() > 0.2
     assert excursion_rad[False][1].max() < 0.06
-
-
-@pytest.mark.parametrize(("amplitude", "height"), [(0.6, 0.02), (0.05, 0.3)])
-def test_a_gait_beyond_the_legs_is_refused_before_anything_moves(amplitude: float, height: float) -> None:
-    servos = PosedMock()
-    gait = Gait(slots=(1, 4, 2, 6, 3, 5), pace_hz=0.9, amplitude=amplitude, height=height)
-    with Guard(servos) as guard, pytest.raises((ReachError, LimitError), match=r"leg \d"):
-        run_trial(guard, TrialPlan(gait=gait))
-    assert len(servos.sent) == 0
 
 
 def test_a_fault_of_the_robot_is_raised_and_what_was_logged_is_kept() -> None:

@@ -91,16 +91,3 @@ def app_of() -> typer.Typer:
     from hexctl.cli.main import app
 
     return app
-
-
-@pytest.mark.parametrize(
-    "line", ["run --gaitt 5", "run --duration soon", "walk", "estop now", "prior build --world flat"]
-)
-def test_parsing_finds_what_hexctl_refuses(line: str) -> None:
-    with pytest.raises(Exception, match=r"(?i)no such|a number|walk|unexpected"):
-        parse(line.split())
-
-
-def test_a_command_that_no_rule_covers_fails(tmp_path: Path) -> None:
-    with Shell(tmp_path) as shell, pytest.raises(KeyError):
-        shell.do(["rm", "-r", "runs"])

@@ -3,7 +3,6 @@
 `figures` counts as the writers of the pages do. Words are `wc -w`: tables and code included.
 """
 
-import ast
 import re
 from itertools import chain
 from pathlib import Path
@@ -152,23 +151,8 @@ def test_a_page_has_no_banned_phrase(page: Path) -> None:
     assert [found[0] for found in BANNED.finditer(text)] == []
 
 
-def docstrings(path: Path) -> list[str]:
-    """The docstrings of a module, its classes and functions."""
-    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    return [text for node in nodes if isinstance(node, kinds) and (text := ast.get_docstring(node))]
-
-
 def test_docstrings_have_few_banned_phrases() -> None:
-    texts = chain.from_iterable(docstrings(path) for path in sorted((ROOT / "hexctl").rglob("*.py")))
-    found = [each[0] for text in texts for each in BANNED.finditer(re.sub(r"`[^`]*`", "X", text))]
+    texts = (path.read_text(encoding="utf-8") for path in sorted((ROOT / "hexctl").rglob("*.py")))
+    docstrings = chain.from_iterable(re.findall(r'"""(.*?)"""', text, re.DOTALL) for text in texts)
+    found = [each[0] for text in docstrings for each in BANNED.finditer(re.sub(r"`[^`]*`", "X", text))]
     assert len(found) <= MOST_IN_DOCSTRINGS, found
-
-
-def test_words_and_sentences_are_counted() -> None:
-    text = "---\nsearch:\n  boost: 2\n---\n\n# A title\n\nYou walk `hexctl run`. It stops; then it stands.\n"
-    assert sentence_lengths(prose(text)) == [3, 5]
-    assert prose(text).count(";") == 1
-    indented = '=== "make"\n\n    ```sh\n    make setup\n    ```\n'
-    assert sentence_lengths(prose(indented)) == []
-    assert BANNED.search("Nobody told the robot") is not None

@@ -1,5 +1,6 @@
 """README and pages have the figures of docs/results/results.yaml, and `±` stands on the results page only."""
 
+import importlib.util
 import re
 from datetime import date
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import results
-from benchmarks.rows import Bar, Row
+from tests.docs.pages import ROOT
 
 TABLES = results.results()
 
@@ -46,18 +47,13 @@ def test_a_number_is_replaced_by_that_of_its_key() -> None:
     assert results.updated(page, tables) == "It ends 0.25 cm<!-- line.pose.mean --> off, 3 cm of 4."
 
 
-def test_benchmarks_write_their_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    copy = tmp_path / "results.yaml"
-    copy.write_bytes(results.FILE.read_bytes())
-    monkeypatch.setattr(results, "FILE", copy)
-    monkeypatch.setattr(results, "pages", list)
-    rows = [Row("tick.monitor", 41.236, "us", Bar(high=30)), Row("see.noisy.yaw_rms", 0.4, "deg")]
-    results.save_rows([*rows, Row("no.such.row", 1.0, "us")])
-    new = results.results()
-    row = new["performance"]["rows"]["tick.monitor"]
-    assert (row["value"], row["bar"], row["unit"]) == ("41.24", "<= 30, missed", "µs")
-    assert new["performance"]["date"] == date.today().isoformat()
-    assert new["camera"]["rows"]["noisy"] == {**TABLES["camera"]["rows"]["noisy"], "heading": "0.4"}
-    assert new["line"] == TABLES["line"]
-    with pytest.raises(KeyError):
-        results.put({"line.pose.nothing": "1"})
+def test_the_matrix_is_made_from_the_results() -> None:
+    pytest.importorskip("mkdocs", reason="the site needs the docs extra: pip install '.[docs]'")
+    spec = importlib.util.spec_from_file_location("site_hooks", ROOT / "docs" / "site_hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    hooks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hooks)
+    page = (ROOT / "docs" / "results" / "fault-matrix.md").read_text(encoding="utf-8")
+    assert page.count("<!-- generated: fault_matrix -->") == 1
+    assert "| controller killed | rests |" in hooks.fault_matrix()

@@ -1,5 +1,6 @@
 """Each program under examples/ runs, in simulation, and prints what its first line promises."""
 
+import json
 import os
 import re
 import runpy
@@ -14,8 +15,6 @@ from typing import Any
 import pytest
 
 from tests.identify.test_bench import TRUTH, bench_run, write_run
-
-pytestmark = pytest.mark.slow
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -55,15 +54,18 @@ def printed(
     return out
 
 
+@pytest.mark.slow
 def test_every_program_is_run_by_a_test() -> None:
     assert {path.name for path in EXAMPLES.glob("*.py")} == PRINTED.keys() | TESTED_ELSEWHERE
 
 
+@pytest.mark.slow
 def test_programs_are_short() -> None:
     for name in PRINTED:
         assert 10 <= len((EXAMPLES / name).read_text(encoding="utf-8").splitlines()) <= 30, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(PRINTED)[:7])
 def test_a_program_runs(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -84,6 +86,7 @@ def test_servos_are_identified_from_the_log_of_a_bench(
     assert float(dead_time_s) == pytest.approx(TRUTH.dead_time_s, abs=0.004)
 
 
+@pytest.mark.slow
 def test_a_gamepad_drives_forward(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -137,6 +140,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return made
 
 
+@pytest.mark.slow
 def test_ros_velocities_end_with_zero(
     ros: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -147,3 +151,46 @@ def test_ros_velocities_end_with_zero(
     assert len(speeds) >= 25
     assert speeds[-1] == 0.0
     assert set(speeds[:-1]) == {0.1}
+
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.slow
+def test_a_policy_that_goes_straight_reaches_the_goal_and_again_after_a_reset() -> None:
+    example = runpy.run_path(str(ROOT / "examples" / "drive_gym.py"))
+    steps, away_m = example["walk_to_goal"]()
+    assert away_m < example["REACHED_M"]
+    assert steps < 100
+    env = example["GoalEnv"]()
+    first, _ = env.reset()
+    env.step([1.0, 0.0, 0.0])
+    again, _ = env.reset()
+    assert (first == again).all()
+    env.close()
+
+
+NOTEBOOKS = sorted((Path(__file__).parents[2] / "examples").glob("*.ipynb"))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
+    nbclient: Any = pytest.importorskip("nbclient", reason="notebooks need the dev extra")
+    nbformat: Any = pytest.importorskip("nbformat")
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_a_notebook_is_kept_with_its_outputs(path: Path) -> None:
+    """Readers see tables and figures without running it; it was run from top to bottom."""
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if "outputs" in cell]
+    assert [cell["execution_count"] for cell in cells] == [*range(1, len(cells) + 1)]
+    assert all(cell["outputs"] for cell in cells)
+    kinds = {output["output_type"] for cell in cells for output in cell["outputs"]}
+    assert "error" not in kinds
+    assert path.stat().st_size < 300_000

@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_typestore
 
 from hexctl.export.mcap import TOPICS, write_mcap
 from hexctl.ik.legs import foot_positions_body
@@ -119,16 +122,6 @@ def test_contacts_and_events(found: Messages, walk: RecordedTrial) -> None:
     assert texts == [event.text for event in walk.events]
 
 
-def test_the_twist_is_that_of_the_walk(walk: RecordedTrial, found: Messages) -> None:
-    speeds = {time_ns: message.twist.twist.linear for time_ns, message in found["/odom"]}
-    walking = walk.walk_s > 1
-    forward = np.linalg.norm(walk.base_position_world[-1, :2] - walk.base_position_world[walking][0, :2])
-    linear = np.array([[speeds[ns].x, speeds[ns].y] for ns in walk.stamps_ns[walking].tolist()])
-    assert np.linalg.norm(linear.mean(axis=0)) == pytest.approx(
-        forward / np.ptp(walk.time_s[walking]), rel=0.05
-    )
-
-
 @pytest.mark.slow
 def test_servos_battery_and_a_robot_that_knows_no_place(walk: RecordedTrial, tmp_path: Path) -> None:
     volts, warm = np.full((2, N_JOINTS), np.nan), np.full((2, N_JOINTS), 31.0)
@@ -167,3 +160,48 @@ def test_rerun_opens_it_and_a_file_alone_is_that_of_the_folder(
     write_mcap(walk, tmp_path / "walk.mcap")
     assert (tmp_path / "walk.mcap").read_bytes() == (bag / "walk.mcap").read_bytes()
     assert sorted(path.name for path in bag.iterdir()) == ["metadata.yaml", "walk.mcap"]
+
+
+def posed(walk: RecordedTrial) -> RecordedTrial:
+    return walk
+
+
+def without_pose(walk: RecordedTrial) -> RecordedTrial:
+    return replace(walk, base_position_world=np.full_like(walk.base_position_world, np.nan))
+
+
+def without_properties(walk: RecordedTrial) -> RecordedTrial:
+    return replace(walk, properties={})
+
+
+@pytest.mark.parametrize("changed", [posed, without_pose, without_properties])
+def test_humble_reads_the_metadata(walk: RecordedTrial, tmp_path: Path, changed: Any) -> None:
+    write_mcap(changed(walk), tmp_path / "bag")
+    bag = yaml.safe_load((tmp_path / "bag/metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert bag["version"] < 9
+    topics = [one["topic_metadata"] for one in bag["topics_with_message_count"]]
+    assert {one["name"] for one in topics} <= set(TOPICS)
+    for one in topics:
+        profiles = one["offered_qos_profiles"]
+        assert isinstance(profiles, str)  # a list is a "bad conversion" there
+        for profile in yaml.safe_load(profiles) or []:
+            numbers = ("history", "depth", "reliability", "durability", "liveliness")
+            assert all(isinstance(profile[name], int) for name in numbers)
+    assert sum("durability: 1" in one["offered_qos_profiles"] for one in topics) == 2
+    assert (bag["compression_mode"], bag["files"][0]["path"]) == ("", "bag.mcap")
+
+
+def test_channels_of_the_file_alone_have_the_same_profiles(walk: RecordedTrial, tmp_path: Path) -> None:
+    write_mcap(walk, tmp_path / "walk.mcap")
+    with (tmp_path / "walk.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    for channel in summary.channels.values():
+        for profile in yaml.safe_load(channel.metadata["offered_qos_profiles"]) or []:
+            assert isinstance(profile["reliability"], int)
+
+
+def test_messages_are_the_same_in_humble() -> None:
+    humble, jazzy = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS2_JAZZY)
+    for kind, _ in TOPICS.values():
+        assert humble.hash_rihs01(kind) == jazzy.hash_rihs01(kind)

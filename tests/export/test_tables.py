@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 from hexctl.control.trace import PHASES
 from hexctl.errors import InputError
 from hexctl.export.export import trial_columns, write_csv, write_parquet
-from hexctl.export.lerobot import FPS, task_of, write_lerobot
+from hexctl.export.lerobot import DATA, EPISODES, FPS, QUANTILES, task_of, write_lerobot
 from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.types import JOINT_NAMES
 from tests.robots import shipped
@@ -150,3 +151,24 @@ def test_robots_are_not_mixed_and_what_one_lacks_none_has(walk: RecordedTrial, t
     names = pq.read_schema(tmp_path / "some/data/chunk-000/file-000.parquet").names
     assert "observation.contacts" not in names
     assert "observation.pose" in names
+
+
+def test_statistics_of_all_episodes_are_those_of_all_frames(walk: RecordedTrial, tmp_path: Path) -> None:
+    """Quantiles of episodes cannot be averaged: the second episode stands elsewhere."""
+    elsewhere = replace(walk, measured_rad=walk.measured_rad + 0.5)
+    write_lerobot([walk, elsewhere, walk], tmp_path / "set", lambda *_: None)
+    stats = json.loads((tmp_path / "set/meta/stats.json").read_text())
+    frames = pd.read_parquet(tmp_path / "set" / DATA.format(chunk_index=0, file_index=0))
+    assert stats.keys() == set(frames.columns)
+    for name in ("action", "observation.state", "timestamp", "index"):
+        values = np.stack(frames[name].to_list()).astype(float).reshape(len(frames), -1)
+        for key, share in QUANTILES.items():
+            assert stats[name][key] == pytest.approx(np.quantile(values, share, axis=0))
+        assert len(stats[name]["min"]) == values.shape[1]
+
+
+def test_episodes_have_their_own_quantiles(walk: RecordedTrial, tmp_path: Path) -> None:
+    write_lerobot([walk], tmp_path / "set", lambda *_: None)
+    episodes = pd.read_parquet(tmp_path / "set" / EPISODES)
+    for key in ("q01", "q10", "q50", "q90", "q99"):
+        assert len(episodes[f"stats/action/{key}"].iloc[0]) == 18

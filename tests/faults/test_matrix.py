@@ -1,20 +1,18 @@
 """Which cells are run, which are not and why, and how a run goes on."""
 
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from faults.__main__ import main
 from faults.backend import BACKENDS
 from faults.fault import FAULTS
-from faults.matrix import Matrix, commit, jobs
+from faults.matrix import Matrix, jobs
 from faults.measurement import Outcome
 from faults.phase import PHASES
 from faults.results import Results
 from faults.sense import cells, left_out, why_not
-from faults.table import FAILS, HOLDS, UNMEASURED, bars, page_part
+from faults.table import HOLDS, UNMEASURED, bars
 
 
 def an_outcome(fault: str = "none", repetition: int = 0, **given: Any) -> Outcome:
@@ -67,35 +65,6 @@ def test_an_error_of_one_injection_ends_no_other(tmp_path: Path, monkeypatch: py
     assert all("OSError: no space" in str(each) for each in said)
 
 
-def test_patterns_choose_cells() -> None:
-    assert {job.fault for job in jobs(["flood"], 1, [])} == {"flood"}
-    assert {job.backend for job in jobs(["*/lx16a"], 1, [])} == {"lx16a"}
-    assert {phase for job in jobs(["*/*/sitting"], 1, []) for phase, _ in job.wanted} == {"sitting"}
-
-
-def test_the_tables_say_what_was_found_and_what_was_not_run() -> None:
-    outcomes = [
-        an_outcome(),
-        an_outcome("controller-killed", rest_s=0.04, stops=("expired",), goes_on=False),
-        an_outcome("controller-killed", 1, rest_s=0.3, stops=("expired",), goes_on=False),
-        an_outcome("wild-reading", stops=("state",), goes_on=False),
-    ]
-    text = page_part(outcomes)
-    assert (
-        "| controller killed | rests | 2 | 0.04, 0.30, 0.30; within 0.25: 1 of 2 | 0.90, 0.00 | - | - |"
-        in text
-    )
-    assert "| one wild reading | goes on | 1 | - | 0.90, 0.00 | - | 1 of 1 |" in text
-    assert "controller and simulation are one process, without a link" in text
-    held = bars(outcomes)
-    assert held["at rest within 0.25 s in 99.9 % of the injections"].startswith(f"{FAILS} (1 of 2;")
-    assert held["always at rest within 0.5 s"] == HOLDS
-    assert held["no fall, unless the fault topples the robot"] == HOLDS
-    assert held["no trial lost"] == UNMEASURED
-    assert held["no stop for one wild reading"] == FAILS
-    assert held["no stop without a fault"] == HOLDS
-
-
 def test_a_share_holds_only_with_as_many_injections_as_show_it() -> None:
     good = an_outcome("controller-killed", rest_s=0.04, stops=("expired",), goes_on=False)
     name = "at rest within 0.25 s in 99.9 % of the injections"
@@ -103,20 +72,6 @@ def test_a_share_holds_only_with_as_many_injections_as_show_it() -> None:
     assert bars([good] * 100)[name] == "not shown yet (100 of 100; more than 97.05 % with 95 % confidence)"
     assert bars([good] * 2994)[name].startswith("not shown yet (2994 of 2994")
     assert bars([good] * 2996)[name].startswith(f"{HOLDS} (2996 of 2996")
-
-
-def test_tries_that_end_before_their_fault_are_counted(tmp_path: Path) -> None:
-    results = Results(tmp_path / "results.jsonl")
-    results.add_not_measured("flood", "sim", "walking", "LostError: server: ended")
-    results.add(an_outcome())
-    results.add_not_measured("flood", "sim", "walking", "TooLateError: frozen for 0.2 s")
-    assert results.read() == [an_outcome()]
-    text = page_part(results.read(), results.not_measured())
-    assert (
-        "2 tries ended before their fault and were repeated, 1 of them because the machine was too busy"
-        in text
-    )
-    assert "before their fault" not in page_part(results.read())
 
 
 def test_a_line_behind_one_that_was_cut_off_is_kept_and_one_of_another_version_is_named(
@@ -131,13 +86,3 @@ def test_a_line_behind_one_that_was_cut_off_is_kept_and_one_of_another_version_i
         file.write('{"flavour": 1}\n')
     with pytest.raises(ValueError, match=r"results.jsonl, line 3: .*flavour"):
         results.read()
-
-
-def test_outcomes_name_the_code_that_was_measured() -> None:
-    assert re.fullmatch(r"[0-9a-f]{8,}\+?|", commit())
-
-
-def test_unknown_cells_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["--only", "meteor", "--results", str(tmp_path / "none")])
-    assert ended.value.code == 2

@@ -69,13 +69,6 @@ def test_a_stroke_spans_the_amplitude_and_a_lift_the_height() -> None:
     assert u[lift_offset(u).argmax()] == 0.5
 
 
-def test_many_legs_and_times_at_once_equal_each_alone() -> None:
-    cycles, slots = np.linspace(0, 3, 40)[:, np.newaxis], np.array([1, 4, 2, 6, 3, 5])
-    together = phase_in_cycle(cycles, slots)
-    alone = [[float(phase_in_cycle(float(t), int(g))) for g in slots] for t in cycles[:, 0]]
-    np.testing.assert_array_equal(together, alone)
-
-
 @pytest.mark.parametrize(
     ("time_s", "stop_s", "level"),
     [

@@ -27,8 +27,8 @@ from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import load_rerun
 from hexctl.runs.run import run
 from hexctl.waiting import wait_for
-from tests.recorders import Calling
 from tests.robots import shipped
+from tests.trials import Calling
 
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
 

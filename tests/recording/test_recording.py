@@ -1,27 +1,20 @@
 """Recordings as they are written: every tick, in blocks, on full disks and by killed programs."""
 
-import gc
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
-import tracemalloc
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.servos import SimServos
-from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMN_NAMES, PACED_BLOCK_TICKS, Recorders, TickLog
-from hexctl.control.table import Table
-from hexctl.control.trial import run_trial
+from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.recording import paths, rrd
@@ -29,9 +22,8 @@ from hexctl.recording import recording as module
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import END
 from hexctl.recording.viewer import viewer_binary
-from hexctl.robot.loader import load_robot
 from hexctl.types import JOINT_KINDS
-from tests.recording.conftest import ReadBack, Trial, make_plan, write
+from tests.recording.conftest import ReadBack, Trial, write
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +44,6 @@ def _joints(read: ReadBack, which: int) -> np.ndarray:
             path = f"/{paths.link_path(leg, kind)}"
             columns.append([value[which] for value in read.values(path, "Scalars:scalars")])
     return np.array(columns).T
-
-
-def test_every_tick_is_recorded_from_time_zero(read: ReadBack, trial: Trial) -> None:
-    times = read.times_s("/world/robot", "Transform3D:translation")
-    np.testing.assert_allclose(times, trial.log["time_s"] - trial.log["time_s"][0], atol=1e-9)
 
 
 def test_joint_angles_are_those_of_the_log(read: ReadBack, trial: Trial) -> None:
@@ -167,32 +154,6 @@ def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, t
         ).all()
 
 
-@pytest.mark.slow
-def test_a_walk_that_keeps_time_writes_a_part_at_each_tick(
-    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "BLOCK_TICKS", 50)
-    sent: list[int] = []
-    with Recording(tmp_path / "a.rrd", trial.robot, trial.plan, title="a", floor=trial.floor) as recording:
-        stream = recording._stream
-        monkeypatch.setattr(type(stream), "send_columns", _counting(type(stream).send_columns, sent))
-        most = 0
-        for stop in range(1, len(trial.log) + 1):
-            before = len(sent)
-            recording.write_block(trial.log, stop - 1, stop)
-            most = max(most, len(sent) - before)
-        assert 0 < most <= 6, "a leg, or the lanes of all legs"
-        recording.finish(trial.result, {"world": "flat", "seed": 0})
-
-
-def _counting(send: Any, sent: list[int]) -> Any:
-    def counted(*arguments: Any, **named: Any) -> Any:
-        sent.append(1)
-        return send(*arguments, **named)
-
-    return counted
-
-
 def test_a_place_that_is_taken_is_refused_and_kept(trial: Trial, tmp_path: Path) -> None:
     path = tmp_path / "trial.rrd"
     path.write_bytes(b"precious")
@@ -210,21 +171,6 @@ def test_a_recording_that_is_deleted_meanwhile_is_reported_at_the_end(trial: Tri
         with pytest.raises(RecordingError):
             recording.finish(trial.result, {})
     assert not path.exists()
-
-
-@pytest.mark.parametrize("indexed_s", [0.0, 120.0])
-def test_a_recording_that_is_deleted_as_it_is_closed_is_reported(
-    indexed_s: float, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def delete(stream: Any) -> None:
-        rrd.disconnect(stream)
-        path.unlink()
-
-    path = tmp_path / "deleted.rrd"
-    monkeypatch.setattr(module, "INDEXED_S", indexed_s)
-    monkeypatch.setattr(module, "disconnect", delete)
-    with pytest.raises(RecordingError, match="deleted"):
-        write(path, trial)
 
 
 CHILD = """
@@ -246,21 +192,6 @@ while recording._parts is not None:  # each tick writes a part
 time.sleep(1.0)
 print("written", flush=True)
 time.sleep(60)
-"""
-)
-
-FULL_DISK = (
-    CHILD
-    + """
-import resource, signal
-from hexctl.errors import RecordingError
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
-try:
-    recording.write_block(trial["log"], 0, 200)
-    recording.finish(trial["result"], {})
-except RecordingError as error:
-    print("refused:", error)
 """
 )
 
@@ -295,18 +226,6 @@ def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Pa
     read = ReadBack(path)
     assert len(_joints(read, 1)) == 200
     assert len(read.blueprints) == 1
-
-
-@pytest.mark.slow
-def test_a_full_disk_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> None:
-    child = _start(FULL_DISK, tmp_path / "full.rrd", trial)
-    assert child.stdout is not None
-    output = child.stdout.read().decode()
-    child.stdout.close()
-    child.wait(10)
-    assert output.startswith("refused:"), output
-    assert "incomplete" in output
-    assert output.count("\n") == 1
 
 
 def test_without_rerun_the_extra_is_named(
@@ -345,94 +264,3 @@ def test_a_flush_that_never_comes_back_is_left_behind(
     for thread in rrd._abandoned:
         thread.join(10)
     assert not rrd.stuck()
-
-
-#: Rows of a chunk: the chunks that are kept are full after 4 s.
-CHUNK_ROWS = 50
-
-#: By then everything has happened once.
-WARM_S = 15.0
-
-#: Half a minute of rows alone would be ten times as much.
-MOST_BYTES = 200_000
-
-
-@dataclass
-class Watch:
-    """Notes how much Python has in memory, once a second."""
-
-    bytes: list[int] = field(default_factory=list)
-    block_ticks: int | None = 50
-
-    def write_block(self, _log: TickLog, _start: int, _stop: int) -> None:
-        gc.collect()
-        self.bytes.append(tracemalloc.get_traced_memory()[0])
-
-
-@pytest.mark.long
-def test_memory_does_not_grow_with_the_length_of_a_walk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(Table.__init__.__kwdefaults__, "chunk_rows", CHUNK_ROWS)  # type: ignore[arg-type]
-    monkeypatch.setattr(module, "BLOCK_TICKS", 50)
-    robot, watch, path = load_robot("ant"), Watch(), tmp_path / "walk.rrd"
-    plan = make_plan(robot, duration_s=3 * WARM_S)
-    with SimServos(robot) as servos, Recording(path, robot, plan, title="a walk") as recorded:
-        recorders = Recorders(recorded, watch, block_ticks=PACED_BLOCK_TICKS)
-        tracemalloc.start(1)
-        try:
-            run_trial(Guard(servos), plan, recorders=recorders)
-        finally:
-            tracemalloc.stop()
-    assert not recorders.failures
-    late = watch.bytes[int(WARM_S) :]
-    assert len(late) > 2 * WARM_S - 2
-    # The least of some seconds: a piece that is just being written does not count.
-    assert min(late[-8:]) - min(late[:8]) < MOST_BYTES
-
-
-OPENED = """
-import os, sys
-from pathlib import Path
-from hexctl.recording.recording import Recording
-from hexctl.recording.rrd import load_rerun
-from hexctl.robot.loader import load_robot
-from hexctl.waiting import wait_for
-rr = load_rerun()  # before the tests do, without hexctl's choice of what Rerun logs
-from tests.recording.conftest import make_plan
-
-def record(name):
-    Recording(Path(sys.argv[1]) / f"{name}.rrd", robot, make_plan(robot), title="one of many").close()
-
-robot = load_robot("ant")
-"""
-
-#: Two threads of each recording that is kept; one or two may be on their way out.
-CLOSED = """
-def threads():
-    return len(os.listdir("/proc/self/task"))
-
-record("first")
-first = threads()
-for index in range(5):
-    record(index)
-wait_for(lambda: threads() <= first + 2, 60, "closed recordings keep their threads")
-"""
-
-OF_THE_PROGRAM = """
-rr.init("a program of its own")
-rr.save(sys.argv[1] + "/own.rrd")
-own = rr.get_global_data_recording().get_recording_id()
-record("walk")
-assert rr.get_global_data_recording().get_recording_id() == own
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("script", [CLOSED, OF_THE_PROGRAM], ids=["closed", "of the program"])
-def test_closed_recordings_are_let_go_and_that_of_the_program_itself_goes_on(
-    script: str, tmp_path: Path
-) -> None:
-    command = [sys.executable, "-c", OPENED + script, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
-    assert (done.returncode, done.stderr) == (0, "")

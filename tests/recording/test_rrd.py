@@ -1,31 +1,22 @@
 """Rerun's files: whole, cut off, damaged, and in the hands of Rerun's own tools."""
 
-import errno
 import os
 import random
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from hexctl.cli.console import in_flags
 from hexctl.errors import InputError, RecordingError
-from hexctl.recording import recording as module
 from hexctl.recording.recorded_trial import read_trial
-from hexctl.recording.rrd import END_PADDING, RERUN, check_whole, probe_file
+from hexctl.recording.rrd import END_PADDING, check_whole, probe_file
 from hexctl.recording.rrd_reader import (
     CHUNK,
     HEAD_BYTES,
-    MAGIC,
     MESSAGE_HEAD,
-    check_end,
-    check_viewable,
     read_chunks,
 )
-from tests.recording.conftest import ReadBack, Trial, damage, messages, write
-from tests.recording.made_up import damaged_recordings
+from tests.recording.conftest import ReadBack, Trial, messages, write
 
 
 @pytest.mark.parametrize("missing_bytes", [1, 5000])
@@ -47,17 +38,6 @@ def trial_file(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("tools") / "trial.rrd", trial)
 
 
-def test_a_full_disk_says_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("hexctl.recording.rrd.os.posix_fallocate", refuse)
-    with pytest.raises(InputError) as refused:
-        probe_file(tmp_path / "walk.rrd")
-    assert "--no-record" in in_flags(refused.value)
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_probe_leaves_nothing_behind(tmp_path: Path) -> None:
     probe_file(tmp_path / "new" / "folder" / "walk.rrd")
     assert not list(tmp_path.iterdir())
@@ -67,18 +47,6 @@ def test_a_probe_leaves_nothing_behind(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):
         probe_file(tmp_path / "file" / "folder" / "walk.rrd")
-
-
-@pytest.mark.slow
-def test_what_would_end_reruns_reader_is_refused_in_one_line(trial_file: Path, trial: Trial) -> None:
-    damaged = damage(trial_file)
-    for read in (read_trial, check_viewable):
-        with pytest.raises(InputError) as refused:
-            read(damaged)
-        assert str(damaged) in str(refused.value)
-        assert RERUN in str(refused.value)
-        assert "\n" not in str(refused.value)
-    assert len(read_trial(trial_file)) == len(trial.log)
 
 
 @pytest.mark.slow
@@ -115,111 +83,8 @@ def test_what_was_cut_off_is_read_up_to_there(
 
 
 @pytest.mark.slow
-def test_a_damaged_length_leaves_the_rest_out_with_a_warning(
-    trial_file: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    content, damaged = bytearray(trial_file.read_bytes()), tmp_path / "damaged.rrd"
-    start, _ = list(messages(bytes(content), CHUNK))[100]
-    content[start - 1] = 127
-    damaged.write_bytes(content)
-    assert len(list(read_chunks(damaged))) == 100
-    check_viewable(damaged)
-    (warned,) = [record.getMessage() for record in caplog.records]
-    assert str(damaged) in warned
-    assert f" {len(content) - start + MESSAGE_HEAD.size} " in warned
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("content", [b"", b"RRF1" + bytes(20), b"no recording", MAGIC, MAGIC + bytes(3)])
-def test_what_holds_no_trial_is_refused(content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "walk.rrd"
-    path.write_bytes(content)
-    with pytest.raises(InputError) as refused:
-        read_trial(path)
-    assert str(path) in str(refused.value)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "content", damaged_recordings(), ids=["no-batch", "two-batches", "number", "no-entity"]
-)
-def test_a_chunk_that_is_none_is_refused(content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "walk.rrd"
-    path.write_bytes(content)
-    for read in (read_trial, check_viewable):
-        with pytest.raises(InputError) as refused:
-            read(path)
-        assert "damaged" in str(refused.value)
-        assert str(path) in str(refused.value)
-
-
-@pytest.mark.slow
 def test_reading_reads_what_rerun_reads(trial_file: Path) -> None:
     entities = {
         str(batch.schema.metadata[b"rerun:entity_path"], "utf-8") for batch in read_chunks(trial_file)
     }
     assert entities >= ReadBack(trial_file).entities
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("missing_bytes", [1, 500])
-def test_an_incomplete_end_is_noticed(
-    missing_bytes: int, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "lost.rrd"
-    checked: list[Path] = []
-
-    def lose(path: Path, start: int) -> None:
-        os.truncate(path, max(start, path.stat().st_size - missing_bytes))
-        checked.append(path)
-        check_end(path, start)
-
-    monkeypatch.setattr(module, "INDEXED_S", 0.0)
-    monkeypatch.setattr(module, "check_end", lose)
-    with pytest.raises(RecordingError):
-        write(path, trial)
-    assert checked == [path]
-
-
-@pytest.mark.slow
-def test_messages_end_where_the_file_ends(
-    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(module, "INDEXED_S", 0.0)
-    path = write(tmp_path / "without-index.rrd", trial)
-    check_end(path, HEAD_BYTES)
-    check_viewable(path)
-    assert not caplog.records, "it is sound"
-    for start in (path.stat().st_size, HEAD_BYTES + 1):
-        with pytest.raises(RecordingError):
-            check_end(path, start)
-
-
-SHOWN = """
-import sys
-from pathlib import Path
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.gait.gait import make_gait
-from hexctl.recording.recording import Recording
-from hexctl.recording.rrd_reader import read_chunks
-from hexctl.robot.loader import load_robot
-robot = load_robot("ant")
-plan = TrialPlan(gait=make_gait(robot, "tripod"))
-path = Path(sys.argv[1])
-Recording(path, robot, plan, title="quiet").close()
-assert list(read_chunks(path))
-"""
-
-
-@pytest.mark.slow
-def test_a_recording_warns_of_nothing(tmp_path: Path) -> None:
-    environment = {**os.environ, "RUST_LOG": "warn"}
-    done = subprocess.run(
-        [sys.executable, "-c", SHOWN, str(tmp_path / "quiet.rrd")],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    assert (done.stdout, done.stderr) == ("", "")

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.simulation_model import make_body
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
 from hexctl.robot.formats.link_frames import FOOT_LINKS, fixed_transforms, link_transforms
-from hexctl.robot.formats.link_masses import link_mass, trunk_mass
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import COMMAND_TOPIC, TOPIC_SYSTEM, urdf_of
 from hexctl.robot.model import Robot
@@ -41,38 +39,9 @@ def test_what_is_no_robot_is_refused() -> None:
             robot_from_json(text)
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_masses_are_those_of_the_simulated_robot(name: str) -> None:
-    from dm_control import mjcf
-
-    robot = shipped(name)
-    model = mjcf.Physics.from_mjcf_model(make_body(robot)).model
-    parts = [trunk_mass(robot.body), *(link_mass(robot, index) for index in range(3))]
-    for place, part in zip(("trunk", "leg1/coxa", "leg1/femur", "leg1/tibia"), parts, strict=True):
-        body = model.name2id(place, "body")
-        assert part.mass_kg == pytest.approx(model.body_mass[body], rel=1e-12)
-        assert part.com_m == pytest.approx(model.body_ipos[body], abs=1e-12)
-        # MuJoCo sorts the principal moments.
-        assert sorted(part.moments_kg_m2) == pytest.approx(sorted(model.body_inertia[body]), rel=1e-9)
-
-
 @pytest.fixture(params=ROBOT_NAMES)
 def name(request: Any) -> str:
     return str(request.param)
-
-
-def test_the_feet_are_where_our_kinematics_have_them(name: str) -> None:
-    robot = shipped(name)
-    model = mujoco.MjModel.from_xml_string(mjcf_of(robot))
-    data = mujoco.MjData(model)
-    assert [model.joint(index + 1).name for index in range(N_JOINTS)] == list(JOINT_NAMES)
-    feet = [model.site(foot).id for foot in FOOT_LINKS]
-    shares = np.random.default_rng(17).uniform(size=(100, N_JOINTS))
-    for share in shares:
-        pose_rad = robot.joint_lower_rad + share * (robot.joint_upper_rad - robot.joint_lower_rad)
-        data.qpos[:7], data.qpos[7:] = [0, 0, 0, 1, 0, 0, 0], pose_rad
-        mujoco.mj_kinematics(model, data)
-        assert np.abs(data.site_xpos[feet] - foot_positions_body(robot, pose_rad)).max() < 1e-9
 
 
 @pytest.mark.slow

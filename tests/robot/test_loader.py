@@ -1,5 +1,6 @@
 """Robot files: the shipped numbers, a robot that is not symmetric, and what is refused in one line."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from hexctl.errors import InputError, WrongTypeError
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.configs import config_names
 from hexctl.robot.loader import load_robot, load_robot_file
+from hexctl.robot.plugins import load_named, made_of, module_here
+from hexctl.robot.yaml_text import MOST_NODES, yaml_content
 from tests.robot.meshmaking import stl_box
 from tests.robots import ROBOT_NAMES, Edit, drop, edited_file, put, shipped
 
@@ -196,7 +199,7 @@ def test_a_bad_value_is_refused_in_one_line_with_file_and_key(what: str, tmp_pat
     assert "input should" not in message.lower()
 
 
-#: What is no mapping; `test_yaml_text.py` has what is no YAML.
+#: What is no mapping; the hostile texts below are no YAML.
 BAD_TEXTS = {
     "list": b"- 1\n- 2\n",
     "empty": b"",
@@ -233,3 +236,99 @@ def test_a_path_or_a_name_without_a_file_is_refused_with_the_known_names(tmp_pat
     for value in (3, None, ["ant"], shipped()):
         with pytest.raises(WrongTypeError, match="robot"):
             load_robot(value)  # type: ignore[arg-type]
+
+
+def test_a_module_in_the_working_folder_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "my_robot_parts.py").write_text("ANSWER = 42\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    try:
+        assert module_here("my_robot_parts").ANSWER == 42
+    finally:
+        sys.modules.pop("my_robot_parts", None)
+
+
+def test_what_a_script_has_defined_is_given_from_python() -> None:
+    with pytest.raises(ImportError):
+        load_named("__main__:Mine", "optimizer")
+    assert load_named("hexctl.robot.plugins:load_named", "optimizer") is load_named
+
+
+@pytest.mark.parametrize("name", ["ours", f"{__name__}:Counted", f"{__name__}:MADE"])
+def test_a_class_of_ones_own_is_made_as_a_shipped_one_is(name: str) -> None:
+    assert isinstance(made_of(name, {"ours": Counted}, Counted, "policy"), Counted)
+
+
+@pytest.mark.parametrize(
+    ("name", "named"),
+    [
+        ("hope", "policy"),
+        ("no.such.module:Hope", "policy"),
+        (f"{__name__}:Nothing", "policy"),
+        ("pathlib:Path", "pathlib:Path"),
+    ],
+)
+def test_what_is_not_of_the_kind_is_refused(name: str, named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        made_of(name, {"ours": Counted}, Counted, "policy")
+
+
+class Counted:
+    """Something that can be made."""
+
+
+MADE = Counted()
+
+
+#: Nine to the eighth entries in nine lines.
+MERGES = "a0: &a0 {x: 1}\n" + "".join(
+    f"a{level}: &a{level} {{<<: [{', '.join([f'*a{level - 1}'] * 9)}]}}\n" for level in range(1, 9)
+)
+ALIASES = "a0: &a0 [1]\n" + "".join(
+    f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 9)}]\n" for level in range(1, 12)
+)
+
+HOSTILE = {
+    "a long hexadecimal number": "x: 0x" + "f" * 200_000,
+    "a long number": "x: " + "9" * 5000,
+    "a long number of base 60": "x: 1" + ":59" * 20_000,
+    "a long fraction of base 60": "x: 1" + ":59" * 400 + ".5",
+    "a long binary number": "x: -0b1" + "0" * 100,
+    "merges": MERGES,
+    "aliases": ALIASES,
+    "a list that refers to itself": "&a [*a]",
+    "a mapping that refers to itself": "x: &a {y: *a}",
+    "a merge that refers to itself": "x: &a {<<: *a}",
+    "no int": 'x: !!int ""',
+    "no float": 'x: !!float ""',
+    "no bool": "x: !!bool maybe",
+    "no timestamp": "x: !!timestamp now",
+    "an impossible date": "x: 2026-13-01",
+    "no base64": "x: !!binary é",
+    "no set": "x: !!set [1]",
+    "a list as a key": "? [1]\n: 2",
+    "a key twice": "x: 1\nx: 2",
+    "a deep list": "[" * 400,
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_hostile_text_is_refused(what: str) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        yaml_content(HOSTILE[what])
+
+
+def test_a_refusal_has_its_place() -> None:
+    with pytest.raises(ValueError, match="line 2, column 1"):
+        yaml_content("x: 1\nx: 2")
+    with pytest.raises(ValueError, match=str(MOST_NODES)):
+        yaml_content(ALIASES)
+
+
+def test_anchors_as_a_person_writes_them_are_read() -> None:
+    text = "leg: &leg {mass_kg: 0.1, at: [1, 2]}\nother: {<<: *leg, mass_kg: 0.2}\nlist: [*leg, *leg]\n"
+    content = yaml_content(text)
+    assert content["other"] == {"mass_kg": 0.2, "at": [1, 2]}
+    assert content["list"] == [content["leg"]] * 2
+    assert yaml_content("") is None
+    assert yaml_content("x: 0x1f\ny: 1:30\nz: 1e3\n") == {"x": 31, "y": 90, "z": "1e3"}

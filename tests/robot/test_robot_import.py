@@ -59,14 +59,6 @@ def test_the_body_frame_goes_between_the_mounts(root_m: tuple[float, float, floa
     assert "com_m" not in made.content["body"]
 
 
-@pytest.mark.parametrize("root_m", [(0.11, 0.09, 0.025), (-0.2, 0.1, 0.0), (0.0, 0.0, 0.2)])
-def test_the_trunks_box_takes_the_body_frame_with_it(root_m: Any, tmp_path: Path) -> None:
-    made = imported(tmp_path, hexapod(root_m=root_m, trunk=BOX))
-    assert made.content["body"]["size_m"] == pytest.approx([0.22, 0.18, 0.05])
-    assert mounts_m(made).mean(axis=0) == pytest.approx([0, 0, 0], abs=1e-9)
-    assert "com_m" not in made.content["body"]
-
-
 @pytest.mark.parametrize("rpy", ["1.5707963 0 0", "-1.5707963 0 0", "3.1415927 0 0"])
 def test_the_vertical_is_that_of_the_coxa_axes(rpy: str, tmp_path: Path) -> None:
     """Roots whose y axis, -y axis or -z axis is up."""
@@ -176,13 +168,6 @@ def test_ranges_of_no_leg_are_unknown(ends: str, tmp_path: Path) -> None:
     limit = f'<limit {ends} effort="2" velocity="5"/>'
     made = imported(tmp_path, hexapod(limits=(limit, LIMIT, LIMIT)))
     assert {"joints.coxa.min_deg", "joints.coxa.max_deg"} <= set(made.unknown)
-
-
-def test_reasons_stand_in_the_file(tmp_path: Path) -> None:
-    made = imported(tmp_path, hexapod())
-    assert set(made.reasons) == set(made.unknown)
-    for key, reason in made.reasons.items():
-        assert f"#   {key}: {reason}\n" in made.text
 
 
 # -- meshes

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hexctl.robot.body_twist import BodyTwist, body_twists
+from hexctl.robot.body_twist import BodyTwist
 from hexctl.robot.rotations import (
     about_z,
     cos_tilt,
@@ -93,14 +93,3 @@ def test_the_first_pose_and_one_after_a_gap_have_no_velocity() -> None:
     assert not twist.of(9.0, np.ones(3), one).any()
     assert twist.of(9.02, 1.01 * np.ones(3), one).any()
     assert not twist.of(1.0, np.zeros(3), one).any()  # a clock that was set back
-
-
-def test_a_recorded_body_that_turns_about_its_vertical_while_it_moves_ahead_in_the_world() -> None:
-    times_s = np.linspace(0, 0.98, 50)
-    turn = np.column_stack([np.cos(times_s / 4), np.zeros(50), np.zeros(50), np.sin(times_s / 4)])
-    turn[20:] *= -1  # the same orientations
-    ahead = np.column_stack([0.2 * times_s, np.zeros(50), np.zeros(50)])
-    linear, angular = body_twists(times_s, ahead, turn)
-    np.testing.assert_allclose(angular, np.tile([0, 0, 0.5], (50, 1)), atol=1e-3)
-    expected = 0.2 * np.column_stack([np.cos(times_s / 2), -np.sin(times_s / 2), np.zeros(50)])
-    np.testing.assert_allclose(linear, expected, atol=1e-3)

@@ -197,13 +197,6 @@ def test_models_with_the_same_registers_mix(
     assert bus(driver, **section).raw(np.full(18, np.radians(at_deg))) == pytest.approx(counts)
 
 
-def test_limits_of_a_joint_come_before_those_of_its_kind() -> None:
-    made = bus(femur={"min_count": 1000, "max_count": 3000}, leg2_femur={"max_count": 2500})
-    assert (made.least[1], made.most[1], made.most[4]) == (1000, 3000, 2500)
-    high = made.limited_rad(np.full(18, np.radians(170)))
-    assert made.raw(high)[[1, 4]] == pytest.approx([3000, 2500])
-
-
 def pwm(driver: str = "servo2040", /, **section: Any) -> PwmMap:
     return pwm_map_of(ServosSection.model_validate(section), driver)
 

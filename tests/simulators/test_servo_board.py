@@ -237,16 +237,6 @@ def test_who_says_goodbye_makes_room_at_once(
     assert running.end()["of_others"] == 0
 
 
-def test_it_answers_requests_and_pings(client: Client) -> None:
-    client.say(common.MAVLink_command_long_message(1, 1, 520, 0, 1.0, 0, 0, 0, 0, 0, 0))
-    client.until(lambda: any(frame.kind == "COMMAND_ACK" for frame in client.heard))
-    assert client.newest("COMMAND_ACK").result == common.MAV_RESULT_ACCEPTED
-    client.say(common.MAVLink_ping_message(12345, 7, 0, 0))
-    client.until(lambda: any(frame.kind == "PING" for frame in client.heard))
-    ping = client.newest("PING")
-    assert (ping.time_usec, ping.seq, ping.target_system, ping.target_component) == (12345, 7, 255, 191)
-
-
 def test_a_board_with_a_key_obeys_signed_frames_only(tmp_path: Path, stance: FloatArray) -> None:
     key = bytes(range(32))
     with memory_board(fitting_map(tmp_path), signing_key=key) as running:

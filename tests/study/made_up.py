@@ -18,6 +18,7 @@ from hexctl.study.paper.claims import claims_of
 from hexctl.study.paper.evidence import StudyUncertainty
 from hexctl.study.paper.searches import Findings, search_all
 from hexctl.study.paper.study_plan import StudyPlan
+from hexctl.study.walking import Silent
 from hexctl.types import FloatArray
 from tests.robots import shipped
 
@@ -114,3 +115,32 @@ def reported(findings: Findings, folder: Path) -> Path:
 def summarised(findings: Findings) -> dict[str, Any]:
     """Findings as in `study.json`."""
     return plan_of(findings).numbers(judged(findings))
+
+
+class Remembering(Silent):
+    """Remembers stages and notes, counts steps, and interrupts after some of the walks.
+
+    Args:
+        interrupt_after: number of steps after which it raises KeyboardInterrupt; None for never.
+    """
+
+    def __init__(self, interrupt_after: int | None = None) -> None:
+        self.stages: list[tuple[str, int]] = []
+        self.notes: list[str] = []
+        self.steps, self._left = 0, interrupt_after
+
+    def stage(self, name: str, steps: int) -> None:
+        self.stages.append((name, steps))
+
+    def step(self, steps: int = 1) -> None:
+        self.steps += steps
+        if self._left is not None and self.steps >= self._left:
+            raise KeyboardInterrupt
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+    @property
+    def walks(self) -> int:
+        """Number of walks that were to be simulated."""
+        return sum(steps for name, steps in self.stages if name.startswith("walks"))

@@ -24,8 +24,7 @@ from hexctl.study.paper.study_figures import PALE, verdicts_figure
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
 from tests.robots import shipped
-from tests.study.made_up import made_up_findings, spread_out
-from tests.study.watching import Remembering
+from tests.study.made_up import Remembering, made_up_findings, spread_out
 
 
 def test_about_a_number_is_half_of_it_to_both_sides() -> None:

@@ -114,7 +114,6 @@ def test_every_robot_walks_every_case_in_every_world() -> None:
         ({"failures": ("tired",)}, "failure"),
         ({"failures": ()}, "failure"),
         ({"holds": ("line", "line")}, "holds"),
-        ({"holds": ("auto",)}, "holds"),
         ({"self_rotation": "left"}, "self_rotation"),
         ({"duration_s": 0.0}, "duration_s"),
         ({"legs": [2]}, "legs"),

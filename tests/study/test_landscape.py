@@ -1,7 +1,6 @@
 """Tests."""
 
 import math
-import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,20 +53,6 @@ def test_rows_are_those_of_the_trials_alone(one: Landscape) -> None:
         assert one.numbers[row].tolist() == expected
         assert one.paths_m[row].tolist() == alone.path_m[9::10].astype(np.float32).tolist()
         assert one.paths_m[row, -1, 1] == np.float32(alone.deviation.signed)
-
-
-@pytest.mark.parametrize("self_rotation", ["none", "rear"])
-def test_cutting_into_chunks_changes_nothing(self_rotation: str) -> None:
-    asked = spec(2, self_rotation, 1.0, CODES)
-    whole = asked.walk(CODES)
-    for cuts in ((CODES[:1], CODES[1:]), (CODES[:3], CODES[3:])):
-        assert [walk for codes in cuts for walk in asked.walk(codes)] == whole
-
-
-def test_a_spec_travels_as_a_pickle(one: Landscape) -> None:
-    sent = pickle.loads(pickle.dumps(one.spec))  # noqa: S301
-    assert sent.fingerprint == one.spec.fingerprint
-    assert walked(sent) == one
 
 
 def test_walks_are_kept_to_the_last_bit(one: Landscape, tmp_path: Path) -> None:

@@ -221,13 +221,7 @@ def test_phase_and_heading_are_drawn_by_the_seed_and_are_the_same_for_all_method
         ({"legs": (7,)}, "legs"),
         ({"failures": ("tired",)}, "failure"),
         ({"failures": ("stuck:tibia:20",)}, "stuck:JOINT"),
-        (
-            {"methods": ("nothing", "hope")},
-            "methods",
-        ),
         ({"methods": ("recover",)}, "methods"),
-        ({"protocols": ("ours",)}, "protocols"),
-        ({"duration_s": 9.0}, "duration"),
         ({"legs": [2]}, "legs"),
     ],
 )

@@ -27,8 +27,8 @@ from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWa
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
 from tests.control.monitor.repertoires import made_up
+from tests.study.made_up import Remembering
 from tests.study.made_up_recovery import episode, plan
-from tests.study.watching import Remembering
 
 PLACE = replace(plan().walked()[0][0], duration_s=4.0)
 

@@ -21,7 +21,7 @@ from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, Reperto
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
 from tests.robots import shipped
-from tests.study.watching import Remembering
+from tests.study.made_up import Remembering
 
 
 def plan(name: str = "ant", **options: Any) -> RepertoirePlan:
@@ -93,8 +93,6 @@ def test_worlds_are_none_that_a_benchmark_uses_and_fewer_are_the_first_of_more()
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"directions": 5}, "directions"),
-        ({"worlds": 17}, "worlds"),
         ({"worlds": 0}, "worlds"),
         ({"codes": 30}, "codes"),
         ({"failures": ("tired",)}, "tired"),

@@ -21,8 +21,8 @@ from hexctl.study.study_options import TAKEN_BY, StudyOptions
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
 from tests.robots import shipped
+from tests.study.made_up import Remembering
 from tests.study.made_up_transfer import plan as transfer_plan
-from tests.study.watching import Remembering
 
 
 @pytest.mark.parametrize("kind", ["transfer", "matrix", "hold", "recovery"])
@@ -89,28 +89,21 @@ def test_the_options_of_the_paper_are_those_of_the_plan_by_default() -> None:
     ("kind", "options", "option"),
     [
         (StudyOptions, {"transfer": True, "hold": True}, "hold"),
-        (StudyOptions, {"prior": "auto"}, "prior"),
         (StudyOptions, {"one_leg": True, "matrix": True}, "one_leg"),
-        (StudyOptions, {"time_steps_ms": (2.0,)}, "time_steps_ms"),
         (StudyOptions, {"exact_sensors": True}, "exact_sensors"),
         (StudyOptions, {"hold": True, "seed": 3}, "seed"),
         (StudyOptions, {"hold": True, "gaits": ("wave",)}, "gaits"),
         (StudyOptions, {"recovery": True, "optimizers": ("pso",)}, "optimizers"),
         (StudyOptions, {"recovery": True, "dask": "tcp://127.0.0.1:1"}, "dask"),
-        (StudyOptions, {"transfer": True, "self_rotation": "front"}, "self_rotation"),
         (StudyOptions, {"self_rotation": "left"}, "self_rotation"),
         (StudyOptions, {"runs": 1000}, "runs"),
         (StudyOptions, {"jobs": 0}, "jobs"),
         (StudyOptions, {"duration_s": math.nan}, "duration_s"),
         (StudyOptions, {"worlds": "three"}, "worlds"),
-        (PriorOptions, {"directions": 4}, "directions"),
         (PriorOptions, {"pairs": ()}, "pairs"),
-        (PriorOptions, {"repertoire": True, "failure": "limp"}, "failure"),
         (PriorOptions, {"repertoire": True, "hold": "line"}, "hold"),
         (PriorOptions, {"repertoire": True, "duration_s": 8.0}, "duration_s"),
         (PriorOptions, {"hold": "auto"}, "hold"),
-        (PriorOptions, {"worlds": 1}, "worlds"),
-        (PriorOptions, {"duration_s": 5.0}, "duration_s"),
     ],
 )
 def test_what_a_kind_does_not_take_is_refused(kind: type, options: dict[str, Any], option: str) -> None:

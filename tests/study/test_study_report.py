@@ -1,9 +1,6 @@
 """The report of a study: its page, figures and tables."""
 
-import base64
-import math
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +15,12 @@ from hexctl.control.assessment.uncertainty_store import (
 from hexctl.palette import INVALID_COLOR, deviation_color
 from hexctl.study.data_frames import where
 from hexctl.study.paper.evidence import cm
-from hexctl.study.paper.searches import FRESH, PAPER, Findings, curve_of
-from hexctl.study.paper.study_figures import convergence_figure, trajectories_figure
+from hexctl.study.paper.searches import FRESH, Findings, curve_of
+from hexctl.study.paper.study_figures import trajectories_figure
 from hexctl.study.paper.study_report import assumptions
-from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, markdown, render_page, texts
+from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, markdown, render_page
 from tests.robots import shipped
-from tests.study.made_up import made_up, made_up_findings, reported, spread_out, summarised
+from tests.study.made_up import made_up, made_up_findings, reported, spread_out
 
 HOSTILE = '<script>alert("a & b")</script>'
 
@@ -84,16 +81,6 @@ def folder(findings: Findings, tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
-@pytest.mark.long
-def test_the_page_holds_all_figures_itself(folder: Path) -> None:
-    text = (folder / "report.html").read_text(encoding="utf-8")
-    images = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
-    assert len(images) == len(texts("captions"))
-    assert [base64.b64decode(image) for image in images] == [
-        (folder / f"{name}.svg").read_bytes() for name in texts("captions")
-    ]
-
-
 @pytest.mark.slow
 def test_the_page_asks_nobody_for_anything(folder: Path) -> None:
     text = re.sub(r'"data:[^"]*"', '""', (folder / "report.html").read_text(encoding="utf-8"))
@@ -145,45 +132,3 @@ def test_what_step_solver_and_contacts_change_is_what_was_measured(
     simulator = assumptions().rows[-1][-1]
     for moved_m in (known.step_m, known.solver_m, known.contact_m):
         assert f"by {cm(moved_m)}" in simulator
-
-
-NAN = math.nan
-
-#: Leg, gait, status, signed deviation, distance and final deviation of walks with default gaits.
-WALKS = [
-    (2, "demo", "ok", -0.35, 4.0, 0.35),
-    (2, "tripod", "ok", 0.001, 4.1, 0.001),
-    (6, "demo", "fell", NAN, NAN, NAN),
-    (6, "tripod", "no_progress", 0.2, 1.0, NAN),
-]
-
-
-@pytest.mark.long
-def test_the_report_has_default_gaits_beside_the_searches(tmp_path: Path) -> None:
-    from pandas import DataFrame
-
-    pytest.importorskip("matplotlib", reason="figures need the study extra")
-    findings = made_up_findings(
-        spread_out(0.5), {2: 0.5, 6: 0.0}, legs=(2, 6), optimizers=("pso", "random"), runs=3, budget=25
-    )
-    columns = ["leg", "gait", "status", "signed_m", "distance_m", "final_m"]
-    findings = replace(findings, default_walks=DataFrame(WALKS, columns=columns))
-    text = reported(findings, tmp_path).read_text(encoding="utf-8")
-    section = text[text.index(">Without a search</h") :]
-    section = section[: section.index("</table>")]
-    cells = (cm(0.35), cm(0.001), "fell", "no_progress", "random after 20", "median of all valid gaits")
-    for cell in cells:
-        assert f">{cell}<" in section, cell
-    median_m = np.median(np.abs(findings.rotated(2).number("signed_m")))
-    assert f">{cm(float(median_m))}<" in section
-
-    panel, other = convergence_figure(findings, PAPER).axes[:2]
-    levels = {str(line.get_label()): np.asarray(line.get_ydata()) for line in panel.get_lines()}
-    assert (levels["demo, without a search"] == 0.35).all()
-    assert (levels["tripod, without a search"] == 0.001).all()
-    assert f"demo {cm(0.35)}, tripod {cm(0.001)} (below the scale)" in panel.get_title()
-    assert "demo fell, tripod no_progress" in other.get_title()
-
-    (demo, *_, stopped) = summarised(findings)["default_gaits"]
-    assert (demo["leg"], demo["gait"], demo["signed_m"], demo["final_m"]) == (2, "demo", -0.35, 0.35)
-    assert (stopped["status"], stopped["signed_m"], stopped["final_m"]) == ("no_progress", 0.2, None)

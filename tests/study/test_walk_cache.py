@@ -1,7 +1,6 @@
 """The cache of walks, and walks on worker processes: what is kept, refused, and simulated again."""
 
 import gzip
-import json
 import math
 import os
 import signal
@@ -25,8 +24,7 @@ from hexctl.study.walk_cache import CacheError, Place, WalkCache
 from hexctl.study.walking import Work, as_finished, simulating
 from hexctl.waiting import comes_true
 from tests.robots import shipped
-from tests.study.made_up import spec
-from tests.study.watching import Remembering
+from tests.study.made_up import Remembering, spec
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,32 +143,6 @@ def test_a_damaged_file_is_reported_and_its_walks_are_made_again(
     assert "\n" not in note
     assert (progress.notes[0], progress.steps) == (note, 5)
     assert WalkCache(tmp_path).count([(PARK, CASES)]) == (5, 5)
-
-
-#: Walks that no simulation gives, by what is wrong with them.
-IMPOSSIBLE: dict[str, Callable[[dict[str, Any]], object]] = {
-    "a status that does not exist": lambda walk: walk.update(status="flew"),
-    "a missing number": lambda walk: walk.pop("distance_m"),
-    "a number that is none": lambda walk: walk.update(signed_m=None),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("spoil", IMPOSSIBLE.values(), ids=list(IMPOSSIBLE))
-def test_impossible_walks_are_reported_and_made_again(
-    spoil: Callable[[dict[str, Any]], object], tmp_path: Path
-) -> None:
-    place, cache, progress = spec(5, "none", 0.1, (1, 2)), WalkCache(tmp_path), Remembering()
-    (walks,) = Work(cache=cache, jobs=1).walk([(place, place.codes)])
-    path = cache.path_of(place)
-    fingerprint, stored = json.loads(gzip.decompress(path.read_bytes()))
-    spoil(stored[1])
-    path.write_bytes(gzip.compress(json.dumps([fingerprint, stored]).encode()))
-    (again,) = Work(cache=cache, jobs=1, progress=progress).walk([(place, place.codes)])
-    assert repr(again) == repr(walks)
-    (note,) = cache.notes
-    assert note.startswith(f"{path}: not usable")
-    assert (progress.notes[0], progress.steps) == (note, 2)
 
 
 def test_the_cases_of_equal_places_are_simulated_together_and_once(tmp_path: Path) -> None:
@@ -345,7 +317,7 @@ def test_the_sources_are_those_that_decide_how_a_gait_walks() -> None:
 
 def test_an_edit_of_the_network_a_servo_board_or_a_recording_keeps_the_landscapes() -> None:
     names = relative(simulating_sources())
-    for aside in ("backends/mavlink", "backends/zenoh", "wire", "serve", "record", "cli", "errors.py"):
+    for aside in ("backends/mavlink", "backends/zenoh", "wire", "server", "recording", "cli", "errors.py"):
         assert not [name for name in names if name.startswith(aside)], aside
 
 

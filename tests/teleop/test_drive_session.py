@@ -65,7 +65,7 @@ def test_a_release_at_any_moment_and_a_silence_end_in_a_stand(session: DriveSess
     drive, random = session.drive, np.random.default_rng(1)
     stick = drive.arbiter.source("gamepad")
     released, silent = [], []
-    for number in range(12):
+    for number in range(6):
         shares = random.uniform(-0.7, 0.7, 3)
         for _ in range(60 + int(random.integers(0, 60))):
             stick.command(drive.share(*shares))

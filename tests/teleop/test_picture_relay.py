@@ -99,12 +99,6 @@ def test_a_stream_gives_one_picture_after_another(length: bool) -> None:
     assert list(seen) == sorted(seen)
 
 
-def test_a_picture_is_asked_for_again_and_again() -> None:
-    numbers = iter(range(100))
-    with relay(lambda one: one.sendall(answer("image/jpeg", jpeg(next(numbers))))) as made:
-        wait_for(lambda: made.newest is not None and made.newest.jpeg == jpeg(3), 20.0, "no fourth picture")
-
-
 @pytest.mark.parametrize(
     ("sent", "told"),
     [
@@ -154,14 +148,6 @@ def test_a_camera_that_dawdles_is_left(head: bytes, monkeypatch: pytest.MonkeyPa
         assert trouble(dawdle)
     finally:
         ended.set()
-
-
-def test_a_camera_that_returns_is_seen_again() -> None:
-    answers = [answer("image/jpeg", jpeg(1)), b"", answer("image/jpeg", jpeg(2))]
-    with relay(lambda one: one.sendall(answers.pop(0) if answers else b"")) as made:
-        wait_for(lambda: made.trouble, 20.0, "the loss is not told")
-        wait_for(lambda: made.newest and made.newest.jpeg == jpeg(2), 20.0, "it never returned")
-        assert made.trouble is None
 
 
 def test_a_silent_camera_does_not_hold_up_the_end() -> None:

@@ -1,11 +1,7 @@
 """The latency of a camera, by the robot's own motion."""
 
-import json
-import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from dataclasses import replace
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,19 +19,14 @@ from hexctl.ik.leg_odometry import leg_motions
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.vision import latency_trial
-from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.estimation.latency import measure_latency
 from hexctl.vision.latency_trial import CameraLatency
 from hexctl.vision.latency_trial import course as twist_course
-from hexctl.vision.place import load_place
-from hexctl.vision.robot_camera import RobotCamera
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.twin_camera import WEBCAM
 from hexctl.vision.video.video_source import Frame, VideoSource
 from hexctl.waiting import wait_for
 from tests.driven import course
 from tests.robots import shipped
-from tests.server.processes import hexctl_process, program, served
 from tests.vision.sightings import SIGMA
 from tests.vision.test_place import saved
 
@@ -52,15 +43,6 @@ def pictures(
     taken_s = np.arange(times_s[0] + 0.01, times_s[-1], 1 / fps)
     seen = np.column_stack([np.interp(taken_s, times_s, column) for column in true.T])
     return taken_s + late_s, seen + rng.normal(size=seen.shape) * SIGMA
-
-
-@pytest.mark.parametrize("late_s", [0.0, 0.08, 0.25])
-def test_noiseless_sightings_tell_the_latency(late_s: float) -> None:
-    taken_s = np.arange(0.0, 5.9, 0.04)
-    seen = np.column_stack([np.interp(taken_s, TIMES_S, column) for column in TWIST.T])
-    found = measure_latency(TIMES_S, TWIST, taken_s + late_s, seen + np.array([0.5, -0.2, 3.0]))
-    assert found.latency_s == pytest.approx(late_s, abs=5e-4)
-    assert found.factor == pytest.approx(1.0, abs=0.01)
 
 
 def test_wild_sightings_do_not_count() -> None:
@@ -134,54 +116,6 @@ def test_a_twist_tells_the_latency_within_15_ms(robot: str, world: str, fps: flo
     ]
     assert max(abs(one.latency_s - 0.08) for one in found) < 0.015
     assert max(one.sigma_s for one in found) < 0.01
-
-
-LATENCY_MS = 120
-
-
-@contextmanager
-def watched(folder: Path) -> Iterator[tuple[Path, list[str]]]:
-    """A robot under a camera whose pictures come 120 ms late: its place, and a command."""
-    save_lens(WEBCAM, folder / "lens.yaml")
-    with served(folder, backend="sim") as robot:
-        twin = (
-            "hexctl", "sim", "camera", "--connect", robot.endpoint, "--fps", "15", "--size", "960x540",
-            "--latency-ms", str(LATENCY_MS),
-        )  # fmt: skip
-        with program(folder, "twin", *twin) as camera:
-            camera.wait_for("Ctrl-C ends it")
-            url = camera.said().partition(" at ")[2].split()[0]
-            looking = RobotCamera(
-                camera=url, place=folder / "place.yaml", lens=folder / "lens.yaml", connect=robot.endpoint
-            )
-            started: list[object] = []
-            looking.run(lambda: bool(started), on_started=started.append)
-            where = ["--camera", url, "--connect", robot.endpoint, "--place", str(folder / "place.yaml")]
-            yield folder / "place.yaml", ["see", "latency", *where]
-
-
-@pytest.mark.long
-@pytest.mark.realtime
-def test_a_twist_tells_the_latency_which_the_place_keeps_and_an_interrupted_one_nothing(
-    tmp_path: Path,
-) -> None:
-    with watched(tmp_path) as (place, command):
-        before = load_place(place)
-        with program(tmp_path, "latency", "hexctl", *command) as interrupted:
-            interrupted.wait_for("moves now")
-            interrupted.signal(signal.SIGINT)
-            assert interrupted.wait() == 130
-        assert load_place(place) == before, "nothing is stored"
-        done = hexctl_process(*command, "--json")
-        assert done.returncode == 0, done.stderr
-        assert "moves now" in done.stderr
-    report = json.loads(done.stdout)
-    assert abs(report["latency_ms"] - LATENCY_MS) < 25
-    assert 0 < report["sigma_ms"] < 10
-    after = load_place(place)
-    assert after.latency_s is not None
-    assert abs(1000 * after.latency_s - LATENCY_MS) < 25
-    assert replace(after, latency_s=None) == before
 
 
 class Empty(VideoSource):

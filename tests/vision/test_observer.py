@@ -100,18 +100,6 @@ def test_a_knocked_camera_makes_no_jump_and_is_told(usual: Picture, knocked: Pic
     assert seen[-1][1].restarts == 0
 
 
-@pytest.mark.slow
-def test_a_robot_that_was_carried_is_found_again(usual: Picture) -> None:
-    there = PlanarPose(-0.3, 0.4, -1.0)
-    elsewhere = pictures_of(CAMERA, there)[0]
-    observing = observer()
-    watched(observing, iter([usual] * 20))
-    last = watched(observing, iter([elsewhere] * 40), 20 * PERIOD_S)[-1][1]
-    assert last.restarts == 1
-    assert last.pose is not None
-    assert np.hypot(last.pose.x_m - there.x_m, last.pose.y_m - there.y_m) < 0.005
-
-
 def test_a_state_of_the_legs_that_is_late_or_doubled_is_left_out() -> None:
     observing = observer()
     for at_s in (0.0, 0.02, 0.02, 0.01, 0.04, 5.0):

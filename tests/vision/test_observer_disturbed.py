@@ -113,14 +113,6 @@ def twin_tag(picture: Picture, at_s: float, _pose: PlanarPose) -> Picture:
     return np.where(covers, drawn, picture).astype(np.uint8)
 
 
-def test_undisturbed_it_is_followed(filmed: Filmed) -> None:
-    published = followed(filmed, lambda picture, _at_s, _pose: picture)
-    off_m, jump_m = errors_m(filmed, published)
-    assert {one.sight for one in published[50:]} == {"seeing"}
-    assert off_m < 0.012
-    assert jump_m < 0.01
-
-
 def test_a_tag_that_cannot_be_read_for_a_while_makes_no_jump_and_is_told(filmed: Filmed) -> None:
     published = followed(filmed, glare)
     off_m, jump_m = errors_m(filmed, published)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.robot.failure import Failure
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.estimation.pose_belief import STATES, OwnMotion, PoseBelief, Sighting
 from hexctl.vision.estimation.pose_filter import HISTORY_S, PoseFilter
@@ -98,14 +97,8 @@ def test_wild_sightings_are_not_believed() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("commands", "failure", "world"),
-    [(STOPPING, None, "real:3"), (AHEAD, Failure(leg=2, kind="missing"), "flat")],
-)
-def test_two_seconds_without_sight_are_bridged(
-    commands: tuple[Command, ...], failure: Failure | None, world: str
-) -> None:
-    course = followed(driven("ant", commands, world=world, failure=failure), Eye(gaps=GAP))
+def test_two_seconds_without_sight_are_bridged() -> None:
+    course = followed(driven("ant", STOPPING, world="real:3"), Eye(gaps=GAP))
     assert course.error_at(7.0) < 0.025
     assert course.greatest_jump_m() < 0.02
     bridging = course.estimates[int(6.9 * 30)]

@@ -131,7 +131,9 @@ class TrimSearch(Optimizer):
     def _suggest(self, count: int) -> list[int]:
         """One gait for any count: the next trim needs its walk."""
         left = [code for code in self._codes if code not in self._failed] or self._codes
-        return [min(left, key=self.promise_m)]
+        if not self._promises_m:
+            self._promises_m.update((each, self.promise_m(each)) for each in self._codes)
+        return [min(left, key=self._promises_m.__getitem__)]
 
     def _learn(self, codes: list[int], scores: list[float]) -> None:
         self._learn_observed(codes, scores, [None] * len(codes))
@@ -156,6 +158,7 @@ class TrimSearch(Optimizer):
             self._failed.add(code)
         if drift is None:
             return
+        self._promises_m.clear()
         self._walked[code] = course_trim_rad, turn_trim_rad_s
         self._belief.observe(
             TrimmedWalk(
@@ -169,6 +172,7 @@ class TrimSearch(Optimizer):
     def _forget(self) -> None:
         leg, gaits = self.space.failed_legs[0], self.space.size
         self._belief = self.belief(leg, gaits, self._samples, turns=self._turns)
+        self._promises_m: dict[int, float] = {}  # of all codes, until a walk teaches
         self._walks: list[list[Any]] = []
         self._walked: dict[int, tuple[float, float]] = {}  # the last trim of each code
         self._failed: set[int] = set()

@@ -241,9 +241,3 @@ def test_durations_are_not_reported_as_speeds(monkeypatch: pytest.MonkeyPatch) -
     words = said("dynamixel", "xl430-w250", state, monkeypatch)
     assert "degrees/s" not in words
     assert "set its profile register 108 from 300 ms to 0" in words
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_at_least_twelve_states_of_each_family(family: tuple[str, str]) -> None:
-    assert len(FAMILIES[family]) >= 12
-    assert len({state.name for state in FAMILIES[family]}) == len(FAMILIES[family])

@@ -157,19 +157,6 @@ def test_a_move_behind_lost_answers_has_the_time_of_a_joint_that_missed_the_move
     assert time_of_next_move_s() == 0.02, "a dead servo is no line that loses packets"
 
 
-def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
-    bus, board, _ = _bus()
-    _servo(board, 4).limits = (311, 331)
-    bus.settings(bus.find())
-    bus.hold(stance_counts(MAP), EVERY)
-    goals = stance_counts(MAP)
-    goals[4] = 381
-    bus.write_goals(goals)
-    assert _within(lambda: _positions(bus)[4] == 331)
-    assert bus.poll_all()[4].error == "goal beyond the limits 311 to 331 stored in the servo"
-    assert _servo(board, 4).holds
-
-
 def _bus_with_a_joint_at(counts: int) -> tuple[Lx16aBus, BusBoard, FloatArray]:
     """A bus whose fourth joint was moved by hand beyond the limits 311 to 331, and where its joints are."""
     bus, board, _ = _bus()

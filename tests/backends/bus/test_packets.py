@@ -157,14 +157,6 @@ def test_answers_are_found_however_they_are_cut(kind: str, data: st.DataObject, 
     assert stream.garbled == 0
 
 
-@every_format
-@given(garbage=st.binary(max_size=60), parameters=st.binary(min_size=2, max_size=4))
-def test_an_answer_behind_garbage_is_found(kind: str, garbage: bytes, parameters: bytes) -> None:
-    stream = PacketStream(FORMATS[kind])
-    found = stream.feed(garbage + FORMATS[kind].status(7, 28, parameters)) + stream.finish()
-    assert StatusPacket(7, 28, parameters) in found or len(found) > 0
-
-
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_damaged_answers_are_no_answers(protocol: int) -> None:
     """A byte that is wrong is noticed, but for one in 256 sums of protocol 1.0 that fits by chance."""
@@ -306,18 +298,6 @@ def test_answers_of_other_sizes_are_not_waited_for_and_not_taken(servo: LateServ
     servo.pass_time(LATE_S - TIMEOUT_S)
     assert _read(line, 30, size=2, tries=1) in (b"\x64\x02", None), "never the one byte"
     assert _read(line, 30, size=2) == b"\x64\x02"
-
-
-def test_servos_that_begin_to_answer_late_are_heard_again(servo: LateServoLine) -> None:
-    line = PacketLine(servo, PROTOCOLS[1], timeout_s=TIMEOUT_S)
-    for _ in range(80):
-        assert _read(line, 11) == b"\x03"
-    servo.delays_s = [0.04] * 12
-    heard = []
-    for _ in range(12):
-        heard.append(_read(line, 11, tries=1))
-        servo.pass_time(0.08)  # what comes late comes between two questions
-    assert b"\x03" in heard[:8]
 
 
 def test_missing_servos_are_not_waited_for_much_longer_than_the_others_take(servo: LateServoLine) -> None:

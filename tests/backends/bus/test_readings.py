@@ -105,15 +105,6 @@ def test_one_temperature_that_is_wrong_makes_no_servo_hot() -> None:
     assert first.servos(0.1).temperatures_c[4] == 41
 
 
-def test_every_joint_has_an_age_of_its_own() -> None:
-    readings = _new()
-    for at_s in (-0.5, 0.0):  # the first is not believed
-        readings.take([_report(1.0 + at_s, 100, joint=0), _report(1.5 + at_s, 100, joint=7)])
-    ages = readings.servos(2.0).ages_s
-    assert (ages[0], ages[7]) == (1.0, 0.5)
-    assert np.isinf(ages[1])
-
-
 NONE = np.zeros(18, dtype=bool)
 
 

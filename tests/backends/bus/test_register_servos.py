@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.backends.bus.packets import PROTOCOLS, READ
+from hexctl.backends.bus.packets import PROTOCOLS
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.register_servo import RegisterServo
 from hexctl.backends.bus.registers import table_of
@@ -21,10 +21,6 @@ def _bus_on(line: BoardLine, bus_map: BusMap) -> RegisterBus:
     bus = bus_of(bus_map, line, BusCounters())
     assert isinstance(bus, RegisterBus)
     return bus
-
-
-def _bus(bus_map: BusMap, *faults: str) -> RegisterBus:
-    return _bus_on(BoardLine(bus_map, *faults), bus_map)
 
 
 @pytest.mark.parametrize(("driver", "model"), MODELS)
@@ -79,25 +75,6 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
     assert {report.place: report.error for report in bus.poll_all()}[4] == ""
 
 
-def test_an_adapter_that_echoes_is_noticed() -> None:
-    for model in ("sts3215", "scs0009"):
-        bus = _bus(a_map("feetech", model), "echo")
-        assert bus.find().all()
-        assert len(bus.poll_all()) == 18
-        assert bus.servos[0].model_number() == a_map("feetech", model).models[0].number
-
-
-def test_garbled_answers_are_counted_and_never_believed() -> None:
-    bus_map = a_map()
-    bus = _bus(bus_map, "garble:0.2")
-    bus.find()
-    for _ in range(60):
-        for report in bus.poll():
-            assert report.position == stance_counts(bus_map)[report.place]
-    assert bus._counters.missed > 20
-    assert bus._counters.garbled > 20
-
-
 def _servo(driver: str, model: str, *faults: str) -> tuple[RegisterServo, BusServo]:
     """Servo with id 5, from the controller's side and as it is."""
     bus_map, line = a_map(driver, model), BoardLine(a_map(driver, model), *faults)
@@ -138,18 +115,6 @@ def test_a_damaged_line_is_asked_again() -> None:
         assert servo.change(servo.table.goal, value) in ("", "no answer")
         assert servo.value(servo.table.goal) in (value, None)
     assert 2000 <= real.number(servo.table.goal) < 2040
-
-
-def test_a_late_answer_is_not_taken_for_another() -> None:
-    """An answer says nothing of its question: that of the one before would pass for it."""
-    servo, _ = _servo("dynamixel", "xl430-w250")
-    table, packets = servo.table, servo._packets
-    assert table.mode is not None
-    for register, number in ((table.flags, 0), (table.shutdown, 36), (table.servo_id, 5)):
-        mode = packets.packets.place(table.mode.address, 1)
-        packets.tell(5, READ, mode)  # whose answer, 3, nobody waits for
-        packets.line.discard = lambda: False  # type: ignore[method-assign]  # it comes after that
-        assert servo.sure(register) == number
 
 
 def test_a_setting_behind_a_lock_goes_with_the_power() -> None:

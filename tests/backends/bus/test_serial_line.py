@@ -12,7 +12,6 @@ import pytest
 
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.errors import RobotFaultError
-from tests.many_files import many_open_files
 
 HOLDS = """
 import serial, sys
@@ -119,25 +118,6 @@ def test_an_answer_behind_a_damaged_echo_of_its_request_is_missed_and_the_next_o
     line.write(REQUEST)
     other.send(other.take(len(REQUEST)) + ANSWER)
     assert _heard(line) == ANSWER
-
-
-def test_a_line_in_a_program_with_many_open_files() -> None:
-    master, slave = pty.openpty()
-    with many_open_files():
-        line = SerialLine(os.ttyname(slave), 1_000_000)
-        assert line._descriptor > 1023
-        line.write(REQUEST)
-        assert os.read(master, 4096) == REQUEST
-        assert line.read(time.monotonic()) == b""
-        os.write(master, ANSWER)
-        assert line.read(time.monotonic() + 10.0) == ANSWER
-        with pytest.raises(TimeoutError, match="takes no bytes"):
-            line.write(bytes(1 << 20))
-        os.close(slave)
-        os.close(master)
-        with pytest.raises(OSError, match=r"closed|error"):
-            line.read(time.monotonic() + 10.0)
-        line.close()
 
 
 def test_an_echo_that_was_damaged_when_it_was_learned_is_seen_at_the_second_try() -> None:

@@ -178,21 +178,6 @@ def test_a_servo_that_has_let_go_is_named_and_gets_no_goals_until_the_torque_was
         _until(servos, lambda _: servo.holds)
 
 
-def test_where_no_servo_answers_none_is_asked_for_its_torque(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each question that stays without an answer is waited for, and the next positions come as much later."""
-    with memory_bus(a_map()) as bus, servos_on(bus, a_map()) as servos:
-        _walks(servos, 0.3)
-        thread, asked = servos._thread, []
-        assert thread is not None
-        monkeypatch.setattr(thread._device, "torque", lambda *_, **__: not asked.append(1))  # type: ignore[func-returns-value]
-        _until(servos, lambda _: asked)
-        monkeypatch.setattr(thread._device, "poll", lambda _: [])
-        _walks(servos, 0.1)
-        before = len(asked)
-        _walks(servos, 0.3)
-        assert len(asked) == before
-
-
 def test_one_wrong_answer_about_the_torque_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     with memory_bus(a_map()) as bus, servos_on(bus, a_map()) as servos:
         _walks(servos, 0.3)
@@ -520,24 +505,6 @@ def test_a_servo_that_protects_itself_less_is_told(
         assert re.search(f"{told}.*: {NAME}", warning)
     else:
         assert warnings == []
-
-
-@pytest.mark.parametrize(
-    ("driver", "model"), [("dynamixel", "xl430-w250"), ("dynamixel", "ax12a"), ("feetech", "sts3215")]
-)
-def test_limits_that_an_earlier_program_left_are_told(driver: str, model: str) -> None:
-    """As `hexctl servos test` leaves them when it is killed."""
-    table, bus_map = table_of(model), a_map(driver, model)
-    assert table.soft_torque is not None
-    assert table.speed is not None
-    with memory_bus(bus_map) as bus:
-        servo = register_servo_of(bus.board, ODD)
-        servo.set(table.soft_torque, 0.4)
-        servo.set(table.speed, 60.0)
-        with servos_on(bus, bus_map) as servos:
-            said = "\n".join(servos.read().warnings)
-    assert re.search(f"torque is limited to 40 %.*: {NAME}", said)
-    assert re.search(f"speed is limited to 60 degrees/s: {NAME}", said)
 
 
 def test_an_overload_of_an_x_servo_is_told_with_its_reason_and_needs_a_restart() -> None:

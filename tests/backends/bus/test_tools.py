@@ -8,7 +8,7 @@ import pytest
 
 from hexctl.backends.bus.bus_options import BusAddress, BusOptions, IdentificationOptions, ScanOptions
 from hexctl.backends.bus.tools import adopt, id_differences, ids_around, joint_of, scan_bus, set_servo_id
-from hexctl.errors import InputError, RobotFaultError, WrongTypeError
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.simulators.register_servos import BusServo
@@ -255,10 +255,3 @@ def test_a_bus_that_cannot_be_is_refused(options: dict[str, Any], named: str, ro
     given = options if "robot" not in options or options["robot"] else {**options, "robot": robot}
     with pytest.raises(InputError, match=f"^{named}: "):
         BusOptions(**given).address()
-
-
-def test_wrong_types_and_an_output_beside_a_robot_are_refused(robot: str) -> None:
-    with pytest.raises(WrongTypeError, match="connect"):
-        BusOptions(connect=5)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"output.* robot"):
-        IdentificationOptions(robot=robot, output="x")

@@ -1,15 +1,8 @@
 """MAVLink client: conformance, states, faults of link and board, registry entry."""
 
-import itertools
-import json
 import math
-import os
 import random
 import signal
-import socket
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -33,7 +26,6 @@ from hexctl.testing.servo_conformance import LegServosConformance, check_state, 
 from hexctl.types import JointTargets, RobotState
 from tests.backends.fake_time import FakeTime
 from tests.backends.mavlink.boards import (
-    PATIENCE_S,
     MemoryPort,
     ScriptedBoard,
     board,
@@ -245,15 +237,6 @@ def test_torque_off_releases_and_closing_says_goodbye_and_moves_nothing(tmp_path
         assert len(board.overrides()) == 1
 
 
-def test_losses_and_noise_are_counted(tmp_path: Path) -> None:
-    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        board.sequence += 5
-        eventually(lambda: servos.counters.lost >= 5, board.port.time)
-        board.port.others["controller"].put(b"noise", None)
-        eventually(lambda: servos.counters.malformed >= 1, board.port.time)
-        assert next_state(servos).healthy
-
-
 def test_a_signed_link_works_both_ways(tmp_path: Path) -> None:
     key = bytes(range(32))
     with ScriptedBoard(signing_key=key) as board, servos_at(board, tmp_path, key=key) as servos:
@@ -420,48 +403,6 @@ def test_a_simulated_robot_measures_and_stops_its_controller_when_it_goes(pty: b
         report = running.end()
         assert report["overrides"] >= 150
         assert report["refused"] == report["malformed"] == 0
-
-
-@pytest.mark.realtime
-def test_a_walk_on_a_board_that_dies_ends_with_exit_code_3(tmp_path: Path) -> None:
-    file = fitting_file(tmp_path)
-    words = ["run", "--backend", "mavlink", "--duration", "60", "--no-record", "--json"]
-    with board("--robot", str(file)) as running:
-        walk = subprocess.Popen(
-            [sys.executable, "-m", "hexctl", *words, "--robot", str(file), "--connect", running.port],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env={**os.environ, "MUJOCO_GL": "disable"},
-        )
-        try:
-            await_commands(running.port)
-            running.process.kill()
-            out, err = walk.communicate(timeout=PATIENCE_S)
-        finally:
-            if walk.poll() is None:
-                walk.kill()
-                walk.communicate()
-    assert walk.returncode == 3, err.decode()
-    outcome = json.loads(out)
-    assert outcome["status"] == "aborted"
-    assert outcome["stopped"] in ("state", "pose lost", "expired")
-    assert outcome["servo_link"]["received"] > 0
-
-
-def await_commands(port: str) -> None:
-    """Wait until a board reports that it executes commands."""
-    _, host, number = port.split(":")
-    codec = Codec(254, 1)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as watcher:
-        watcher.connect((host, int(number)))
-        watcher.settimeout(0.5)
-        until_s = time.monotonic() + PATIENCE_S
-        for count in itertools.count():
-            assert time.monotonic() < until_s
-            watcher.send(codec.encode(mavlink_messages.controller_heartbeat(), count))
-            for frame in codec.decode(watcher.recv(2048), whole=True):
-                if frame.kind == "HEARTBEAT" and frame.message.system_status == mavlink_messages.ACTIVE:
-                    return
 
 
 # The entry of the registry.

@@ -23,12 +23,10 @@ from hexctl.backends.mavlink.mavlink_transport import (
     Port,
     PortAddress,
     SequenceCount,
-    UdpPort,
     open_port,
     parse_port,
 )
 from hexctl.errors import InputError, RobotFaultError
-from tests.many_files import many_open_files
 
 
 @pytest.mark.parametrize(
@@ -89,15 +87,6 @@ def test_a_sender_that_restarts_after_a_silence_is_received_immediately() -> Non
     assert count.lost == 0
 
 
-@given(st.lists(st.booleans(), min_size=1, max_size=600))
-def test_what_is_dropped_on_the_way_is_counted(arrives: list[bool]) -> None:
-    """Every loss before the last arrival, as long as fewer than 127 are lost in a row."""
-    kept = [index for index, there in enumerate(arrives) if there or index % 100 == 0]
-    count, accepted = follow(kept)
-    assert all(accepted)
-    assert count.lost == kept[-1] + 1 - len(kept)
-
-
 class SilentPort(Port):
     """Keeps what is sent, with the address."""
 
@@ -129,21 +118,6 @@ def test_a_flood_of_addresses_does_not_renumber_an_active_peer() -> None:
     port.sent.clear()
     link.send(heartbeat, 0)
     assert port.sent == [(0, 0)]  # forgotten long ago
-
-
-def test_a_port_in_a_program_with_many_open_files() -> None:
-    with many_open_files(), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
-        peer.bind(("127.0.0.1", 0))
-        port = UdpPort(PortAddress("udpout", "127.0.0.1", peer.getsockname()[1]))
-        assert port.receive(0.0) == []
-        port.send(b"here", None)
-        data, sender = peer.recvfrom(100)
-        peer.sendto(data, sender)
-        assert port.receive(10.0) == [(b"here", None)]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hostile:
-            hostile.sendto(b"elsewhere", sender)
-        assert port.receive(0.05) == [], "only its peer is heard"
-        port.close()
 
 
 def test_ports_that_cannot_be_opened_are_faults() -> None:

@@ -16,13 +16,10 @@ from hexctl.backends.pwm.pca9685 import (
     I2cBus,
     Pca9685,
     Pca9685Servos,
-    channel_bytes,
     open_i2c,
-    parse_i2c_place,
     prescale_of,
-    pulse_of,
 )
-from hexctl.errors import InputError, MissingExtraError, RobotFaultError
+from hexctl.errors import MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.testing.servo_conformance import LegServosConformance
@@ -36,9 +33,6 @@ from tests.robots import shipped
 
 #: A count at 50 Hz.
 COUNT_US = 122 / 25
-
-#: Freenove's outputs, of the legs LF, LM, LR, RR, RM, RF, and the legs of hexctl that they are.
-FREENOVE = [16, 17, 18, 19, 20, 21, 22, 23, 27, 9, 8, 31, 12, 11, 10, 15, 14, 13]
 
 
 def _servos(bus: I2cBus, pwm_map: PwmMap | None = None) -> Pca9685Servos:
@@ -109,15 +103,6 @@ def test_registers_are_what_other_drivers_take_them_for() -> None:
             assert (memory[0x00], memory[0x01], memory[0xFE]) == (0x20, 0x04, 121)
 
 
-@pytest.mark.parametrize("pulse_us", [500.0, 1000.0, 1499.9, 1500.0, 2500.0])
-def test_a_pulse_comes_back_from_its_registers(pulse_us: float) -> None:
-    assert pulse_of(channel_bytes(pulse_us, COUNT_US), COUNT_US) == pytest.approx(pulse_us, abs=COUNT_US / 2)
-    assert channel_bytes(float("nan"), COUNT_US) == bytes.fromhex("00000010")
-    assert np.isnan(pulse_of(bytes.fromhex("00000010"), COUNT_US))
-    assert np.isnan(pulse_of(bytes.fromhex("00100000"), COUNT_US)), "always on is no pulse"
-    assert channel_bytes(1500, COUNT_US).hex() == "00003301"  # 307
-
-
 @pytest.mark.parametrize(("oscillator_mhz", "prescale"), [(25.0, 121), (26.3, 127), (23.9, 116)])
 def test_pulses_are_right_with_an_oscillator_that_is_not(oscillator_mhz: float, prescale: int) -> None:
     assert prescale_of(oscillator_mhz) == prescale
@@ -165,23 +150,6 @@ def test_a_pose_is_one_message_for_each_board() -> None:
     written = [(address, data[0], len(data)) for address, data in sent]
     assert written[:2] == [(0x40, 6, 65), (0x41, 6, 9)]
     assert written == written[:2] * (len(written) // 2)
-
-
-def test_ids_and_addresses_are_those_of_a_freenove_kit() -> None:
-    names = [f"leg{leg}_{kind}" for leg in range(1, 7) for kind in ("coxa", "femur", "tibia")]
-    ids = {name: {"id": output} for name, output in zip(names, FREENOVE, strict=True)}
-    pwm_map = a_map("pca9685", addresses=[0x41, 0x40], **ids)
-    bus = ChipBus()
-    wanted = np.linspace(1200, 1800, 18)
-    with _servos(bus, pwm_map) as servos:
-        angles = pwm_map.angles_rad(wanted)
-        servos.write(JointTargets(angles, servos.clock.now_s))
-        servos.clock.time.sleep(5.0)
-        assert np.count_nonzero(bus.pulses_us()) == 18
-    for output, pulse_us in zip(FREENOVE, wanted, strict=True):
-        chip = bus.chips[0x41 if output < 16 else 0x40]
-        assert chip.pulses_us()[output % 16] == pytest.approx(pulse_us, abs=COUNT_US / 2 + 0.01)
-    assert not bus.chips[0x41].pulses_us()[:8].any()
 
 
 def test_legs_are_powered_one_after_the_other() -> None:
@@ -239,21 +207,6 @@ def test_a_board_that_lost_its_power_is_a_fault_until_the_torque_was_off() -> No
         _until(servos, lambda state: state.healthy, write=False)
         assert not bus.pulses_us().any()
         _power(servos, bus)
-
-
-def test_a_board_that_lost_its_power_while_its_cable_was_out_is_named_too() -> None:
-    bus = ChipBus()
-    with _servos(bus) as servos:
-        _power(servos, bus)
-        bus.fails = lambda address: address == 0x41
-        state = _until(servos, lambda state: not state.healthy)
-        assert "board at 0x41" in str(state.fault)
-        with bus.lock:
-            bus.chips[0x41].reset()
-        bus.fails = lambda _: False
-        _until(servos, lambda state: "has lost its settings" in str(state.fault))
-        assert servos.link_counts["reopened"] == 1
-        assert (bus.pulses_us()[:16] > 0).all(), "the other board goes on"
 
 
 def test_a_bus_that_comes_back_leaves_the_robot_standing() -> None:
@@ -329,21 +282,6 @@ def test_thousands_of_hostile_readings_neither_crash_nor_move_anything() -> None
     assert not bus.pulses_us().any()
 
 
-def test_hostile_readings_in_a_walk_end_in_a_fault() -> None:
-    dice, bus = random.Random(3), ChipBus()
-    with _servos(bus) as servos:
-        _power(servos, bus)
-        sent = bus.pulses_us()
-        bus.spoils = lambda _: dice.choice([dice.randrange(256), None, -5])
-        assert _until(servos, lambda state: not state.healthy).fault
-        np.testing.assert_array_equal(bus.pulses_us(), sent)
-        assert servos._thread is not None
-        assert servos._thread._thread.is_alive()
-        bus.spoils = lambda value: value
-        servos.disable_torque()
-        _until(servos, lambda state: state.healthy, write=False)
-
-
 def test_a_chip_that_is_no_pca9685_and_a_bus_without_boards_are_faults_in_one_line() -> None:
     class Deaf(ChipBus):
         def write_byte_data(self, address: int, register: int, value: int) -> None:
@@ -364,13 +302,6 @@ def test_a_bus_that_cannot_be_opened_is_a_fault(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "smbus2", None)
     with pytest.raises(MissingExtraError, match="i2c"):
         open_i2c("1")
-
-
-def test_a_place_is_a_bus() -> None:
-    assert parse_i2c_place("/dev/i2c-1") == "/dev/i2c-1"
-    for text in (None, "", "i2c", "1:400000"):
-        with pytest.raises(InputError, match="connect: "):
-            parse_i2c_place(text)
 
 
 def test_chips_do_what_the_data_sheet_says() -> None:

@@ -287,11 +287,6 @@ def test_a_board_that_falls_mute_is_a_fault_while_it_is(faults: tuple[str, ...])
             _until(servos, lambda state: state.healthy)
 
 
-def test_a_mute_board_is_a_fault_at_connect() -> None:
-    with memory_servo2040("mute") as running, pytest.raises(RobotFaultError, match="no servo2040 answers"):
-        servos_on(running).connect()
-
-
 @pytest.mark.parametrize("noise", [b"\x00\xff\xc7" * 50, b"\xc7\x19\x01\xff\xff\xff", b"\xc7" * 500])
 def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
     master, slave = os.openpty()

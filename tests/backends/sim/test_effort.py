@@ -39,17 +39,6 @@ class Metered(SimServos):
         self.work_j.append(np.sum(work, axis=0))
 
 
-def test_torques_are_the_mean_of_the_actuator_forces_over_a_period() -> None:
-    with Metered(shipped()) as servos:
-        for tick in range(25):
-            servos.write(JointTargets(servos.robot.stance_angles_rad + 0.01 * (tick % 3), 0.02 * tick))
-            servos.clock.tick()
-            torques_nm = servos.read().joint_torques_nm
-            assert torques_nm is not None
-            assert np.abs(torques_nm - servos.forces_nm[-1]).max() < 1e-12
-        assert np.abs(servos.forces_nm[-1]).max() > 0.1
-
-
 @pytest.mark.parametrize("name", ["ant", "phantomx"])
 def test_energy_is_the_work_of_mujocos_forces(name: str) -> None:
     with Metered(shipped(name)) as servos:

@@ -137,28 +137,6 @@ def test_offset_and_play_come_in_the_order_of_the_gear(given_rad: list[float]) -
         np.testing.assert_allclose(shafts[:, joint], expected, rtol=0, atol=1e-12)
 
 
-def test_a_jammed_joint_stays_where_it_is_whatever_lies_before_it() -> None:
-    stuck = Failure(leg=2, kind="stuck", joint="femur", angle_rad=0.4)
-    train = _train(stuck, offsets_rad=np.full(18, 0.02), servo_backlash_deg=1.0)
-    driven = _driven(train, _targets([0.5, -0.5, 0.2]))
-    assert driven[:, 4].tolist() == [0.4] * 3
-    moved = np.delete(np.abs(np.diff(driven, axis=0)).max(axis=0), 4)
-    assert (moved > 0).all()
-
-
-def test_copies_and_their_original_leave_one_another_alone() -> None:
-    """Each hears other targets than the rest, as gaits of one batch do."""
-    given_rad = np.random.default_rng(3).uniform(-1, 1, (4, 20))
-    targets = [_targets(row.tolist()) for row in given_rad]
-    walked, *others = (_train(servo_backlash_deg=4.0) for _ in range(5))
-    for train in (walked, *others):
-        _driven(train, _targets([0.4, -0.1, 0.3]))
-    together = _driven(walked.copies(3), np.stack(targets[:3], axis=1))
-    for index in range(3):
-        np.testing.assert_array_equal(together[:, index], _driven(others[index], targets[index]))
-    np.testing.assert_array_equal(_driven(walked, targets[3]), _driven(others[3], targets[3]))
-
-
 def _joints_after(world: World, targets_rad: Sequence[FloatArray]) -> FloatArray:
     """The true joint angles one tick after each target, (T, 18)."""
     joints = []
@@ -230,15 +208,6 @@ def test_play_of_the_robot_file_counts_where_the_world_has_none() -> None:
     drawn = make_simulation(loose, World(servo_backlash_deg=(0.5, 0.0, 1.0))).play_rad
     expected = np.where(np.arange(18) % 3 == 1, loose.play_rad, np.tile(np.radians([0.5, 0, 1.0]), 6))
     np.testing.assert_allclose(drawn, expected)
-
-
-def test_a_robot_with_play_in_its_joints_does_not_follow_small_targets() -> None:
-    stood = _joints_after(World(), [STANCE] * 6)
-    small = _joints_after(World(servo_backlash_deg=2.0), [STANCE + math.radians(0.9)] * 6)
-    np.testing.assert_array_equal(small, stood)
-    large = _joints_after(World(servo_backlash_deg=2.0), [STANCE + math.radians(1.5)] * 6)
-    half_behind = _joints_after(World(), [STANCE + math.radians(0.5)] * 6)
-    np.testing.assert_allclose(large, half_behind, rtol=0, atol=1e-9)
 
 
 @given(losses=st.lists(st.booleans(), min_size=1, max_size=30))
@@ -339,31 +308,3 @@ def test_a_batch_with_everything_loose_equals_its_single_trials(
         assert made.to_dict() == alone.to_dict()
         assert np.array_equal(made.path_m, alone.path_m)
         assert len(made.path_m) == 30
-
-
-@cache
-def _path(world: World) -> FloatArray:
-    plan = TrialPlan(gait=make_gait(shipped(), "demo"), duration_s=0.2)
-    return run_sim_trial(SimTrial(robot=shipped(), plan=plan, failure=None, world=world)).path_m
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "key",
-    [
-        "servo_delay_s",
-        "servo_backlash_deg",
-        "friction_cone",
-        "time_step_s",
-        "added_mass_share",
-        "joint_stiffness",
-        "joint_friction_nm",
-        "tibia_error",
-        "friction_ratio",
-        "state_latency_s",
-        "lost_commands",
-    ],
-)
-def test_each_of_them_makes_a_difference_to_the_walk(key: str) -> None:
-    without = LOOSE.model_copy(update={key: getattr(World(), key)})
-    assert not np.array_equal(_path(LOOSE), _path(without))

@@ -14,7 +14,6 @@ from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import BROKEN_KINDS, Failure, FailureEvent, drawn_failure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.robot.loader import load_robot
-from hexctl.testing.servo_conformance import move
 from hexctl.types import JOINT_KINDS, FloatArray, JointTargets, leg_slice
 from tests.robots import edited_file, put, shipped
 from tests.trials import walk
@@ -76,17 +75,6 @@ def test_a_stuck_joint_stays_at_its_angle_under_load_while_its_leg_moves(kind: s
     assert np.abs(angles[:, joint] - np.degrees(angle_rad)).max() < 2
     moving = [other for other in range(JOINTS.start, JOINTS.stop) if other != joint]
     assert (np.ptp(angles[:, moving], axis=0) > 5).all()
-
-
-@pytest.mark.parametrize("torque_nm", [-4.0, 4.0])
-def test_a_stuck_joint_stays_where_a_servo_would_have_to_give_way(torque_nm: float) -> None:
-    """4 N m is more than any servo of the robot makes."""
-    joint = JOINTS.start
-    failure = Failure(leg=LEG, kind="stuck", joint="coxa", angle_rad=float(np.radians(10)))
-    with SimServos(shipped(), failure=failure) as servos:
-        servos.compiled.physics.data.qfrc_applied[6 + joint] = torque_nm
-        move(servos, servos.robot.stance_angles_rad, ticks=50)
-        assert np.degrees(servos.read().joint_positions_rad[joint]) == pytest.approx(10, abs=2)
 
 
 @pytest.mark.slow

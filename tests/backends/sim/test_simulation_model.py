@@ -59,15 +59,6 @@ def test_the_trunk_has_its_centre_of_mass_and_inertia() -> None:
     np.testing.assert_allclose(sorted(oracle.body_inertia[1]), sorted(INERTIA))
 
 
-def test_a_centre_of_mass_alone_moves_the_mass_of_the_shape() -> None:
-    robot = _with(body=replace(shipped().body, com_m=COM_M))
-    plain = _trunk(make_simulation(shipped(), STILL).physics, robot)
-    moved = _trunk(make_simulation(robot, STILL).physics, robot)
-    assert moved[0] == plain[0]
-    np.testing.assert_allclose(moved[1], COM_M)
-    np.testing.assert_allclose(moved[2], plain[2], atol=1e-15)
-
-
 def test_the_links_have_their_centres_of_mass() -> None:
     coms = np.array([[0.02, 0.005], [0.03, -0.002], [0.04, 0.01]])
     robot = _with(link_coms_m=coms)
@@ -241,20 +232,3 @@ def test_a_robot_slides_across_the_grain_and_not_along_it() -> None:
         slipped.append(float(np.linalg.norm((after - before)[:2])))
     assert slipped[0] > 0.3
     assert slipped[1] < 0.05
-
-
-def test_a_pair_of_equal_frictions_is_the_contact_that_it_replaces() -> None:
-    """What a pair does not inherit from the floor would show here."""
-    plain = make_simulation(shipped(), World()).physics
-    with_pairs = make_simulation(shipped(), World(friction_ratio=1 + 1e-12)).physics
-    for physics in (plain, with_pairs):
-        physics.step(200)
-    assert with_pairs.model.npair == 6
-    assert with_pairs.data.ncon == plain.data.ncon
-    np.testing.assert_allclose(with_pairs.data.qpos, plain.data.qpos, atol=1e-9)
-
-
-def test_a_missing_leg_touches_no_grain_either() -> None:
-    world = World(friction_ratio=1.5)
-    model = make_simulation(shipped(), world, Failure(leg=3, kind="missing")).physics.model
-    assert model.npair == 5

@@ -12,16 +12,11 @@ from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH, make_simulation
 from hexctl.backends.sim.world import World, load_world, with_step, without_step
-from hexctl.control.guard import Guard
-from hexctl.control.trial import run_trial
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.robot.rotations import yaw_rad
 from hexctl.testing.servo_conformance import move
 from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.robots import shipped
-from tests.trials import gait_of
 
 
 def _written(text: str, folder: Path) -> Path:
@@ -201,20 +196,6 @@ def test_the_floor_gives_way_as_slowly_as_the_world_says() -> None:
         assert model.geom_solref[model.name2id(name, "geom")].tolist() == [0.035, 1.0]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("key", ["contact_time_s", "servo_stiffness", "servo_strength"])
-def test_a_softer_world_lets_the_robot_down(key: str) -> None:
-    worlds = {
-        "contact_time_s": (0.005, 0.02, 0.08),
-        "servo_stiffness": (4.0, 1.0, 0.5),
-        "servo_strength": (1.0, 0.3, 0.02),
-    }
-    name = "pexod" if key == "servo_strength" else "ant"
-    hard, plain, soft = (_stood(World.model_validate({key: value}), name=name)[2] for value in worlds[key])
-    assert hard >= plain > soft
-    assert hard > soft + (0.05 if key == "servo_strength" else 0.0)
-
-
 @pytest.mark.parametrize("time_step_s", [0.0005, 0.005])
 def test_a_tick_is_twenty_milliseconds_whatever_the_step_of_the_physics(time_step_s: float) -> None:
     with SimServos(shipped(), world=World(time_step_s=time_step_s)) as servos:
@@ -296,23 +277,6 @@ def test_on_a_slope_a_robot_turns_about_the_floors_normal(facing_rad: float, uph
     np.testing.assert_allclose(turned[:, 2], normal, atol=1e-12)
     forward = math.cos(facing_rad) * straight[:, 0] + math.sin(facing_rad) * straight[:, 1]
     np.testing.assert_allclose(turned[:, 0], forward, atol=1e-12)
-
-
-@cache
-def _walked(facing_rad: float, heading_rad: float) -> TrialResult:
-    plan = TrialPlan(gait=gait_of(shipped(), "tripod"), heading_rad=heading_rad, duration_s=2.5)
-    with SimServos(shipped(), facing_rad=facing_rad) as servos:
-        return run_trial(Guard(servos), plan, soft_stop=False)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("facing_rad", "heading_rad"), [(-2.5, 0.6)])
-def test_a_walk_does_not_depend_on_where_the_robot_faces(facing_rad: float, heading_rad: float) -> None:
-    straight, turned = (_walked(facing, heading_rad) for facing in (0.0, facing_rad))
-    assert turned.turned_rad == 0.0
-    np.testing.assert_allclose(turned.path_m, straight.path_m, atol=0.005)
-    assert turned.distance_m is not None
-    assert turned.distance_m > 0.1
 
 
 #: A value of every quantity that is not the flat world's.

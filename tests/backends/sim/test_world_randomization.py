@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hexctl.backends.sim.distribution import Distribution
-from hexctl.backends.sim.simulation_model import make_simulation
 from hexctl.backends.sim.world import (
     MAX_MEMBERS,
     DomainRandomization,
@@ -21,7 +20,6 @@ from hexctl.backends.sim.world import (
 from hexctl.errors import InputError
 from hexctl.study.priors.prior_options import WORLDS_PER_LEG
 from hexctl.types import JOINT_KINDS, FloatArray
-from tests.robots import ROBOT_NAMES, shipped
 
 FAMILIES = ("randomised", "transfer", "real")
 
@@ -89,16 +87,6 @@ def test_members_lie_within_their_ranges(first: int) -> None:
             assert (values <= spread.high + room).all()
 
 
-def test_a_normal_range_holds_nineteen_of_twenty_and_parts_are_spread_one_by_one() -> None:
-    offsets = np.abs(_values(family().members(0, 256), "joint_offset_deg"))
-    assert (offsets <= 1.8).mean() == pytest.approx(0.9545, abs=0.01)
-    assert offsets.std() == pytest.approx(np.sqrt(0.9**2 - offsets.mean() ** 2), rel=0.05)
-    for key, parts in (("joint_offset_deg", 18), ("body_mass_shift_m", 3)):
-        values = _values(family().members(0, 256), key)
-        assert values.shape == (256, parts)
-        assert np.abs(np.corrcoef(values.T) - np.eye(parts)).max() < 0.3
-
-
 @pytest.mark.slow
 @given(block=st.integers(0, MAX_MEMBERS // 16 - 1))
 def test_each_sixteen_members_are_spread_evenly(block: int) -> None:
@@ -140,22 +128,6 @@ def test_a_kind_comes_before_a_range(tmp_path: Path) -> None:
     first, icy, third = load_randomization(_written(text, tmp_path)).members(0, 3)
     assert icy.friction == 0.05
     assert min(first.friction, third.friction) >= 0.4
-
-
-def test_a_family_without_kinds_has_one(tmp_path: Path) -> None:
-    small = load_randomization(_written(SMALL, tmp_path))
-    assert [kind.name for kind in small.kinds] == ["plain"]
-    (world,) = small.members(3, 1)
-    assert world == World(friction=world.friction)
-
-
-@pytest.mark.parametrize("scale", ["even", "log", "normal"])
-@given(shares=st.lists(st.floats(0, 1), min_size=2, max_size=20))
-def test_a_greater_share_lies_below_a_greater_value(scale: str, shares: list[float]) -> None:
-    spread = Distribution.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
-    values = spread.at(np.sort(shares))
-    assert np.isfinite(values).all()
-    assert (np.diff(values) >= 0).all()
 
 
 @pytest.mark.parametrize(
@@ -307,12 +279,3 @@ def test_a_prior_is_tried_on_wider_ranges_and_other_kinds_than_it_was_built_from
     for kind in others:
         assert not built.ranges.keys() & kind.world.keys(), "no range makes such a world"
         assert World.model_validate(kind.world) != World()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("robot", ROBOT_NAMES)
-def test_every_shipped_robot_can_be_as_light_and_as_heavy_as_any_family_has_it(robot: str) -> None:
-    ends = [family(name).ranges["added_mass_share"] for name in FAMILIES]
-    for share in (min(each.low for each in ends), max(each.high for each in ends)):
-        model = make_simulation(shipped(robot), World(added_mass_share=share)).physics.model
-        assert model.body_mass.sum() == pytest.approx((1 + share) * shipped(robot).mass_kg)

@@ -24,7 +24,7 @@ from hexctl.control.assessment.walk_quality import (
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.trace import TrialFrame
 from hexctl.types import FloatArray
-from tests.control.assessment.scores import UPRIGHT, along, scored
+from tests.control.assessment.loads import UPRIGHT, along, scored
 from tests.robots import shipped
 from tests.trials import gait_of
 

@@ -9,6 +9,7 @@ import pytest
 
 from hexctl import InputError, JointTargets, RobotState
 from hexctl.backends.mock import MockServos
+from hexctl.cli.main import exit_code
 from hexctl.control.calibration import calibrate
 from hexctl.robot.configs import read_mapping
 from hexctl.robot.loader import load_robot_file
@@ -80,7 +81,10 @@ def _holding(board: BusBoard) -> bool:
 
 
 @pytest.mark.parametrize("driver", ["servo2040", "pca9685"])
-def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(driver: str, tmp_path: Path) -> None:
+def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
+    driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the command, whose questions the watcher answers."""
     mounted: dict[str, Any] = {"tibia": {"offset_deg": 40}, "leg1_coxa": {"id": 7}, "leg3_femur": {"id": 0}}
     true = {**mounted, "leg1_coxa": {"id": 7, "sign": -1, "offset_deg": 12}}
     true_map = pwm_map_of(ServosSection.model_validate(true), driver)
@@ -96,8 +100,9 @@ def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(driver: str, tmp_
 
         # A PCA9685 makes pulses in steps of half a degree.
         watcher = Watcher(true_deg, good_deg=0.5, patience=9, upper=["20", "ok"], lower=["ok"])
-        result = calibrate(file, watcher, joints="leg1_coxa")
-    assert result.saved == ["leg1_coxa"]
+        monkeypatch.setattr("hexctl.cli.prompts.CalibrationPrompt", lambda: watcher)
+        assert exit_code(["calibrate", str(file), "--joints", "leg1_coxa"]) == 0
+    assert f"saved leg1_coxa in {file}" in capsys.readouterr().err
     assert any("output 7" in line for line in watcher.screen)
     kept = read_mapping(file)["servos"]
     found = kept.pop("leg1_coxa")

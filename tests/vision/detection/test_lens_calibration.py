@@ -88,15 +88,6 @@ def test_a_damaged_file_is_refused_by_key(tmp_path: Path, changes: dict[str, obj
         load_lens(path)
 
 
-def test_pixels_are_those_of_opencv() -> None:
-    import cv2
-
-    lens = MODELS["plumb_bob"]
-    points = np.random.default_rng(0).uniform([-1, -0.5, 1.5], [1, 0.5, 4], (20, 3))
-    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), lens.matrix, lens.distortion)[0]
-    assert np.allclose(lens.pixels(points), expected.reshape(-1, 2))
-
-
 LENSES = {
     "webcam": Lens(
         width_px=960, height_px=540, matrix=np.array([[720.0, 0, 489], [0, 716, 262], [0, 0, 1]]),

@@ -79,15 +79,6 @@ KINDS = pytest.mark.parametrize("kind", [TWIST, TWIST_STAMPED])
 
 
 @KINDS
-def test_a_velocity_is_forward_left_and_turn_and_finite(kind: str) -> None:
-    wanted = np.array([0.1, -0.05, 0.3])
-    np.testing.assert_array_equal(decode_velocity(kind, twist(kind, wanted)), wanted)
-    for bad in (np.nan, np.inf, -np.inf):
-        with pytest.raises(MessageError, match="finite"):
-            decode_velocity(kind, twist(kind, np.array([0.0, 0.0, bad])))
-
-
-@KINDS
 def test_spoiled_messages_are_refused_or_finite(kind: str) -> None:
     chance, good, refused = random.Random(kind), twist(kind, np.array([0.1, 0.0, 0.0])), 0
     for _ in range(3000):

@@ -1,10 +1,14 @@
-"""What trials bring to steered walks, replayed on made-up landscapes."""
+"""The benchmarks: rows and bars, what trials bring to steered walks, and what stops a robot."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks.causes import DEFECTS, cause_rows
+from benchmarks.check import make_legs_solid
+from benchmarks.rows import Bar, Count, Row
+from benchmarks.scale import QUICK
 from benchmarks.search_gain import (
     AFTER,
     END_POINTS,
@@ -13,7 +17,6 @@ from benchmarks.search_gain import (
     OPEN_LOOP_PRIOR,
     OpenLoop,
     fast_lines,
-    lines_of,
     losses,
     open_loop_lines,
     regrets,
@@ -26,13 +29,16 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import drift_samples_of
+from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, load_randomization
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.trial_result import Deviation
+from hexctl.robot.model import Robot
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_score_prior
 from tests.adapt.walking import result_of
+from tests.control.assessment.loads import moved_together
 from tests.robots import shipped
 from tests.study.made_up import made_up_in
 
@@ -90,11 +96,6 @@ def test_a_prior_that_knows_the_gaits_is_ahead_of_chance_and_of_a_shuffled_one(
     assert [runs for runs, _ in searches(prior, shipped(), 5).values()] == [1, 5, 5]
 
 
-def test_the_table_has_a_line_for_each_search() -> None:
-    lines = lines_of({"bayes": np.array([[0.1, 0.02], [0.3, 0.0]])})
-    assert lines[-1] == "| bayes | 20.0 ± 10.0 (30.0) | 1.0 ± 1.0 (2.0) |"
-
-
 def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
     known = drift_samples_of(load_prior(shipped_priors() / OPEN_LOOP_PRIOR), shipped(), 5)
     one = OpenLoop(number=1, world=World(), leg=5, search=OPEN_LOOP["trim"](known, range(1, 121)))
@@ -116,3 +117,59 @@ def test_fast_walks_are_compared_world_by_world() -> None:
     lines = fast_lines(usual, fast)
     assert lines[0] == "speed over the usual: 1.50 ± 0.00"
     assert lines[2].startswith("fast: 0 of 6 not ok, 3.0 clipped")
+
+
+def test_a_row_without_a_value_does_not_clear_its_bar() -> None:
+    assert Row("x", None, "gaits", Bar(low=1)).as_json()["holds"] is False
+
+
+def test_the_verdict_is_of_the_value_before_rounding() -> None:
+    row = Row("x", 1.250004, "ratio", Bar(high=1.25))
+    assert row.as_json()["value"] == 1.25
+    assert row.holds is False
+
+
+@pytest.mark.parametrize(
+    ("count", "interval"),
+    [
+        (Count(31, 35), (0.740, 0.955)),
+        (Count(0, 20), (0.0, 0.161)),
+        (Count(20, 20), (0.839, 1.0)),
+        (Count(0, 0), (0.0, 1.0)),
+    ],
+)
+def test_intervals_hold_without_a_failure_and_without_a_robot(
+    count: Count, interval: tuple[float, float]
+) -> None:
+    assert count.interval == pytest.approx(interval, abs=0.001)
+
+
+def legs_in_contact(robot: Robot, *, solid: bool) -> int:
+    """Contacts between two legs of a robot in its stance, after one control period."""
+    with SimServos(robot) as servos:
+        if solid:
+            make_legs_solid(servos)
+        servos.clock.tick()
+        servos.read()
+        physics = servos.compiled.physics
+        names = [
+            [physics.model.id2name(geom, "geom") for geom in (contact.geom1, contact.geom2)]
+            for contact in physics.data.contact
+        ]
+    return sum(all("/leg" in name for name in pair) for pair in names)
+
+
+def test_solid_legs_touch_where_others_pass_through() -> None:
+    crowded = moved_together(0.05)
+    assert legs_in_contact(crowded, solid=False) == 0
+    assert legs_in_contact(crowded, solid=True) > 0
+    assert legs_in_contact(moved_together(1.0), solid=True) == 0
+
+
+@pytest.mark.slow
+def test_the_defect_of_a_robot_is_found() -> None:
+    rows = {row.name: row for row in cause_rows(replace(QUICK, walk_s=15.0))}
+    assert rows.keys() == {f"check.causes.{defect}" for defect in DEFECTS}
+    for row in rows.values():
+        assert row.value == 1.0, row.note
+        assert "1 of 1 named" in row.note
