@@ -133,8 +133,11 @@ class JointStiffness:
         if not math.isfinite(np.add.reduce(samples, axis=None)):
             self._shaft_rad = None
             return
-        ready = self._walked >= FIRST_CYCLES
-        self._walked = self._walked + self._cycles
+        repeats = motion.repeats(BLOCK_TICKS)[..., np.newaxis]
+        ready = repeats & (self._walked >= FIRST_CYCLES)
+        # The coefficients are those of a motion: another one is learned from its beginning.
+        self._walked = np.where(repeats, self._walked, 0.0) + self._cycles
+        self._teaches = self._teaches | ~repeats
         slow = np.maximum(self._cycles / USUAL_CYCLES, self._cycles / self._walked)
         torque, rest = samples[..., _TORQUE, :], self._rest(samples)
         size = np.abs(torque)
@@ -145,7 +148,7 @@ class JointStiffness:
         solves = self._blocks % SOLVE_BLOCKS == 0
         if solves:
             self._solve()
-        self._known = self._known & np.repeat(watched, JOINTS_PER_LEG, axis=-1)
+        self._known = self._known & repeats & np.repeat(watched, JOINTS_PER_LEG, axis=-1)
         if solves:
             self._compare_legs()
         if ready.any():

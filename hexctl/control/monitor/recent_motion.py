@@ -13,8 +13,11 @@ from hexctl.types import JOINT_KINDS, N_JOINTS, ArrayFields, BoolArray, FloatArr
 #: Default and maximum window, in cycles, that separates still joints from moving ones.
 STILL_CYCLES, MOST_STILL_CYCLES = 0.25, 1.5
 
-#: Minimum ticks of the memory.
-LEAST_ROWS = 40
+#: Minimum ticks of the memory, besides a cycle.
+MORE_ROWS = 40
+
+#: Motions of targets are alike if their mean squared difference is below this share of the targets' variance.
+ALIKE = 0.25
 
 #: Latest part of that window that shows missing power, in cycles.
 POWER_CYCLES = 0.125
@@ -65,7 +68,8 @@ class RecentMotion:
 
     def __init__(self, shape: tuple[int, ...], cycles: FloatArray) -> None:
         self._cycle_ticks = 1 / cycles
-        rows = max(LEAST_ROWS, math.ceil(MOST_STILL_CYCLES * self._cycle_ticks.max()))
+        longest = self._cycle_ticks.max()
+        rows = math.ceil(max(MORE_ROWS + longest, MOST_STILL_CYCLES * longest))
         self._rows: FloatArray = np.full((3, rows, *shape, N_JOINTS), np.nan)
         self._row = 0
 
@@ -89,6 +93,20 @@ class RecentMotion:
         if first >= 0:
             return self._rows[:, first : self._row + 1]
         return None if ticks > count else self._rows[:, np.arange(first, self._row + 1)]
+
+    def repeats(self, ticks: int) -> BoolArray:
+        """Whether the targets of the last ticks are about those of one cycle earlier, leading shape.
+
+        False before that.
+        """
+        targets, count = self._rows[1], self._rows.shape[1]
+        newest = self._row - 1 - np.arange(ticks)
+        cycle = np.rint(self._cycle_ticks).astype(int)
+        rows = (np.expand_dims(newest, tuple(range(1, cycle.ndim + 1))) - cycle) % count
+        earlier = np.take_along_axis(targets, rows[..., np.newaxis], axis=0)
+        changes = ((targets[newest % count] - earlier) ** 2).mean(axis=(0, -1))
+        same: BoolArray = changes <= ALIKE * targets.var(axis=0).mean(axis=-1)
+        return same
 
     def of_leg(self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES) -> LegMotion:
         """Motion of a leg, 1..6, of one robot of a batch, in the last cycles, up to `MOST_STILL_CYCLES`."""

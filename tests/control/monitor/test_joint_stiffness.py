@@ -12,15 +12,23 @@ LIMITS_NM, STIFFNESS = np.full(18, 2.0), 20.0
 
 
 def _walk(
-    joint: int, share: float, weakens: int = WEAKENS, limit_nm: float = 2.0, shape: tuple[int, ...] = ()
+    joint: int,
+    share: float,
+    weakens: int = WEAKENS,
+    limit_nm: float = 2.0,
+    shape: tuple[int, ...] = (),
+    turns: int = WALKED,
 ) -> list[tuple[int, int, float]]:
-    """Joints found weak: tick, joint and share of the first robot; others of a batch stay intact."""
+    """Joints found weak: tick, joint and share of the first robot; others of a batch stay intact.
+
+    Joints move backwards from the tick `turns` on.
+    """
     random, joints = np.random.default_rng(2), (*shape, 18)
     motion = RecentMotion(shape, np.full(shape, 1 / TICKS_PER_CYCLE))
     stiffness = JointStiffness(shape, np.full(shape, 1 / TICKS_PER_CYCLE), LIMITS_NM)
     phases, sent, found = random.uniform(0, 6, 18), np.zeros((4, 18)), []
     for tick in range(WALKED):
-        cycle = 2 * np.pi * tick / TICKS_PER_CYCLE + phases
+        cycle = 2 * np.pi * (turns - abs(tick - turns)) / TICKS_PER_CYCLE + phases
         load_nm = 0.5 * (np.sin(cycle + 1) + 0.5 * np.sin(3 * cycle)) ** 3
         shares: FloatArray = np.ones(joints)
         shares[(*[0] * len(shape), joint)] = share if tick >= weakens else 1.0
@@ -57,6 +65,10 @@ def test_joints_that_differ_by_less_than_servos_do_are_left_alone() -> None:
 def test_servos_at_their_limits_are_not_weak() -> None:
     """Overloaded, the distance from the target grows with no torque to show for it."""
     assert not _walk(4, 1.0, limit_nm=0.2)
+
+
+def test_another_motion_is_learned_before_it_is_judged() -> None:
+    assert not _walk(3, 0.5, turns=WEAKENS)
 
 
 def test_a_robot_of_a_batch_is_judged_as_alone() -> None:
