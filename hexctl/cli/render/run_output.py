@@ -51,7 +51,7 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
         return [f"next: {clearing}"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
     may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST
-    ignored = outcome.get("noticed") and outcome.get("options", {}).get("policy") == "walk-on"
+    ignored = _failed_legs_noticed(outcome) and outcome.get("options", {}).get("policy") == "walk-on"
     if ignored or (outcome["status"] == "aborted" and _stopped_for_a_leg(outcome)):
         return ["next: the same with --policy glide, which continues without the leg"]
     if may_walk and outcome["gait"]["name"] != AUTO and _is_slow(outcome):
@@ -74,9 +74,13 @@ def _misses_its_line(outcome: dict[str, Any]) -> bool:
     return outcome["status"] == "ok" and straight and off_m is not None and abs(off_m) > MISSED_M
 
 
+def _failed_legs_noticed(outcome: dict[str, Any]) -> list[dict[str, Any]]:
+    return [each for each in outcome.get("noticed", ()) if each["kind"] != "weak"]
+
+
 def _stopped_for_a_leg(outcome: dict[str, Any]) -> bool:
     """Whether the policy `stop` ended a walk for legs without which a robot can walk."""
-    noticed = [each for each in outcome.get("noticed", ()) if each["kind"] != "weak"]
+    noticed = _failed_legs_noticed(outcome)
     failed = {each["leg"] for each in noticed} | {outcome["failed_leg"], *outcome.get("further_failures", ())}
     return bool(noticed) and noticed[-1]["did"] == "stopped" and len(failed - {None}) <= MOST_LOST
 
