@@ -1,7 +1,4 @@
-"""Drive a simulated robot with a gamepad: hold a shoulder button, push the left stick; start ends it.
-
-Run it with `python examples/gamepad.py /dev/input/event5`. `hexctl drive` knows more kinds of gamepads.
-"""
+"""Drive a simulated robot with a gamepad: hold a shoulder button, push the left stick; start ends it."""
 
 import os
 import struct
@@ -13,7 +10,7 @@ EVENT = struct.Struct("llHHi")  # seconds, microseconds, type, code, value: see 
 KEY, AXIS = 1, 3
 STICK_X, STICK_Y, SHOULDER, START = (AXIS, 0), (AXIS, 1), (KEY, 310), (KEY, 315)
 
-if len(sys.argv) == 1:
+if len(sys.argv) != 2:
     raise SystemExit("usage: python examples/gamepad.py /dev/input/eventN; ls /dev/input/by-id names them")
 pad = os.open(sys.argv[1], os.O_RDONLY | os.O_NONBLOCK)
 values = dict.fromkeys((STICK_X, STICK_Y, SHOULDER, START), 0)

@@ -1,7 +1,7 @@
 """Adaptation: find a gait for a failed leg, in a session that is stored trial by trial.
 
     result = hexctl.adapt(failed_leg=5, budget=20)
-    print(result.best.slots, result.best.score)
+    print(result.session.best_walk.slots, result.session.best_walk.score)
 
 `Adaptation` does the same with separate parts: a spec from `new_spec`, a custom robot, a resumed session.
 """
@@ -320,8 +320,8 @@ def adapt(
 ) -> AdaptationResult:
     """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.
 
-        found = hexctl.adapt(failed_leg=5, budget=4, duration_s=5)
-        print(found.best.code, found.best.score)
+        walk = hexctl.adapt(failed_leg=5, budget=4, duration_s=5).session.best_walk
+        print(walk.slots, walk.score)
 
     Args:
         failed_leg: 1..6, counter-clockwise from the front: short for `failure="5:locked"`.

@@ -35,7 +35,7 @@ class AdaptationResult:
 
     @property
     def best(self) -> TrialRecord | None:
-        """The valid trial with the lowest score, None without a valid trial."""
+        """The valid trial with the lowest score; None without one, as when a usual gait meets the target."""
         return self.session.best
 
     @property

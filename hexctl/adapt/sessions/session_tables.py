@@ -25,7 +25,6 @@ LAST_COLUMNS = (
     "trim_deg",
     "turn_trim_deg_s",
     "margin_m",
-    *STRIDE,
 )
 
 #: Fields of `SessionSpec` that come last in an exported row.
@@ -57,12 +56,12 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         expected = values.pop("expected") or {}
         values |= {f"expected_{name}": expected.get(name) for name in EXPECTED}
         values["slots"] = " ".join(str(slot) for slot in trial.slots)
-        values |= values.pop("stride") or dict.fromkeys(STRIDE)
+        stride = values.pop("stride") or dict.fromkeys(STRIDE)
         values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
         head = {"session": session.name, "optimizer": spec["optimizer"], "failed_leg": spec["failed_leg"]}
         asked = {name: spec[name] for name in ASKED_COLUMNS}
         later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
-        rows.append({**head, "seed": spec["seed"], **values, **later, **baseline, **last, **asked})
+        rows.append({**head, "seed": spec["seed"], **values, **later, **baseline, **last, **asked, **stride})
     return rows
 
 
