@@ -320,7 +320,7 @@ def adapt(
 ) -> AdaptationResult:
     """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.
 
-        found = hexctl.adapt(failed_leg=5, budget=4, duration_s=5)
+        found = hexctl.adapt(failed_leg=5, budget=4, duration_s=5, baseline=False)
         print(found.best.code, found.best.score)
 
     Args:
