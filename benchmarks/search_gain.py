@@ -1,8 +1,8 @@
 """Gain of a search over its trials: in speed of steered walks, in distance from the line in open loop.
 
 Speed: all gaits walk once in held-out worlds, and searches are replayed on these walks. Each search can
-therefore be judged after any number of trials. `python -m benchmarks.search_gain` prints the table `speed` of
-the results; with `--save` it writes it, too.
+therefore be judged after any number of trials. `python -m benchmarks.search_gain` prints by how much the best
+gait of each search is slower than the fastest one.
 
 Open loop: searches walk in held-out worlds, one locked leg in each, legs in turn, with 1 cm of noise on the
 path. `python -m benchmarks.search_gain open-loop transfer 8110 30 trim` prints the figures of one search of
@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.results import put, results
 from hexctl.adapt.arena import body_heading_rad
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer, Trim
@@ -64,14 +63,6 @@ AFTER = (0, 1, 2, 3, 5, 10)
 
 #: Runs of searches that draw random numbers.
 RUNS = 100
-
-#: Searches, and their rows in the table `speed` of the results.
-SAVED_AS = {
-    "bayes": "bayes",
-    "order of the prior": "ranking",
-    "random": "random",
-    "bayes, codes of the prior shuffled": "shuffled",
-}
 
 #: Kept points, five a second, over whose mean the way of a walk is taken for the regret: with position noise
 #: of a centimetre the last one alone would make the luckiest gait the best.
@@ -353,7 +344,7 @@ def fast_lines(usual: Sequence[TrialResult], fast: Sequence[TrialResult]) -> lis
     return lines
 
 
-def main(folder: Path = FOLDER, *, save: bool = False) -> None:
+def main(folder: Path = FOLDER) -> None:
     """Walk the gaits that the cache lacks, and print the table."""
     if sys.argv[1:2] == ["open-loop"]:
         family, first, worlds, name = sys.argv[2:6]
@@ -370,20 +361,7 @@ def main(folder: Path = FOLDER, *, save: bool = False) -> None:
     landscapes = Work(cache=WalkCache(folder)).evaluate(asked)
     rows = table(load_score_prior(shipped_priors() / PRIOR), landscapes)
     sys.stdout.write("\n".join([*lines_of(rows), ""]))
-    if save:
-        put(figures_of(rows))
-
-
-def figures_of(rows: Mapping[str, FloatArray]) -> dict[str, str]:
-    """Mean regrets in percent by their keys in the file of results."""
-    columns = results()["speed"]["columns"]
-    return {
-        f"speed.{row}.t{count}": _mean(100 * values)
-        for name, row in SAVED_AS.items()
-        for count, values in zip(AFTER, rows[name].T, strict=True)
-        if f"t{count}" in columns
-    }
 
 
 if __name__ == "__main__":
-    main(save="--save" in sys.argv)
+    main()
