@@ -103,10 +103,10 @@ def test_a_value_however_large_is_shown_in_one_short_line() -> None:
 
 
 def test_what_must_be_called_can_be() -> None:
-    check_callable(len, "on_trial", "a function")
-    check_callable(None, "on_trial", "a function")
-    with pytest.raises(WrongTypeError, match=r"^on_trial: got 3 \(int\); allowed: a function$"):
-        check_callable(3, "on_trial", "a function")
+    check_callable(len, "on_stored", "a function")
+    check_callable(None, "on_stored", "a function")
+    with pytest.raises(WrongTypeError, match=r"^on_stored: got 3 \(int\); allowed: a function$"):
+        check_callable(3, "on_stored", "a function")
 
 
 def test_a_message_is_one_printable_line_whatever_its_values_hold() -> None:

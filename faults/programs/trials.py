@@ -13,6 +13,9 @@ from faults.programs.controller import Lines, say
 from faults.programs.twin import jump_clock
 from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.measurement import Answer
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import Walk
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.errors import HexctlError
 
 #: How long placing the robot takes, and how long it walks.
@@ -58,11 +61,16 @@ def main(endpoint: str, robot: str, folder: str) -> None:
             record=False,
             folder=Path(folder),
             note=lambda _: None,
-            on_trial=lambda _, trial: say(f"stored {trial.index}"),
+            on_stored=_say_stored,
         )
         say("done")
     except HexctlError as error:
         say(f"ended: {type(error).__name__}: {error}")
+
+
+def _say_stored(_: Session, walk: Walk) -> None:
+    if isinstance(walk, TrialRecord):
+        say(f"stored {walk.index}")
 
 
 if __name__ == "__main__":
