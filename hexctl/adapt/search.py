@@ -67,9 +67,14 @@ def new_spec(
     spec, setting = _in_its_setting(spec, options.body_raise)
     if options.uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
-    if spec.optimizer == STRIDES:
-        return spec
     prior = None if options.prior is None else str(options.prior)
+    if spec.optimizer == STRIDES:
+        if prior not in (None, "none"):
+            raise InputError(
+                f"{argument('prior')}: got {prior} with {argument('optimizer')} {STRIDES}; allowed: none, or "
+                f"{argument('optimizer')} {BAYES}"
+            )
+        return spec
     return choose_prior(
         spec, setting, prior, free=free, folders=prior_folders(folder), note=note, advice=advice
     )
@@ -294,7 +299,7 @@ def check_parts(
             f"servos: got some with {argument('backend')} sim; allowed: with the name of their class"
         )
     if optimizer is not None:
-        _check_name("optimizer", name_of(optimizer), spec.optimizer, [BAYES, TRIM, *OPTIMIZERS])
+        _check_name("optimizer", name_of(optimizer), spec.optimizer, [BAYES, STRIDES, TRIM, *OPTIMIZERS])
     if objective is not None:
         _check_name("objective", as_objective(objective).name, spec.objective, OBJECTIVES)
 

@@ -69,7 +69,7 @@ class AdaptLoop:
             objective: by default the one in its spec.
             stable_slots: of the gait `auto`, if the baseline has it.
             repeats_exactly: whether a second walk would end as the first one.
-            walk_finely: walks at the time step `CONFIRM_STEP_S`; None if all walks do, and on a real robot.
+            walk_finely: walks at the time step `CONFIRM_STEP_S`; None on a real robot.
         """
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
@@ -175,14 +175,11 @@ class AdaptLoop:
         if optimizer.judges_target or target_m is None:
             return False
         if optimizer.trims:
-            walks: list[TrialRecord | BaselineRecord] = [*session.trials]
-            if self._repeats_exactly:
-                walks += session.baseline
-            return any(walk.score <= target_m and self._is_confirmed(walk) for walk in walks)
+            return any(trial.score <= target_m and self._is_confirmed(trial) for trial in session.trials)
         return session.best is not None and session.best.score <= target_m
 
-    def _is_confirmed(self, walk: TrialRecord | BaselineRecord) -> bool:
-        return self._repeats_exactly or (isinstance(walk, TrialRecord) and walk.confirms)
+    def _is_confirmed(self, trial: TrialRecord) -> bool:
+        return self._repeats_exactly or trial.confirms
 
     def _to_confirm(self) -> TrialRecord | None:
         """The last trial, if it was trimmed to within the target and has to repeat that."""

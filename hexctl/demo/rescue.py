@@ -151,7 +151,7 @@ def demo(
             return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
         if on_walk is not None:
             on_walk(walks[-1])
-    drawing = _Drawing(walks, into)
+    drawing = _Drawing(walks, into, stop_requested)
     drawing.start()
     try:
         adaptation = Adaptation(spec, folder=folder, note=note).run(
@@ -161,8 +161,8 @@ def demo(
         )
     except NotBegunError:
         return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
-    if not stop_requested():
-        drawing.join()
+    finally:
+        drawing.join()  # a thread that draws while Python ends crashes it
     return DemoResult(
         event=EVENT, world=WORLD, folder=into, adaptation=adaptation, **_named(walks), **drawing.drawn
     )
@@ -212,20 +212,33 @@ def _named(walks: list[RunResult]) -> dict[str, Any]:
     return dict(zip(("walked_on", "recovered"), walks, strict=False))
 
 
+class _StoppedError(Exception):
+    """The picture is not needed any more."""
+
+
 class _Drawing(threading.Thread):
     """Draws both walks as a race during the search; `drawn` is then a field of the result."""
 
-    def __init__(self, walks: Sequence[RunResult], into: Path) -> None:
+    def __init__(self, walks: Sequence[RunResult], into: Path, stop_requested: StopRequested) -> None:
         super().__init__(name="race", daemon=True)
+        self._stop_requested = stop_requested
         self._recordings = [walk.recording for walk in walks if walk.recording is not None]
         self._path = into / "rescue.gif"
         self.drawn: dict[str, Any] = {}
 
     def run(self) -> None:
         try:
-            self.drawn = {"picture": export(*self._recordings, output=self._path, **PICTURE)}
+            path = export(*self._recordings, output=self._path, on_progress=self._go_on, **PICTURE)
+        except _StoppedError:
+            return
         except HexctlError as error:
             self.drawn = {"no_picture": str(error)}
+        else:
+            self.drawn = {"picture": path}
+
+    def _go_on(self, _done: int, _total: int) -> None:
+        if self._stop_requested():
+            raise _StoppedError
 
 
 def _remove_empty(folder: Path) -> None:

@@ -81,7 +81,7 @@ def _name(trial: RecordedTrial) -> str:
     """The recovery comes first: lists of recordings cut long names."""
     told = trial.properties
     parts = [str(part) for part in (told.get("title", trial.path.stem), told.get("world")) if part]
-    reactions = {one["did"] for one in trial.noticed}
+    reactions = {one["did"] for one in trial.noticed if one["kind"] != "weak"}
     if not reactions:
         return ", ".join(parts)
     return f"{'no recovery' if reactions == {'walked on'} else 'recovered'}: {', '.join(parts)}"

@@ -54,7 +54,7 @@ from hexctl.robot.failure_grammar import (
 from hexctl.robot.model import Robot
 
 #: Options that cannot be combined with `fast`.
-FAST_CHOOSES = ("pace_hz", "amplitude", "swing_share", "turn_rate_rad_s")
+FAST_CHOOSES = ("pace_hz", "amplitude", "swing_share", "turn_rate_rad_s", "then")
 
 
 def _shift(text: str) -> tuple[float, float]:
@@ -216,7 +216,10 @@ class RunSpec(RecordedOptions, WalkOptions):
         steps["fast"] = self.fast or None
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
             if value is not None:
-                raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
+                raise InputError(
+                    f"{argument(name)} cannot be combined with a Gait, or with a session that has searched "
+                    "strides; allowed: with a name, a code or slots"
+                )
         if self.turn_trim_rad_s is not None and self.hold != "none":
             raise UnusedError(
                 f"{argument('turn_trim_rad_s')} requires hold none; got hold {self.hold}",
@@ -255,9 +258,8 @@ class RunSpec(RecordedOptions, WalkOptions):
     def _check_fast(self) -> None:
         """Raise UnusedError for options that `fast` chooses or excludes."""
         for name in FAST_CHOOSES if self.fast else ():
-            if (value := getattr(self, name)) is not None:
-                allowed = f"allowed: without {argument('fast')}"
-                raise UnusedError(f"{argument(name)}: got {value:g}; {allowed}", field=name)
+            if getattr(self, name):
+                raise UnusedError(f"{argument(name)} cannot be combined with {argument('fast')}", field=name)
 
 
 def _option_of(event: FailureEvent) -> str:

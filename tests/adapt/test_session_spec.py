@@ -19,6 +19,7 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, LAST_COLUMNS, flat_rows
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
 from hexctl.cli.main import exit_code
+from hexctl.control.assessment.top_speed import STRIDE
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
@@ -182,9 +183,9 @@ def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns() -
     assert [row["index"] for row in rows] == [1, 2]
     columns = list(rows[0])
     assert columns == list(without[0])
-    asked = list(ASKED_COLUMNS)
+    asked = [*ASKED_COLUMNS, *STRIDE]
     assert columns[-len(asked) :] == asked
-    assert [rows[0][name] for name in asked] == ["ant", "flat", "locked", 30.0, None]
+    assert [rows[0][name] for name in asked] == ["ant", "flat", "locked", 30.0, None, *[None] * len(STRIDE)]
     assert columns.index("cause") == len(columns) - 13 - len(LAST_COLUMNS) - len(asked)
     assert all(row["baseline_tripod_status"] == "no_progress" for row in rows)
     assert all(row["baseline_tripod_score"] is None for row in rows)

@@ -1,6 +1,7 @@
 """The demo: a walk without recovery, one with it, a search, and the picture of both walks."""
 
 import json
+import threading
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import pytest
 
 from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.demo import rescue
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
@@ -74,6 +76,10 @@ def test_a_stop_leaves_what_was_walked_before_it(tmp_path: Path, monkeypatch: An
     assert again.walked_on is not None
     assert (again.recovered, again.adaptation, len(again.recordings)) == (None, None, 1)
     assert again.folder != result.folder, "nothing is replaced"
+    begun: list[Session] = []
+    searching = rescue.demo(folder=tmp_path, on_begin=begun.append, stop_requested=lambda: bool(begun))
+    assert searching.picture is None
+    assert "race" not in {thread.name for thread in threading.enumerate()}
 
 
 def test_what_cannot_be_is_refused_before_anything_walks(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ class JointPath(ArrayFields):
         by_speed_hz = float((robot.joint_max_speed_rad_s / turning_rad).min())
         against_nm = robot.dry_friction_nm + self.torques_nm * np.sign(self.changes_rad)
         left_nm = robot.joint_max_torque_nm - against_nm
-        if left_nm.min() <= 0:
+        if left_nm.min() <= 0 or (np.abs(self.torques_nm) >= robot.joint_max_torque_nm).any():
             return 0.0
         lost_nm_s = robot.back_emf_nm_s_per_rad * turning_rad
         by_torque_hz = np.divide(left_nm, lost_nm_s, out=np.full_like(left_nm, np.inf), where=lost_nm_s > 0)

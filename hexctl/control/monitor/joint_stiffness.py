@@ -98,7 +98,7 @@ class JointStiffness:
         self._cycles = np.broadcast_to(BLOCK_TICKS * np.asarray(cycles)[..., np.newaxis], joints)
         self._limits_nm = limits_nm
         self._walked: FloatArray = np.zeros(joints)
-        self._shaft_rad: FloatArray | None = None
+        self._shaft_rad: FloatArray = np.full(joints, np.nan)
         self._moments: FloatArray = np.zeros((*joints, _ROWS, _ROWS))
         self._coefficients: FloatArray = np.zeros((*joints, _ROWS - 1))
         self._variance, self._error2, self._no_cycles = np.ones(joints), np.ones(joints), np.zeros(joints)
@@ -130,10 +130,11 @@ class JointStiffness:
             return
         samples = self._samples(rows, age_ticks)
         # A sum is finite only if every term is.
-        if not math.isfinite(np.add.reduce(samples, axis=None)):
-            self._shaft_rad = None
-            return
-        repeats = motion.repeats(BLOCK_TICKS)[..., np.newaxis]
+        finite = np.isfinite(np.add.reduce(samples, axis=(-3, -2, -1)))[..., np.newaxis]
+        if not finite.all():
+            samples = np.where(finite[..., np.newaxis, np.newaxis], samples, 0.0)
+            self._shaft_rad = np.where(finite, self._shaft_rad, np.nan)
+        repeats = finite & motion.repeats(BLOCK_TICKS)[..., np.newaxis]
         ready = repeats & (self._walked >= FIRST_CYCLES)
         # The coefficients are those of a motion: another one is learned from its beginning.
         self._walked = np.where(repeats, self._walked, 0.0) + self._cycles
@@ -178,7 +179,7 @@ class JointStiffness:
         """Shafts that follow targets, (ticks,) + leading shape + (18,), with play."""
         low, high = targets_rad - HALF_PLAY_RAD, targets_rad + HALF_PLAY_RAD
         shafts_rad: FloatArray = np.empty((BLOCK_TICKS + 1, *targets_rad.shape[1:]))
-        shafts_rad[0] = shaft_rad = targets_rad[0] if self._shaft_rad is None else self._shaft_rad
+        shafts_rad[0] = shaft_rad = np.where(np.isnan(self._shaft_rad), targets_rad[0], self._shaft_rad)
         # In every other tick, and then in those between.
         for tick in range(2, BLOCK_TICKS + 1, 2):
             least_rad = np.maximum(shaft_rad, low[tick - 1])

@@ -80,7 +80,7 @@ class Suspicion:
     """A suspected failure of a leg at a step; the angle of a stuck joint is the one measured.
 
     Attributes:
-        evidence: one of `EVIDENCE`; those in `UNTOLD` do not show how the leg failed.
+        evidence: one of `EVIDENCE`, or `STIFFNESS`; those in `UNTOLD` do not show how the leg failed.
         ratio: evidence over its threshold, above 1.
         error: standard deviation of the torque fraction of a weak joint; None for other kinds.
     """
