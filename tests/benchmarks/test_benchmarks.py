@@ -112,7 +112,8 @@ def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
 
 
 def test_fast_walks_are_compared_world_by_world() -> None:
-    usual = [replace(result_of(0.01), distance_m=way_m) for way_m in (1.0, 1.0, 2.0, 2.0, 2.0, 2.0)]
+    walked = replace(result_of(0.01), true_deviation=result_of(0.01).deviation)
+    usual = [replace(walked, distance_m=way_m) for way_m in (1.0, 1.0, 2.0, 2.0, 2.0, 2.0)]
     fast = [replace(one, distance_m=1.5 * (one.distance_m or 0.0), clipped_ticks=3) for one in usual]
     lines = fast_lines(usual, fast)
     assert lines[0] == "speed over the usual: 1.50 ± 0.00"

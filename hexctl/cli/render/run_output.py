@@ -54,7 +54,7 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
     ignored = _failed_legs_noticed(outcome) and outcome.get("options", {}).get("policy") == "walk-on"
     if ignored or (outcome["status"] == "aborted" and _stopped_for_a_leg(outcome)):
         return ["next: the same with --policy glide, which continues without the leg"]
-    if may_walk and outcome["gait"]["name"] != AUTO and _is_slow(outcome):
+    if may_walk and "gait" not in outcome.get("options", {}) and _is_slow(outcome):
         return [f"next: the same with --gait {AUTO}, the most stable gait for the other legs"]
     if may_walk and _misses_its_line(outcome):
         return [
