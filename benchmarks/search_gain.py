@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.adapt.arena import body_heading_rad
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer, Trim
 from hexctl.adapt.optimizers.baselines import RandomSearch
@@ -41,6 +40,7 @@ from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
+from hexctl.control.walks.turning import body_heading_rad
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
@@ -287,7 +287,7 @@ def walk_open_loop(
         leg = 1 + number % N_LEGS
         noise = member.sensor_noise.model_copy(update={"position_m": POSITION_NOISE_M})
         plan = TrialPlan(gait=make_gait(robot, "demo"), belief=Failure(leg=leg))
-        heading_rad, space = body_heading_rad(plan, robot), GaitSpace((leg,))
+        heading_rad, space = body_heading_rad(robot, plan), GaitSpace((leg,))
         ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
         search = OPEN_LOOP[name](
             drift_samples_of(prior, robot, leg), [space.code_of(slots) for slots in ranked]

@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.control.trace import Trace
 from hexctl.control.trial import LOOK_TICKS, ShouldStop
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.walks.turning import turn_needed_rad
+from hexctl.control.walks.turning import body_heading_rad
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
@@ -98,11 +98,6 @@ def check_radius(radius_m: float, *, ideal_m: float, least_m: float) -> str | No
     return None
 
 
-def body_heading_rad(plan: TrialPlan, robot: Robot) -> float:
-    """Direction of travel in the body frame after the self-rotation of a plan."""
-    return plan.heading_rad - turn_needed_rad(robot, plan)
-
-
 def aimed(
     plan: TrialPlan, robot: Robot, state: RobotState, arena: Arena, *, outward: bool = False
 ) -> TrialPlan:
@@ -113,7 +108,7 @@ def aimed(
     if state.base_position_world is None or state.base_quaternion_world is None:
         raise RobotFaultError("the robot no longer knows where it is")
     yaw = float(yaw_rad(state.base_quaternion_world))
-    body_rad = body_heading_rad(plan, robot)
+    body_rad = body_heading_rad(robot, plan)
     as_it_stands_rad = yaw + body_rad
     away_rad = math.pi if outward else 0.0
     aim_rad = arena.aim_rad(state.base_position_world, as_it_stands_rad - away_rad) + away_rad
@@ -123,7 +118,7 @@ def aimed(
 
 def as_placed(plan: TrialPlan, robot: Robot) -> TrialPlan:
     """Plan for a robot that an operator has placed in its direction after the self-rotation."""
-    return replace(plan, heading_rad=body_heading_rad(plan, robot), turn_rad=0.0)
+    return replace(plan, heading_rad=body_heading_rad(robot, plan), turn_rad=0.0)
 
 
 #: Why a walk was cut short: at the edge of its arena, or without a known position.

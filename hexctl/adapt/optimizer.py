@@ -26,12 +26,12 @@ TRIM_DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Trim:
-    """What a trial changes of a walk besides its code.
+    """Changes that a trial makes to the walk of a gait.
 
     Attributes:
         course_rad: correction of its course, counter-clockwise.
         turn_rad_s: in open loop, correction of its turn rate.
-        stride: in place of the robot's; None keeps that.
+        stride: replaces the robot's; None keeps it.
     """
 
     course_rad: float = 0.0

@@ -29,7 +29,7 @@ from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.recording.live import LiveView
 from hexctl.recording.recording import Recording
-from hexctl.robot.failure import NoticedFailure, in_words
+from hexctl.robot.failure import NoticedFailure, in_words, loses_leg
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 from hexctl.waiting import StopRequested, never
@@ -254,7 +254,7 @@ def without_count(result: TrialResult) -> TrialResult:
 
 def noticed_legs(result: TrialResult) -> list[NoticedFailure]:
     """Noticed failures of legs that did not heal, by leg; a weak joint is none."""
-    last = {one.failure.leg: one for one in result.noticed if one.failure.kind != "weak"}
+    last = {one.failure.leg: one for one in result.noticed if loses_leg(one.failure.kind)}
     return [last[leg] for leg in sorted(last) if not last[leg].healed]
 
 

@@ -12,7 +12,7 @@ from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer, name_of
-from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, NAMES, STRIDES, TRIM
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
 from hexctl.adapt.prior.prior_files import prior_folders
 from hexctl.adapt.sessions.search_session import Session
@@ -299,7 +299,7 @@ def check_parts(
             f"servos: got some with {argument('backend')} sim; allowed: with the name of their class"
         )
     if optimizer is not None:
-        _check_name("optimizer", name_of(optimizer), spec.optimizer, [BAYES, STRIDES, TRIM, *OPTIMIZERS])
+        _check_name("optimizer", name_of(optimizer), spec.optimizer, NAMES)
     if objective is not None:
         _check_name("objective", as_objective(objective).name, spec.objective, OBJECTIVES)
 

@@ -73,9 +73,9 @@ def _backends() -> Iterable[str]:
 
 
 def _optimizers() -> Iterable[str]:
-    from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
+    from hexctl.adapt.optimizers.shipped import NAMES
 
-    return [BAYES, STRIDES, TRIM, *OPTIMIZERS]
+    return NAMES
 
 
 def _objectives() -> Iterable[str]:

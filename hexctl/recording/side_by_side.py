@@ -18,6 +18,7 @@ from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import disconnect, flush, load_rerun, save_stream
 from hexctl.recording.rrd_reader import rerun_chunks
+from hexctl.robot.failure import loses_leg
 
 #: Differs from that of trials: a viewer keeps one layout per application.
 SIDE_BY_SIDE_ID = "hexctl side by side"
@@ -81,7 +82,7 @@ def _name(trial: RecordedTrial) -> str:
     """The recovery comes first: lists of recordings cut long names."""
     told = trial.properties
     parts = [str(part) for part in (told.get("title", trial.path.stem), told.get("world")) if part]
-    reactions = {one["did"] for one in trial.noticed if one["kind"] != "weak"}
+    reactions = {one["did"] for one in trial.noticed if loses_leg(one["kind"])}
     if not reactions:
         return ", ".join(parts)
     return f"{'no recovery' if reactions == {'walked on'} else 'recovered'}: {', '.join(parts)}"

@@ -279,6 +279,12 @@ def _require(holds: bool, what: str, got: object, allowed: str) -> None:
 #: Standard deviation of the angle of a jammed joint of an unknown failure, about its stance angle.
 JAM_SPREAD_RAD = math.radians(20.0)
 
+
+def loses_leg(kind: str) -> bool:
+    """Whether a leg with a failure of a kind does not carry; a weak one is used as before."""
+    return kind != "weak"
+
+
 #: Range of the remaining torque of a weak leg of an unknown failure.
 WEAK_SHARES = (0.05, 0.6)
 

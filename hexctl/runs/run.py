@@ -31,7 +31,7 @@ from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.trial_plan import AUTO_ROTATION, TrialPlan
 from hexctl.control.trial_result import TrialResult
-from hexctl.control.walks.turning import check_plan, turn_needed_rad
+from hexctl.control.walks.turning import body_heading_rad, check_plan
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble, write_trouble
 from hexctl.gait.gait import DEFAULT_GAIT
@@ -334,7 +334,7 @@ class Run:
 
 def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:
     """The plan with its heading in the body, and with the tolerance of a self-rotation to either side."""
-    heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
+    heading_rad = body_heading_rad(robot, plan)
     return [replace(plan, heading_rad=heading_rad + off_rad) for off_rad in (0.0, -MISS_RAD, MISS_RAD)]
 
 

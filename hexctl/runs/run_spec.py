@@ -26,7 +26,7 @@ from hexctl.control.trial_plan import (
     suited_rotation,
 )
 from hexctl.control.walk_options import WalkOptions
-from hexctl.control.walks.turning import turn_needed_rad
+from hexctl.control.walks.turning import body_heading_rad
 from hexctl.errors import InputError, UnusedError, argument
 from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import (
@@ -321,13 +321,13 @@ def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
 
 
 def _fast(spec: RunSpec, robot: Robot, plan: TrialPlan) -> Gait:
-    heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
+    heading_rad = body_heading_rad(robot, plan)
     gaits = fast_gaits(
         robot, plan.gait, heading_rad=heading_rad, lost=plan.failed_legs, reorder=spec.gait == AUTO
     )
     if not gaits:
         raise InputError(
-            f"{argument('fast')}: got it, and the servos of {robot.name} do not carry this gait at any pace; "
+            f"{argument('fast')}: the servos of {robot.name} do not carry this gait at any pace; "
             "allowed: without; hexctl check says which joint is too weak"
         )
     return gaits[0]

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed, body_heading_rad, check_radius
+from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed, check_radius
 from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.trial_plan import SELF_ROTATIONS, TrialPlan
-from hexctl.control.walks.turning import turn_needed_rad
+from hexctl.control.walks.turning import body_heading_rad, turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
@@ -121,7 +121,7 @@ def test_the_walk_leads_through_home_and_is_the_same_seen_from_the_body(
     plan, state = plan_of(self_rotation, leg), standing(x, y, yaw_rad)
     turned = aimed(plan, ROBOT, state, ARENA, outward=outward)
     seen_from_body = turned.motion(turn_needed_rad(ROBOT, turned)).heading_rad
-    assert apart_deg(seen_from_body, body_heading_rad(plan, ROBOT)) < 1e-6
+    assert apart_deg(seen_from_body, body_heading_rad(ROBOT, plan)) < 1e-6
     assert abs(turn_needed_rad(ROBOT, turned)) <= math.pi + 1e-9
     if math.hypot(x - 0.5, y + 0.2) > 0.06:
         home_rad = math.atan2(-0.2 - y, 0.5 - x) + (math.pi if outward else 0.0)
@@ -149,7 +149,7 @@ def test_a_robot_that_was_put_down_does_not_turn(self_rotation: str) -> None:
     plan = plan_of(self_rotation)
     placed = as_placed(plan, ROBOT)
     assert turn_needed_rad(ROBOT, placed) == 0
-    assert apart_deg(placed.motion(0.0).heading_rad, body_heading_rad(plan, ROBOT)) < 1e-6
+    assert apart_deg(placed.motion(0.0).heading_rad, body_heading_rad(ROBOT, plan)) < 1e-6
 
 
 def test_a_robot_that_lost_its_pose_cannot_aim() -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, NAMES, OPTIMIZERS, STRIDES, TRIM
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.plugins import load_named
@@ -57,7 +57,7 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
     raise InputError(
         f"{argument('optimizer')}: got {name!r}; allowed: {BAYES} (with a prior), {', '.join(OPTIMIZERS)}, "
         f"{TRIM} and {STRIDES} (with hexctl adapt), "
-        f"or package.module:Class for your own Optimizer{nearest(name, (BAYES, *OPTIMIZERS, STRIDES, TRIM))}"
+        f"or package.module:Class for your own Optimizer{nearest(name, NAMES)}"
     )
 
 

@@ -45,3 +45,6 @@ STRIDES = "strides"
 
 #: Needs walks that hold their heading and a robot whose gaits are ranked, so that it is made there too.
 TRIM = "trim"
+
+#: Names of all optimizers that come with hexctl.
+NAMES = (BAYES, STRIDES, TRIM, *OPTIMIZERS)

@@ -1,8 +1,7 @@
 """Which walk of a session to recommend, and which ends to confirm by a walk at a finer time step first.
 
 The end of a walk is that of its confirmation, else its own, each with its own uncertainty. A repeat confirms
-a trimmed trial. Walks of the
-baseline need no search.
+a trimmed trial. Walks of the baseline need no search.
 """
 
 import math

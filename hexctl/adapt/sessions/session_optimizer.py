@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.adapt.arena import body_heading_rad
 from hexctl.adapt.optimizer import Optimizer, OptimizerClass
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
@@ -22,6 +21,7 @@ from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
 from hexctl.control.assessment.static_stability import slots_by_stability
 from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.walks.turning import body_heading_rad
 from hexctl.robot.model import Robot
 
 
@@ -37,7 +37,7 @@ def make_search(
     `optimizer` is its class, if it cannot be imported by the name in the spec.
     """
     space = GaitSpace((spec.broken.leg,))
-    heading_rad = body_heading_rad(plan, robot)
+    heading_rad = body_heading_rad(robot, plan)
     if spec.optimizer in (TRIM, STRIDES):
         ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
     if spec.optimizer == STRIDES:

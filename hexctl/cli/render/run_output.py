@@ -11,6 +11,7 @@ from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why
 from hexctl.cli.render.tables import label_table
 from hexctl.control.assessment.leg_sets import MOST_LOST
 from hexctl.gait.gait import AUTO, SWING_SHARE
+from hexctl.robot.failure import loses_leg
 from hexctl.wire.links import CLEAR_COMMAND
 
 #: Misses of a self-rotation up to this are usual.
@@ -75,7 +76,7 @@ def _misses_its_line(outcome: dict[str, Any]) -> bool:
 
 
 def _failed_legs_noticed(outcome: dict[str, Any]) -> list[dict[str, Any]]:
-    return [each for each in outcome.get("noticed", ()) if each["kind"] != "weak"]
+    return [each for each in outcome.get("noticed", ()) if loses_leg(each["kind"])]
 
 
 def _stopped_for_a_leg(outcome: dict[str, Any]) -> bool:
@@ -153,7 +154,6 @@ def _gait_text(gait: dict[str, Any]) -> str:
 
 
 def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:
-    from hexctl.gait.gait import SWING_SHARE
     from hexctl.gait.posture import Posture
     from hexctl.recording.trial_summary import posture_in_words
 

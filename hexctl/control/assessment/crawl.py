@@ -21,7 +21,7 @@ from hexctl.control.assessment.static_stability import (
     stable_gait,
 )
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.walks.turning import turn_needed_rad
+from hexctl.control.walks.turning import body_heading_rad
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases
 from hexctl.gait.gait import SWING_SHARE, Gait
@@ -77,7 +77,7 @@ def auto_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
     posture = plan.gait.posture
     if stand_up:
         posture = replace(posture, body_raise=posture.body_raise or STAND_UP)
-    heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
+    heading_rad = body_heading_rad(robot, plan)
     gait = replace(plan.gait, posture=posture)
     return gait_without(robot, gait, heading_rad=heading_rad, legs=plan.failed_legs)
 

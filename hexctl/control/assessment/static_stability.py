@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.walks.turning import failed_foot_azimuth_rad, turn_needed_rad
+from hexctl.control.walks.turning import body_heading_rad, failed_foot_azimuth_rad
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots, code_count, slots_from_code
 from hexctl.gait.foot_trajectory import in_stance, part_of_cycle, posture_offsets_m, stroke_offset
@@ -160,7 +160,7 @@ def stood_up(robot: Robot, plan: TrialPlan) -> Posture:
     posture, failure = plan.gait.posture, plan.belief
     if posture.body_raise or failure is None or failure.kind != "locked":
         return posture
-    heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
+    heading_rad = body_heading_rad(robot, plan)
     off_rear_rad = wrapped_rad(failed_foot_azimuth_rad(robot, failure) - heading_rad - math.pi)
     return replace(posture, body_raise=STAND_UP) if abs(off_rear_rad) > TRAILING_RAD else posture
 
@@ -176,12 +176,10 @@ def in_posture(robot: Robot, plan: TrialPlan, posture: str) -> TrialPlan:
 
 def stable_slots_of(robot: Robot, plan: TrialPlan) -> Slots:
     """Slots of the most stable gait for the walk of a plan, after its self-rotation."""
-    return most_stable_slots(
-        robot, heading_rad=plan.heading_rad - turn_needed_rad(robot, plan), failure=plan.belief
-    )
+    return most_stable_slots(robot, heading_rad=body_heading_rad(robot, plan), failure=plan.belief)
 
 
 def margin_m_of(robot: Robot, plan: TrialPlan, slots: Slots) -> float:
     """Smallest static stability margin in m of a gait in the walk of a plan, after its self-rotation."""
-    heading_rad = _rounded_rad(plan.heading_rad - turn_needed_rad(robot, plan))
+    heading_rad = _rounded_rad(body_heading_rad(robot, plan))
     return float(static_margins_m(robot, [slots], heading_rad=heading_rad, failure=plan.belief)[0, 0])

@@ -1,6 +1,6 @@
-"""Gaits at the pace that the servos of a robot hold: what it walks when it is asked to walk fast.
+"""Gaits at the highest pace that the servos of a robot can follow, for `--fast`.
 
-A body covers about A f at a step amplitude A and a pace f, whatever the swing share is. The servos limit f
+A body covers about A f at a step amplitude A and a pace f, for every swing share. The servos limit f
 by the path of the joints (`JointPath`), and the path depends on A and on the swing share: in a longer swing
 the foot returns more slowly. So the fastest gait is the one with the largest
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.control.diagnosis.standing_evidence import Evidence
 from hexctl.control.diagnosis.standing_test import Observed
-from hexctl.robot.failure import UNKNOWN, Failure, failure_text
+from hexctl.robot.failure import UNKNOWN, Failure, failure_text, loses_leg
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, leg_slice
 
@@ -143,7 +143,7 @@ def diagnosis_of(observed: Observed, robot: Robot) -> Diagnosis:
 def unsafe_legs(observed: Observed, robot: Robot) -> Mapping[int, str]:
     """Legs that must not carry a tripod by the observations so far, with the reason."""
     found = diagnosis_of(observed, robot).failures
-    return {failure.leg: failure_text(failure) for failure in found if failure.kind != "weak"}
+    return {failure.leg: failure_text(failure) for failure in found if loses_leg(failure.kind)}
 
 
 class _Judge:

@@ -67,6 +67,11 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
     return abs(turn_rad) if abs(turn_rad) > math.pi - 1e-6 else turn_rad
 
 
+def body_heading_rad(robot: Robot, plan: TrialPlan) -> float:
+    """Direction of travel in the body frame after the self-rotation of a plan."""
+    return plan.heading_rad - turn_needed_rad(robot, plan)
+
+
 def failed_foot_azimuth_rad(robot: Robot, failure: Failure) -> float:
     """Direction of the foot of a failed leg in the stance, with the angle of a jammed joint."""
     if failure.kind != "stuck":

@@ -16,7 +16,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk
-from hexctl.robot.failure import MOST_FAILED, Failure, NoticedFailure, each_failure, failure_text
+from hexctl.robot.failure import MOST_FAILED, Failure, NoticedFailure, each_failure, failure_text, loses_leg
 from hexctl.types import BoolArray, FloatArray, RobotState
 
 #: Time from the end of the soft stop to rest in the stance, as before a separate diagnosis.
@@ -94,7 +94,7 @@ class StopAndDiagnoseWalk(Controller):
     def _alarmed(self) -> bool:
         known = {failure.leg for failure in self._failures}
         alarms = (one.suspicion.failure for one in self.walk.noticed[0])
-        return any(one.leg not in known and one.kind != "weak" for one in alarms)
+        return any(one.leg not in known and loses_leg(one.kind) for one in alarms)
 
     def _standing_test(self) -> StandingTest:
         robot = self._start.robot
