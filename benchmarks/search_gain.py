@@ -277,21 +277,33 @@ class OpenLoop:
         return min(self.walks_m[:walks])[1]
 
 
+#: Makes what a search knows of a failed leg in a world of a number.
+Knowledge = Callable[[World, int, int], DriftSamples]
+
+
+def shipped_knowledge(_world: World, _number: int, leg: int) -> DriftSamples:
+    """What the shipped prior knows."""
+    return drift_samples_of(load_prior(shipped_priors() / OPEN_LOOP_PRIOR), load_robot("ant"), leg)
+
+
 def walk_open_loop(
-    family: str, first: int, worlds: int, name: str, walks: int = MOST_WALKS
+    family: str,
+    first: int,
+    worlds: int,
+    name: str,
+    walks: int = MOST_WALKS,
+    known: Knowledge = shipped_knowledge,
 ) -> list[OpenLoop]:
     """Search in members of a family until an end is confirmed, all worlds walk by walk together."""
     robot, members = load_robot("ant"), load_randomization(family).members(first, worlds)
-    prior, searched = load_prior(shipped_priors() / OPEN_LOOP_PRIOR), []
+    searched = []
     for number, member in enumerate(members, first):
         leg = 1 + number % N_LEGS
         noise = member.sensor_noise.model_copy(update={"position_m": POSITION_NOISE_M})
         plan = TrialPlan(gait=make_gait(robot, "demo"), belief=Failure(leg=leg))
         heading_rad, space = body_heading_rad(robot, plan), GaitSpace((leg,))
         ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
-        search = OPEN_LOOP[name](
-            drift_samples_of(prior, robot, leg), [space.code_of(slots) for slots in ranked]
-        )
+        search = OPEN_LOOP[name](known(member, number, leg), [space.code_of(slots) for slots in ranked])
         world = member.model_copy(update={"sensor_noise": noise, "time_step_s": CONFIRM_STEP_S})
         searched.append(OpenLoop(number=number, world=world, leg=leg, search=search))
     for _ in range(walks):
