@@ -304,7 +304,13 @@ def test_legs_may_have_zeros_of_their_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "ends", ['lower="0.3" upper="1.3"', 'lower="-1.1" upper="-0.2"', 'lower="0" upper="0.8"']
+    "ends",
+    [
+        'lower="0.3" upper="1.3"',
+        'lower="-1.1" upper="-0.2"',
+        'lower="0" upper="0.8"',
+        'lower="0" upper="3.1416"',
+    ],
 )
 def test_coxae_whose_range_lacks_the_zero_get_it_in_the_middle(ends: str, tmp_path: Path) -> None:
     limit = f'<limit {ends} effort="2" velocity="5"/>'

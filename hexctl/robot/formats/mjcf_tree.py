@@ -48,10 +48,12 @@ def read_mjcf(path: Path) -> LinkTree:
 
 
 def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
-    """Remove looks, and meshes whose files are missing; return the latter by body."""
-    for geom in spec.geoms:
+    """Remove looks and height fields, and meshes whose files are missing; return the latter by body."""
+    for geom in list(spec.geoms):
         geom.material = ""
-    for one in (*spec.skins, *spec.materials, *spec.textures):
+        if geom.hfieldname:
+            spec.delete(geom)
+    for one in (*spec.skins, *spec.materials, *spec.textures, *spec.hfields):
         spec.delete(one)
     missing = {
         mesh.name: mesh for mesh in spec.meshes if mesh.file and not _is_there(spec, folder, mesh.file)

@@ -254,7 +254,7 @@ def _coxa_range_rad(leg: TreeLeg) -> tuple[float, float] | None:
     if joint.kind != "revolute" or joint.limits_rad is None:
         return None
     low, high = sorted(float(leg.signs[0]) * end for end in joint.limits_rad)
-    return (low, high) if 0 < high - low < math.pi else None
+    return (low, high) if 0 < high - low < math.tau else None
 
 
 def _with_zero(leg: TreeLeg, angle_rad: float) -> TreeLeg:
