@@ -601,6 +601,15 @@ def test_an_assumed_torque_carries_the_robot(trunk_kg: float, tmp_path: Path) ->
     assert known.content["joints"]["femur"]["max_torque_nm"] == 2.5
 
 
+def test_a_missing_height_field_of_the_floor_is_no_part_of_the_robot(tmp_path: Path) -> None:
+    field = '<asset><hfield name="hills" file="lost.png" size="5 5 0.3 0.1"/></asset>'
+    text = mjcf_scaled(1.0).replace("<worldbody>", f'{field}<worldbody><geom type="hfield" hfield="hills"/>')
+    assert (
+        imported(tmp_path, text, "some.xml").content
+        == imported(tmp_path, mjcf_scaled(1.0), "some.xml").content
+    )
+
+
 @pytest.mark.parametrize("bodies", [1, 7, 19])
 def test_bodies_of_an_mjcf_whose_meshes_are_missing_have_no_mass(bodies: int, tmp_path: Path) -> None:
     """The trunk, coxae too, tibiae too."""
