@@ -62,6 +62,10 @@ class GaitChange:
         if not (math.isfinite(self.at_s) and 0 <= self.at_s <= DURATION_S.high):
             raise InputError(f"{_THEN}: got {self.at_s:g} s; allowed: 0 up to {DURATION_S.high:g} s")
 
+    def __str__(self) -> str:
+        """Slots and time, as `--then` takes them."""
+        return f"{','.join(map(str, self.gait.slots))}@{self.at_s:g}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialPlan:
