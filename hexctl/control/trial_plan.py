@@ -21,7 +21,7 @@ HOLDS = get_args(Hold)
 
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
 
-HEADING_DEG = Range(degrees=True)
+HEADING_DEG = Range(low=-360, high=360, unit="deg", degrees=True)
 
 TURN_DEG_S = Range(low=-360, high=360, unit="deg/s", degrees=True)
 
