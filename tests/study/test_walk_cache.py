@@ -21,7 +21,8 @@ from hexctl.study import versions, walking
 from hexctl.study.landscape import Landscape
 from hexctl.study.versions import ROOT, code_versions, simulating_sources, source_digest
 from hexctl.study.walk_cache import CacheError, Place, WalkCache
-from hexctl.study.walking import Work, as_finished, simulating
+from hexctl.study.walking import Work, as_finished
+from hexctl.threads import simulating
 from hexctl.waiting import comes_true
 from tests.robots import shipped
 from tests.study.made_up import Remembering, spec
