@@ -6,10 +6,10 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_110,
-    "adapt": 8_420,
+    "": 2_130,
+    "adapt": 8_450,
     "backends": 10_310,
-    "cli": 7_040,
+    "cli": 7_060,
     "client": 1_100,
     "control": 12_810,
     "demo": 270,
@@ -20,10 +20,10 @@ CEILINGS = {
     "ik": 1_150,
     "recording": 4_460,
     "robot": 6_260,
-    "runs": 1_100,
+    "runs": 1_110,
     "server": 4_450,
     "simulators": 2_310,
-    "study": 8_310,
+    "study": 8_290,
     "teleop": 1_910,
     "testing": 560,
     "vision": 6_530,

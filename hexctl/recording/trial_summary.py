@@ -49,7 +49,7 @@ def make_properties(
         "robot": robot.name,
         "gait_slots": list(gait.slots),
         "gait_code": gait.code(plan.failed_legs),
-        "then": [f"{','.join(map(str, each.gait.slots))}@{each.at_s:g}" for each in plan.changes] or None,
+        "then": [str(change) for change in plan.changes] or None,
         "posture": None if gait.posture == STANCE else gait.posture.to_dict(),
         "swing_share": gait.swing_share,
         "phases": None if gait.phases is None else list(gait.phases),

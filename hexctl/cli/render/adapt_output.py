@@ -199,7 +199,7 @@ def walk_line(session: Session, walk: Walk) -> Text:
 def _trial_line(session: Session, trial: TrialRecord) -> Text:
     """Table line of a trial; green if it is the best so far, red if it is invalid."""
     before = [one for one in session.trials if one.index < trial.index]
-    again = any((other.code, other.trim) == (trial.code, trial.trim) for other in before)
+    again = any(other.commanded == trial.commanded for other in before)
     note = ", repeat" if again and not session.spec.count_repeats else ""
     best = trial.valid and all(trial.score < other.score for other in before)
     style = "green" if best else "" if trial.valid else "red"
