@@ -14,20 +14,20 @@ CEILINGS = {
     "control": 12_810,
     "demo": 270,
     "doctor": 570,
-    "export": 2_010,
+    "export": 1_910,
     "gait": 650,
     "identify": 1_330,
     "ik": 1_150,
     "recording": 4_460,
     "robot": 6_260,
     "runs": 1_100,
-    "server": 4_450,
+    "server": 4_380,
     "simulators": 2_310,
     "study": 8_310,
     "teleop": 1_910,
     "testing": 560,
     "vision": 6_530,
-    "wire": 3_150,
+    "wire": 3_230,
 }
 
 
