@@ -14,20 +14,20 @@ CEILINGS = {
     "control": 12_810,
     "demo": 270,
     "doctor": 570,
-    "export": 2_010,
+    "export": 1_900,
     "gait": 650,
     "identify": 1_330,
     "ik": 1_150,
     "recording": 4_460,
     "robot": 6_260,
     "runs": 1_110,
-    "server": 4_450,
+    "server": 4_370,
     "simulators": 2_310,
     "study": 8_290,
     "teleop": 1_910,
     "testing": 560,
     "vision": 6_530,
-    "wire": 3_150,
+    "wire": 3_210,
 }
 
 

@@ -1,6 +1,7 @@
 """One function for all exports: sources, format, output."""
 
 import csv
+import itertools
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -194,14 +195,19 @@ def _format(to: str | None, output: str | Path | None) -> str:
         got = f"{argument('output')}: got {output}" if suffix else f"{argument('to')}: got none"
         raise InputError(f"{got}; allowed: {allowed}, or {argument('output')} FILE.FORMAT")
     if to is not None and by_name not in (None, to):
-        raise InputError(f"{argument('output')}: got {output} for {to}; allowed: a name that ends in .{to}")
+        got = f"{argument('output')}: got {output} for {to}"
+        raise InputError(f"{got}; allowed: another ending, such as {_ending(to)}")
     return to or str(by_name)
+
+
+def _ending(kind: str) -> str:
+    return ENDINGS.get(kind, f".{kind}")
 
 
 def _output(source: str | Path | Robot, kind: str, output: str | Path | None) -> Path:
     if output is not None:
         return Path(output)
-    ending = ENDINGS.get(kind, f".{kind}")
+    ending = _ending(kind)
     if isinstance(source, Robot):
         return Path(f"{source.name}{ending}")
     path = Path(source)
@@ -256,7 +262,7 @@ def _write_trials(
         from hexctl.export.pictures import write_pictures
 
         with _draft(path) as draft:
-            write_pictures(trials, draft, picture, on_progress)
+            write_pictures(trials, draft, kind, picture, on_progress)
     else:
         write = _writer(kind)
         if len(trials) == 1:
@@ -272,12 +278,17 @@ def _write_trials(
             draft.mkdir()
             ending = "" if kind == "mcap" else f".{kind}"
             for done, trial in enumerate(trials, start=1):
-                write(trial, draft / f"{trial.path.stem}{ending}")
+                write(trial, _unused(draft, trial.path.stem, ending))
                 on_progress(done, len(trials))
 
 
+def _unused(folder: Path, name: str, ending: str) -> Path:
+    """Path in a folder; recordings of one name, such as those of two sessions, get numbers."""
+    names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+    return next(path for one in names if not (path := folder / f"{one}{ending}").exists())
+
+
 def _writer(kind: str) -> Callable[[RecordedTrial, Path], None]:
-    from hexctl.export.export import write_csv, write_parquet
     from hexctl.export.mcap import write_mcap
 
     return {"mcap": write_mcap, "csv": write_csv, "parquet": write_parquet}[kind]

@@ -27,8 +27,10 @@ HEIGHT_SHARE = 0.75
 GIF_COLORS, PALETTE_FRAMES = 48, 6
 
 
-def write_pictures(trials: Trials, path: Path, options: PictureOptions, on_progress: OnProgress) -> None:
-    """Draw one walk, or two as a race, into a new GIF or MP4, by its suffix.
+def write_pictures(
+    trials: Trials, path: Path, kind: str, options: PictureOptions, on_progress: OnProgress
+) -> None:
+    """Draw one walk, or two as a race, into a new file; `kind` is `gif` or `mp4`.
 
     The walks of a race begin at the same moment; the shorter one stands still at its end.
 
@@ -38,7 +40,7 @@ def write_pictures(trials: Trials, path: Path, options: PictureOptions, on_progr
     if len(trials) > 2:
         raise InputError(f"export: got {len(trials)} recordings; allowed: one, or two for a race")
     runs = list(trials)
-    gif = path.suffix == ".gif"
+    gif = kind == "gif"
     fps = options.fps or (GIF_FPS if gif else MP4_FPS)
     if gif:
         fps = 100 / round(100 / fps)  # a GIF counts in hundredths of a second
@@ -182,7 +184,7 @@ def _write_gif(path: Path, film: _Film) -> None:
         for picture in film.pictures()
     )
     duration_ms = round(1000 / film.fps)
-    first.save(path, save_all=True, append_images=more, duration=duration_ms, loop=0, optimize=False)
+    first.save(path, "GIF", save_all=True, append_images=more, duration=duration_ms, loop=0, optimize=False)
 
 
 def _write_mp4(path: Path, film: _Film) -> None:
@@ -193,7 +195,7 @@ def _write_mp4(path: Path, film: _Film) -> None:
     from fractions import Fraction
 
     height_px, width_px = film.stage.picture(film.times_s[0]).shape[:2]
-    with av.open(str(path), "w", options={"movflags": "faststart"}) as file:
+    with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as file:
         stream = file.add_stream("libx264", rate=Fraction(film.fps).limit_denominator(1000))
         stream.width, stream.height, stream.pix_fmt = width_px, height_px, "yuv420p"
         stream.options = {"crf": "20", "preset": "medium"}

@@ -55,6 +55,8 @@ def test_several_recordings_make_a_folder_or_a_dataset(recording: Path, tmp_path
     folder = export(recording, other, to="csv", output=tmp_path / "tables", on_progress=note)
     assert sorted(path.name for path in folder.iterdir()) == ["other.csv", "walk.csv"]
     assert told == [(1, 2), (2, 2)]
+    twice = export(recording, other, other, to="csv", output=tmp_path / "twice")
+    assert sorted(path.name for path in twice.iterdir()) == ["other-2.csv", "other.csv", "walk.csv"]
     dataset = export(recording, other, to="lerobot", output=tmp_path / "data")
     assert (dataset / "meta/info.json").is_file()
     with pytest.raises(InputError, match=r"x\.csv"):

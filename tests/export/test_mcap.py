@@ -61,6 +61,9 @@ def test_angles_and_poses_are_the_recordings_bit_for_bit(found: Messages, walk: 
     assert np.array_equal(at_m, walk.base_position_world)
     turn = np.array([[p.orientation.w, p.orientation.x, p.orientation.y, p.orientation.z] for p in poses])
     assert np.array_equal(turn, walk.base_quaternion_world)
+    odometry = found["/odom"][-1][1]
+    assert min(odometry.pose.covariance[::7]) > 0
+    assert min(odometry.twist.covariance[::7]) > 0
     torques = np.array([list(message.effort) for _, message in found["/joint_torques"]])
     assert np.array_equal(torques, walk.torques_nm.values)
     commands = [message.twist for _, message in found["/recorded/velocity_command"]]
@@ -133,7 +136,7 @@ def test_servos_battery_and_a_robot_that_knows_no_place(walk: RecordedTrial, tmp
     found = decoded(tmp_path / "a.mcap")
     assert [message.voltage for _, message in found["/battery_state"]] == pytest.approx([11.2, 10.2])
     statuses = found["/diagnostics"][1][1].status
-    assert [status.hardware_id for status in statuses] == list(JOINT_NAMES)
+    assert [status.name for status in statuses] == [f"phantomx: {joint}" for joint in JOINT_NAMES]
     assert {one.key: one.value for one in statuses[0].values} == {
         "voltage (V)": "10",
         "temperature (C)": "31",

@@ -40,9 +40,9 @@ def drawn(monkeypatch: Any) -> type[Drawn]:
     return Drawn
 
 
-def write(path: Path, *runs: RecordedTrial, **options: Any) -> list[tuple[int, int]]:
+def write(path: Path, *runs: RecordedTrial, kind: str = "gif", **options: Any) -> list[tuple[int, int]]:
     told: list[tuple[int, int]] = []
-    write_pictures(list(runs), path, PictureOptions(**options), lambda *one: told.append(one))
+    write_pictures(list(runs), path, kind, PictureOptions(**options), lambda *one: told.append(one))
     return told
 
 
@@ -50,8 +50,8 @@ def write(path: Path, *runs: RecordedTrial, **options: Any) -> list[tuple[int, i
 def test_a_gif_takes_as_long_as_the_walk(walk: RecordedTrial, tmp_path: Path) -> None:
     from PIL import Image, ImageSequence
 
-    told = write(tmp_path / "a.gif", walk, width_px=96)
-    with Image.open(tmp_path / "a.gif") as gif:
+    told = write(tmp_path / "a", walk, width_px=96)
+    with Image.open(tmp_path / "a") as gif:
         assert gif.size == (96, 72)
         assert gif.info["loop"] == 0
         # Pictures that do not differ from the one before are one that stays longer.
@@ -69,10 +69,10 @@ def test_a_part_of_the_walk(walk: RecordedTrial, tmp_path: Path, drawn: Any) -> 
 
 @pytest.mark.usefixtures("drawn")
 def test_an_mp4_that_decodes(walk: RecordedTrial, tmp_path: Path) -> None:
-    write(tmp_path / "a.mp4", walk, duration_s=1.0, width_px=97, captions=("slow",))
+    write(tmp_path / "a", walk, kind="mp4", duration_s=1.0, width_px=97, captions=("slow",))
     import av
 
-    with av.open(str(tmp_path / "a.mp4")) as file:
+    with av.open(str(tmp_path / "a")) as file:
         stream = file.streams.video[0]
         assert stream.codec_context.name == "h264"
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]

@@ -601,13 +601,35 @@ def test_an_assumed_torque_carries_the_robot(trunk_kg: float, tmp_path: Path) ->
     assert known.content["joints"]["femur"]["max_torque_nm"] == 2.5
 
 
-def test_a_missing_height_field_of_the_floor_is_no_part_of_the_robot(tmp_path: Path) -> None:
-    field = '<asset><hfield name="hills" file="lost.png" size="5 5 0.3 0.1"/></asset>'
-    text = mjcf_scaled(1.0).replace("<worldbody>", f'{field}<worldbody><geom type="hfield" hfield="hills"/>')
-    assert (
-        imported(tmp_path, text, "some.xml").content
-        == imported(tmp_path, mjcf_scaled(1.0), "some.xml").content
-    )
+#: By what they are: parts before the world, in it, and at the end of an MJCF.
+NO_PART_OF_THE_ROBOT = {
+    "a missing height field": (
+        '<asset><hfield name="hills" file="lost.png" size="5 5 0.3 0.1"/></asset>',
+        '<geom type="hfield" hfield="hills"/>',
+        "",
+    ),
+    "materials of sites and tendons": (
+        '<asset><material name="red"/></asset>',
+        '<site name="a" material="red"/><site name="b" pos="0 0 1"/>',
+        '<tendon><spatial material="red"><site site="a"/><site site="b"/></spatial></tendon>',
+    ),
+    "a sensor and a contact pair of a missing mesh": (
+        '<asset><mesh name="lost" file="lost.stl"/></asset>',
+        '<geom name="lost" type="mesh" mesh="lost"/><geom name="ball" size="1"/>',
+        '<contact><pair geom1="lost" geom2="ball"/></contact>'
+        '<sensor><framepos objtype="geom" objname="lost"/></sensor>',
+    ),
+}
+
+
+@pytest.mark.parametrize("case", NO_PART_OF_THE_ROBOT)
+def test_what_is_no_part_of_the_robot_changes_nothing(case: str, tmp_path: Path) -> None:
+    before, inside, after = NO_PART_OF_THE_ROBOT[case]
+    plain = mjcf_scaled(1.0)
+    text = plain.replace("<worldbody>", f"{before}<worldbody>{inside}")
+    text = text.replace("</mujoco>", f"{after}</mujoco>")
+    changed = imported(tmp_path, text, "some.xml")
+    assert changed.content == imported(tmp_path, plain, "some.xml").content
 
 
 @pytest.mark.parametrize("bodies", [1, 7, 19])

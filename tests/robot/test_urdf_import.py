@@ -205,6 +205,7 @@ def test_what_is_no_such_robot_is_refused_in_one_line(case: str, tmp_path: Path)
 def test_another_xml_entities_and_a_missing_file_are_refused(tmp_path: Path) -> None:
     assert "sdf" in refused(tmp_path, "<sdf/>")
     assert "entities" in refused(tmp_path, '<!DOCTYPE a [<!ENTITY b "c">]><robot/>')
+    assert "encoding" in refused(tmp_path, '<?xml version="1.0" encoding="nothing"?><robot/>')
     with pytest.raises(InputError, match=r"missing\.urdf"):
         import_robot("missing.urdf")
 

@@ -6,11 +6,11 @@ ignore it.
 
 import math
 from collections.abc import Iterator
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.types import FloatArray
 
 #: Maximum number of visited nodes of a scene; nodes may be instanced many times.
@@ -19,12 +19,7 @@ MOST_NODES = 10_000
 
 def collada_points(content: bytes) -> FloatArray:
     """Points, (N, 3) in m; raises ValueError for no COLLADA file."""
-    if b"<!" in content.replace(b"<!--", b""):
-        raise ValueError("has XML declarations")
-    try:
-        root = ElementTree.fromstring(content)  # noqa: S314  declarations, by which XML attacks, are refused
-    except ElementTree.ParseError as error:
-        raise ValueError(f"is not XML ({error})") from error
+    root = parse_xml(content)
     ids = {element.get("id", ""): element for element in root.iter()}
     unit = root.find("{*}asset/{*}unit")
     metre = 1.0 if unit is None else float(unit.get("meter", "1"))

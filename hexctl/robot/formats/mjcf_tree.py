@@ -48,12 +48,15 @@ def read_mjcf(path: Path) -> LinkTree:
 
 
 def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
-    """Remove looks and height fields, and meshes whose files are missing; return the latter by body."""
-    for geom in list(spec.geoms):
-        geom.material = ""
-        if geom.hfieldname:
-            spec.delete(geom)
-    for one in (*spec.skins, *spec.materials, *spec.textures, *spec.hfields):
+    """Remove looks, height fields and meshes whose files are missing; return the meshes by body.
+
+    Sensors and contact pairs, which may name a removed solid, are not needed.
+    """
+    for one in (*spec.geoms, *spec.sites, *spec.tendons):
+        one.material = ""
+    reliefs = [geom for geom in spec.geoms if geom.hfieldname]
+    looks = (*spec.skins, *spec.materials, *spec.textures)
+    for one in (*spec.sensors, *spec.pairs, *reliefs, *spec.hfields, *looks):
         spec.delete(one)
     missing = {
         mesh.name: mesh for mesh in spec.meshes if mesh.file and not _is_there(spec, folder, mesh.file)

@@ -136,7 +136,7 @@ def body_section(
 def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> dict[str, list[float]]:
     """Moments of inertia, unless they are those of the trunk's shape, or implausible."""
     tensor, bare = joined.inertia_kg_m2, joined.bare
-    key, even = "body.inertia_kg_m2", np.array(trunk_mass(Body(**_tuples(body))).moments_kg_m2)
+    key, even = "body.inertia_kg_m2", np.array(trunk_mass(Body(**body)).moments_kg_m2)
     if bare:
         findings.unknown(key, f"{bare[0]} has none; an evenly filled {body['shape']} was assumed")
         return {}
@@ -152,7 +152,3 @@ def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> di
             f"the trunk's products of inertia, up to {100 * off:.0f} % of its moments, were left out"
         )
     return {"inertia_kg_m2": [rounded(moment) for moment in moments]}
-
-
-def _tuples(body: dict[str, Any]) -> dict[str, Any]:
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in body.items()}

@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -19,21 +18,20 @@ from hexctl.robot.formats.link_tree import (
     tree_of,
 )
 from hexctl.robot.formats.mesh_points import UnreadMeshError, mesh_points
+from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.types import FloatArray
 
 
 def read_urdf(path: Path) -> LinkTree:
     """Tree of a URDF file; raises InputError for a missing file, no URDF, xacro, or no tree."""
     try:
-        text = read_file(path, MOST_BYTES).decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        content = read_file(path, MOST_BYTES)
+    except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}); allowed: a URDF file") from error
-    if "<!ENTITY" in text:
-        raise InputError(f"{path}: got XML with entity declarations; allowed: a plain URDF")
     try:
-        root = ElementTree.fromstring(text)  # noqa: S314  entities, by which XML attacks, are refused above
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: is not XML ({error}); allowed: a URDF file") from error
+        root = parse_xml(content)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; allowed: a plain URDF") from error
     if root.tag != "robot":
         raise InputError(f"{path}: got XML of a {root.tag!r}; allowed: a URDF, whose root is <robot>")
     if any("xacro" in one.tag or any("${" in value for value in one.attrib.values()) for one in root.iter()):
