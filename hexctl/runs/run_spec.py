@@ -229,13 +229,13 @@ class RunSpec(RecordedOptions, WalkOptions):
                 )
         if self.turn_trim_rad_s is not None and self.hold != "none":
             raise UnusedError(
-                f"{argument('turn_trim_rad_s')} requires hold none; got hold {self.hold}",
+                f"{argument('turn_trim_rad_s')} requires {argument('hold')} none; got {self.hold}",
                 field="turn_trim_rad_s",
             )
         if self.trim_rad is not None and self.hold != "heading" and self.turn_trim_rad_s is None:
             raise UnusedError(
-                f"{argument('trim_rad')} requires hold heading or {argument('turn_trim_rad_s')}; got hold "
-                f"{self.hold}",
+                f"{argument('trim_rad')} requires {argument('hold')} heading or "
+                f"{argument('turn_trim_rad_s')}; got {self.hold}",
                 field="trim_rad",
             )
         arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)

@@ -3,7 +3,7 @@
 import math
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
@@ -275,12 +275,20 @@ ENDS = {
 }
 
 
-def finished_line(ended: str) -> str | None:
+def finished_line(spec: SessionSpec, ended: str) -> str | None:
     """Message when a finished session is resumed, and how to walk more trials; None without an end."""
     if ended not in ENDS:
         return None
+    asked, failure = option_of(spec.broken)
+    options = {
+        asked.replace("_", "-"): failure,
+        "objective": None if spec.objective == "final" else spec.objective,
+        **_where(spec),
+        "target": None if spec.target_m is None else f"{spec.target_m / 2:g}",
+    }
+    again = shlex.join(["hexctl", "adapt", *_as_words(options)])
     more = {"budget": "; a greater --budget walks more", "exhausted": ""}
-    then = more.get(ended, "; another target takes a new session")
+    then = more.get(ended, f"; another target takes a new session, such as {again}")
     return f"the session is finished, {ENDS[ended]}: nothing to walk{then}"
 
 
@@ -436,25 +444,33 @@ def _gait_option(walk: TrialRecord | BaselineRecord) -> str:
 
 
 def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
-    spec, usual = session.spec, {field.name: field.default for field in fields(SessionSpec)}
+    spec = session.spec
     asked, failure = option_of(spec.broken)
     chosen = {
         asked.replace("_", "-"): failure,
         "gait": _gait_option(walk) if walk.stride is None else f"best:{session.name}",
         **_course_options(session, walk),
     }
-    where = ("backend", "robot", "world", "seed", "connect", "link")
-    unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != usual[name]}
     options = {
         **chosen,
         "body-raise": f"{spec.body_raise:g}" if spec.body_raise and walk.stride is None else None,
         "self-rotation": spec.self_rotation,
-        **unusual,
-        "keys": spec.credentials,
+        **_where(spec),
     }
-    given = [(f"--{name}", str(value)) for name, value in options.items() if value is not None]
-    words = [word for pair in given for word in pair]
-    return shlex.join(["hexctl", "run", *words, *(["--insecure"] if spec.insecure else [])])
+    return shlex.join(["hexctl", "run", *_as_words(options), *(["--insecure"] if spec.insecure else [])])
+
+
+def _where(spec: SessionSpec) -> dict[str, object]:
+    """Options of robot, world and connection that differ from their defaults."""
+    usual = {field.name: field.default for field in fields(SessionSpec)}
+    names = ("backend", "robot", "world", "seed", "connect", "link")
+    unusual = {name: getattr(spec, name) for name in names if getattr(spec, name) != usual[name]}
+    return {**unusual, "keys": spec.credentials}
+
+
+def _as_words(options: Mapping[str, object]) -> list[str]:
+    given = ((f"--{name}", str(value)) for name, value in options.items() if value is not None)
+    return [word for pair in given for word in pair]
 
 
 def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:

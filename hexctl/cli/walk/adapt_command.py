@@ -245,7 +245,8 @@ def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> N
 
     parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
     print_result(*parts)
-    if resumed and not result.walked and (finished := finished_line(result.ended)) is not None:
+    finished = finished_line(result.session.spec, result.ended)
+    if resumed and not result.walked and finished is not None:
         _note(finished)
 
 
