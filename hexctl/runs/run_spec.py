@@ -110,7 +110,7 @@ class RunSpec(RecordedOptions, WalkOptions):
     """How long a foot is in the air, as a fraction of the cycle, {}. (default: 1/3)"""
 
     fast: bool = False
-    """Walk straight as fast as the servos follow: at the pace, step length and, with --gait auto and a failed
+    """Walk straight as fast as the servos follow: at the pace, amplitude and, with --gait auto and a failed
     leg, swing share that its joints allow. (default: at the robot's pace)
     """
 

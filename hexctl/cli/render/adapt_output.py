@@ -122,9 +122,13 @@ def header_line(session: Session) -> str:
     """Names of the columns."""
     trim = f"{'trim':>9}" if _trims(session.spec) else ""
     trim += f"{'turn':>11}" if trim and session.spec.hold == "none" else ""
-    trim += f"{'pace Hz':>9}{'step':>8}{'in air':>9}" if session.spec.optimizer == STRIDES else ""
-    score = "" if session.spec.objective == "final" else f"{'score':>10}"
+    trim += f"{'pace':>9}{'amplitude':>11}{'in air':>8}" if session.spec.optimizer == STRIDES else ""
+    score = "" if session.spec.objective == "final" else f"{_score_head(session.spec):>10}"
     return f"walk   gait  {'slots':<11}  {'end':>13}  {'distance':>8}{score}{trim}  status"
+
+
+def _score_head(spec: SessionSpec) -> str:
+    return f"  score {spec.objective_unit}".rstrip()
 
 
 def _trims(spec: SessionSpec) -> bool:
@@ -226,7 +230,8 @@ def _walk_text(spec: SessionSpec, walk: WalkRecord, index: str, gait: str, note:
     end = "-" if signed is None else _side(signed)
     distance = "-" if distance_m is None else f"{distance_m:.2f} m"
     slots = ",".join(str(slot) for slot in walk.slots)
-    score = "" if spec.objective == "final" else f"{walk.score:>10.3f}" if walk.valid else f"{'-':>10}"
+    number = f"{walk.score:.3f}" if walk.valid else "-"
+    score = "" if spec.objective == "final" else f"{number:>{max(10, len(_score_head(spec)))}}"
     return (
         f"{index:>4} {gait:>6}  {slots:<11}  {end:<13}  {distance:>8}{score}{_trim(spec, walk)}  "
         f"{_status(walk)}{note}{_cause(walk)}"
@@ -241,9 +246,10 @@ def _status(walk: WalkRecord) -> str:
 def _trim(spec: SessionSpec, walk: WalkRecord) -> str:
     """Columns of the trim or the stride; empty for a walk without one."""
     if (stride := walk.stride) is not None:
-        return f"{stride.pace_hz:>9.2f}{stride.amplitude:>8.3f}{100 * stride.swing_share:>7.0f} %"
+        pace, amplitude = f"{stride.pace_hz:.2f} Hz", f"{100 * stride.amplitude:.1f} %"
+        return f"{pace:>9}{amplitude:>11}{100 * stride.swing_share:>6.0f} %"
     if spec.optimizer == STRIDES:
-        return f"{'-':>9}{'-':>8}{'-':>7}  "
+        return f"{'-':>9}{'-':>11}{'-':>8}"
     if not _trims(spec):
         return ""
     trim_deg, turn_deg_s = (walk.outcome[name] for name in ("trim_deg", "turn_trim_deg_s"))
