@@ -127,6 +127,11 @@ class Motion:
             raise InputError(f"travel: got {self.travel}; allowed: 0..1")
 
 
+def is_crawl(phases: Sequence[float] | None, swing_share: float) -> bool:
+    """Whether one leg swings at a time in a gait."""
+    return phases is not None and swing_share < SWING_SHARE
+
+
 def ideal_speed_m_s(robot: Robot, gait: Gait, motion: Motion) -> float:
     """Travel speed without slip (Eq. 3): (3/2) A f, with a swing share s A f / (1 - s)."""
     return gait.strokes_per_cycle * gait.amplitude * robot.size_m * gait.pace_hz * motion.travel

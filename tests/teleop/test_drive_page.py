@@ -185,7 +185,7 @@ def test_a_port_in_use_is_a_fault_that_names_the_option() -> None:
     with served() as robot:
         address = PageAddress("127.0.0.1", robot.page.port)
         with pytest.raises(RobotFaultError, match="page: cannot listen"):
-            DrivePage(address, robot.arbiter.source("other"), Velocity, print).__enter__()
+            DrivePage(address, robot.arbiter.source("page"), Velocity, print).__enter__()
 
 
 def test_with_certificates_it_is_served_over_tls(tmp_path: Path) -> None:
