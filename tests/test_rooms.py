@@ -19,7 +19,7 @@ CEILINGS = {
     "identify": 1_330,
     "ik": 1_150,
     "recording": 4_460,
-    "robot": 6_260,
+    "robot": 6_280,
     "runs": 1_110,
     "server": 4_450,
     "simulators": 2_310,
