@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.exceptions import TyperException
 
 from hexctl.cli.console import in_flags, print_note
 from hexctl.cli.grouped_help import WIDTH, GroupedHelp, HelpGroup
@@ -65,7 +66,7 @@ class _FollowsSettings:
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse arguments with settings as defaults, except for a help text, a completion or a group."""
         if not ctx.resilient_parsing:
-            typed, rest, order = self.make_parser(ctx).parse_args(args=list(args))  # type: ignore[attr-defined]
+            typed, rest, order = self._parsed(ctx, args)
             if _path(ctx) not in UNSTOPPABLE:
                 _check_once(order)
             alone = not (rest and isinstance(self, TyperGroup))
@@ -76,6 +77,13 @@ class _FollowsSettings:
         rest = super().parse_args(ctx, args)  # type: ignore[misc]
         _drop_unused(ctx)
         return rest  # type: ignore[no-any-return]
+
+    def _parsed(self, ctx: Any, args: list[str]) -> Any:
+        try:
+            return self.make_parser(ctx).parse_args(args=list(args))  # type: ignore[attr-defined]
+        except TyperException as error:
+            vars(error)["ctx"] = ctx  # the message names the command
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; report the settings in use, and name their place in errors about them."""

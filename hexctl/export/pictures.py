@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.export import race
-from hexctl.export.captions import Picture, even_pixels, make_caption
+from hexctl.export.captions import Picture, TextBar, even_pixels, messages_of
 from hexctl.export.export_options import PictureOptions
 from hexctl.export.recordings import OnProgress, Trials, title_of
 from hexctl.export.render import RunRenderer
@@ -72,14 +72,15 @@ class _OneRun:
         camera = options.camera or "follow"
         self._run = run
         self._renderer = RunRenderer(run, camera, width_px, even_pixels(width_px * HEIGHT_SHARE))
-        self._bar = None if not options.captions else make_caption(options.captions[0], width_px)
+        caption = options.captions[0] if options.captions else title_of(run)
+        self._bar = TextBar(caption, width_px, list(messages_of(run)))
 
     def picture(self, time_s: float) -> Picture:
         scene = self._renderer.draw(_row(self._run, time_s))
-        return scene if self._bar is None else np.vstack([scene, self._bar])
+        return np.vstack([scene, self._bar.draw(time_s, f"{time_s:.1f} s")])
 
     def moments_s(self) -> Sequence[float]:
-        return _color_changes_s(self._run)
+        return [*_color_changes_s(self._run), *(message.at_s for message in self._bar.messages)]
 
     def close(self) -> None:
         self._renderer.close()

@@ -121,7 +121,7 @@ def _plan_rows(robot: Robot, plan: TrialPlan, controller: str | None) -> Iterato
     if posture := posture_in_words(gait.posture, gait.swing_share, robot.size_m):
         yield "posture", posture
     yield (
-        "pace, step, height",
+        "pace, amplitude, height",
         (f"{gait.pace_hz:g} Hz, {gait.amplitude * robot.size_m:g} m, {gait.height * robot.size_m:g} m"),
     )
     yield "heading", f"{math.degrees(plan.heading_rad):g}°"

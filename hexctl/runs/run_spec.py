@@ -110,7 +110,7 @@ class RunSpec(RecordedOptions, WalkOptions):
     """How long a foot is in the air, as a fraction of the cycle, {}. (default: 1/3)"""
 
     fast: bool = False
-    """Walk straight as fast as the servos follow: at the pace, step length and, with --gait auto and a failed
+    """Walk straight as fast as the servos follow: at the pace, amplitude and, with --gait auto and a failed
     leg, swing share that its joints allow. (default: at the robot's pace)
     """
 
@@ -229,13 +229,13 @@ class RunSpec(RecordedOptions, WalkOptions):
                 )
         if self.turn_trim_rad_s is not None and self.hold != "none":
             raise UnusedError(
-                f"{argument('turn_trim_rad_s')} requires hold none; got hold {self.hold}",
+                f"{argument('turn_trim_rad_s')} requires {argument('hold')} none; got {self.hold}",
                 field="turn_trim_rad_s",
             )
         if self.trim_rad is not None and self.hold != "heading" and self.turn_trim_rad_s is None:
             raise UnusedError(
-                f"{argument('trim_rad')} requires hold heading or {argument('turn_trim_rad_s')}; got hold "
-                f"{self.hold}",
+                f"{argument('trim_rad')} requires {argument('hold')} heading or "
+                f"{argument('turn_trim_rad_s')}; got {self.hold}",
                 field="trim_rad",
             )
         arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)

@@ -12,7 +12,7 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.setting import load_setting
-from hexctl.cli.render.adapt_output import walk_line
+from hexctl.cli.render.adapt_table import header_line, walk_line
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.trial_plan import GaitChange
 from hexctl.errors import InputError
@@ -73,6 +73,8 @@ def test_a_session_keeps_the_stride_of_each_trial_and_the_best_walks_again() -> 
     assert flat_rows(found.session)[0]["pace_hz"] == trial.stride.pace_hz
     _, second = found.session.trials
     assert "repeat" not in str(walk_line(found.session, second))
+    assert "score s/m" in header_line(found.session)
+    assert f" {100 * trial.stride.amplitude:.1f} %" in str(walk_line(found.session, trial))
     spec = best_gait(RunSpec(gait=f"best:{found.session.name}", failed_leg=5), "runs").spec
     best = found.session.best_walk
     assert best is not None

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError
+from hexctl.export.captions import FAILED_BADGE, messages_of
 from hexctl.export.export_options import PictureOptions
 from hexctl.export.pictures import write_pictures
 from hexctl.export.race import WON_BADGE, RaceRenderer
@@ -50,9 +51,15 @@ def write(path: Path, *runs: RecordedTrial, kind: str = "gif", **options: Any) -
 def test_a_gif_takes_as_long_as_the_walk(walk: RecordedTrial, tmp_path: Path) -> None:
     from PIL import Image, ImageSequence
 
+<<<<<<< HEAD
     told = write(tmp_path / "a", walk, width_px=96)
     with Image.open(tmp_path / "a") as gif:
         assert gif.size == (96, 72)
+=======
+    told = write(tmp_path / "a.gif", walk, width_px=96)
+    with Image.open(tmp_path / "a.gif") as gif:
+        assert gif.size == (96, 72 + 6), "with a line of text"
+>>>>>>> w-small
         assert gif.info["loop"] == 0
         # Pictures that do not differ from the one before are one that stays longer.
         shown_ms = sum(frame.info["duration"] for frame in ImageSequence.Iterator(gif))
@@ -65,6 +72,23 @@ def test_a_part_of_the_walk(walk: RecordedTrial, tmp_path: Path, drawn: Any) -> 
     assert set(drawn.rows) == {50, 55, 60, 65, 70}
     with pytest.raises(InputError, match="from_s"):
         write(tmp_path / "b.gif", walk, from_s=99.0)
+
+
+@pytest.mark.usefixtures("drawn")
+def test_a_film_of_one_walk_shows_the_time_and_marks_the_failure(walk: RecordedTrial, tmp_path: Path) -> None:
+    from PIL import Image
+
+    row = int(np.searchsorted(walk.time_s, 1.0))
+    fails = replace(walk, events=(RecordedEvent(row, "WARN", "world: leg 5 locked"),))
+    write(tmp_path / "a.gif", fails, fps=1, width_px=320, duration_s=3.0)
+    with Image.open(tmp_path / "a.gif") as gif:
+        bars = []
+        for frame in range(3):
+            gif.seek(frame)
+            bars.append(np.asarray(gif.convert("RGB"))[240:].astype(int))
+    marked = [int((np.abs(bar - FAILED_BADGE).max(axis=-1) < 12).sum()) for bar in bars]
+    assert marked[0] == 0 < 100 < marked[1]
+    assert (bars[0][:, 270:] != bars[2][:, 270:]).any(), "the counter of the time"
 
 
 @pytest.mark.usefixtures("drawn")
@@ -173,7 +197,7 @@ def test_of_two_walks_the_faster_one_wins_a_race_and_the_failure_is_told_on_both
     times_s = [index / 10 for index in range(int(10 * walk.time_s[-1]))]
     race = RaceRenderer(pair, [0.0, 0.0], ["a", "b"], times_s, camera="side", width_px=320)
     end = race.draw(float(walk.time_s[-1]) - 0.2)
-    texts = [[message.text for message in racer.messages()] for racer in race.racers]
+    texts = [[message.text for message in messages_of(trial)] for trial in pair]
     race.close()
     won = [
         int((np.abs(bar.astype(int) - WON_BADGE).max(axis=-1) < 12).sum()) for bar in (end[:22], end[-22:])
