@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from hexctl.robot.formats.xml_text import parse_xml
+from hexctl.robot.rotations import frame_of, placed_points, quaternion_about
 from hexctl.types import FloatArray
 
 #: Maximum number of visited nodes of a scene; nodes may be instanced many times.
@@ -26,7 +27,7 @@ def collada_points(content: bytes) -> FloatArray:
     shown = root.find("{*}scene/{*}instance_visual_scene")
     scene = root.find("{*}library_visual_scenes/{*}visual_scene") if shown is None else _target(ids, shown)
     places = _places(scene, ids) if scene is not None else ((one, np.eye(4)) for one in _geometries(root))
-    found = [_points(geometry) @ at[:3, :3].T + at[:3, 3] for geometry, at in places]
+    found = [placed_points(_points(geometry), at) for geometry, at in places]
     return metre * np.concatenate([np.zeros((0, 3)), *found])
 
 
@@ -68,13 +69,12 @@ def _frame(node: Element) -> FloatArray:
         if tag == "matrix":
             step = np.array(values, dtype=float).reshape(4, 4)
         elif tag == "translate":
-            step[:3, 3] = np.array(values, dtype=float)
+            step = frame_of(np.array(values, dtype=float))
         elif tag == "scale":
             step[[0, 1, 2], [0, 1, 2]] = np.array(values, dtype=float)
         elif tag == "rotate":
-            x, y, z, degrees = map(float, values)
-            cross, angle = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), math.radians(degrees)
-            step[:3, :3] += math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+            *axis, degrees = map(float, values)
+            step = frame_of(np.zeros(3), quaternion_about(axis, math.radians(degrees)))
         frame = frame @ step
     return frame
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.rotations import frame_of, placed_points, quaternion_about
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 
 #: Tolerance of axes: files write 1.5707, and mounts lean a little.
@@ -103,9 +104,7 @@ def _angle_rad(tree: LinkTree, joint: TreeJoint) -> float:
 
 
 def _fixed(held: HeldHinge) -> TreeJoint:
-    x, y, z = held.joint.axis
-    cross, turn = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), np.eye(4)
-    turn[:3, :3] += math.sin(held.angle_rad) * cross + (1 - math.cos(held.angle_rad)) * cross @ cross
+    turn = frame_of(np.zeros(3), quaternion_about(held.joint.axis, held.angle_rad))
     return replace(held.joint, kind="fixed", frame=held.joint.frame @ turn)
 
 
@@ -187,7 +186,7 @@ def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
     """Origin of a link and ends of its solids in another frame, in m."""
     frame = at @ tree.frame_in_root(link)
     solids = tree.links[link].solids
-    return [frame[:3, 3], *(end @ frame[:3, :3].T + frame[:3, 3] for solid in solids for end in solid.ends)]
+    return [frame[:3, 3], *(end for solid in solids for end in placed_points(solid.ends, frame))]
 
 
 def _turns_as_a_leg(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> bool:

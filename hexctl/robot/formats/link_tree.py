@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hexctl.robot.rotations import placed_points
 from hexctl.types import FloatArray
 
 HINGES = ("revolute", "continuous")
@@ -47,14 +48,14 @@ class Solid:
             points = np.array([np.eye(3)[axis] * end * self.size_m[axis] / 2 for end in (-1, 1)])
         else:
             points = np.array([[0, 0, end * self.size_m[1] / 2] for end in (-1, 1)])
-        return np.asarray(points @ self.frame[:3, :3].T + self.frame[:3, 3])
+        return placed_points(points, self.frame)
 
     def bounds(self, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinates, (3,) each in m, if the frame of the link is (4, 4)."""
         placed = frame @ self.frame
         turn, centre = placed[:3, :3], placed[:3, 3]
         if self.points_m is not None:
-            points = self.points_m @ turn.T + centre
+            points = placed_points(self.points_m, placed)
             return points.min(axis=0), points.max(axis=0)
         half = self._half(turn)
         return centre - half, centre + half

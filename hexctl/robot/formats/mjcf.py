@@ -8,6 +8,7 @@ from hexctl.robot.formats.link_frames import BASE_LINK, FOOT_LINKS, JOINT_LINKS
 from hexctl.robot.formats.link_masses import PartMass, link_capsule, link_mass, trunk_mass
 from hexctl.robot.formats.xml_text import add, color_text, number, numbers, text_of
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import about_z, quaternion_about
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS
 
 #: Numbers of hexctl in a file: viscous friction of the servos, and play of coxa, femur and tibia.
@@ -179,7 +180,7 @@ def _add_link(parent: Element, robot: Robot, joint: int) -> Element:
     kind, capsule = JOINT_KINDS[index], link_capsule(robot, index)
     if kind == "coxa":
         place = {"pos": numbers(*robot.mount_positions_body[leg])}
-        place["quat"] = _turn((0.0, 0.0, 1.0), float(robot.mount_yaws_rad[leg]))
+        place["quat"] = numbers(*about_z(float(robot.mount_yaws_rad[leg])))
     else:
         outward_m, up_m = robot.link_vectors_m[index - 1].tolist()
         place = {"pos": numbers(outward_m, 0.0, up_m)}
@@ -216,11 +217,6 @@ def _add_inertial(body: Element, mass: PartMass) -> None:
         "inertial",
         pos=numbers(*mass.com_m),
         mass=number(mass.mass_kg),
-        quat=_turn((0.0, 1.0, 0.0), mass.tilt_rad),
+        quat=numbers(*quaternion_about((0.0, 1.0, 0.0), mass.tilt_rad)),
         diaginertia=numbers(*mass.moments_kg_m2),
     )
-
-
-def _turn(axis: tuple[float, float, float], angle_rad: float) -> str:
-    sin = math.sin(angle_rad / 2)
-    return numbers(math.cos(angle_rad / 2), *(sin * part for part in axis))

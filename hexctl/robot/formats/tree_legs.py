@@ -9,6 +9,7 @@ import numpy as np
 from hexctl.errors import InputError
 from hexctl.robot.formats.leg_chains import AXIS_TOLERANCE_RAD, FOOT_TOLERANCE_M, axis_text, leg_chains
 from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.rotations import placed_points
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 
 #: Shorter coxae do not show the direction of a leg.
@@ -109,7 +110,7 @@ def _leg(
         joints=chain,
         tips=tuple(tips),
         mount_m=origins_m[0],
-        yaw_rad=math.atan2(outward[1], outward[0]),
+        yaw_rad=math.atan2(round(outward[1], 12) + 0.0, outward[0]),  # 180 degrees, never -180
         vectors_m=np.diff(plane, axis=0),
         signs=np.array(signs),
         zeros_rad=np.zeros(JOINTS_PER_LEG),
@@ -178,7 +179,7 @@ def _far_end(tree: LinkTree, tips: list[str], knee: FloatArray) -> tuple[FloatAr
     ends = list(marks)
     for name, frame in frames.items():
         for solid in tree.links[name].solids:
-            points = solid.ends @ frame[:3, :3].T + frame[:3, 3]
+            points = placed_points(solid.ends, frame)
             ends += list(_outermost(points)) if solid.kind == "mesh" else list(points)
             if solid.kind == "sphere":
                 spheres.append((points[0], solid.size_m[0]))
