@@ -73,7 +73,7 @@ def _least_index(tree: LinkTree, chains: Sequence[Chain]) -> int:
         if all(_can_be_a_leg(tree, each) for each in left):
             lengths_m[index] = sum(_lever_m(tree, each[index], each[-1]) for each in chains)
     if not lengths_m:
-        names = ", ".join(f"{joint.name} about {_axis_text(tree, joint)}" for joint in chain)
+        names = ", ".join(f"{joint.name} about {_axis_text(tree.axis_in_root(joint))}" for joint in chain)
         raise InputError(
             f"robot description: got legs of {len(chain)} hinges ({names}); allowed: legs of "
             f"{JOINTS_PER_LEG}, one vertical and two level and parallel; make the other hinges `fixed` in "
@@ -108,12 +108,29 @@ def _fixed(held: HeldHinge) -> TreeJoint:
     return replace(held.joint, kind="fixed", frame=held.joint.frame @ turn)
 
 
-def _axis_text(tree: LinkTree, joint: TreeJoint) -> str:
-    return axis_text(tree.frame_in_root(joint.child)[:3, :3] @ joint.axis)
+def axis_problem(chain: Chain, axes: Sequence[FloatArray], up: FloatArray) -> str:
+    """Why hinges are not a vertical one, then two level and parallel ones, as in a leg; else an empty text.
+
+    Axes are unit vectors, (3,), in a frame in which `up`, (3,), is the vertical.
+    """
+    off = math.sin(AXIS_TOLERANCE_RAD)
+    if np.linalg.norm(np.cross(axes[0], up)) > off:
+        return (
+            f"the first hinge of a leg, {chain[0].name}, turns about {_axis_text(axes[0])} of the body; "
+            "allowed: the vertical, the same for all six legs"
+        )
+    for joint, axis in zip(chain[1:], axes[1:], strict=True):
+        if abs(axis @ up) > off:
+            return f"the hinge {joint.name} turns about {_axis_text(axis)}; allowed: a level axis"
+    if np.linalg.norm(np.cross(axes[1], axes[2])) > off:
+        return (
+            f"the hinges {chain[1].name} and {chain[2].name} turn about {_axis_text(axes[1])} and "
+            f"{_axis_text(axes[2])}; allowed: parallel axes"
+        )
+    return ""
 
 
-def axis_text(axis: FloatArray) -> str:
-    """An axis, (3,), for messages."""
+def _axis_text(axis: FloatArray) -> str:
     return f"({', '.join(f'{part:.2f}' for part in axis + 0.0)})"
 
 
@@ -189,8 +206,6 @@ def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
     return [frame[:3, 3], *(end for solid in solids for end in placed_points(solid.ends, frame))]
 
 
-def _turns_as_a_leg(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> bool:
-    """Whether the last two axes are parallel and at right angles to the first."""
-    first, second, third = (tree.frame_in_root(joint.child)[:3, :3] @ joint.axis for joint in chain)
-    off = math.sin(AXIS_TOLERANCE_RAD)
-    return bool(abs(first @ second) < off and np.linalg.norm(np.cross(second, third)) < off)
+def _turns_as_a_leg(tree: LinkTree, chain: Chain) -> bool:
+    axes = [tree.axis_in_root(joint) for joint in chain]
+    return not axis_problem(chain, axes, up=axes[0])

@@ -193,6 +193,10 @@ class LinkTree:
             link = self.joints[link].parent
         return frame
 
+    def axis_in_root(self, joint: TreeJoint) -> FloatArray:
+        """Axis of a joint in the frame of the root with all joints at zero, (3,)."""
+        return np.asarray(self.frame_in_root(joint.child)[:3, :3] @ joint.axis)
+
     def hinges(self, link: str) -> tuple[TreeJoint, ...]:
         """Hinges between the root and a link, from the root outward."""
         found = []

@@ -175,7 +175,7 @@ def _facings(tree: LinkTree, forward: str) -> list[FloatArray]:
     The first one has z up, if the z axis of the root is the vertical.
     """
     coxae = [chain[0] for chain in leg_chains(tree)]
-    axes = np.array([tree.frame_in_root(joint.child)[:3, :3] @ joint.axis for joint in coxae])
+    axes = np.array([tree.axis_in_root(joint) for joint in coxae])
     axes *= np.sign(axes @ axes[0] + 1e-12)[:, np.newaxis]
     axis = axes.mean(axis=0) / max(float(np.linalg.norm(axes.mean(axis=0))), 1e-12)
     up = axis * math.copysign(1.0, axis[np.abs(axis).argmax()])

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.formats.leg_chains import AXIS_TOLERANCE_RAD, FOOT_TOLERANCE_M, axis_text, leg_chains
+from hexctl.robot.formats.leg_chains import FOOT_TOLERANCE_M, axis_problem, leg_chains
 from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
 from hexctl.robot.rotations import placed_points
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
@@ -84,7 +84,8 @@ def _leg(
     frames = [facing @ tree.frame_in_root(joint.child) for joint in chain]
     axes = [frame[:3, :3] @ joint.axis for frame, joint in zip(frames, chain, strict=True)]
     origins_m = [frame[:3, 3] for frame in frames]
-    _check_axes(chain, axes)
+    if problem := axis_problem(chain, axes, up=np.array([0.0, 0.0, 1.0])):
+        raise InputError(f"robot description: {problem}")
     # Joints beyond the tibia move no foot, or let it turn on the floor.
     tips = tree.carried(chain[-1].child)
     tip_m, guess = (foot_m, "") if foot_m is not None else _foot(tree, tips, frames, axes[2])
@@ -118,27 +119,6 @@ def _leg(
         foot_offset_m=foot_offset_m,
         foot_guess=guess,
     )
-
-
-def _check_axes(chain: tuple[TreeJoint, ...], axes: list[FloatArray]) -> None:
-    """Refuse a chain other than a leg: a vertical hinge, then two level and parallel ones."""
-    off = math.sin(AXIS_TOLERANCE_RAD)
-    if np.linalg.norm(axes[0][:2]) > off:
-        raise InputError(
-            f"robot description: the first hinge of a leg, {chain[0].name}, turns about {axis_text(axes[0])} "
-            "of the body; allowed: the vertical, the same for all six legs"
-        )
-    for joint, axis in zip(chain[1:], axes[1:], strict=True):
-        if abs(axis[2]) > off:
-            raise InputError(
-                f"robot description: the hinge {joint.name} turns about {axis_text(axis)}; allowed: a level "
-                "axis"
-            )
-    if np.linalg.norm(np.cross(axes[1], axes[2])) > off:
-        raise InputError(
-            f"robot description: the hinges {chain[1].name} and {chain[2].name} turn about "
-            f"{axis_text(axes[1])} and {axis_text(axes[2])}; allowed: parallel axes"
-        )
 
 
 def _foot(
