@@ -22,13 +22,12 @@ from hexctl.robot.formats.import_values import (
     USUAL_TORQUE_NM,
     Findings,
     plausible,
-    possible_moments,
+    possible_tensor,
     rounded,
 )
 from hexctl.robot.formats.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.mjcf import GEAR_KEY, PLAY_KEY
 from hexctl.robot.formats.tree_legs import TreeLeg
-from hexctl.robot.schema import possible_link_inertia
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: A servo follows its target within this: it turns by 60 degrees in 0.1 to 0.25 s.
@@ -121,14 +120,13 @@ class LegImport:
         cos, sin = math.cos(angle), math.sin(angle)
         return np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
 
-    def inertia(self, index: int, even: FloatArray) -> list[float] | None:
+    def inertia(self, index: int, even: tuple[float, ...]) -> list[float] | None:
         """Moments and product (outward, left, up, outward-up) of a link, or None for those of its capsule.
 
         Args:
-            even: tensor (3, 3) of its capsule.
+            even: of its capsule.
         """
-        kind = JOINT_KINDS[index]
-        key, mass_key = f"links.{kind}.inertia_kg_m2", f"links.{kind}.mass_kg"
+        key, mass_key = (f"links.{JOINT_KINDS[index]}.{name}" for name in ("inertia_kg_m2", "mass_kg"))
         masses_kg, coms_m, tensors = self._masses(index)
         if mass_key in self._findings.reasons:
             return None
@@ -136,19 +134,15 @@ class LegImport:
         if not np.isfinite(tensor).all():
             self._findings.unknown(key, "it is missing; that of an evenly filled capsule was assumed")
             return None
-        if np.allclose(tensor, even, rtol=1e-5, atol=1e-6 * float(np.trace(even))):
+        if np.allclose(_moments(tensor), even, rtol=1e-5, atol=1e-6 * sum(even[:3])):
             return None
         tensor[[0, 1, 1, 2], [1, 0, 2, 1]] = 0.0
         reach_m = float(np.linalg.norm(coms_m.mean(axis=0))) + float(np.linalg.norm(self.vectors_m[index]))
-        moments, problem = possible_moments(tensor, float(masses_kg.mean()), reach_m)
-        xx, yy, zz = map(rounded, moments)
-        if not problem:
-            try:
-                return list(possible_link_inertia((xx, yy, zz, rounded(tensor[0, 2]))))
-            except ValueError:
-                problem = "got products of inertia that no body has"
-        self._findings.unknown(key, f"{problem}; that of an evenly filled capsule was assumed")
-        return None
+        tensor, problem = possible_tensor(tensor, float(masses_kg.mean()), reach_m)
+        if problem:
+            self._findings.unknown(key, f"{problem}; that of an evenly filled capsule was assumed")
+            return None
+        return [rounded(moment) for moment in _moments(tensor)]
 
     def _radius_m(self, index: int, length_m: float) -> float:
         """Radius of the cylinder or capsule whose length is most like the link's."""
@@ -300,3 +294,8 @@ class LegImport:
         """Mean of a value of six joints that all have it above 0."""
         values = [getattr(leg.joints[index], name) for leg in self._legs]
         return float(np.mean(values)) if all(value is not None and value > 0 for value in values) else None
+
+
+def _moments(tensor: FloatArray) -> list[float]:
+    """Moments and product of a link from its tensor, (3, 3)."""
+    return [*np.diag(tensor).tolist(), float(tensor[0, 2])]

@@ -22,7 +22,7 @@ from hexctl.robot.formats.leg_chains import (
     with_three_hinges,
 )
 from hexctl.robot.formats.leg_import import LegImport
-from hexctl.robot.formats.link_masses import PartMass, link_mass
+from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.formats.link_tree import MOST_BYTES, LinkTree
 from hexctl.robot.formats.mjcf_tree import read_mjcf
 from hexctl.robot.formats.tree_legs import (
@@ -280,7 +280,7 @@ class _Import:
 
     def _add_inertias(self, robot: Robot) -> None:
         for index, kind in enumerate(JOINT_KINDS):
-            inertia = self._parts.inertia(index, _tensor(link_mass(robot, index)))
+            inertia = self._parts.inertia(index, link_mass(robot, index).link_moments_kg_m2)
             if inertia is not None:
                 self._links[kind]["inertia_kg_m2"] = inertia
 
@@ -381,13 +381,6 @@ def _place(links: Sequence[Vector2], femur_rad: float, tibia_rad: float) -> Vect
     coxa, femur, tibia = links[0], math.hypot(*links[1]), math.hypot(*links[2])
     outward = coxa[0] + femur * math.cos(femur_rad) + tibia * math.cos(tibia_rad)
     return outward, coxa[1] + femur * math.sin(femur_rad) + tibia * math.sin(tibia_rad)
-
-
-def _tensor(mass: PartMass) -> FloatArray:
-    """Tensor of a link along outward, left and up, (3, 3)."""
-    cos, sin = math.cos(mass.tilt_rad), math.sin(mass.tilt_rad)
-    turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
-    return np.asarray(turn @ np.diag(mass.moments_kg_m2) @ turn.T)
 
 
 def _zero_text(zero_rad: float) -> str:

@@ -11,7 +11,7 @@ from hexctl.robot.formats.import_values import (
     LEAST_TRUNK_KG_M3,
     USUAL_MASS_KG,
     Findings,
-    possible_moments,
+    possible_tensor,
     rounded,
     too_dense,
 )
@@ -142,13 +142,13 @@ def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> di
         return {}
     if np.allclose(np.diag(tensor), even, rtol=1e-7):
         return {}
-    moments, problem = possible_moments(tensor, body["mass_kg"], math.hypot(*body["size_m"][:2]))
+    own, problem = possible_tensor(np.diag(np.diag(tensor)), body["mass_kg"], math.hypot(*body["size_m"][:2]))
     if problem:
         findings.unknown(key, f"{problem}; an evenly filled {body['shape']} was assumed")
         return {}
-    off = max(abs(tensor[0, 1]), abs(tensor[0, 2]), abs(tensor[1, 2])) / moments.max()
+    off = max(abs(tensor[0, 1]), abs(tensor[0, 2]), abs(tensor[1, 2])) / own.max()
     if off > 0.1:
         findings.note(
             f"the trunk's products of inertia, up to {100 * off:.0f} % of its moments, were left out"
         )
-    return {"inertia_kg_m2": [rounded(moment) for moment in moments]}
+    return {"inertia_kg_m2": [rounded(moment) for moment in np.diag(own)]}
