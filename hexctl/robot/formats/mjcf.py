@@ -11,8 +11,9 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, quaternion_about
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS
 
-#: Numbers of hexctl in a file: viscous friction of the servos, and play of coxa, femur and tibia.
+#: Numbers of hexctl in a file, which MJCF has no place for; those of joints are for coxa, femur and tibia.
 GEAR_KEY, PLAY_KEY = "gear_damping_nm_s_per_rad", "play_rad"
+SIZE_KEY, GAIT_KEY, SPEED_KEY = "size_m", "gait", "max_speed_rad_s"
 
 #: Step of the physics in a file.
 STEP_S = 0.002
@@ -58,9 +59,9 @@ def _add_numbers(root: Element, robot: Robot) -> None:
     """Add what MJCF has no place for, so that `hexctl robot import` finds it."""
     gait = robot.gait
     speeds = robot.joint_max_speed_rad_s[:JOINTS_PER_LEG]
-    values = {"size_m": [robot.size_m], "gait": [gait.pace_hz, gait.amplitude, gait.height]}
+    values = {SIZE_KEY: [robot.size_m], GAIT_KEY: [gait.pace_hz, gait.amplitude, gait.height]}
     custom = add(root, "custom")
-    values |= {"max_speed_rad_s": speeds.tolist(), GEAR_KEY: [robot.servo.gear_damping_nm_s_per_rad]}
+    values |= {SPEED_KEY: speeds.tolist(), GEAR_KEY: [robot.servo.gear_damping_nm_s_per_rad]}
     if robot.joint_play_rad is not None:
         values[PLAY_KEY] = robot.joint_play_rad[:JOINTS_PER_LEG].tolist()
     for name, data in values.items():

@@ -24,6 +24,7 @@ from hexctl.robot.formats.leg_chains import (
 from hexctl.robot.formats.leg_import import LegImport
 from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.formats.link_tree import MOST_BYTES, LinkTree
+from hexctl.robot.formats.mjcf import GAIT_KEY, SIZE_KEY
 from hexctl.robot.formats.mjcf_tree import read_mjcf
 from hexctl.robot.formats.tree_legs import (
     PLANE_TOLERANCE_M,
@@ -239,9 +240,9 @@ class _Import:
         gait = (USUAL_PACE_HZ, USUAL_STRIDE * outward_m, USUAL_STEP * outward_m)
         numbers = self._tree.numbers
         size_m = float(f"{2 * radius_m:.2g}")
-        own_gait = len(numbers.get("size_m", ())) == 1 and len(numbers.get("gait", ())) == 3
+        own_gait = len(numbers.get(SIZE_KEY, ())) == 1 and len(numbers.get(GAIT_KEY, ())) == 3
         if own_gait:
-            size_m, (pace_hz, *shares) = numbers["size_m"][0], numbers["gait"]
+            size_m, (pace_hz, *shares) = numbers[SIZE_KEY][0], numbers[GAIT_KEY]
             gait = (pace_hz, shares[0] * size_m, shares[1] * size_m)
         content = {
             "name": name,
