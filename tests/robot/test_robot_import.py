@@ -15,10 +15,10 @@ import pytest
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.configs import config_names
-from hexctl.robot.formats.collada import collada_points
+from hexctl.robot.formats.importing.mesh_files import collada_points
+from hexctl.robot.formats.importing.robot_import import ImportedRobot
 from hexctl.robot.formats.link_masses import link_mass, trunk_mass
 from hexctl.robot.formats.mjcf import mjcf_of
-from hexctl.robot.formats.robot_import import ImportedRobot
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from tests.robot.hexapods import (

@@ -14,7 +14,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.robot.formats.robot_import import import_robot
+from hexctl.robot.formats.importing.robot_import import import_robot
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.runs.run import run

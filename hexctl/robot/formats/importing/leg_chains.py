@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
 from hexctl.robot.rotations import frame_of, placed_points, quaternion_about
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 

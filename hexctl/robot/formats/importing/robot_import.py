@@ -12,29 +12,29 @@ import yaml
 
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
-from hexctl.robot.formats.foot_projection import FootProjection
-from hexctl.robot.formats.import_values import Findings, rounded
-from hexctl.robot.formats.leg_chains import (
+from hexctl.robot.formats.importing.foot_projection import FootProjection
+from hexctl.robot.formats.importing.import_values import Findings, rounded
+from hexctl.robot.formats.importing.leg_chains import (
     AXIS_TOLERANCE_RAD,
     HeldHinge,
     held_text,
     leg_chains,
     with_three_hinges,
 )
-from hexctl.robot.formats.leg_import import LegImport
-from hexctl.robot.formats.link_masses import link_mass
-from hexctl.robot.formats.link_tree import MOST_BYTES, LinkTree
-from hexctl.robot.formats.mjcf import GAIT_KEY, SIZE_KEY
-from hexctl.robot.formats.mjcf_tree import read_mjcf
-from hexctl.robot.formats.tree_legs import (
+from hexctl.robot.formats.importing.leg_import import LegImport
+from hexctl.robot.formats.importing.link_tree import MOST_BYTES, LinkTree
+from hexctl.robot.formats.importing.mjcf_tree import read_mjcf
+from hexctl.robot.formats.importing.tree_legs import (
     PLANE_TOLERANCE_M,
     TreeLeg,
     find_legs,
     with_middle_coxae,
     with_one_zero,
 )
-from hexctl.robot.formats.trunk_import import body_origin, body_section, trunk_box
-from hexctl.robot.formats.urdf_tree import read_urdf
+from hexctl.robot.formats.importing.trunk_import import body_origin, body_section, trunk_box
+from hexctl.robot.formats.importing.urdf_tree import read_urdf
+from hexctl.robot.formats.link_masses import link_mass
+from hexctl.robot.formats.mjcf import GAIT_KEY, SIZE_KEY
 from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
 from hexctl.types import JOINT_KINDS, FloatArray

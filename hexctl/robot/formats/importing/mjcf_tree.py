@@ -8,8 +8,8 @@ import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.files import read_file
-from hexctl.robot.formats.import_values import LEAST_MASS_KG
-from hexctl.robot.formats.link_tree import (
+from hexctl.robot.formats.importing.import_values import LEAST_MASS_KG
+from hexctl.robot.formats.importing.link_tree import (
     MOST_BYTES,
     MOST_LINKS,
     LinkTree,

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.robot.formats.link_tree import (
+from hexctl.robot.formats.importing.link_tree import (
     MOST_BYTES,
     MOST_LINKS,
     LinkTree,
@@ -17,7 +17,7 @@ from hexctl.robot.formats.link_tree import (
     TreeLink,
     tree_of,
 )
-from hexctl.robot.formats.mesh_points import UnreadMeshError, mesh_points
+from hexctl.robot.formats.importing.mesh_files import UnreadMeshError, mesh_points
 from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.robot.rotations import frame_of, quaternion_of_euler
 from hexctl.types import FloatArray

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.formats.leg_chains import FOOT_TOLERANCE_M, axis_problem, leg_chains
-from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.formats.importing.leg_chains import FOOT_TOLERANCE_M, axis_problem, leg_chains
+from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
 from hexctl.robot.rotations import placed_points
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.robot.formats.import_values import (
+from hexctl.robot.formats.importing.import_values import (
     LEAST_MASS_KG,
     LEAST_TRUNK_KG_M3,
     USUAL_MASS_KG,
@@ -15,8 +15,8 @@ from hexctl.robot.formats.import_values import (
     rounded,
     too_dense,
 )
+from hexctl.robot.formats.importing.link_tree import JoinedMass, LinkTree, Solid, joined_mass
 from hexctl.robot.formats.link_masses import trunk_mass
-from hexctl.robot.formats.link_tree import JoinedMass, LinkTree, Solid, joined_mass
 from hexctl.robot.schema import Body
 from hexctl.types import FloatArray
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.formats.import_values import (
+from hexctl.robot.formats.importing.import_values import (
     LEAST_MASS_KG,
     MARGIN_M,
     MOST_KG_M3,
@@ -26,9 +26,9 @@ from hexctl.robot.formats.import_values import (
     possible_tensor,
     rounded,
 )
-from hexctl.robot.formats.link_tree import LinkTree, TreeJoint, joined_mass
+from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
+from hexctl.robot.formats.importing.tree_legs import TreeLeg
 from hexctl.robot.formats.mjcf import GEAR_KEY, PLAY_KEY, SPEED_KEY
-from hexctl.robot.formats.tree_legs import TreeLeg
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: A servo follows its target within this: it turns by 60 degrees in 0.1 to 0.25 s.
