@@ -75,7 +75,7 @@ class _OneRun:
         self._bar = None if not options.captions else make_caption(options.captions[0], width_px)
 
     def picture(self, time_s: float) -> Picture:
-        scene = self._renderer.draw(_row(self._run, time_s))
+        scene = self._renderer.draw(self._run.row_at(time_s))
         return scene if self._bar is None else np.vstack([scene, self._bar])
 
     def moments_s(self) -> Sequence[float]:
@@ -114,11 +114,6 @@ class _Race:
 
     def close(self) -> None:
         self._renderer.close()
-
-
-def _row(run: RecordedTrial, time_s: float) -> int:
-    found = int(np.searchsorted(run.time_s, time_s + 1e-6, side="right")) - 1
-    return min(max(found, 0), len(run) - 1)
 
 
 def _color_changes_s(run: RecordedTrial) -> list[float]:
