@@ -277,7 +277,7 @@ def test_a_foot_next_to_the_plane_of_its_leg_is_projected_with_an_error(
 
 
 def test_a_foot_far_from_the_plane_of_its_leg_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="beside the plane of its leg; allowed: 60 mm"):
+    with pytest.raises(InputError, match="outside the plane of its leg; allowed: 60 mm"):
         imported(tmp_path, hexapod(foot_y_m=0.07))
 
 

@@ -30,7 +30,7 @@ GYRATION_SHARES = (0.02, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What was found out on the way: reasons of unknown keys, and notes on omissions and changes."""
+    """Reasons of unknown keys, and notes on omissions and changes, collected during an import."""
 
     reasons: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)

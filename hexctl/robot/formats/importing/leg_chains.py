@@ -151,7 +151,7 @@ def leg_chains(tree: LinkTree) -> list[Chain]:
         )
     if len({chain[0].name for chain in legs}) != N_LEGS:
         raise InputError(
-            f"robot description: got legs that share the hinge {legs[0][0].name}; allowed: legs of their own"
+            f"robot description: got legs that share the hinge {legs[0][0].name}; allowed: separate legs"
         )
     _check_independent(legs)
     return legs

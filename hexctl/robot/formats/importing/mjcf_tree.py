@@ -162,7 +162,7 @@ class _Reader:
             com_m=np.array(model.body_ipos[body]) - shift_m,
             inertia_kg_m2=turn @ np.diag(model.body_inertia[body]) @ turn.T,
             solids=tuple(solid for solid in solids if solid is not None),
-            unread=tuple(self._unread.get(self._name(body), ())),
+            unread_meshes=tuple(self._unread.get(self._name(body), ())),
         )
 
     def _solid(self, geom: int, shift_m: FloatArray) -> Solid | None:

@@ -143,15 +143,7 @@ def import_robot(
     if name is not None and name != _short_name(name):
         raise InputError(f"{argument('name')}: got {name}; allowed: small letters, figures and dashes")
     tree, held = with_three_hinges(_read(Path(path)))
-    made = []
-    facings = _facings(tree, forward)
-    for facing in facings:
-        legs = find_legs(tree, facing, None if foot_m is None else np.array(foot_m))
-        legs = with_middle_coxae(with_one_zero(legs))
-        made.append(_Import(tree, legs, facing, held))
-    if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
-        made.sort(key=lambda one: one.feet_up_m)
-    # Up is the root's z axis, or else away from the feet at angle zero, unless the legs then have no stance.
+    made = _imports(tree, held, forward, None if foot_m is None else np.array(foot_m))
     chosen = next((one for one in made if one.stances), None)
     if chosen is None:
         raise InputError(
@@ -159,6 +151,18 @@ def import_robot(
             f"can stand ({made[0].why_no_stance()})"
         )
     return chosen.robot(name or _short_name(tree.name), Path(path).name)
+
+
+def _imports(
+    tree: LinkTree, held: tuple[HeldHinge, ...], forward: str, foot_m: FloatArray | None
+) -> "list[_Import]":
+    """Imports for both directions of the vertical: first the root's z axis, or else away from the feet."""
+    facings = _facings(tree, forward)
+    legs = [with_middle_coxae(with_one_zero(find_legs(tree, facing, foot_m))) for facing in facings]
+    made = [_Import(tree, of_facing, facing, held) for of_facing, facing in zip(legs, facings, strict=True)]
+    if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
+        made.sort(key=lambda one: one.feet_up_m)
+    return made
 
 
 def _read(path: Path) -> LinkTree:

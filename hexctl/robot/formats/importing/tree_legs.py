@@ -101,7 +101,7 @@ def _leg(
     if abs(foot_offset_m) > MOST_FOOT_OFFSET_M:
         raise InputError(
             f"robot description: the foot of the leg of {chain[0].name} is {1000 * abs(foot_offset_m):.0f} "
-            f"mm beside the plane of its leg; allowed: {1000 * MOST_FOOT_OFFSET_M:g} mm"
+            f"mm outside the plane of its leg; allowed: {1000 * MOST_FOOT_OFFSET_M:g} mm"
         )
     points = np.array([*origins_m, foot])
     plane = np.column_stack([points @ outward, points[:, 2]])
@@ -138,7 +138,7 @@ def _foot(
     foot_m, marked = _far_end(tree, tips, knee)
     far_m = _length_m(foot_m)
     least_m, most_m = (share * upper_m for share in TIBIA_SHARES)
-    unread = tree.unread(tips)
+    unread = tree.unread_meshes(tips)
     seen = f"its parts end {far_m:.3g} m from the knee" if far_m > 0 else "no frame or solid shows it"
     if unread:
         seen += f"; not read: {', '.join(unread)}"

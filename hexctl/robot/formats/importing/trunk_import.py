@@ -84,7 +84,7 @@ def _is_upright(solid: Solid, frame: FloatArray) -> bool:
 def _between_mounts(tree: LinkTree, mounts_m: FloatArray, sides_m: FloatArray) -> TrunkBox:
     links = tree.rigid(tree.root)
     reason = "no solid covers the area between the mounts, which was taken"
-    if unread := tree.unread(links):
+    if unread := tree.unread_meshes(links):
         reason += f"; not read: {', '.join(unread[:3])}{' ...' if len(unread) > 3 else ''}"
     centre_m = mounts_m.mean(axis=0)
     return TrunkBox(np.array([*sides_m, USUAL_HEIGHT_M]), centre_m, "box", reason)

@@ -70,7 +70,7 @@ def _link(element: Element, path: Path) -> TreeLink:
         com_m=com_m,
         inertia_kg_m2=None if inertial is None else _inertia(inertial),
         solids=tuple(one for solids, _ in uses for one in solids),
-        unread=() if complete else tuple(one for _, unread in uses for one in unread),
+        unread_meshes=() if complete else tuple(one for _, unread in uses for one in unread),
     )
 
 
