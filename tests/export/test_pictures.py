@@ -133,8 +133,8 @@ def test_legs_have_the_colours_of_their_conditions_while_they_last(walk: Recorde
     for row, condition in enumerate(("whole", "noticed", "failed", "missing", "whole")):
         conditions[row, 4] = LEG_CONDITIONS.index(condition)
     red, amber = tinted(replace(walk, leg_conditions=conditions))
-    assert [count > 30 for count in red] == [False, False, True, False, False]
-    assert [count > 30 for count in amber] == [False, True, False, False, False]
+    assert [count > 80 for count in red] == [False, False, True, False, False]
+    assert [count > 80 for count in amber] == [False, True, False, False, False]
     assert red[3] < red[2] / 2  # almost transparent
     assert [red[0], amber[0]] == [red[4], amber[4]] == [0, 0]
 
