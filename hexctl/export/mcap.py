@@ -187,8 +187,8 @@ def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
     twists, covariance, poses = BodyTwist(), own_pose_covariance(), _poses(trial)
     for row in np.flatnonzero(trial.posed).tolist():
         stamp_ns = int(trial.stamps_ns[row])
-        place = trial.base_position_world[row], trial.base_quaternion_world[row]
-        twist = _short(twists.of(float(trial.time_s[row]), *place))
+        pose = trial.base_position_world[row], trial.base_quaternion_world[row]
+        twist = _short(twists.of(float(trial.time_s[row]), *pose))
         numbers = [poses[row], twist, covariance, twist_covariance(twist, reckoned=False)]
         yield stamp_ns, "/odom", odometry().encode(stamp_ns, np.concatenate(numbers))
 

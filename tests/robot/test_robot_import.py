@@ -425,10 +425,11 @@ def check_masses(robot: Robot, back: Robot, error: float) -> None:
         assert other.link_moments_kg_m2 == pytest.approx(own.link_moments_kg_m2, abs=error)
 
 
-def test_inertias_of_links_reach_urdf_mjcf_and_simulation(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("zz", "xz"), [("7e-5", "1e-5"), ("8e-5", "0")], ids=["solid", "tilted plate"])
+def test_inertias_of_links_reach_urdf_mjcf_and_simulation(zz: str, xz: str, tmp_path: Path) -> None:
     inertial = (
         '<inertial><origin xyz="0.03 0 -0.004" rpy="0 0.4 0"/><mass value="0.06"/>'
-        '<inertia ixx="2e-5" iyy="6e-5" izz="7e-5" ixy="0" ixz="1e-5" iyz="0"/></inertial>'
+        f'<inertia ixx="2e-5" iyy="6e-5" izz="{zz}" ixy="0" ixz="{xz}" iyz="0"/></inertial>'
     )
     robot = imported(tmp_path, hexapod(inertial=inertial, trunk=BOX)).robot()
     assert robot.link_inertias_kg_m2 is not None
