@@ -12,13 +12,13 @@ import numpy as np
 
 from hexctl.recording.recorded_trial import RecordedTrial, Samples
 from hexctl.robot.body_twist import BodyTwist
-from hexctl.robot.formats.link_frames import fixed_transforms, link_transforms
+from hexctl.robot.formats.link_frames import BASE_LINK, fixed_transforms, link_transforms
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import xyzw
 from hexctl.scratch import scratch_folder
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME, odometry
+from hexctl.wire.pose import WORLD_FRAME, odometry
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.odometry_error import own_pose_covariance, twist_covariance
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
@@ -149,7 +149,7 @@ def _transforms(trial: RecordedTrial) -> Iterator[Stamped]:
     links = link_transforms(trial.robot, trial.measured_rad)
     numbers = replace(links, quaternions=_short(links.quaternions)).numbers
     of_links = telemetry.transforms(links.frames)
-    of_all = telemetry.transforms(((WORLD_FRAME, BODY_FRAME), *links.frames))
+    of_all = telemetry.transforms(((WORLD_FRAME, BASE_LINK), *links.frames))
     all_numbers = np.concatenate([_poses(trial), numbers], axis=-1)
     for row, stamp_ns in enumerate(trial.stamps_ns.tolist()):
         if trial.posed[row]:
@@ -187,8 +187,8 @@ def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
     twists, covariance, poses = BodyTwist(), own_pose_covariance(), _poses(trial)
     for row in np.flatnonzero(trial.posed).tolist():
         stamp_ns = int(trial.stamps_ns[row])
-        place = trial.base_position_world[row], trial.base_quaternion_world[row]
-        twist = _short(twists.of(float(trial.time_s[row]), *place))
+        pose = trial.base_position_world[row], trial.base_quaternion_world[row]
+        twist = _short(twists.of(float(trial.time_s[row]), *pose))
         numbers = [poses[row], twist, covariance, twist_covariance(twist, reckoned=False)]
         yield stamp_ns, "/odom", odometry().encode(stamp_ns, np.concatenate(numbers))
 
@@ -211,7 +211,7 @@ def _commands(trial: RecordedTrial) -> Iterator[Stamped]:
             linear=ros_cdr.vector(np.array([forward, left, 0.0])),
             angular=ros_cdr.vector(np.array([0.0, 0.0, turn])),
         )
-        header = ros_cdr.header(stamp_ns, BODY_FRAME)
+        header = ros_cdr.header(stamp_ns, BASE_LINK)
         message = ros_cdr.make("geometry_msgs/msg/TwistStamped", header=header, twist=twist)
         yield stamp_ns, "/recorded/velocity_command", ros_cdr.encode(message)
 

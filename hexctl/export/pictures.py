@@ -76,7 +76,7 @@ class _OneRun:
         self._bar = TextBar(caption, width_px, list(messages_of(run)))
 
     def picture(self, time_s: float) -> Picture:
-        scene = self._renderer.draw(_row(self._run, time_s))
+        scene = self._renderer.draw(self._run.row_at(time_s))
         return np.vstack([scene, self._bar.draw(time_s, f"{time_s:.1f} s")])
 
     def moments_s(self) -> Sequence[float]:
@@ -115,11 +115,6 @@ class _Race:
 
     def close(self) -> None:
         self._renderer.close()
-
-
-def _row(run: RecordedTrial, time_s: float) -> int:
-    found = int(np.searchsorted(run.time_s, time_s + 1e-6, side="right")) - 1
-    return min(max(found, 0), len(run) - 1)
 
 
 def _color_changes_s(run: RecordedTrial) -> list[float]:

@@ -69,9 +69,7 @@ class Racer:
 
     def row(self, time_s: float) -> int:
         """Tick at a time of the film."""
-        at_s = time_s + self.start_s + 1e-6
-        found = int(np.searchsorted(self.trial.time_s, at_s, side="right")) - 1
-        return min(max(found, 0), len(self.trial) - 1)
+        return self.trial.row_at(time_s + self.start_s)
 
     def place(self, row: int) -> None:
         """Put the robot at its pose of a tick."""

@@ -7,14 +7,14 @@ import numpy as np
 import zenoh
 
 from hexctl.robot.body_twist import BodyTwist
-from hexctl.robot.formats.link_frames import fixed_transforms, link_transforms
+from hexctl.robot.formats.link_frames import BASE_LINK, fixed_transforms, link_transforms
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
 from hexctl.server.ros import diagnostics
 from hexctl.server.ros.frames import MAP_FRAME, Frames
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.wire import ros_cdr
-from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME, odometry
+from hexctl.wire.pose import WORLD_FRAME, odometry
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.endpoints import RosPublisher
 from hexctl.wire.ros.odometry_error import twist_covariance
@@ -61,8 +61,8 @@ class RobotMessages:
         self._fixed_numbers = fixed.numbers
         self._fixed = telemetry.transforms(fixed.frames)
         self._links = telemetry.transforms(links)
-        self._all_links = telemetry.transforms(((WORLD_FRAME, BODY_FRAME), *links))
-        self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BODY_FRAME), *links))
+        self._all_links = telemetry.transforms(((WORLD_FRAME, BASE_LINK), *links))
+        self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BASE_LINK), *links))
         self._imu = telemetry.imu()
         self._twist, self._frames = BodyTwist(), Frames(robot)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.robot.formats.link_tree import (
+from hexctl.robot.formats.importing.link_tree import (
     MOST_BYTES,
     MOST_LINKS,
     LinkTree,
@@ -17,8 +17,9 @@ from hexctl.robot.formats.link_tree import (
     TreeLink,
     tree_of,
 )
-from hexctl.robot.formats.mesh_points import UnreadMeshError, mesh_points
+from hexctl.robot.formats.importing.mesh_files import UnreadMeshError, mesh_points
 from hexctl.robot.formats.xml_text import parse_xml
+from hexctl.robot.rotations import frame_of, quaternion_of_euler
 from hexctl.types import FloatArray
 
 
@@ -69,7 +70,7 @@ def _link(element: Element, path: Path) -> TreeLink:
         com_m=com_m,
         inertia_kg_m2=None if inertial is None else _inertia(inertial),
         solids=tuple(one for solids, _ in uses for one in solids),
-        unread=() if complete else tuple(one for _, unread in uses for one in unread),
+        unread_meshes=() if complete else tuple(one for _, unread in uses for one in unread),
     )
 
 
@@ -150,19 +151,12 @@ def _optional(element: Element | None, key: str) -> float | None:
 
 def _frame(element: Element) -> FloatArray:
     """Frame of an `origin`: turns about x, y and z of the parent, then the shift."""
-    frame, origin = np.eye(4), element.find("origin")
+    origin = element.find("origin")
     if origin is None:
-        return frame
-    roll, pitch, yaw = _numbers(origin, "rpy") if origin.get("rpy") else (0.0, 0.0, 0.0)
-    cr, sr, cp, sp, cy, sy = (part(angle) for angle in (roll, pitch, yaw) for part in (math.cos, math.sin))
-    frame[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    if origin.get("xyz"):
-        frame[:3, 3] = _numbers(origin, "xyz")
-    return frame
+        return np.eye(4)
+    turns_rad = _numbers(origin, "rpy") if origin.get("rpy") else (0.0, 0.0, 0.0)
+    position_m = _numbers(origin, "xyz") if origin.get("xyz") else (0.0, 0.0, 0.0)
+    return frame_of(position_m, quaternion_of_euler(*turns_rad))
 
 
 def _part(element: Element, tag: str) -> Element:
