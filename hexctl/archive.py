@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.errors import HexctlError, InputError, check_type
+from hexctl.errors import HexctlError, InputError, argument, check_type
 from hexctl.files import ARCHIVE_DAMAGE, OnDamage, atomic_write, damage_reason, open_archive
 
 #: Name of the head among the arrays of a file.
@@ -107,7 +107,7 @@ class ArchiveKind:
                 found = {name: file[name] for name in file.files if arrays and name != _HEAD}
         except FileNotFoundError:
             raise InputError(
-                f"{self.name}: no file at {str(path)!r}; allowed: a file of {self.command}"
+                f"{argument(self.name)}: no file at {str(path)!r}; allowed: a file of {self.command}"
             ) from None
         except _DAMAGE as error:
             raise self.refused(

@@ -186,7 +186,7 @@ prior build --repertoire --worlds 17 => --worlds
 prior build --repertoire --family failing => --family
 prior show diary.npz => diary.npz
 prior show --repertoire diary.npz => diary.npz
-prior show nowhere.npz => nowhere.npz
+prior show nowhere.npz => FILE: no file at
 """
 
 #: A command line and its message, by turns.
