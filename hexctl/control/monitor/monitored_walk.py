@@ -153,6 +153,10 @@ class MonitoredWalk(Controller):
         self._stopped.clear()
         self._unsettled.clear()  # a new evaluation of the kind would stop it again
 
+    def load_changes(self) -> None:
+        """Learn the usual loads again: the body moves over its feet."""
+        self._monitor.gait_changes(self._each([True] * len(self.noticed)))
+
     def stop(self, step: int) -> int:
         """Begin the soft stop, without monitoring; the steps that it takes."""
         self._stopping = True
@@ -367,7 +371,7 @@ class MonitoredWalk(Controller):
             self._plans[index] = replace(self._plans[index], gait=gait)
             answer = self._answer(index, self._failures[index]) if self.noticed[index] else Response()
             suited.append(gait if answer.gait is None else answer.gait)
-        self._monitor.gait_changes(self._each([True] * len(suited)))
+        self.load_changes()
         return suited
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:
