@@ -222,7 +222,6 @@ class DriveController(Controller):
     def _pose(self, pose: BodyPose) -> None:
         self._asked_pose = None
         self._walk.pose_body(pose)
-        self._monitored.load_changes()
         if self.pose_share < 1:
             self._news = (*self._news, f"body pose: the legs reach {self.pose_share:.0%} of it")
 

@@ -153,10 +153,6 @@ class MonitoredWalk(Controller):
         self._stopped.clear()
         self._unsettled.clear()  # a new evaluation of the kind would stop it again
 
-    def load_changes(self) -> None:
-        """Learn the usual loads again: the body moves over its feet."""
-        self._monitor.gait_changes(self._each([True] * len(self.noticed)))
-
     def stop(self, step: int) -> int:
         """Begin the soft stop, without monitoring; the steps that it takes."""
         self._stopping = True
@@ -371,7 +367,7 @@ class MonitoredWalk(Controller):
             self._plans[index] = replace(self._plans[index], gait=gait)
             answer = self._answer(index, self._failures[index]) if self.noticed[index] else Response()
             suited.append(gait if answer.gait is None else answer.gait)
-        self.load_changes()
+        self._monitor.gait_changes(self._each([True] * len(suited)))
         return suited
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:

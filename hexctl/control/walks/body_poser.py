@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.gait.body_pose import BodyPose, feet_from_body
+from hexctl.gait.body_pose import LEVEL, BodyPose, feet_from_body
 from hexctl.gait.foot_trajectory import StepPattern
 from hexctl.ik.legs import legs_that_reach, solve_legs
 from hexctl.robot.model import Robot
@@ -71,7 +71,7 @@ class BodyPoser:
         self._pattern: StepPattern | None = None
         self._level_room: FloatArray = np.ones(shape)[()]
         self.stroke_share: FloatArray = np.ones(shape)[()]
-        self.pose_share, self.frozen = 1.0, False
+        self._asked, self.pose_share, self.frozen = LEVEL, 1.0, False
         self._units = np.repeat([1.0, robot.stance_radius_m], 3)
         self._speeds = _pose_speeds(robot, self._units)
 
@@ -89,13 +89,13 @@ class BodyPoser:
 
     def move_to(self, pose: BodyPose, pattern: StepPattern) -> None:
         """Move to a pose, scaled down to the legs' reach."""
-        self.pose_share = self.reach(pose, pattern)
+        self._asked, self.pose_share = pose, self.reach(pose, pattern)
         self.goals = np.broadcast_to(self.pose_share * pose.array, self.poses.shape)
 
     def update(self, dt_s: float, state: RobotState, pattern: StepPattern) -> None:
         """Move the bodies, `dt_s` after the last update; frozen ones stay as they are."""
         if self.frozen:
-            self.goals = self.commanded
+            self.goals, self._asked = self.commanded, BodyPose.of(self.commanded.reshape(-1, 6)[0])
             return
         moves = not self.at_rest
         if moves:
@@ -107,7 +107,7 @@ class BodyPoser:
         levels = self.level or bool(self._correction.any())
         if levels:
             self._level(dt_s, state)
-        if not (moves or levels or (pattern is not self._pattern and bool(self.poses.any()))):
+        if not (moves or levels or (pattern is not self._pattern and self._asked != LEVEL)):
             return
         self.poses = self.commanded + self._level_poses()
         if any_of(too_far := self._check_room(pattern)):
@@ -151,6 +151,8 @@ class BodyPoser:
         if self._pattern is not pattern:
             self._pattern, moved = pattern, np.ones_like(moved)
             self._level_room = self._room(np.zeros_like(self.poses), pattern, STROKES)
+            if self._asked != LEVEL:
+                self.move_to(self._asked, pattern)  # another gait reaches more or less
         if not any_of(moved):
             return np.zeros_like(moved)
         room = self._room(self.poses, pattern, STROKES)
@@ -159,7 +161,7 @@ class BodyPoser:
         too_far = moved & less & (share < LEVEL_STROKE) & (self._correction != 0).any(axis=-1)
         fits = moved & ~too_far
         self._checked = np.where(fits[..., np.newaxis], self.poses, self._checked)
-        self.stroke_share = np.where(fits, share, self.stroke_share)[()]
+        self.stroke_share = np.where(fits, np.maximum(share, LEAST_STROKE), self.stroke_share)[()]
         return np.asarray(too_far)
 
     def _room(self, poses: FloatArray, pattern: StepPattern, shares: FloatArray) -> FloatArray:

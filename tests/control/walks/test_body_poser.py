@@ -1,6 +1,7 @@
 """Bodies that move over the feet of a walk: reach, speed, levelling, and batches."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.gait.body_pose import BodyPose, feet_from_body
 from hexctl.gait.foot_trajectory import StepPattern
 from hexctl.gait.gait import make_gait
+from hexctl.gait.posture import Posture
 from hexctl.ik.legs import legs_that_reach, solve_legs
 from hexctl.types import FloatArray, RobotState
 from tests.robots import shipped
@@ -85,3 +87,20 @@ def test_level_bodies_turn_against_the_floor_and_a_batch_equals_single_ones() ->
     assert together.stroke_share.min() >= LEVEL_STROKE
     assert legs_that_reach(robot, feet_from_body(robot.stance_feet_body, together.poses[2])).all()
     assert not together.poses[3].any()
+
+
+def test_another_gait_scales_the_pose_again() -> None:
+    robot = shipped("pexod")
+    gait, poser = make_gait(robot, "tripod"), BodyPoser(robot, (), OVERDRIVE)
+    high = replace(gait, posture=Posture(body_raise=0.03))
+    shares = []
+    for one in (gait, high, gait):
+        pattern = StepPattern.of(robot, one)
+        if not shares:
+            poser.move_to(BodyPose(roll_rad=0.2), pattern)
+        for _ in range(100):
+            poser.update(DT_S, state(tilted(0.0)), pattern)
+            assert LEAST_STROKE <= poser.stroke_share <= 1
+        shares.append(poser.pose_share)
+        assert poser.at_rest
+    assert shares[0] == shares[2] > shares[1] > 0
