@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.body_poser import LEAST_STROKE, LEVEL_STROKE, MOST_LEVEL_RAD, BodyPoser
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.gait.body_pose import BodyPose, feet_from_body
@@ -93,7 +95,7 @@ def test_another_gait_scales_the_pose_again() -> None:
     robot = shipped("pexod")
     gait, poser = make_gait(robot, "tripod"), BodyPoser(robot, (), OVERDRIVE)
     high = replace(gait, posture=Posture(body_raise=0.03))
-    shares = []
+    shares: list[float] = []
     for one in (gait, high, gait):
         pattern = StepPattern.of(robot, one)
         if not shares:
@@ -104,3 +106,19 @@ def test_another_gait_scales_the_pose_again() -> None:
         shares.append(poser.pose_share)
         assert poser.at_rest
     assert shares[0] == shares[2] > shares[1] > 0
+
+
+@pytest.mark.slow
+def test_a_level_walk_of_a_batch_equals_a_single_one_and_leans_less() -> None:
+    robot = shipped("ant")
+
+    def trial(gait: str, *, level: bool) -> SimTrial:
+        plan = TrialPlan(gait=make_gait(robot, gait), duration_s=4.0, hold="line", level=level)
+        return SimTrial(robot=robot, plan=plan, failure=None, world="slope")
+
+    trials = [trial("tripod", level=True), trial("wave", level=True), trial("tripod", level=False)]
+    first, second, leaning = run_sim_trials(trials)
+    assert [first, second] == [run_sim_trial(one) for one in trials[:2]]
+    assert first.tilt_deg is not None
+    assert leaning.tilt_deg is not None
+    assert first.tilt_deg < 3 < leaning.tilt_deg
