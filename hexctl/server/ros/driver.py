@@ -76,6 +76,11 @@ class RosDriver:
             return self._pilot.mode
         return "joints" if self._time.now() <= self._joints_until_s else "none"
 
+    @property
+    def pose_share(self) -> float:
+        """Share of the commanded body pose that the legs reach."""
+        return 1.0 if self._pilot is None else self._pilot.pose_share
+
     def obey(self, command: RosCommand, at_s: float) -> None:
         """Take a command that arrived at `at_s` by the robot's time source."""
         if isinstance(command, Stopped):

@@ -270,6 +270,9 @@ def test_a_body_pose_makes_the_robot_stand_up_and_lean_and_its_repetition_holds_
     assert bench.status()["controller"] is None, "it is there already"
     bench.ticks(60, FORWARD)
     assert bench.moved(50, FORWARD) > 0.05
+    bench.send(WantedPose(BodyPose(roll_rad=1.0)))
+    bench.ticks(2)
+    assert 0.1 < bench.status()["ros"]["pose_share"] < 1
     bench.send(WantedPose(BodyPose()))
     bench.call(Service.SIT)
     bench.ticks(400)
