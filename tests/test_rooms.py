@@ -21,7 +21,7 @@ CEILINGS = {
     "recording": 4_460,
     "robot": 6_260,
     "runs": 1_100,
-    "server": 4_480,
+    "server": 4_490,
     "simulators": 2_310,
     "study": 8_310,
     "teleop": 1_980,
