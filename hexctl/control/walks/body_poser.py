@@ -19,7 +19,7 @@ from hexctl.gait.foot_trajectory import StepPattern
 from hexctl.ik.legs import legs_that_reach, solve_legs
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import components
-from hexctl.types import BoolArray, FloatArray, RobotState, any_of
+from hexctl.types import FloatArray, RobotState, any_of
 
 #: Share of the servos' maximum speed with which a joint moves for a pose.
 SPEED_SHARE = 0.25
@@ -68,6 +68,7 @@ class BodyPoser:
         self.poses: FloatArray = np.zeros((*shape, 6))
         self.goals, self.commanded, self._checked = self.poses, self.poses, self.poses
         self._correction: FloatArray = np.zeros((*shape, 2))
+        self._fitting = self._correction  # at the last measurement of the room
         self._pattern: StepPattern | None = None
         self._level_room: FloatArray = np.ones(shape)[()]
         self.stroke_share: FloatArray = np.ones(shape)[()]
@@ -103,16 +104,13 @@ class BodyPoser:
             needed_s = np.add.reduce(np.abs(change) / self._speeds, axis=-1)[..., np.newaxis]
             going = self.commanded + dt_s / np.maximum(needed_s, dt_s) * change
             self.commanded = np.where(needed_s > dt_s, going, self.goals)
-        before = self._correction
         levels = self.level or bool(self._correction.any())
         if levels:
             self._level(dt_s, state)
         if not (moves or levels or (pattern is not self._pattern and self._asked != LEVEL)):
             return
         self.poses = self.commanded + self._level_poses()
-        if any_of(too_far := self._check_room(pattern)):
-            self._correction = np.where(too_far[..., np.newaxis], before, self._correction)
-            self.poses = self.commanded + self._level_poses()
+        self._take_room(pattern)
 
     def feet(self, feet_m: FloatArray) -> FloatArray:
         """Feet in the frames of the posed bodies, of feet of level ones, leading shape + (6, 3) in m."""
@@ -145,8 +143,8 @@ class BodyPoser:
         poses[..., :2] = self._correction
         return poses
 
-    def _check_room(self, pattern: StepPattern) -> BoolArray:
-        """Measure the room for strokes if it may have changed; the walks that levelling leaves too little."""
+    def _take_room(self, pattern: StepPattern) -> None:
+        """Measure the room for strokes if it may have changed; levelling that leaves too little is undone."""
         moved = (np.abs(self.poses - self._checked) > SAME_POSE * self._units).any(axis=-1)
         if self._pattern is not pattern:
             self._pattern, moved = pattern, np.ones_like(moved)
@@ -154,15 +152,22 @@ class BodyPoser:
             if self._asked != LEVEL:
                 self.move_to(self._asked, pattern)  # another gait reaches more or less
         if not any_of(moved):
-            return np.zeros_like(moved)
-        room = self._room(self.poses, pattern, STROKES)
-        share = np.minimum(1.0, room / np.maximum(self._level_room, STROKES[0]))
-        less = share < self.stroke_share
-        too_far = moved & less & (share < LEVEL_STROKE) & (self._correction != 0).any(axis=-1)
-        fits = moved & ~too_far
-        self._checked = np.where(fits[..., np.newaxis], self.poses, self._checked)
-        self.stroke_share = np.where(fits, np.maximum(share, LEAST_STROKE), self.stroke_share)[()]
-        return np.asarray(too_far)
+            return
+        share = self._share(pattern)
+        levelled = (self._correction != self._fitting).any(axis=-1)
+        too_far = moved & levelled & (share < np.minimum(self.stroke_share, LEVEL_STROKE))
+        if any_of(too_far):
+            self._correction = np.where(too_far[..., np.newaxis], self._fitting, self._correction)
+            self.poses = self.commanded + self._level_poses()
+            share = self._share(pattern)
+        self._fitting = np.where(moved[..., np.newaxis], self._correction, self._fitting)
+        self._checked = np.where(moved[..., np.newaxis], self.poses, self._checked)
+        self.stroke_share = np.where(moved, share, self.stroke_share)[()]
+
+    def _share(self, pattern: StepPattern) -> FloatArray:
+        """Share of the strokes of level bodies that the poses leave, leading shape."""
+        share = self._room(self.poses, pattern, STROKES) / np.maximum(self._level_room, STROKES[0])
+        return np.clip(share, LEAST_STROKE, 1.0)
 
     def _room(self, poses: FloatArray, pattern: StepPattern, shares: FloatArray) -> FloatArray:
         """Largest share of the steps within reach, in every direction, of poses (..., 6): (...)."""

@@ -69,7 +69,7 @@ def test_frozen_bodies_stay_and_give_up_their_goal() -> None:
 def test_level_bodies_turn_against_the_floor_and_a_batch_equals_single_ones() -> None:
     robot = shipped("ant")
     gait = make_gait(robot, "tripod")
-    leans = [(0.05, 0.0), (0.0, 0.1), (1.0, -1.0), (math.nan, 0.0)]
+    leans = [(0.05, 0.0), (0.0, 0.1), (1.0, -1.0), (math.nan, 0.0), (0.3, 0.3)]
     patterns = [StepPattern.of(robot, gait), StepPattern.of(robot, [gait] * len(leans))]
     together = BodyPoser(robot, (len(leans),), OVERDRIVE, level=True)
     singles = [BodyPoser(robot, (), OVERDRIVE, level=True) for _ in leans]
@@ -86,7 +86,7 @@ def test_level_bodies_turn_against_the_floor_and_a_batch_equals_single_ones() ->
     assert (together.stroke_share == np.stack([one.stroke_share for one in singles])).all()
     np.testing.assert_allclose(together.poses[:2, :2], [[-0.05, 0], [0, -0.1]], atol=0.01)
     assert 0.1 < np.abs(together.poses[2, :2]).max() <= MOST_LEVEL_RAD
-    assert together.stroke_share.min() >= LEVEL_STROKE
+    assert together.stroke_share.min() >= LEVEL_STROKE, "the last one levels slowly"
     assert legs_that_reach(robot, feet_from_body(robot.stance_feet_body, together.poses[2])).all()
     assert not together.poses[3].any()
 
