@@ -145,7 +145,7 @@ class BodyPoser:
 
     def _take_room(self, pattern: StepPattern) -> None:
         """Measure the room for strokes if it may have changed; levelling that leaves too little is undone."""
-        moved = (np.abs(self.poses - self._checked) > SAME_POSE * self._units).any(axis=-1)
+        moved = np.asarray((np.abs(self.poses - self._checked) > SAME_POSE * self._units).any(axis=-1))
         if self._pattern is not pattern:
             self._pattern, moved = pattern, np.ones_like(moved)
             self._level_room = self._room(np.zeros_like(self.poses), pattern, STROKES)
@@ -155,7 +155,7 @@ class BodyPoser:
             return
         share = self._share(pattern)
         levelled = (self._correction != self._fitting).any(axis=-1)
-        too_far = moved & levelled & (share < np.minimum(self.stroke_share, LEVEL_STROKE))
+        too_far = np.asarray(moved & levelled & (share < np.minimum(self.stroke_share, LEVEL_STROKE)))
         if any_of(too_far):
             self._correction = np.where(too_far[..., np.newaxis], self._fitting, self._correction)
             self.poses = self.commanded + self._level_poses()
@@ -167,7 +167,7 @@ class BodyPoser:
     def _share(self, pattern: StepPattern) -> FloatArray:
         """Share of the strokes of level bodies that the poses leave, leading shape."""
         share = self._room(self.poses, pattern, STROKES) / np.maximum(self._level_room, STROKES[0])
-        return np.clip(share, LEAST_STROKE, 1.0)
+        return np.asarray(np.clip(share, LEAST_STROKE, 1.0))
 
     def _room(self, poses: FloatArray, pattern: StepPattern, shares: FloatArray) -> FloatArray:
         """Largest share of the steps within reach, in every direction, of poses (..., 6): (...)."""
