@@ -6,28 +6,28 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_130,
+    "": 2_140,
     "adapt": 8_450,
     "backends": 10_300,
-    "cli": 7_140,
+    "cli": 7_130,
     "client": 1_100,
-    "control": 12_820,
+    "control": 13_160,
     "demo": 270,
     "doctor": 570,
     "export": 1_890,
-    "gait": 660,
+    "gait": 730,
     "identify": 1_320,
     "ik": 1_150,
     "recording": 4_460,
-    "robot": 6_300,
+    "robot": 6_290,
     "runs": 1_110,
-    "server": 4_370,
+    "server": 4_410,
     "simulators": 2_310,
     "study": 8_290,
-    "teleop": 1_910,
+    "teleop": 1_980,
     "testing": 560,
     "vision": 6_530,
-    "wire": 3_210,
+    "wire": 3_260,
 }
 
 

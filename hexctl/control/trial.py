@@ -63,12 +63,14 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
 def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     """The walk of the plans: steered if they hold something, else open loop with constant motion."""
     hold = held(start.plans[0], start.frame)
+    if start.plans[0].level and start.frame is None:
+        raise InputError("level: got a robot without a pose; allowed: one that measures roll and pitch")
     if hold != "none":
         return SteeredWalk(start, hold=hold)
     gaits = [plan.gait for plan in start.plans]
     motions = start.motions
     alone = start.batch_shape == ()
-    if start.plans[0].changes:
+    if start.plans[0].changes or start.plans[0].level:
         return MotionWalk(start)
     return Walk(
         start.robot,

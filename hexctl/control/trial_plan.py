@@ -88,6 +88,7 @@ class TrialPlan:
         turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of earlier walks; None
             for a walk without a trim.
         further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
+        level: whether the body is kept level by its measured roll and pitch.
     """
 
     gait: Gait
@@ -104,6 +105,7 @@ class TrialPlan:
     trim_rad: float = 0.0
     turn_trim_rad_s: float | None = None
     further_failures: tuple[Failure, ...] = ()
+    level: bool = False
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")

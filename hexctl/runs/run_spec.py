@@ -141,6 +141,9 @@ class RunSpec(RecordedOptions, WalkOptions):
     that the robot's sensors allow.
     """
 
+    level: Annotated[bool, RARE] = False
+    """Keep the body level on slopes, with the roll and pitch that the robot measures."""
+
     trim_rad: Annotated[float | None, TRIM_DEG, RARE] = None
     """With --hold heading or --turn-trim, course correction in degrees, {}, counter-clockwise: after a walk
     that ended E to the left after S, -atan(E / S) more. (default: 0)
@@ -349,6 +352,7 @@ def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
     )
     return TrialPlan(
         gait=gait,
+        level=spec.level,
         heading_rad=spec.heading_rad or 0.0,
         travel=0.0 if in_place else 1.0,
         turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,

@@ -56,6 +56,9 @@ class DriveOptions(RobotOptions):
     hold: Annotated[DriveHold, WALK] = "auto"
     """Correct slip with the pose or the yaw that the robot measures (auto), or walk in open loop (none)."""
 
+    level: Annotated[bool, WALK] = False
+    """Keep the body level on slopes, with the roll and pitch that the robot measures."""
+
     policy: Annotated[str | None, FAILURE, RARE] = None
     """What to do about a leg that is noticed to have failed: walk-on, stop, glide, or package.module:Class.
     (default: glide with sim, else stop)
