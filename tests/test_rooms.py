@@ -18,6 +18,7 @@ CEILINGS = {
     "gait": 650,
     "identify": 1_330,
     "ik": 1_150,
+    "learning": 380,
     "recording": 4_460,
     "robot": 6_260,
     "runs": 1_100,
