@@ -24,7 +24,7 @@ CEILINGS = {
     "runs": 1_100,
     "server": 4_450,
     "simulators": 2_310,
-    "study": 8_310,
+    "study": 8_760,
     "teleop": 1_910,
     "testing": 560,
     "vision": 6_530,

@@ -68,9 +68,14 @@ def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> NetworkPolic
     return NetworkPolicy(layers=layers, robot_fingerprint=head["robot_fingerprint"], origin=head["origin"])
 
 
+def policy_file(robot: Robot) -> Path:
+    """File of the shipped policy of a robot, which may be missing."""
+    return config_root() / POLICIES / f"{robot.name}.npz"
+
+
 def policy_of(robot: Robot) -> NetworkPolicy:
     """The shipped policy of a robot; raises InputError for a robot without one."""
-    path = config_root() / POLICIES / f"{robot.name}.npz"
+    path = policy_file(robot)
     found = load_policy(path) if path.is_file() else None
     if found is None or found.robot_fingerprint != robot.fingerprint:
         raise InputError(
