@@ -25,10 +25,7 @@ from hexctl.study.recovery.recovery_plan import HEADINGS_DEG
 ROBOT = "ant"
 
 #: Worlds of training, with the sensors of the recovery benchmark.
-WORLDS = [
-    *(f"transfer:{number}" for number in range(500, 532)),
-    *(f"real:{number}" for number in range(7000, 7024)),
-]
+WORLDS = {"transfer": range(500, 532), "real": range(7000, 7024)}
 
 #: Ticks of each robot between two updates.
 TICKS = 64
@@ -44,7 +41,8 @@ CHECKPOINT = 2.0
 
 def robots(seed: int) -> RobotBatches:
     """A robot in each world."""
-    worlds = [with_sensors(load_world(name)) for name in WORLDS]
+    names = [f"{family}:{number}" for family, numbers in WORLDS.items() for number in numbers]
+    worlds = [with_sensors(load_world(name)) for name in names]
     return RobotBatches(batches_of(load_robot(ROBOT), worlds), FAILURES, HEADINGS_DEG, seed)
 
 
@@ -67,7 +65,7 @@ def origin_of(model: PPO, seed: int) -> dict[str, Any]:
         "steps": int(model.num_timesteps),
         "core_minutes": round(time.process_time() / 60, 1),
         "seed": seed,
-        "worlds": [WORLDS[0], "..", WORLDS[-1]],
+        "worlds": [f"{name}:{numbers[0]}-{numbers[-1]}" for name, numbers in WORLDS.items()],
         "failures": list(FAILURES),
     }
 

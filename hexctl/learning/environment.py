@@ -40,8 +40,8 @@ ID = "hexctl/Hexapod-v0"
 Observation = NDArray[np.float32]
 Values = FloatArray | float
 
-#: Reward of a tick: progress as a share of the commanded one, less these for a deviation of the robot's size,
-#: for a cost of transport of 1, and for a fall.
+#: Reward of a tick: progress as a share of the commanded one, less these for a deviation of the robot's size
+#: and for a cost of transport of 1. A fall costs the last.
 DEVIATION, EFFORT, FALL = 2.0, 0.05, 10.0
 
 
@@ -177,7 +177,7 @@ class _Episode:
             fell = self._guard.stopped is not None
         except SimulationDivergedError:
             fell = True
-        reward = self._reward() - FALL * fell
+        reward = -FALL if fell else self._reward()
         return self.observation, reward, fell, self._step >= self._ticks, self.info
 
     def _sense(self) -> None:
