@@ -38,6 +38,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
         load_policy(tmp_path / "other.npz")
 
 
+@pytest.mark.slow
 def test_it_equals_torch() -> None:
     torch = pytest.importorskip("torch", reason="only with the extra `train`")
     random = np.random.default_rng(0)
