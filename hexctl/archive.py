@@ -68,6 +68,10 @@ class ArchiveKind:
         """Head of a file; raises InputError for a file of another kind or version."""
         return self._read(path, arrays=False)[0]
 
+    def digest(self, path: Path) -> str | None:
+        """Digest in the head of a file; None without a file."""
+        return str(self.read_head(path)["digest"]) if path.is_file() else None
+
     def load(
         self, path: Path | str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], Content]
     ) -> Content:
