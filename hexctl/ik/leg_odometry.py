@@ -34,7 +34,7 @@ SLIPPING_PER_S = 0.15
 LEAST_S = 0.01
 
 #: Iterations of the weights, and with known contacts at every tick.
-ROUNDS, STANCE_ROUNDS = 4, 2
+ROUNDS, STANCE_ROUNDS = 4, 3
 
 #: Assumed height of the feet of missing legs, in m.
 GONE_M = 1e3
@@ -117,25 +117,42 @@ def leg_motions(
     up, feet = stands.up_body[1:] + stands.up_body[:-1], stands.feet_body
     before, after = _along(feet[:-1], up), _along(feet[1:], up) + _rolled(robot, joint_positions_rad)
     slipping_m = SLIPPING_PER_S * robot.stance_radius_m * np.maximum(np.diff(times_s), LEAST_S)[:, np.newaxis]
-    shift, turn, slip_m = _fit(before, after, weights, slipping_m)
-    motions = np.stack([shift.real, shift.imag, np.angle(turn)], axis=-1)
-    return LegMotions(motions, slip_m, stands.height_m, stands.up_body)
+    fit = _fit(before, after, weights, slipping_m)
+    shift = fit.middle_before - fit.turn * fit.middle_after
+    motions = np.stack([shift.real, shift.imag, np.angle(fit.turn)], axis=-1)
+    return LegMotions(motions, fit.slip_m, stands.height_m, stands.up_body)
 
 
 def stance_motions(
-    robot: Robot, joint_positions_rad: FloatArray, foot_contacts: BoolArray, period_s: float
+    robot: Robot,
+    joint_positions_rad: FloatArray,
+    foot_contacts: BoolArray,
+    yaw_rad: FloatArray,
+    period_s: float,
 ) -> ComplexArray:
-    """Shift of the body between moments, by the feet on the floor at both, (T - 1, ...) in the body frame.
+    """Motion of the body between moments, by the feet on the floor at both, (T - 1, ...).
 
-    Joint angles are (T, ..., 18), contacts (T, ..., 6). The sums of a batch equal those of single robots, to
-    the last bit.
+    Joint angles are (T, ..., 18), contacts (T, ..., 6), yaws (T, ...); the motion has the axes that the yaw
+    counts from. Yaws by the feet only weigh the feet. A batch equals single robots to the last bit.
     """
     feet_body = foot_positions_body(robot, joint_positions_rad)
     feet = feet_body[..., 0] + 1j * feet_body[..., 1]
     after = feet[1:] + _rolled(robot, joint_positions_rad)
-    weights = (foot_contacts[:-1] & foot_contacts[1:]) + LEAST_WEIGHT
+    weights = (foot_contacts[:-1] & foot_contacts[1:]).astype(float) + LEAST_WEIGHT
     slipping_m: FloatArray = np.array(SLIPPING_PER_S * robot.stance_radius_m * period_s)
-    return _fit(feet[:-1], after, weights, slipping_m, STANCE_ROUNDS)[0]
+    fit = _fit(feet[:-1], after, weights, slipping_m, STANCE_ROUNDS)
+    turned = np.exp(1j * yaw_rad)
+    return np.asarray(turned[:-1] * fit.middle_before - turned[1:] * fit.middle_after)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Turn that maps feet back to their positions before, weighted middles and residuals, (N, ...)."""
+
+    middle_before: ComplexArray
+    middle_after: ComplexArray
+    turn: ComplexArray
+    slip_m: FloatArray
 
 
 def _fit(
@@ -144,11 +161,8 @@ def _fit(
     standing_weights: FloatArray,
     slipping_m: FloatArray,
     rounds: int = ROUNDS,
-) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-    """Shift and turn, (N, ...), that map feet (N, ..., 6) back to their positions before, and the residuals.
-
-    Cauchy weights: a foot with a residual of `slipping_m` counts half.
-    """
+) -> _Fit:
+    """Least squares with Cauchy weights: a foot with a residual of `slipping_m` counts half."""
     off_m: FloatArray = np.zeros(())
     for _ in range(rounds):
         weights = standing_weights / (1 + np.square(off_m / slipping_m))
@@ -161,7 +175,7 @@ def _fit(
         turn = turn / np.abs(turn)
         off_m = np.abs(from_before - turn[..., np.newaxis] * from_after)
     slip_m = np.sqrt((weights * np.square(off_m)).sum(axis=-1) / total)
-    return middle_before - turn * middle_after, turn, slip_m
+    return _Fit(middle_before, middle_after, turn, slip_m)
 
 
 def _rolled(robot: Robot, joints_rad: FloatArray) -> ComplexArray:

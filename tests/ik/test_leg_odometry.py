@@ -48,7 +48,7 @@ def test_feet_that_stay_tell_the_motion(forward_m: float, left_m: float, yaw_rad
     contacts = np.ones((2, 6), dtype=bool)
     contacts[1, 3] = False
     joints[1, 9:12] += 0.1  # a foot that has lifted
-    shift = stance_motions(POINT_FEET, joints, contacts, 0.1)
+    shift = stance_motions(POINT_FEET, joints, contacts, np.array([0.0, yaw_rad]), 0.1)
     assert [shift[0].real, shift[0].imag] == pytest.approx([forward_m, left_m], abs=1e-6)
 
 

@@ -13,45 +13,50 @@ BLOCK_TICKS = 50
 class DeadReckoning:
     """Deviation from a line, positive to the left, leading shape in m; for one robot or a batch.
 
-    The body moves against its standing feet, whose places follow from measured joint angles. It needs foot
-    contacts: the load of the joints tells stance from swing too roughly.
+    The body moves against its standing feet, whose places follow from measured joint angles and yaw. It needs
+    foot contacts: the load of the joints tells stance from swing too roughly.
     """
 
     def __init__(self, robot: Robot, shape: tuple[int, ...], period_s: float) -> None:
         self._robot, self._period_s = robot, period_s
-        self._joints_rad = np.empty((BLOCK_TICKS + 1, *shape, N_JOINTS))
-        self._contacts = np.empty((BLOCK_TICKS + 1, *shape, N_LEGS), dtype=bool)
-        self._off_rad = np.empty((BLOCK_TICKS + 1, *shape))
+        # The yaw is the mean of three ticks: one more at each end.
+        ticks = BLOCK_TICKS + 3
+        self._joints_rad = np.empty((ticks, *shape, N_JOINTS))
+        self._contacts = np.empty((ticks, *shape, N_LEGS), dtype=bool)
+        self._yaw_rad = np.empty((ticks, *shape))
         self._zero: FloatArray = np.zeros(shape)[()]
         self._unknown: FloatArray = np.full(shape, np.nan)[()]
         self.restart()
 
     def restart(self) -> None:
         """Begin on the line."""
-        self._deviation_m, self._tick = self._zero, 0
+        self._deviation_m, self._ticks = self._zero, 0
 
-    def update(self, state: RobotState, off_rad: FloatArray) -> FloatArray:
+    def update(self, state: RobotState, yaw_rad: FloatArray) -> FloatArray:
         """Take the state of the next tick: the deviation, or NaN if angles or contacts are not measured.
 
-        The yaw relative to the line is `off_rad`, leading shape.
+        The yaw counts from the line, leading shape, unwrapped.
         """
         if state.foot_contacts is None or not state.measured:
-            self._tick = 0
+            self._ticks = 0
             return self._unknown
-        tick = self._tick
+        tick = self._ticks
         self._joints_rad[tick], self._contacts[tick] = state.joint_positions_rad, state.foot_contacts
-        self._off_rad[tick] = off_rad
-        self._tick = tick + 1
-        if tick == BLOCK_TICKS:
+        self._yaw_rad[tick] = yaw_rad
+        self._ticks = tick + 1
+        if self._ticks == len(self._yaw_rad):
             self._advance()
         return self._deviation_m
 
     def _advance(self) -> None:
-        """Add the motion of a block, whose last tick begins the next one."""
-        shift = stance_motions(self._robot, self._joints_rad, self._contacts, self._period_s)
-        left_m = (shift * np.exp(1j * self._off_rad[:-1])).imag
+        """Add the motion of a block; its end is the beginning of the next one."""
+        yaw_rad = self._yaw_rad
+        smooth_rad = (yaw_rad[:-2] + yaw_rad[1:-1] + yaw_rad[2:]) / 3
+        joints_rad, contacts = self._joints_rad[1:-1], self._contacts[1:-1]
+        left_m = stance_motions(self._robot, joints_rad, contacts, smooth_rad, self._period_s).imag
         left_m = np.where(np.isfinite(left_m), left_m, 0.0)
+        # A running sum, whose order is that of a single robot in a batch as well.
         self._deviation_m = self._deviation_m + np.cumsum(left_m, axis=0)[-1]
-        for block in (self._joints_rad, self._contacts, self._off_rad):
-            block[0] = block[-1]
-        self._tick = 1
+        for block in (self._joints_rad, self._contacts, yaw_rad):
+            block[:2] = block[-2:]
+        self._ticks = 2

@@ -277,8 +277,8 @@ class CourseHold:
             self._dt_s, self._cycles = dt_s, dt_s / self._cycle_s
             self._share = 1 - np.exp(-self._cycles / self._gains.mean_cycles)
         self._walked_cycles = self._walked_cycles + self._cycles
-        self._aside.update(self._measured_deviation_m(dt_s, state), dt_s)
         self._yaw.update(self._measured_error_rad(dt_s, state), dt_s)
+        self._aside.update(self._measured_deviation_m(dt_s, state), dt_s)
         self._average()
         self._integrate()
         self.velocity_body = self._velocity()
@@ -296,7 +296,7 @@ class CourseHold:
     def _measured_deviation_m(self, dt_s: float, state: RobotState) -> FloatArray:
         if self._dead_reckoning is not None:
             line_rad = self._course.heading_rad + self._trim_rad
-            return self._dead_reckoning.update(state, self._course.yaw_rad + self._error_rad - line_rad)
+            return self._dead_reckoning.update(state, self._course.yaw_rad + self._yaw.value - line_rad)
         position = state.base_position_world
         if position is None or self._hold != "line":
             return self._unknown
