@@ -54,7 +54,9 @@ class DeadReckoning:
         smooth_rad = (yaw_rad[:-2] + yaw_rad[1:-1] + yaw_rad[2:]) / 3
         joints_rad, contacts = self._joints_rad[1:-1], self._contacts[1:-1]
         left_m = stance_motions(self._robot, joints_rad, contacts, smooth_rad, self._period_s).imag
-        left_m = np.where(np.isfinite(left_m), left_m, 0.0)
+        # Contacts that do not change are dead, or the robot stands.
+        stepping = (contacts[1:] != contacts[:-1]).any(axis=(0, -1))
+        left_m = np.where(np.isfinite(left_m) & stepping, left_m, 0.0)
         # A running sum, whose order is that of a single robot in a batch as well.
         self._deviation_m = self._deviation_m + np.cumsum(left_m, axis=0)[-1]
         for block in (self._joints_rad, self._contacts, yaw_rad):
