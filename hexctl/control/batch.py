@@ -360,6 +360,7 @@ class _Walks:
                 hold=self._controller.hold,
                 limited_ticks=int(self._limited[index]),
                 frame=start.frame,
+                true_frame=start.true_frame,
                 positions_world=self._positions[index, :walked],
                 true_positions_world=self._true_positions[index, :walked],
                 quaternions_world=self._quaternions[index, :walked],

@@ -80,7 +80,7 @@ class TrialPlan:
             stance pose. A simulation gets its own failures.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none` (as it is).
         turn_rad: turn before the walk, instead of `self_rotation`; None to follow it.
-        settle_s: time to reach the stance and come to rest.
+        settle_s: time to reach the stance and come to rest; up to 1.5 s longer if the yaw is noisy.
         hold: one of `HOLDS`; `none` is open loop, as in the paper.
         changes: of the gait, in stride, ascending in time.
         trim_rad: counter-clockwise correction of the course from earlier walks, under the hold `heading` or,
