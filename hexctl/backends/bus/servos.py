@@ -1,6 +1,5 @@
 """Leg servos on a bus, and the thread that owns the bus."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -15,14 +14,12 @@ from hexctl.backends.bus.tools import BUSES, baud_advice, bus_of, check_no_unexp
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import PortThread
 from hexctl.backends.ticked_servos import PortServos
-from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, ServoReadings
-
-MOST_BAUD = 4_500_000
 
 #: With more mute servos than those of two legs it is the bus, not a leg.
 MOST_MUTE = 6
@@ -35,32 +32,6 @@ GAP_S = 0.15
 
 #: Temperature from which a servo is reported as warm.
 HOT_C = 65.0
-
-
-def parse_bus_port(
-    text: str | None, baud: int | None = None, *, driver: str = "dynamixel"
-) -> tuple[str, int]:
-    """Device and baud of a text such as `/dev/ttyUSB0:1000000`; else `baud`, else the driver's usual one.
-
-    Raises InputError without a port, and for an invalid baud.
-    """
-    if not text:
-        raise InputError(
-            f"{argument('connect')}: got none; allowed: the port of the bus, such as /dev/ttyUSB0, here or "
-            "as `port` in the section `servos` of the robot file"
-        )
-    # Paths by their place, /dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0, have colons themselves.
-    path, _, speed = text.rpartition(":") if re.search(r":[^/:]*$", text) else (text, "", "")
-    if "-port" in speed:
-        path, speed = text, ""
-    if not path or (
-        path != text and not (speed.isdecimal() and len(speed) < 10 and 1200 <= int(speed) <= MOST_BAUD)
-    ):
-        raise InputError(
-            f"{argument('connect')}: got {text!r}; allowed: a serial device such as /dev/ttyUSB0 or "
-            f"/dev/ttyUSB0:1000000, at 1200 to {MOST_BAUD} baud"
-        )
-    return path, int(speed) if speed else baud or DEFAULT_BAUDS[driver]
 
 
 class BusThread(PortThread[ServoBus]):

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 
 import typer
 
-from hexctl.backends.bus.servos import parse_bus_port
+from hexctl.backends.bus.bus_options import BusAddress
 from hexctl.backends.mavlink.mavlink_transport import parse_port
 from hexctl.backends.pwm.pca9685 import parse_i2c_place
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
@@ -183,8 +184,7 @@ TARGETS = (
                 _endpoint,
                 _page,
                 parse_port,
-                parse_bus_port,
-                lambda text: parse_bus_port(text, driver="lx16a"),
+                partial(BusAddress.parse, "lx16a"),
                 parse_i2c_place,
                 parse_servo2040_port,
             )
