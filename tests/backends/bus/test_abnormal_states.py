@@ -82,7 +82,6 @@ def tripped(servo: Any) -> None:
 SAME = "several servos with the same id answer together"
 SILENT = "no servo answers on memory"
 NOISE = "noise, a missing ground"
-LOW = "brown-out: "
 HOT = "hot, 72 degrees C"
 
 X = [
@@ -107,7 +106,7 @@ X = [
     State("id used twice", SAME, faults=("same-id:3:femur",)),
     State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
-    State("half power", LOW, faults=("battery:6",)),
+    State("half power", "hardware alert: all servos", faults=("battery:6",)),
     State("another supply", "is made for other voltages (4 to 8 V, firmware 45)", stored(32, 80, 2)),
     State("old firmware", "its firmware 37 is older than 38, and lacks a watchdog", stored(6, 37)),
     State("half torque", "its torque is limited to 50 %", now(100, 443, 2)),
@@ -124,7 +123,7 @@ AX = [
     State("id used twice", SAME, faults=("same-id:3:femur",)),
     State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
-    State("half power", LOW, faults=("battery:6",)),
+    State("half power", "voltage: all servos", faults=("battery:6",)),
     State("another supply", "is made for other voltages (4 to 8 V, firmware 45)", stored(13, 80)),
     State("half torque", "its torque is limited to 50 %", now(34, 511, 2)),
     State("speed limit", "its speed is limited to 60 degrees/s", now(32, 90, 2)),
@@ -146,7 +145,7 @@ STS = [
     State("id used twice", SAME, faults=("same-id:3:femur",)),
     State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
-    State("half power", LOW, faults=("battery:3.8",)),
+    State("half power", "voltage: all servos", faults=("battery:3.8",)),
     State(
         "7.4 V type on 12 V",
         "it has 12 V and is made for other voltages (7.4 V type, 4 to 8 V, firmware 3.10)",
@@ -174,7 +173,7 @@ LX = [
     State("id used twice", SAME, faults=("same-id:3:femur",)),
     State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
-    State("half power", LOW, faults=("battery:3.7",)),
+    State("half power", "it has 3.7 V, and lets go outside", faults=("battery:3.7",)),
     State("does not answer", "mute: ", faults=("mute:3:femur",)),
     State("noise", NOISE, faults=("noise:1",)),
 ]
