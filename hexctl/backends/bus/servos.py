@@ -19,7 +19,7 @@ from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
 from hexctl.time_source import WALL_TIME, TimeSource
-from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, ServoReadings
+from hexctl.types import N_JOINTS, TOO_HOT_C, WARM_C, BoolArray, FloatArray, RobotState, ServoReadings
 
 #: With more mute servos than those of two legs it is the bus, not a leg.
 MOST_MUTE = 6
@@ -29,9 +29,6 @@ SILENT_S = 0.2
 
 #: After a gap this long between its packets the servos' own watchdog may have expired.
 GAP_S = 0.15
-
-#: Temperature from which a servo is reported as warm.
-HOT_C = 65.0
 
 
 class BusThread(PortThread[ServoBus]):
@@ -353,8 +350,10 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             warnings.append(f"mute: {self._map.names(mute)}")
         if (wild := (servos.ages_s > mute_s) & ~mute).any():
             warnings.append(f"answers, but its positions jump: {self._map.names(wild)}")
-        if (hot := servos.temperatures_c > HOT_C).any():
-            warnings.append(f"hot, {np.nanmax(servos.temperatures_c):.0f} degrees C: {self._map.names(hot)}")
+        if (warm := servos.temperatures_c >= WARM_C).any():
+            most_c = np.nanmax(servos.temperatures_c)
+            word = "hot" if most_c >= TOO_HOT_C else "warm"
+            warnings.append(f"{word}, {most_c:.0f} degrees C: {self._map.names(warm)}")
         for error in dict.fromkeys(filter(None, servos.errors)):
             which = np.array([each == error for each in servos.errors])
             warnings.append(f"{error}: {self._map.names(which)}")

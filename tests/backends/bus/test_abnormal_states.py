@@ -170,6 +170,7 @@ LX = [
         "another supply", "it has 7.4 V, and lets go outside 9.0 to 12.0 V", made(voltages_mv=(9000, 12000))
     ),
     State("hot", HOT, faults=("hot:3:femur:72",)),
+    State("warm", "warm, 66 degrees C", faults=("hot:3:femur:66",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
     State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
