@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import READ, REBOOT, WRITE
 from hexctl.backends.bus.registers import Register, bit_words, table_of
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings, firmware_and_variant
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 
 #: Message for a silent servo.
@@ -376,9 +376,8 @@ class RegisterServo(Servo):
         notes, firmware = [], self.firmware()
         limits, volts = self._voltage_limits(), self.sure_value(self.table.voltage)
         if limits is not None and volts and not limits[0] <= volts <= limits[1]:
-            notes.append(
-                f"it has {volts:.0f} V and is made for other voltages ({self.variant()}, firmware {firmware})"
-            )
+            kind = firmware_and_variant(firmware, self.variant())
+            notes.append(f"it has {volts:.3g} V and is made for other voltages ({kind})")
         if self.table.least_firmware is not None and firmware:
             least, lacks = self.table.least_firmware
             if tuple(map(int, firmware.split("."))) < least:
