@@ -116,6 +116,7 @@ def test_every_driver_has_a_simulated_bus_or_board_that_reports_its_counts(drive
         ({"bus": "feetech", "backend": "zenoh"}, "backend"),
         ({"bus": "pca9685", "backend": "mock", "model": "sts3215"}, "model: got sts3215"),
         ({"bus": "servo2040", "backend": "mock", "model": "chica"}, "model: got chica"),
+        ({"bus": "servo2040", "baud": 9600}, "baud: got 9600 with servo2040"),
         ({"bus": "feetech", "backend": "mock", "fault": ("nack",)}, "fault: got 'nack'"),
     ],
 )
