@@ -184,11 +184,15 @@ def test_that_no_usb_adapter_is_there_is_noted(
 
 
 def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     section = {"driver": "feetech", "port": "/dev/nothing"}
     file = edited_file(tmp_path, put("servos", section), base="phantomx")
     before = file.read_text()
+    monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
+    assert exit_code(["calibrate", str(file)]) == 2, "nobody can answer"
+    assert "calibrate: no answer can come on stdin" in capsys.readouterr().err
+    _says(monkeypatch, "")
     for options, code, named in (
         ([], 3, "/dev/nothing"),
         (["--connect", "/dev/nowhere"], 3, "/dev/nowhere"),
