@@ -229,6 +229,26 @@ def _answers_at(path: str, driver: str, baud: int, protocol: int) -> bool:
         return False  # a rate that the adapter does not have
 
 
+def other_drivers(path: str, driver: str, bauds: Collection[int]) -> list[str]:
+    """Other drivers to which servos answer, with a known model if they report one."""
+    return [
+        each
+        for each in PROTOCOLS_OF
+        if each != driver and any(_knows_answering(path, each, baud) for baud in bauds)
+    ]
+
+
+def _knows_answering(path: str, driver: str, baud: int) -> bool:
+    with opened_line(path, baud) as line:
+        for protocol in PROTOCOLS_OF[driver]:
+            packets = tool_line(line, driver, protocol)
+            for servo_id in FIRST_IDS:
+                if answering_ids(packets, [servo_id]):
+                    servo = servo_with(packets, driver, protocol, servo_id)
+                    return driver == "lx16a" or servo.look().model is not None
+    return False
+
+
 def baud_advice(path: str, driver: str, bauds: Collection[int]) -> str:
     """Advice for a silent bus: the baud rates at which servos answer; empty for none."""
     others = " or ".join(map(str, other_bauds(path, driver, bauds)))
@@ -246,6 +266,8 @@ def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
     tried = " or ".join(str(baud) for baud in bauds)
     others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
     usual = f"; --baud all also asks at {', '.join(others)}" if others else ""
+    if drivers := " or ".join(other_drivers(path, driver, bauds)):
+        return f"no {driver} servo answers on {path} at {tried} baud; --driver {drivers} finds servos"
     return (
         f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?"
         f"{baud_advice(path, driver, bauds)}{usual}"
