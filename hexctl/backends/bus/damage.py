@@ -93,8 +93,7 @@ class Listener:
 
     def answers(self, servo_id: int, *, tries: int = 1) -> bool:
         """Whether an id answers; one with damaged answers is suspected."""
-        probe = self.packets.packets.probe
-        return self.look(servo_id, lambda: self.packets.ask(servo_id, probe, tries=tries) is not None or None)
+        return self.look(servo_id, lambda: self.packets.ping(servo_id, tries=tries) or None)
 
     def damage(self) -> Damage:
         """What persists of the suspicions."""

@@ -92,7 +92,7 @@ class Servo(ABC):
 
     def answers(self, *, tries: int = TRIES) -> bool:
         """Whether it answers."""
-        return self._packets.ask(self.servo_id, self._packets.packets.probe, tries=tries) is not None
+        return self._packets.ping(self.servo_id, tries=tries)
 
     def reads(self) -> bool | None:
         """Whether its position can be read; None without any answer.

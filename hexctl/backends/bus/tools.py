@@ -109,11 +109,6 @@ def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -
     return register_servo(packets, driver, servo_id, protocol)
 
 
-def answering_ids(packets: PacketLine, ids: Sequence[int], *, tries: int = 1) -> list[int]:
-    """The ids that answer, each asked up to `tries` times."""
-    return [each for each in ids if packets.ask(each, packets.packets.probe, tries=tries) is not None]
-
-
 def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
     """Servo with this id, in any protocol of the driver; None if none answers.
 
@@ -192,7 +187,7 @@ def _look_at(
     listener: Listener, driver: str, protocol: int, servo_id: int, found: dict[int, FoundServo]
 ) -> None:
     def look() -> bool | None:
-        if not answering_ids(listener.packets, [servo_id]):
+        if not listener.packets.ping(servo_id):
             return None
         found[servo_id] = servo_with(listener.packets, driver, protocol, servo_id).look()
         return found[servo_id].position is not None  # pings of two servos may be alike, and positions are not
@@ -224,7 +219,7 @@ def other_bauds(path: str, driver: str, bauds: Collection[int]) -> list[int]:
 def _answers_at(path: str, driver: str, baud: int, protocol: int) -> bool:
     try:
         with opened_line(path, baud) as line:
-            return bool(answering_ids(tool_line(line, driver, protocol), FIRST_IDS))
+            return any(map(tool_line(line, driver, protocol).ping, FIRST_IDS))
     except RobotFaultError:
         return False  # a rate that the adapter does not have
 
@@ -243,7 +238,7 @@ def _knows_answering(path: str, driver: str, baud: int) -> bool:
         for protocol in PROTOCOLS_OF[driver]:
             packets = tool_line(line, driver, protocol)
             for servo_id in FIRST_IDS:
-                if answering_ids(packets, [servo_id]):
+                if packets.ping(servo_id):
                     servo = servo_with(packets, driver, protocol, servo_id)
                     return driver == "lx16a" or servo.look().model is not None
     return False
@@ -402,7 +397,10 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
         joint = servos.names(servos.ids == FACTORY_ID)
         raise RobotFaultError(f"id {FACTORY_ID} belongs to a joint of the robot file ({joint}): none is lost")
     with opened_line(port, baud) as line:
-        found = np.array([find_servo(line, servos.driver, each) is not None for each in servos.ids.tolist()])
+        listener = Listener(tool_line(line, servos.driver, servos.protocol))
+        found = np.array([listener.answers(each, tries=TRIES) for each in servos.ids.tolist()])
+        if damage := listener.damage():
+            raise RobotFaultError(damage.description(port))
         joint_index = _adoptable(servos, found)
         if joint_index is None:
             names = servos.names(~found) or "none"
