@@ -84,6 +84,8 @@ class BoardOptions(ServedOptions):
             raise InputError(
                 f"{argument('baud')}: got {self.baud} with servo2040, a USB device; allowed: with other buses"
             )
+        if self.bus == "pca9685" and self.model is not None:
+            raise InputError(f"{argument('model')}: got {self.model} with pca9685; allowed: without")
 
     @property
     def signed(self) -> bool:

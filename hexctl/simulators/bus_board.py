@@ -67,7 +67,7 @@ class BusBoard(SimulatedBoard):
         if not (data := self._line.receive(timeout_s)):
             return
         self._occupy(len(data))
-        if self._faults.unplugged or not self._understands():
+        if self._unplugged or not self._understands():
             return
         if self._faults.echoes:
             self._line.send(data)
