@@ -176,4 +176,4 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
         self._thread.send(self._map.limited_raw(positions_rad))
 
     def _gone(self, reason: str) -> str:
-        return f"the port {self._place} is gone ({reason}); is the cable still in?"
+        return f"the port {self._place} was lost ({reason}); is the cable still in?"

@@ -87,7 +87,7 @@ class Lx16aServos(SimulatedServos):
 
     servos: Sequence[SimulatedLx16aServo]
 
-    def _made(self, servo_id: int, model: ServoType, count: float) -> SimulatedLx16aServo:
+    def _new_servo(self, servo_id: int, model: ServoType, count: float) -> SimulatedLx16aServo:
         return SimulatedLx16aServo(servo_id, model, count)
 
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:

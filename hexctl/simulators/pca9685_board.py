@@ -93,9 +93,9 @@ class Pca9685Board(SimulatedBoard):
             for chip in self.chips.values():
                 chip.reset()
 
-    def _told(self) -> tuple[BoolArray, FloatArray]:
+    def _servo_targets(self) -> tuple[BoolArray, FloatArray]:
         pulses = self.pulses_us()
         return pulses > 0, self._map.angles_rad(pulses)
 
-    def _show(self, state: RobotState) -> None:
+    def _measure(self, state: RobotState) -> None:
         """Nothing is measured."""

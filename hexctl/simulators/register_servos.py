@@ -237,7 +237,7 @@ class RegisterServos(SimulatedServos):
         self._table = table_of(bus_map.models[0].name)
         self._heard_s = -math.inf
 
-    def _made(self, servo_id: int, model: ServoType, count: float) -> BusServo:
+    def _new_servo(self, servo_id: int, model: ServoType, count: float) -> BusServo:
         return BusServo(servo_id, model, count)
 
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:

@@ -163,11 +163,11 @@ class Servo2040Board(SimulatedBoard):
             self.relay = self._staged = False
             self._status = 1 | min(0x3FF, round(10 * value)) << 1
 
-    def _told(self) -> tuple[BoolArray, FloatArray]:
+    def _servo_targets(self) -> tuple[BoolArray, FloatArray]:
         powered: BoolArray = self.enabled[self._map.outputs] & self.relay
         return powered, self._map.angles_rad(self.pulses_us[self._map.outputs])
 
-    def _show(self, state: RobotState) -> None:
+    def _measure(self, state: RobotState) -> None:
         if state.foot_contacts is not None:
             for leg, touch in enumerate(self._map.touches.tolist()):
                 self._sensors[touch] = PRESSED if state.foot_contacts[leg] else FREE

@@ -184,12 +184,12 @@ class SimulatedBoard(RunningBoard):
         """Begin a fault other than `unplug` and `replug`."""
 
     @abstractmethod
-    def _told(self) -> tuple[BoolArray, FloatArray]:
+    def _servo_targets(self) -> tuple[BoolArray, FloatArray]:
         """Which servos hold, (18,), and their target angles, (18,), arbitrary for others."""
 
     @abstractmethod
-    def _show(self, state: RobotState) -> None:
-        """Pass the robot's state to the board."""
+    def _measure(self, state: RobotState) -> None:
+        """Take the measurements of the board from the robot's state."""
 
     def _begin_due_faults(self) -> None:
         for fault in self.due.begun(self._robot.clock.now_s):
@@ -200,16 +200,16 @@ class SimulatedBoard(RunningBoard):
 
     def _start(self) -> None:
         self._begin_due_faults()
-        self._show(self._robot.read())
+        self._measure(self._robot.read())
 
     def _tick(self) -> None:
         self._begin_due_faults()
         state = self._robot.read()
         self._move(state)
-        self._show(state)
+        self._measure(state)
 
     def _move(self, state: RobotState) -> None:
-        holds, angles_rad = self._told()
+        holds, angles_rad = self._servo_targets()
         if not holds.any():
             if self._sent_rad is not None:
                 self._robot.disable_torque()

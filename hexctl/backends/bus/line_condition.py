@@ -95,7 +95,7 @@ class LineCondition:
         self._usual_v = np.nan  # until most servos have reported a voltage
         self._at_s = self._sagged_at_s = -np.inf
         self._low_v = np.inf  # lowest of a brown-out
-        self._said: dict[int, float] = {}  # reported shares, by joint; -1 for all
+        self._reported: dict[int, float] = {}  # reported shares, by joint; -1 for all
 
     def warnings(self, servos: ServoReadings, limp: BoolArray, mute: BoolArray) -> list[str]:
         """Warnings, unchanged while nothing changes; `limp` and `mute` are joints, (18,)."""
@@ -140,21 +140,22 @@ class LineCondition:
         shares = np.where(mute, 0.0, self._shares.damaged)
         bad_answers = shares * np.minimum(self._shares.asked, WINDOW)
         begins = (shares >= DAMAGED) & (bad_answers >= LEAST_BAD)
-        before = np.array([joint in self._said or -1 in self._said for joint in range(N_JOINTS)])
+        before = np.array([joint in self._reported or -1 in self._reported for joint in range(N_JOINTS)])
         bad = np.flatnonzero(begins | (before & (shares >= GOOD))).tolist()
         if len(bad) > MOST_LINES:
-            self._said = {-1: self._figure(-1, float(np.median(shares[bad])))}
-            return [f"bad cable or noise: {_percent(self._said[-1])} of all answers are damaged or missing"]
-        self._said = {joint: self._figure(joint, float(shares[joint])) for joint in bad}
+            share = self._figure(-1, float(np.median(shares[bad])))
+            self._reported = {-1: share}
+            return [f"bad cable or noise: {_percent(share)} of all answers are damaged or missing"]
+        self._reported = {joint: self._figure(joint, float(shares[joint])) for joint in bad}
         return [
-            f"bad cable or noise: {_percent(self._said[joint])} of the answers of "
+            f"bad cable or noise: {_percent(self._reported[joint])} of the answers of "
             f"{self._map.names(np.arange(N_JOINTS) == joint)} are damaged or missing"
             for joint in bad
         ]
 
     def _figure(self, joint: int, share: float) -> float:
         """Share to report: the previous one while it is about right."""
-        said = self._said.get(joint)
+        said = self._reported.get(joint)
         return share if said is None or not said / CHANGED <= share <= said * CHANGED else said
 
 

@@ -61,7 +61,7 @@ class RegisterServo(Servo):
                 self._packets.outwait()
         return None
 
-    def sure(self, register: Register | None) -> int | None:
+    def read_twice(self, register: Register | None) -> int | None:
         """Raw number of two equal reads in a row; None if they differ."""
         if register is not None and self._stored is not None and register.address < self.table.ram:
             data = self._stored[register.address : register.address + register.size]
@@ -82,9 +82,9 @@ class RegisterServo(Servo):
         raw = self.raw(register, tries=tries)
         return None if raw is None or register is None else register.value(raw)
 
-    def sure_value(self, register: Register | None) -> float | None:
+    def value_twice(self, register: Register | None) -> float | None:
         """Number in its unit from two equal reads in a row."""
-        raw = self.sure(register)
+        raw = self.read_twice(register)
         return None if raw is None or register is None else register.value(raw)
 
     def write(self, register: Register, value: float, *, tries: int = TRIES) -> str:
@@ -102,18 +102,18 @@ class RegisterServo(Servo):
 
     def change(self, register: Register, value: float) -> str:
         """Write a number if it differs, and read it back: servos drop some. Empty, or the reason."""
-        if self.sure(register) == register.raw(value):
+        if self.read_twice(register) == register.raw(value):
             return ""
         self._stored = None
         said = self.write(register, value)
-        after = self.sure(register)
+        after = self.read_twice(register)
         if after == register.raw(value):
             return ""
         return said or (SILENT if after is None else f"it keeps {after}")
 
     def model_number(self) -> int | None:
         """Reported model number; None without an answer."""
-        return self.sure(self.table.model)
+        return self.read_twice(self.table.model)
 
     def look(self) -> FoundServo:
         """Identity and readings of the servo."""
@@ -143,7 +143,7 @@ class RegisterServo(Servo):
 
     def firmware(self) -> str:
         """Version of its firmware; empty if unknown."""
-        numbers = [self.sure(each) for each in self.table.firmware]
+        numbers = [self.read_twice(each) for each in self.table.firmware]
         return "" if None in numbers or not any(numbers) else ".".join(map(str, numbers))
 
     def variant(self) -> str:
@@ -158,7 +158,7 @@ class RegisterServo(Servo):
     def _voltage_limits(self) -> tuple[float, float] | None:
         if self.table.voltages is None:
             return None
-        least_v, most_v = (self.sure_value(each) for each in self.table.voltages)
+        least_v, most_v = (self.value_twice(each) for each in self.table.voltages)
         known = least_v is not None and most_v is not None and 0 <= least_v < most_v
         return (round(least_v or 0.0, 1), round(most_v or 0.0, 1)) if known else None
 
@@ -203,17 +203,17 @@ class RegisterServo(Servo):
         address = register.address.to_bytes(self._packets.packets.width, "little")
         self._packets.tell(self.servo_id, WRITE, address + self.table.packed(register, level))
         self._packets.outwait()
-        after = self.sure(register)
+        after = self.read_twice(register)
         said = "" if after == level else SILENT if after is None else f"it keeps {after}"
         return [_changed(f"its status return level to {level}", said)]
 
     def _set_up_modes(self) -> list[str]:
         table, notes = self.table, list[str]()
-        if self.sure(table.unlock) == 0:
+        if self.read_twice(table.unlock) == 0:
             self._lock(open_=False)
         if said := self.change(table.return_delay, 0):
             notes.append(f"its return delay cannot be set to 0 ({said})")
-        mode, flags = self.sure(table.mode), self.sure(table.flags)
+        mode, flags = self.read_twice(table.mode), self.read_twice(table.flags)
         if table.mode is not None and mode not in (None, table.position_mode):
             said = self.change(table.mode, table.position_mode)
             notes.append(_changed(f"its operating mode from {mode} to {table.position_mode}", said))
@@ -225,14 +225,14 @@ class RegisterServo(Servo):
             if table.timed is not None and flags >> table.timed & 1 and not said:
                 notes += self._end_times()
             notes += [_changed(f"its flag for {on}", said)] if on else []
-        if table.resolution is not None and (scale := self.sure(table.resolution) or 1) > 1:
+        if table.resolution is not None and (scale := self.read_twice(table.resolution) or 1) > 1:
             said = self.change(table.resolution, 1)
             notes.append(_changed(f"its angular resolution from {scale} to 1", said))
         return notes
 
     def _end_times(self) -> list[str]:
         """Set durations of moves to none: as limits of speed and acceleration they mean something else."""
-        times = {each: self.sure(each) for each in self.table.profile}
+        times = {each: self.read_twice(each) for each in self.table.profile}
         return [
             _changed(f"its profile register {each.address} from {time} ms to 0", self.change(each, 0))
             for each, time in times.items()
@@ -245,7 +245,7 @@ class RegisterServo(Servo):
             return self._settings()
 
     def _settings(self) -> ServoSettings:
-        least, most = self.sure_value(self.table.least), self.sure_value(self.table.most)
+        least, most = self.value_twice(self.table.least), self.value_twice(self.table.most)
         unlimited = least is None or most is None or not least < most
         return ServoSettings(
             refusal=self._refusal(least, most),
@@ -253,20 +253,20 @@ class RegisterServo(Servo):
             least=float("-inf") if unlimited or least is None else least,
             most=float("inf") if unlimited or most is None else most,
             firmware=self.firmware(),
-            shadow_id=self.sure(self.table.shadow_id),
+            shadow_id=self.read_twice(self.table.shadow_id),
         )
 
     def hardware_error(self) -> str:
         """Reason of a torque loss, in words; empty if none is reported."""
-        bits = self.sure(self.table.hardware_error)
+        bits = self.read_twice(self.table.hardware_error)
         return "" if bits is None else bit_words(self.table.hardware_errors, bits)
 
     def renew_torque_limit(self) -> None:
         """Set a torque limit of 0 to the maximum; AX servos have 0 after an overload."""
         limit, greatest = self.table.torque_limit, self.table.max_torque
-        if limit is None or greatest is None or self.sure(limit) != 0:
+        if limit is None or greatest is None or self.read_twice(limit) != 0:
             return
-        if most := self.sure_value(greatest):
+        if most := self.value_twice(greatest):
             self.change(limit, most)
 
     def soften(self) -> str:
@@ -322,7 +322,7 @@ class RegisterServo(Servo):
         table = self.table
         if not self._known:
             return f"its model number {self._number} is not known"
-        mode, flags = self.sure(table.mode), self.sure(table.flags)
+        mode, flags = self.read_twice(table.mode), self.read_twice(table.flags)
         if table.mode is not None and mode not in (None, table.position_mode):
             return f"its operating mode is {mode}, not {table.position_mode} (position); {_LATER}"
         if table.mode is None and least == most == 0:
@@ -340,7 +340,7 @@ class RegisterServo(Servo):
     def _refused_numbers(self) -> str:
         """Why a number keeps it from following its own goals; empty if none does."""
         table = self.table
-        if (scale := self.sure(table.resolution) or 1) > 1:
+        if (scale := self.read_twice(table.resolution) or 1) > 1:
             return (
                 f"its angular resolution is {scale}, not 1: its counts are {scale} times as large; {_LATER}"
             )
@@ -348,24 +348,24 @@ class RegisterServo(Servo):
 
     def _notes(self) -> list[str]:
         table, notes = self.table, []
-        shutdown = self.sure(table.shutdown)
+        shutdown = self.read_twice(table.shutdown)
         if shutdown is not None and (missing := bit_words(table.protections, ~shutdown)):
             notes.append(f"it does not protect itself from {missing}")
         notes += self._overload_notes()
-        greatest, now = self.sure_value(table.max_torque), self.sure_value(table.soft_torque)
+        greatest, now = self.value_twice(table.max_torque), self.value_twice(table.soft_torque)
         if greatest == 0:
             notes.append("its maximum torque is set to 0")
         elif greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
-        if speed := self.sure_value(table.speed):
+        if speed := self.value_twice(table.speed):
             notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")
         if alert := self.hardware_error():
-            notes.append(f"it has let go ({alert}); switch its power off and on")
+            notes.append(f"it switched its torque off ({alert}); switch its power off and on")
         return notes + self._variant_notes()
 
     def _speed_unit(self) -> float:
         """How many times larger its counts of a speed are."""
-        flags = self.sure(self.table.flags)
+        flags = self.read_twice(self.table.flags)
         if self.table.slow_unit is None or flags is None:
             return 1.0
         bit, times = self.table.slow_unit
@@ -374,7 +374,7 @@ class RegisterServo(Servo):
     def _variant_notes(self) -> list[str]:
         """Notes on a supply that it is not made for, and on old firmware."""
         notes, firmware = [], self.firmware()
-        limits, volts = self._voltage_limits(), self.sure_value(self.table.voltage)
+        limits, volts = self._voltage_limits(), self.value_twice(self.table.voltage)
         if limits is not None and volts and not limits[0] <= volts <= limits[1]:
             kind = firmware_and_variant(firmware, self.variant())
             notes.append(f"it has {volts:.3g} V and is made for other voltages ({kind})")
@@ -389,7 +389,7 @@ class RegisterServo(Servo):
         overload = self.table.overload
         if overload is None:
             return []
-        values = [self.sure_value(register) for register in overload.registers]
+        values = [self.value_twice(register) for register in overload.registers]
         known = [(own, usual) for own, usual in zip(values, overload.factory, strict=True) if own is not None]
         if len(known) < len(values) or all(own <= usual + TORQUE_SHARE for own, usual in known):
             return []

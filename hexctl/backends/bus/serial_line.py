@@ -71,9 +71,9 @@ class SerialLine:
                 wait_ready(self._descriptor, left_s, to_write=True)
 
     def read(self, deadline_s: float) -> bytes:
-        """What has come, or comes first until a time; empty if nothing does.
+        """Return received bytes, or wait for the first until a time; empty if none come.
 
-        Raises OSError when the device is gone.
+        Raises OSError when the device is lost.
         """
         return self._without_echo(self._take(max(0.0, deadline_s - self.time.now())))
 

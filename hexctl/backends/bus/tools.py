@@ -90,7 +90,7 @@ def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
     try:
         yield line
     except OSError as error:
-        raise RobotFaultError(f"the port {path} is gone ({error.strerror or error})") from error
+        raise RobotFaultError(f"the port {path} was lost ({error.strerror or error})") from error
     finally:
         line.close()
 
@@ -319,7 +319,7 @@ def _ids_by_broadcast(path: str, baud: int) -> list[int]:
         if not ids and packets.garbled:
             damage = Damage(baud=baud, noisy=Listener(packets).is_noisy())
             raise InputError(
-                "servos that answer: got several at once, or damaged answers; allowed: exactly one on the bus"
+                "servos that answer: got several or damaged answers; allowed: exactly one on the bus"
                 f"{f'; {damage.description(path)}' if damage else ''}"
             )
     return sorted(ids)
@@ -408,7 +408,7 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
         servo, seen = _lost_servo(line, servos, joint_index)
         angle_deg = _angle_deg(robot, servos, joint_index, seen)
         if not servo.set_torque(on=False):
-            raise RobotFaultError(f"the servo with id {FACTORY_ID} does not let go")
+            raise RobotFaultError(f"the servo with id {FACTORY_ID} keeps its torque")
         adopted = _give_id(servo, int(servos.ids[joint_index]))
         servo.reboot()
         if servos.driver == "dynamixel" and servos.protocol == 2:
@@ -450,7 +450,7 @@ def _angle_deg(robot: Robot, servos: BusMap, joint: int, seen: FoundServo) -> fl
     if not ends[0] - TOLERANCE_DEG <= angle_deg <= ends[1] + TOLERANCE_DEG:
         name = servos.names(np.arange(N_JOINTS) == joint)
         raise RobotFaultError(
-            f"the servo with id {FACTORY_ID} stands at {angle_deg:.0f} degrees, where {name} cannot "
-            f"({ends[0]:.0f} to {ends[1]:.0f}): it may be another servo; try `hexctl servos identify`"
+            f"angle of the servo with id {FACTORY_ID}: got {angle_deg:.0f} degrees; allowed for {name}: "
+            f"{ends[0]:.0f} to {ends[1]:.0f}; it may be another servo: try `hexctl servos identify`"
         )
     return round(angle_deg, 1)

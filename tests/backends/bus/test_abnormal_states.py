@@ -101,7 +101,7 @@ X = [
     State("counts in reverse", "it counts in reverse", stored(10, 1)),
     State("secondary id", "it also follows the goals of id 5", stored(12, 5)),
     State("answers pings only", "set its status return level to 2", now(68, 0)),
-    State("alert after an overload", "it has let go (overload)", tripped),
+    State("alert after an overload", "it switched its torque off (overload)", tripped),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
     State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),

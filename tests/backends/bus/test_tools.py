@@ -165,7 +165,8 @@ def test_a_servo_of_another_model_or_place_is_left_alone(other: str) -> None:
         else:
             bus.robot._positions_rad[8] -= 3.2
             bus.time.sleep(0.2)
-        with pytest.raises(RobotFaultError, match="model number" if other == "model" else f"where {LOST}"):
+        message = "model number" if other == "model" else f"allowed for {LOST}"
+        with pytest.raises(RobotFaultError, match=message):
             adopt(shipped("phantomx"), _from_21(), bus.path, 1_000_000)
         assert servo.servo_id == 1
 
