@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.backends.bus.packets import READ, REBOOT, WRITE
+from hexctl.backends.bus.packets import READ, REBOOT, WRITE, StatusPacket
 from hexctl.backends.bus.registers import Register, bit_words, table_of
 from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings, firmware_and_variant
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
@@ -52,11 +52,16 @@ class RegisterServo(Servo):
         return None if data is None else int.from_bytes(data, self.table.byte_order)
 
     def _bytes(self, address: int, size: int, *, tries: int = TRIES) -> bytes | None:
+        answer = self._answer(address, size, tries=tries)
+        return None if answer is None else answer.parameters
+
+    def _answer(self, address: int, size: int, *, tries: int = TRIES) -> StatusPacket | None:
+        """Answer with `size` bytes from an address."""
         asked = self._packets.packets.place(address, size)
         for _ in range(tries):
             answer = self._packets.ask(self.servo_id, READ, asked)
             if answer is not None and len(answer.parameters) == size:
-                return answer.parameters
+                return answer
             if tries > 1:
                 self._packets.outwait()
         return None
@@ -117,11 +122,11 @@ class RegisterServo(Servo):
 
     def look(self) -> FoundServo:
         """Identity and readings of the servo."""
-        report = self._report()
-        data, error = (None, "") if report is None else report
+        answer = self._answer(*self.table.block)
+        error = "" if answer is None else self.table.complaint(answer.error)
         if self.table.hardware_error is not None and error:
             error = f"{error} ({self.hardware_error()})"
-        numbers = [math.nan] * 5 if data is None else self.table.numbers(data)
+        numbers = [math.nan] * 5 if answer is None else self.table.numbers(answer.parameters)
         position, load, current_a, voltage_v, temperature_c = (
             None if math.isnan(each) else each for each in numbers
         )
@@ -307,15 +312,6 @@ class RegisterServo(Servo):
     def _lock(self, *, open_: bool) -> None:
         if self.table.unlock is not None:
             self.write(self.table.unlock, 0 if open_ else 1)
-
-    def _report(self) -> tuple[bytes, str] | None:
-        first, size = self.table.block
-        asked = self._packets.packets.place(first, size)
-        for _ in range(TRIES):
-            answer = self._packets.ask(self.servo_id, READ, asked)
-            if answer is not None and len(answer.parameters) == size:
-                return answer.parameters, self.table.complaint(answer.error)
-        return None
 
     def _refusal(self, least: float | None, most: float | None) -> str:
         """Why it would not follow position goals; empty if it does."""
