@@ -186,16 +186,16 @@ def _servo2040(options: BackendOptions) -> LegServos:
     from hexctl.backends.pwm.servo2040 import Servo2040Servos, parse_servo2040_port
 
     pwm_map = pwm_map_of(options.servos_section, "servo2040")
-    place = parse_servo2040_port(options.connect or options.servos_section.port)
-    return Servo2040Servos(options.robot, pwm_map=pwm_map, place=place)
+    port = parse_servo2040_port(options.connect or options.servos_section.port)
+    return Servo2040Servos(options.robot, pwm_map=pwm_map, port=port)
 
 
 def _pca9685(options: BackendOptions) -> LegServos:
-    from hexctl.backends.pwm.pca9685 import Pca9685Servos, parse_i2c_place
+    from hexctl.backends.pwm.pca9685 import Pca9685Servos, parse_i2c_port
 
     pwm_map = pwm_map_of(options.servos_section, "pca9685")
-    place = parse_i2c_place(options.connect or options.servos_section.port)
-    return Pca9685Servos(options.robot, pwm_map=pwm_map, place=place)
+    port = parse_i2c_port(options.connect or options.servos_section.port)
+    return Pca9685Servos(options.robot, pwm_map=pwm_map, port=port)
 
 
 def _make_own(name: str, options: BackendOptions) -> LegServos:

@@ -57,7 +57,7 @@ class RegisterServo(Servo):
 
     def _answer(self, address: int, size: int, *, tries: int = TRIES) -> StatusPacket | None:
         """Answer with `size` bytes from an address."""
-        asked = self._packets.packets.place(address, size)
+        asked = self._packets.packets.address_bytes(address, size)
         for _ in range(tries):
             answer = self._packets.ask(self.servo_id, READ, asked)
             if answer is not None and len(answer.parameters) == size:

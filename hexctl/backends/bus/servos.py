@@ -152,7 +152,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         baud: int | None = None,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(robot, servo_map=bus_map, place=port, counters=BusCounters(), clock=clock)
+        super().__init__(robot, servo_map=bus_map, port=port, counters=BusCounters(), clock=clock)
         self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._held = False
         self._speeds = np.degrees(self._robot.joint_max_speed_rad_s) * bus_map.per_deg
@@ -190,7 +190,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _open(self, *, first: bool = False) -> ServoBus:
         """Open the port and find enough servos; on the first call, without unexpected ids."""
-        line = SerialLine(self._place, self._baud, time=self._clock.time)
+        line = SerialLine(self._port, self._baud, time=self._clock.time)
         try:
             bus = bus_of(self._map, line, self.counters)
             bus.speeds = self._speeds
@@ -198,11 +198,11 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             advice = ""
             if first and not found.any() and (not bus.damage or bus.damage.at_many_ids):
                 line.close()
-                advice = baud_advice(self._place, self._map.driver, (self._baud,))
+                advice = baud_advice(self._port, self._map.driver, (self._baud,))
             self._check_found(found, bus.damage, advice)
-            noise = [bus.damage.description(self._place)] if bus.damage.noisy and found.all() else []
+            noise = [bus.damage.description(self._port)] if bus.damage.noisy and found.all() else []
             if first and bus.damage and not noise:  # two servos with one id would move together
-                raise RobotFaultError(bus.damage.description(self._place))
+                raise RobotFaultError(bus.damage.description(self._port))
             if first:
                 check_no_unexpected_ids(line, self._map, found)
             self._check_models(bus, found)
@@ -215,14 +215,14 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _check_found(self, found: BoolArray, damage: Damage, advice: str = "") -> None:
         if damage and np.count_nonzero(~found) > MOST_MUTE:
-            raise RobotFaultError(damage.description(self._place) + advice)
+            raise RobotFaultError(damage.description(self._port) + advice)
         if not found.any():
             raise RobotFaultError(
-                f"no servo answers on {self._place} at {self._baud} baud; are they powered, and are driver, "
+                f"no servo answers on {self._port} at {self._baud} baud; are they powered, and are driver, "
                 f"baud and ids those of the robot file?{advice}"
             )
         if np.count_nonzero(~found) > MOST_MUTE:
-            raise RobotFaultError(f"servos do not answer on {self._place}: {self._map.names(~found)}")
+            raise RobotFaultError(f"servos do not answer on {self._port}: {self._map.names(~found)}")
 
     def _check_models(self, bus: ServoBus, found: BoolArray) -> None:
         for joint in np.flatnonzero(found).tolist():
@@ -326,12 +326,12 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             self._garbled = self.counters.garbled
         elif self.counters.garbled > self._garbled:
             return (
-                f"all that comes on {self._place} is damaged: a bad cable, noise, a missing ground, or "
+                f"all that comes on {self._port} is damaged: a bad cable, noise, a missing ground, or "
                 "another program or controller on the bus"
             )
         else:
             return (
-                f"no servo answers on {self._place} any more; is the cable in, have they power, or is this "
+                f"no servo answers on {self._port} any more; is the cable in, have they power, or is this "
                 "computer too busy?"
             )
         return None

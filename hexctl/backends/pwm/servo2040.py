@@ -203,7 +203,7 @@ class Servo2040Servos(PwmServos):
     """Eighteen hobby servos on a servo2040 at a serial device, with foot contacts."""
 
     def _open(self) -> Servo2040:
-        line = SerialLine(self._place, BAUD, time=self._clock.time)
+        line = SerialLine(self._port, BAUD, time=self._clock.time)
         try:
             return Servo2040(line, self._map)
         except BaseException:

@@ -18,7 +18,7 @@ from tests.backends.fake_time import FakeTime
 
 def _report(at_s: float, position: float, *, joint: int = 4, temperature_c: float = 40.0) -> Report:
     return Report(
-        place=joint,
+        index=joint,
         at_s=at_s,
         position=position,
         effort=0.1,

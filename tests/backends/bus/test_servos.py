@@ -269,7 +269,7 @@ def test_a_servo_whose_positions_jump_is_stale_and_named_and_not_mute(
             nonlocal polls
             polls += 1
             wild = 500.0 * (1 + polls % 2)
-            return [replace(each, position=wild) if each.place == 13 else each for each in poll(until)]
+            return [replace(each, position=wild) if each.index == 13 else each for each in poll(until)]
 
         monkeypatch.setattr(thread._device, "poll", jumping)
         (warning,) = _until(servos, _said("jump")).warnings

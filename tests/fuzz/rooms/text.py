@@ -8,7 +8,7 @@ import typer
 
 from hexctl.backends.bus.bus_options import BusAddress
 from hexctl.backends.mavlink.mavlink_transport import parse_port
-from hexctl.backends.pwm.pca9685 import parse_i2c_place
+from hexctl.backends.pwm.pca9685 import parse_i2c_port
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.sim.world import load_world
 from hexctl.cli.see.arena_command import arena_of
@@ -185,7 +185,7 @@ TARGETS = (
                 _page,
                 parse_port,
                 partial(BusAddress.parse, "lx16a"),
-                parse_i2c_place,
+                parse_i2c_port,
                 parse_servo2040_port,
             )
         ),
