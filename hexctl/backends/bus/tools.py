@@ -209,19 +209,7 @@ def variant_notes(found: Sequence[FoundServo]) -> list[str]:
 
 def other_bauds(path: str, driver: str, bauds: Collection[int]) -> list[int]:
     """Other usual baud rates at which servos answer, by a few questions at each."""
-    return [
-        baud
-        for baud in USUAL_BAUDS[driver]
-        if baud not in bauds and any(_answers_at(path, driver, baud, each) for each in PROTOCOLS_OF[driver])
-    ]
-
-
-def _answers_at(path: str, driver: str, baud: int, protocol: int) -> bool:
-    try:
-        with opened_line(path, baud) as line:
-            return any(map(tool_line(line, driver, protocol).ping, FIRST_IDS))
-    except RobotFaultError:
-        return False  # a rate that the adapter does not have
+    return [baud for baud in USUAL_BAUDS[driver] if baud not in bauds and _first_found(path, driver, baud)]
 
 
 def other_drivers(path: str, driver: str, bauds: Collection[int]) -> list[str]:
@@ -229,19 +217,25 @@ def other_drivers(path: str, driver: str, bauds: Collection[int]) -> list[str]:
     return [
         each
         for each in PROTOCOLS_OF
-        if each != driver and any(_knows_answering(path, each, baud) for baud in bauds)
+        if each != driver
+        and any(
+            found is not None and (each == "lx16a" or found.model is not None)
+            for found in (_first_found(path, each, baud) for baud in bauds)
+        )
     ]
 
 
-def _knows_answering(path: str, driver: str, baud: int) -> bool:
-    with opened_line(path, baud) as line:
-        for protocol in PROTOCOLS_OF[driver]:
-            packets = tool_line(line, driver, protocol)
-            for servo_id in FIRST_IDS:
-                if packets.ping(servo_id):
-                    servo = servo_with(packets, driver, protocol, servo_id)
-                    return driver == "lx16a" or servo.look().model is not None
-    return False
+def _first_found(path: str, driver: str, baud: int) -> FoundServo | None:
+    """Servo with the lowest of a few ids, in the first protocol with an answer."""
+    try:
+        with opened_line(path, baud) as line:
+            for protocol in PROTOCOLS_OF[driver]:
+                packets = tool_line(line, driver, protocol)
+                for servo_id in filter(packets.ping, FIRST_IDS):
+                    return servo_with(packets, driver, protocol, servo_id).look()
+    except RobotFaultError:
+        pass  # a rate that the adapter does not have
+    return None
 
 
 def baud_advice(path: str, driver: str, bauds: Collection[int]) -> str:
