@@ -240,6 +240,10 @@ def tree_of(
         for end in (joint.parent, joint.child):
             if end not in by_name:
                 raise ValueError(f"joint {joint.name} names the link {end!r}, which is not there")
+    if len(by_name) < len(links):
+        names = [link.name for link in links]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"got {names.count(twice)} links named {twice!r}; allowed: a name each")
     roots = [link for link in by_name if link not in by_child]
     if len(roots) != 1:
         names = ", ".join(roots[:5]) or "none"
