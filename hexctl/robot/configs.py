@@ -90,6 +90,11 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 def mapping_of(content: bytes, path: Path) -> dict[str, Any]:
     """The YAML mapping of a file's content; raises what `read_mapping` raises, naming its path."""
+    if b"<robot" in content or b"<mujoco" in content:
+        raise InputError(
+            f"{path}: got a URDF or an MJCF; allowed: a YAML file; next: hexctl robot import {path} -o "
+            "FILE.yaml"
+        )
     try:
         values = yaml_content(content.decode("utf-8"))
     except UnicodeDecodeError as error:

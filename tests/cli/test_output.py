@@ -113,6 +113,7 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"events": EVENTS}, "failed", "leg 2 limp at 8 s, leg 5 missing at 14 s"),
         ({"events": EVENTS}, "healed", "leg 2 at 18 s"),
         ({"recording": "runs/my walk.rrd"}, "next: hexct", "l view 'runs/my walk.rrd'"),
+        ({"status": "no_progress", "recording": None}, "next: hexct", "l check ant"),
     ],
     ids=str,
 )

@@ -61,7 +61,10 @@ def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
         return [
             "next: hexctl adapt with the same leg, robot and world, which finds a gait that ends on the line"
         ]
-    return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []
+    if outcome["recording"]:
+        return [f"next: hexctl view {shlex.quote(outcome['recording'])}"]
+    robot = shlex.quote(str(outcome.get("options", {}).get("robot", outcome["robot"])))
+    return [f"next: hexctl check {robot}"] if outcome["status"] == "no_progress" else []
 
 
 def _is_slow(outcome: dict[str, Any]) -> bool:
