@@ -207,7 +207,10 @@ def test_guesses_follow_from_the_size(share: float, tmp_path: Path) -> None:
     assert 3.27 * weak.mass_kg * share * (FEMUR_M + TIBIA_M) <= 0.0501
 
 
-HEAVY = {"trunk_inertial": TRUNK.replace("1.2", "1200"), "trunk": solid('<box size="0.3 0.3 4"/>')}
+HEAVY: dict[str, Any] = {
+    "trunk_inertial": TRUNK.replace("1.2", "1200"),
+    "trunk": solid('<box size="0.3 0.3 4"/>'),
+}
 UNITS = {
     "lengths in mm": (scaled(hexapod(), 1000), "legs of 240 m.*metres"),
     "masses in grams": (hexapod(**HEAVY), "trunk of 1200 kg.*grams"),
