@@ -11,6 +11,7 @@ import pytest
 from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH, make_simulation
+from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World, load_world, with_step, without_step
 from hexctl.errors import InputError
 from hexctl.robot.rotations import yaw_rad
