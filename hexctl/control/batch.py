@@ -129,7 +129,7 @@ class SimTrial:
         plan, world = self.plan, self.world
         changes = tuple(change.at_s for change in plan.changes)
         ticks = (world.time_step_s, world.latency_steps)
-        return (self.robot.fingerprint, *ticks, plan.hold, plan.straight, changes)
+        return (self.robot.fingerprint, *ticks, plan.hold, plan.feet, plan.straight, changes)
 
 
 def run_sim_trial(trial: SimTrial, make_controller: BatchController = planned_walk) -> TrialResult:

@@ -100,6 +100,7 @@ class TrialPlan:
     trim_rad: float = 0.0
     turn_trim_rad_s: float | None = None
     further_failures: tuple[Failure, ...] = ()
+    feet: str = "planned"
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")

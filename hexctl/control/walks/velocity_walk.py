@@ -9,11 +9,13 @@ from numpy.typing import ArrayLike
 
 from hexctl.control.controllers import Controller, held_joints, joints_of_feet, soft_stop_steps
 from hexctl.control.preparation import WalkStart
+from hexctl.control.walks.ground_contact import GroundContact
 from hexctl.errors import InputError, check_callable, check_type
 from hexctl.gait.foot_trajectory import (
     RAMP_DURATION_S,
     StepPattern,
     feet_at_phases,
+    lift_offset,
     part_of_cycle,
     ramp,
 )
@@ -75,6 +77,8 @@ class VelocityWalk(Controller):
         self.limited_steps = np.zeros(self._shape, dtype=int)[()]
         self.foot_offsets_m: FloatArray | None = None
         self.suited: Callable[[list[Gait]], list[Gait]] = list
+        adaptive = start.plans[0].feet == "adaptive"
+        self._ground = GroundContact(start.robot, start.batch_shape) if adaptive else None
         self._last_step = 0
         self._stop_step: int | None = None
 
@@ -100,7 +104,11 @@ class VelocityWalk(Controller):
             self._cycles = self._cycles + cycles
             self._change(step, cycles)
         u = self.leg_phases
-        feet = feet_at_phases(self._robot, self._pattern, u, strokes, self._envelope(step))
+        envelope = self._envelope(step)
+        feet = feet_at_phases(self._robot, self._pattern, u, strokes, envelope)
+        if self._ground is not None:
+            lift = envelope * lift_offset(u, self._pattern.swing_share) * self._pattern.height_m
+            feet[..., 2] += self._ground.update(dt_s, feet, lift, u, self._pattern, state)
         if self.foot_offsets_m is not None:
             feet = feet + self.foot_offsets_m
         return joints_of_feet(self._robot, feet, self._held)
