@@ -94,7 +94,11 @@ class DriveWalk(VelocityWalk):
         if dt_s > 0:
             self._accelerate(dt_s, wanted, stepping)
             self._advance(step, dt_s, wanted, stepping)
-        return joints_of_feet(self._robot, self._feet(), self._held)
+        feet = self._feet()
+        self._meet_ground(dt_s, self._u(), feet, self._lifted, state)
+        if self.foot_offsets_m is not None:
+            feet = feet + self.foot_offsets_m
+        return joints_of_feet(self._robot, feet, self._held)
 
     def _feet(self) -> FloatArray:
         pattern = self._pattern
@@ -105,7 +109,7 @@ class DriveWalk(VelocityWalk):
         feet[:, 2] += (
             self._lifted * self._steps * lift_offset(self._u(), pattern.swing_share) * pattern.height_m
         )
-        return feet if self.foot_offsets_m is None else feet + self.foot_offsets_m
+        return feet
 
     @property
     def _steps(self) -> FloatArray:

@@ -106,12 +106,22 @@ class VelocityWalk(Controller):
         u = self.leg_phases
         envelope = self._envelope(step)
         feet = feet_at_phases(self._robot, self._pattern, u, strokes, envelope)
-        if self._ground is not None:
-            lift = envelope * lift_offset(u, self._pattern.swing_share) * self._pattern.height_m
-            feet[..., 2] += self._ground.update(dt_s, feet, lift, u, self._pattern, state)
+        self._meet_ground(dt_s, u, feet, envelope, state)
         if self.foot_offsets_m is not None:
             feet = feet + self.foot_offsets_m
         return joints_of_feet(self._robot, feet, self._held)
+
+    def _meet_ground(
+        self, dt_s: float, u: FloatArray, feet: FloatArray, lifted: float, state: RobotState
+    ) -> None:
+        """Move feet, in place, to the ground that they meet; `lifted` is the share of the step height."""
+        if self._ground is not None:
+            pattern = self._pattern
+            lift_m = lifted * lift_offset(u, pattern.swing_share) * pattern.height_m
+            if pattern.stepping is not None:
+                lift_m = lift_m * pattern.stepping
+            top_m = lifted * pattern.height_m
+            feet[..., 2] += self._ground.update(dt_s, feet, lift_m, top_m, state, pattern.stepping)
 
     def _envelope(self, step: int) -> float:
         """Share of strokes and heights at a step: 1 except in the soft start and stop."""
