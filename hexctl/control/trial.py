@@ -68,7 +68,7 @@ def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     gaits = [plan.gait for plan in start.plans]
     motions = start.motions
     alone = start.batch_shape == ()
-    if start.plans[0].changes:
+    if start.plans[0].changes or start.plans[0].feet == "adaptive":
         return MotionWalk(start)
     return Walk(
         start.robot,

@@ -19,6 +19,10 @@ _THEN = argument("then")
 Hold = Literal["auto", "line", "heading", "none"]
 HOLDS = get_args(Hold)
 
+#: Whether feet follow the trajectory of the gait, or stop on the ground and search for it.
+Feet = Literal["planned", "adaptive"]
+FEET = get_args(Feet)
+
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
 
 HEADING_DEG = Range(degrees=True)
@@ -84,6 +88,7 @@ class TrialPlan:
         turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of earlier walks; None
             for a walk without a trim.
         further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
+        feet: one of `FEET`; `adaptive` needs foot contacts.
     """
 
     gait: Gait
@@ -120,6 +125,8 @@ class TrialPlan:
             raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
         if self.hold not in HOLDS:
             raise InputError(f"hold: got {self.hold}; allowed: {', '.join(HOLDS)}")
+        if self.feet not in FEET:
+            raise InputError(f"{argument('feet')}: got {self.feet}; allowed: {', '.join(FEET)}")
         for change in self.changes:
             check_type(change, GaitChange, "plan.changes", "GaitChanges")
         if any(after.at_s <= before.at_s for before, after in pairwise(self.changes)):

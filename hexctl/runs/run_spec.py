@@ -20,12 +20,14 @@ from hexctl.control.trial_plan import (
     TRIM_DEG,
     TURN_TRIM_DEG_S,
     AskedRotation,
+    Feet,
     GaitChange,
     Hold,
     TrialPlan,
     suited_rotation,
 )
 from hexctl.control.walk_options import WalkOptions
+from hexctl.control.walks.ground_contact import step_height
 from hexctl.control.walks.turning import body_heading_rad
 from hexctl.errors import InputError, UnusedError, argument
 from hexctl.gait.encoding import code_count
@@ -137,6 +139,13 @@ class RunSpec(RecordedOptions, WalkOptions):
     hold: Hold = "auto"
     """What feedback holds: line (by position and yaw), heading (by yaw), none (open loop), or auto: the best
     that the robot's sensors allow.
+    """
+
+    feet: Feet = "planned"
+    """How feet meet the ground: planned (as the gait has them), or adaptive, for uneven ground: they lift at
+    least 0.04 of the robot's size unless --height is given, stop on contact, and search the ground below.
+
+    Adaptive feet need foot contacts.
     """
 
     trim_rad: Annotated[float | None, TRIM_DEG, RARE] = None
@@ -307,7 +316,7 @@ def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
         "demo" if spec.gait == AUTO else spec.gait,
         pace_hz=spec.pace_hz,
         amplitude=spec.amplitude,
-        height=spec.height,
+        height=step_height(robot, spec.feet) if spec.height is None else spec.height,
         failed_legs=tuple(one.leg for one in spec.failures),
         besides=_besides(spec.failures),
     )
@@ -350,6 +359,7 @@ def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
         further_failures=spec.failures[1:],
         self_rotation=rotation,
         hold=spec.hold,
+        feet=spec.feet,
         trim_rad=spec.trim_rad or 0.0,
         turn_trim_rad_s=spec.turn_trim_rad_s,
     )

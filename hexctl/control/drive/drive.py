@@ -22,6 +22,8 @@ from hexctl.control.loop import TickObserver, run_step
 from hexctl.control.monitor.recovery import RecoveryPolicy, default_policy, make_policy
 from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import FEET
+from hexctl.control.walks.ground_contact import contact_notes, step_height
 from hexctl.errors import EStopError, InputError, check_type
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.options import check_names
@@ -59,6 +61,8 @@ class Drive:
         policy: for a failed leg: `glide`, `stop`, `walk-on`, `package.module:Class` or a policy; None is
             `glide` in a simulation and `stop` elsewhere.
         hold: `auto` corrects slip by the measured pose or yaw; `none` does not.
+        feet: `planned`, or `adaptive` for uneven ground: feet lift higher, stop on contact and search the
+            ground below; with foot contacts.
         failure: of legs, as in `RunSpec`; a simulation breaks them.
         told: False if the walk has to detect simulated failures.
         recorders: take every tick, as in `run_trial`.
@@ -77,6 +81,7 @@ class Drive:
         body_raise: float | None = None,
         policy: str | RecoveryPolicy | None = None,
         hold: str = "auto",
+        feet: str = "planned",
         failure: AskedFailures = (),
         told: bool = True,
         arbiter: Arbiter | None = None,
@@ -90,7 +95,9 @@ class Drive:
         self._told = told
         if hold not in DRIVE_HOLDS:
             raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
-        self._hold = hold
+        if feet not in FEET:
+            raise InputError(f"feet: got {feet}; allowed: {', '.join(FEET)}")
+        self._hold, self._feet = hold, feet
         self._robot_file: RobotFile | None = None
         check_type(servos, (LegServos, NoneType), "servos", "LegServos, as SimServos('ant') gives, or None")
         if servos is None:
@@ -119,7 +126,10 @@ class Drive:
         """Connect the robot, which stands up with the first step; raises RobotFaultError."""
         with ExitStack() as stack:
             stack.enter_context(self._guard)
-            self.notes = tuple(connection_notes(self._guard.unwrapped, self._known))
+            self.notes = (
+                *connection_notes(self._guard.unwrapped, self._known),
+                *contact_notes(self._feet, self._guard.peek()),
+            )
             self._begin()
             self._stack = stack.pop_all()
         return self
@@ -304,6 +314,7 @@ class Drive:
             policy=self._policy,
             hold=self._hold == "auto",
             failures=self._known,
+            feet=self._feet,
         )
         if self._recorders is not None:
             self._recorders.log.controller = self._controller
@@ -314,7 +325,9 @@ class Drive:
         self._gait = gait
 
     def _gait_of(self, gait: str | int | Sequence[int] | Gait) -> Gait:
-        return gait if isinstance(gait, Gait) else make_gait(self.robot, gait)
+        if isinstance(gait, Gait):
+            return gait
+        return make_gait(self.robot, gait, height=step_height(self.robot, self._feet))
 
     def _made_servos(self, robot: str | Path | Robot, backend: str, options: dict[str, Any]) -> LegServos:
         """Servos of a backend; raises InputError for options that it would ignore."""

@@ -48,11 +48,12 @@ class DriveController(Controller):
         policy: RecoveryPolicy,
         hold: bool = True,
         failures: Sequence[Failure] = (),
+        feet: str = "planned",
     ) -> None:
         check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
         self._robot, self._gait, self._period_s = robot, gait, period_s
         self._arbiter, self._policy = arbiter, policy
-        self._known = tuple(failures)
+        self._known, self._feet = tuple(failures), feet
         self._hold = VelocityHold() if hold else None
         self._asked: FloatArray = np.zeros(3)
         self._news: tuple[str, ...] = ()
@@ -207,7 +208,7 @@ class DriveController(Controller):
         gait = self._suited(self._gait)
         plain = replace(gait, posture=STANCE)
         first = next(iter(self._known), None)
-        plan = TrialPlan(gait=plain, belief=first, further_failures=self._known[1:])
+        plan = TrialPlan(gait=plain, belief=first, further_failures=self._known[1:], feet=self._feet)
         start = WalkStart(
             robot=self._robot,
             plans=(plan,),

@@ -7,10 +7,10 @@ and the mean c of the d of all feet that stand on the ground,
     falling   d = max(g - l, c (1 - l / H))
     standing  d moves to g at the speed V
 
-g is the goal of the foot: as deep as its leg reaches, at most `DEPTH`, until it meets the ground. If a falling
-foot meets it at the measured height z, g = max(z - P, c): it presses on by P, because servos yield under the
-weight. If a standing foot meets it, g = min(d + G, c): by G it hangs on an even floor as well, until the
-robot leans on it. Therefore d is 0 in an even walk. The body returns to its height over the feet:
+g is the goal of the foot: as deep as its leg reaches, at most `DEPTH`, until it meets the ground. If a
+falling foot meets it at the measured height z, g = max(z - P, c): it presses on by P, because servos yield
+under the weight. If a standing foot meets it, g = min(d + G, c): by G it hangs on an even floor as well,
+until the robot leans on it. Therefore d stays near 0 on an even floor. The body returns to its height over the feet:
 
     d' = g' = -c / T
 """
@@ -34,7 +34,22 @@ WAIT_S, ARRIVED = 0.08, 0.03
 #: Share of its length to which a leg stretches.
 STRETCH = 0.97
 
+#: Minimum step height on uneven ground, as a fraction of the robot's size.
+UNEVEN_HEIGHT = 0.04
+
 _UNKNOWN = -np.inf
+
+
+def step_height(robot: Robot, feet: str) -> float:
+    """Step height of a walk with `planned` or `adaptive` feet, as a fraction of the robot's size."""
+    return max(robot.gait.height, UNEVEN_HEIGHT) if feet == "adaptive" else robot.gait.height
+
+
+def contact_notes(feet: str, state: RobotState) -> list[str]:
+    """A note if `adaptive` feet have no effect, because the robot reports no contacts."""
+    if feet != "adaptive" or state.foot_contacts is not None:
+        return []
+    return ["--feet adaptive changes only the step height: the robot reports no foot contacts"]
 
 
 class GroundContact:
