@@ -10,7 +10,8 @@ and the mean c of the d of all feet that stand on the ground,
 g is the goal of the foot: as deep as its leg reaches, at most `DEPTH`, until it meets the ground. If a
 falling foot meets it at the measured height z, g = max(z - P, c): it presses on by P, because servos yield
 under the weight. If a standing foot meets it, g = min(d + G, c): by G it hangs on an even floor as well,
-until the robot leans on it. Therefore d stays near 0 on an even floor. The body returns to its height over the feet:
+until the robot leans on it. Therefore d stays near 0 on an even floor. The body returns to its height over
+the feet:
 
     d' = g' = -c / T
 """
