@@ -19,7 +19,7 @@ _THEN = argument("then")
 Hold = Literal["auto", "line", "heading", "none"]
 HOLDS = get_args(Hold)
 
-#: Whether feet follow the trajectory of the gait, or stop on the ground and search for it.
+#: Whether feet follow the trajectory of the gait, or search for the ground below it.
 Feet = Literal["planned", "adaptive"]
 FEET = get_args(Feet)
 
@@ -88,7 +88,7 @@ class TrialPlan:
         turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of earlier walks; None
             for a walk without a trim.
         further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
-        feet: one of `FEET`; `adaptive` needs foot contacts.
+        feet: one of `FEET`; `adaptive` ones search for the ground, with foot contacts.
     """
 
     gait: Gait

@@ -142,10 +142,10 @@ class RunSpec(RecordedOptions, WalkOptions):
     """
 
     feet: Feet = "planned"
-    """How feet meet the ground: planned (as the gait has them), or adaptive, for uneven ground: they lift at
-    least 0.04 of the robot's size unless --height is given, stop on contact, and search the ground below.
+    """How feet meet the ground: planned, as the gait has them, or adaptive, for uneven ground: they lift at
+    least 0.04 of the robot's size, unless --height is given, and search the ground below until they touch it.
 
-    Adaptive feet need foot contacts.
+    The search needs foot contacts.
     """
 
     trim_rad: Annotated[float | None, TRIM_DEG, RARE] = None

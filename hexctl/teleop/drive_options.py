@@ -58,8 +58,8 @@ class DriveOptions(RobotOptions):
     """Correct slip with the pose or the yaw that the robot measures (auto), or walk in open loop (none)."""
 
     feet: Annotated[Feet, WALK] = "planned"
-    """How feet meet the ground: planned (as the gait has them), or adaptive, for uneven ground: they lift at
-    least 0.04 of the robot's size, stop on contact, and search the ground below. Needs foot contacts.
+    """How feet meet the ground: planned, as the gait has them, or adaptive, for uneven ground: they lift at
+    least 0.04 of the robot's size, and search the ground below until they touch it, with foot contacts.
     """
 
     policy: Annotated[str | None, FAILURE, RARE] = None

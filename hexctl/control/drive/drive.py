@@ -61,8 +61,8 @@ class Drive:
         policy: for a failed leg: `glide`, `stop`, `walk-on`, `package.module:Class` or a policy; None is
             `glide` in a simulation and `stop` elsewhere.
         hold: `auto` corrects slip by the measured pose or yaw; `none` does not.
-        feet: `planned`, or `adaptive` for uneven ground: feet lift higher, stop on contact and search the
-            ground below; with foot contacts.
+        feet: `planned`, or `adaptive` for uneven ground: feet lift higher and, with foot contacts, search the
+            ground below.
         failure: of legs, as in `RunSpec`; a simulation breaks them.
         told: False if the walk has to detect simulated failures.
         recorders: take every tick, as in `run_trial`.

@@ -1,19 +1,14 @@
-"""Feet that stop where they meet the ground, and search for it below where it should be.
+"""Feet that search for the ground below where their gait has it.
 
-Each foot has a height d over the trajectory of its gait. With the lift l of that trajectory, H at its top,
-and the mean c of the d of all feet that stand on the ground,
+Each foot has a height d over the trajectory of its gait:
 
     rising    d falls to 0 at the top, so that the next step is as high as the others
-    falling   d = max(g - l, c (1 - l / H))
+    falling   d = 0
     standing  d moves to g at the speed V
 
-g is the goal of the foot: as deep as its leg reaches, at most `DEPTH`, until it meets the ground. If a
-falling foot meets it at the measured height z, g = max(z - P, c): it presses on by P, because servos yield
-under the weight. If a standing foot meets it, g = min(d + G, c): by G it hangs on an even floor as well,
-until the robot leans on it. Therefore d stays near 0 on an even floor. The body returns to its height over
-the feet:
-
-    d' = g' = -c / T
+The goal g is as deep as the leg reaches, at most `DEPTH`, until the foot meets the ground; then it is
+min(d + G, 0). By the gap G a foot hangs over an even floor, too, until the robot leans on it: there d stays
+near 0.
 """
 
 import numpy as np
@@ -22,11 +17,11 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, FloatArray, RobotState
 
-#: Depth P by which a foot presses, gap G of an even floor, and deepest search, in standing heights.
-PRESS, GAP, DEPTH = 0.06, 0.04, 0.4
+#: Gap G of an even floor, and deepest search, in standing heights.
+GAP, DEPTH = 0.04, 0.4
 
-#: Speed V of a search in standing heights per second, and time constant T of the body's height.
-SPEED_PER_S, LEVEL_S = 1.0, 0.5
+#: Speed V of a search, in standing heights per second.
+SPEED_PER_S = 1.0
 
 #: A search begins this long after the swing, if the foot is no more than this above its target, in standing
 #: heights: servos are late.
@@ -81,44 +76,33 @@ class GroundContact:
 
         Args:
             feet_body: feet of the gait, leading shape + (6, 3).
-            lift_m: l of them.
-            top_m: H, in a shape that broadcasts.
+            lift_m: their lift.
+            top_m: lift at the top of a step, in a shape that broadcasts.
             stepping: 1 for legs that step and 0 for tucked ones, None if all step.
         """
-        contacts = state.foot_contacts
-        if contacts is None:
+        if state.foot_contacts is None:
             return self.height_m
-        place_m = feet_body[..., 2] - lift_m
-        measured_m = foot_positions_body(self._robot, state.joint_positions_rad)[..., 2] - place_m
-        above_m = measured_m - self._lift_m - self.height_m
         stands = lift_m == 0 if stepping is None else (lift_m == 0) & (stepping > 0)
-        rises = lift_m > self._lift_m
-        falls = (lift_m > 0) & ~rises
-        common_m = self._common_m(stands)
-        d, met = self.height_m, contacts & (self._goal_m == _UNKNOWN)
-        pressed = np.maximum(measured_m - PRESS * self._standing_m, common_m)
-        found = np.where(d < common_m, np.minimum(d + GAP * self._standing_m, common_m), d)
-        goal = np.where(met & falls, pressed, np.where(met & stands, found, self._goal_m))
-        goal = np.where(rises, _UNKNOWN, goal)
         self._stood_s = (self._stood_s + dt_s) * stands
-        arrived = (self._stood_s > WAIT_S) & (above_m < ARRIVED * self._standing_m)
-        moves = stands & ((goal > _UNKNOWN) | arrived)
-        step_m = SPEED_PER_S * self._standing_m * dt_s * moves
-        way_m = np.maximum(goal, self._deepest_m(feet_body)) - d
-        moved = d + np.minimum(np.maximum(way_m, -step_m), step_m)
-        left = np.maximum(top_m - lift_m, 0.0) / np.maximum(top_m - self._lift_m, 1e-9)
-        down = np.maximum(goal - lift_m, common_m * (1 - lift_m / np.maximum(top_m, 1e-9)))
-        d = np.where(falls, down, np.where(rises, d * np.minimum(left, 1.0), moved))
-        back_m = common_m * stands * min(dt_s / LEVEL_S, 1.0)
-        self.height_m, self._goal_m, self._lift_m = d - back_m, goal - back_m, lift_m
+        meets = state.foot_contacts & (self._goal_m == _UNKNOWN)
+        found_m = np.minimum(self.height_m + GAP * self._standing_m, 0.0)
+        self._goal_m = np.where(stands, np.where(meets, found_m, self._goal_m), _UNKNOWN)
+        searches = (self._stood_s > WAIT_S) & self._arrived(feet_body[..., 2] - lift_m, state)
+        moves = stands & (searches | (self._goal_m > _UNKNOWN))
+        most_m = SPEED_PER_S * self._standing_m * dt_s * moves
+        way_m = np.maximum(self._goal_m, self._deepest_m(feet_body)) - self.height_m
+        moved = self.height_m + np.minimum(np.maximum(way_m, -most_m), most_m)
+        # Share of the way to the top that a rising foot still has, of what it had; a falling foot has none.
+        left_m, left_then_m = np.maximum(top_m - lift_m, 0.0), np.maximum(top_m - self._lift_m, 1e-9)
+        left = np.where(lift_m > self._lift_m, np.minimum(left_m / left_then_m, 1.0), 0.0)
+        self.height_m, self._lift_m = np.where(stands, moved, left * self.height_m), lift_m
         return self.height_m
 
-    def _common_m(self, stands: FloatArray) -> FloatArray:
-        """Mean height of the feet that stand on the ground, leading shape + (1,)."""
-        supports = stands & (self._goal_m > _UNKNOWN)
-        count = np.add.reduce(supports, axis=-1, keepdims=True, dtype=float)
-        total_m = np.add.reduce(self.height_m * supports, axis=-1, keepdims=True)
-        return np.asarray(total_m / np.maximum(count, 1.0))
+    def _arrived(self, level_m: FloatArray, state: RobotState) -> FloatArray:
+        """Whether the feet are at their targets of the last tick, leading shape + (6,)."""
+        height_m = foot_positions_body(self._robot, state.joint_positions_rad)[..., 2] - level_m
+        above_m = height_m - self._lift_m - self.height_m
+        return np.asarray(above_m < ARRIVED * self._standing_m)
 
     def _deepest_m(self, feet_body: FloatArray) -> FloatArray:
         """Lowest heights d that the legs reach, leading shape + (6,), -`DEPTH` to 0."""

@@ -10,7 +10,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.drive.drive_walk import DriveWalk
 from hexctl.control.preparation import WalkStart
-from hexctl.control.walks.ground_contact import DEPTH, GAP, PRESS, UNEVEN_HEIGHT, step_height
+from hexctl.control.walks.ground_contact import DEPTH, GAP, UNEVEN_HEIGHT, step_height
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.ik.legs import foot_positions_body, legs_that_reach
 from hexctl.types import FloatArray
@@ -60,26 +60,16 @@ def walked(ground_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     return height_m[STEADY:], phases[STEADY:]
 
 
-def test_on_even_ground_the_feet_are_as_planned() -> None:
+@pytest.mark.parametrize("block_m", [0.0, 0.02])
+def test_feet_are_as_planned_on_even_ground_and_on_a_block(block_m: float) -> None:
     planned = MotionWalk(start(replace(plan(), feet="planned")))
     adaptive = MotionWalk(start(plan()))
-    for one, other in zip(heights(planned, np.zeros(6)), heights(adaptive, np.zeros(6)), strict=True):
+    ground_m = np.array([block_m, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for one, other in zip(heights(planned, ground_m), heights(adaptive, ground_m), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_falling_foot_stops_on_a_block_and_presses_on_it() -> None:
-    ground_m = np.array([0.02, 0.0, 0.0, 0.0, 0.0, 0.0])
-    height_m, phases = walked(ground_m)
-    landed = (phases > 0.67) & (phases < 0.75)
-    press_m = PRESS * ROBOT.standing_height_m
-    first = height_m[landed[:, 0], 0]
-    # It stops within a tick of the contact; the body rises over its feet meanwhile.
-    assert 0.02 - press_m - 0.005 < first.min() <= first.max() <= 0.02
-    assert np.abs(height_m[landed[:, 1], 1]).max() < 0.005
-    assert height_m[:, 0].max() == pytest.approx(UNEVEN_HEIGHT, abs=0.006), "the top of the step stays"
-
-
-def test_a_foot_searches_down_into_a_pit_to_a_gap_above_the_contact() -> None:
+def test_a_foot_searches_down_into_a_pit_stops_on_contact_and_returns_by_the_gap() -> None:
     ground_m = np.array([0.0, -0.02, 0.0, 0.0, 0.0, 0.0])
     height_m, phases = walked(ground_m)
     standing = (phases < 0.33) | (phases >= 0.67)
@@ -120,7 +110,7 @@ def test_a_driven_walk_meets_the_ground_in_the_same_way() -> None:
     height_m, _ = heights(walk, ground_m)
     steady = height_m[STEADY:]
     assert (np.abs(steady[:, 1] + 0.02) < 0.004).any()
-    assert (steady[:, 0] >= 0.0).all() and steady[:, 2].min() > -0.006  # noqa: PT018
+    assert steady[:, [0, 2, 3, 4, 5]].min() > -1e-9
     wanted[:] = 0.0
     heights(walk, ground_m, CYCLE, first=6 * CYCLE)
     assert walk.at_rest
