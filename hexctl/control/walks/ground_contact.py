@@ -15,7 +15,7 @@ import numpy as np
 
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.model import Robot
-from hexctl.types import N_LEGS, FloatArray, RobotState
+from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
 
 #: Gap G of an even floor, and deepest search, in standing heights.
 GAP, DEPTH = 0.04, 0.4
@@ -98,7 +98,7 @@ class GroundContact:
         self.height_m, self._lift_m = np.where(stands, moved, left * self.height_m), lift_m
         return self.height_m
 
-    def _arrived(self, level_m: FloatArray, state: RobotState) -> FloatArray:
+    def _arrived(self, level_m: FloatArray, state: RobotState) -> BoolArray:
         """Whether the feet are at their targets of the last tick, leading shape + (6,)."""
         height_m = foot_positions_body(self._robot, state.joint_positions_rad)[..., 2] - level_m
         above_m = height_m - self._lift_m - self.height_m
