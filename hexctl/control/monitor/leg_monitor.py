@@ -322,7 +322,9 @@ class LegMonitor:
 
     def _learn_usual(self) -> None:
         rho = self._evidence[0] * self._watched
-        self._usual_rho += self._usual_shares * (rho - self._usual_rho)
+        change = self._usual_shares * (rho - self._usual_rho)
+        # A leg must not raise its own threshold during a long alarm.
+        self._usual_rho += change * (self._alarm_ticks == 0) if self._uneven else change
         self._learn_overload()
         self._most_seen = np.maximum(self._most_seen * self._kept, self._evidence[1:]) * self._watched
         self._compared[1:] = np.maximum.reduce(self._most_seen.take(self._others))
