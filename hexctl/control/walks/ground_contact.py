@@ -91,12 +91,15 @@ class GroundContact:
         moves = stands & (searches | (self._goal_m > _UNKNOWN))
         most_m = SPEED_PER_S * self._standing_m * dt_s * moves
         way_m = np.maximum(self._goal_m, self._deepest_m(feet_body)) - self.height_m
-        moved = self.height_m + np.minimum(np.maximum(way_m, -most_m), most_m)
-        # Share of the way to the top that a rising foot still has, of what it had; a falling foot has none.
-        left_m, left_then_m = np.maximum(top_m - lift_m, 0.0), np.maximum(top_m - self._lift_m, 1e-9)
-        left = np.where(lift_m > self._lift_m, np.minimum(left_m / left_then_m, 1.0), 0.0)
-        self.height_m, self._lift_m = np.where(stands, moved, left * self.height_m), lift_m
+        moved_m = self.height_m + np.minimum(np.maximum(way_m, -most_m), most_m)
+        self.height_m = np.where(stands, moved_m, self._share_left(lift_m, top_m) * self.height_m)
+        self._lift_m = lift_m
         return self.height_m
+
+    def _share_left(self, lift_m: FloatArray, top_m: FloatArray) -> FloatArray:
+        """Share of their heights that feet in the air keep: none once they fall."""
+        left_m, left_then_m = np.maximum(top_m - lift_m, 0.0), np.maximum(top_m - self._lift_m, 1e-9)
+        return np.where(lift_m > self._lift_m, np.minimum(left_m / left_then_m, 1.0), 0.0)
 
     def _arrived(self, level_m: FloatArray, state: RobotState) -> BoolArray:
         """Whether the feet are at their targets of the last tick, leading shape + (6,)."""
