@@ -25,7 +25,7 @@ FEET = get_args(Feet)
 
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
 
-HEADING_DEG = Range(degrees=True)
+HEADING_DEG = Range(low=-360, high=360, unit="deg", degrees=True)
 
 TURN_DEG_S = Range(low=-360, high=360, unit="deg/s", degrees=True)
 
@@ -66,6 +66,10 @@ class GaitChange:
         if not (math.isfinite(self.at_s) and 0 <= self.at_s <= DURATION_S.high):
             raise InputError(f"{_THEN}: got {self.at_s:g} s; allowed: 0 up to {DURATION_S.high:g} s")
 
+    def __str__(self) -> str:
+        """Slots and time, as `--then` takes them."""
+        return f"{','.join(map(str, self.gait.slots))}@{self.at_s:g}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialPlan:
@@ -80,7 +84,7 @@ class TrialPlan:
             stance pose. A simulation gets its own failures.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none` (as it is).
         turn_rad: turn before the walk, instead of `self_rotation`; None to follow it.
-        settle_s: time to reach the stance and come to rest.
+        settle_s: time to reach the stance and come to rest; up to 1.5 s longer if the yaw is noisy.
         hold: one of `HOLDS`; `none` is open loop, as in the paper.
         changes: of the gait, in stride, ascending in time.
         trim_rad: counter-clockwise correction of the course from earlier walks, under the hold `heading` or,
@@ -88,6 +92,7 @@ class TrialPlan:
         turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of earlier walks; None
             for a walk without a trim.
         further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
+        level: whether the body is kept level by its measured roll and pitch.
         feet: one of `FEET`; `adaptive` ones search for the ground, with foot contacts.
     """
 
@@ -105,6 +110,7 @@ class TrialPlan:
     trim_rad: float = 0.0
     turn_trim_rad_s: float | None = None
     further_failures: tuple[Failure, ...] = ()
+    level: bool = False
     feet: str = "planned"
 
     def __post_init__(self) -> None:

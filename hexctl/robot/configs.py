@@ -103,14 +103,6 @@ def mapping_of(content: bytes, path: Path) -> dict[str, Any]:
     return values
 
 
-def file_says(path: Path, wanted: dict[str, Any]) -> bool:
-    """Whether a file is a YAML mapping with the wanted content."""
-    try:
-        return read_mapping(path) == wanted
-    except InputError:
-        return False
-
-
 def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> SchemaT:
     """Content of a file as an instance of its schema; raises InputError for the first problem."""
     try:

@@ -57,6 +57,9 @@ class DriveOptions(RobotOptions):
     hold: Annotated[DriveHold, WALK] = "auto"
     """Correct slip with the pose or the yaw that the robot measures (auto), or walk in open loop (none)."""
 
+    level: Annotated[bool, WALK] = False
+    """Keep the body level on slopes, with the roll and pitch that the robot measures."""
+
     feet: Annotated[Feet, WALK] = "planned"
     """How feet meet the ground: planned, as the gait has them, or adaptive, for uneven ground: they lift at
     least 0.04 of the robot's size, and search the ground below until they touch it, with foot contacts.

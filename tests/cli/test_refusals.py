@@ -32,6 +32,10 @@ run --trim 2 => --trim
 run --arena wide => --arena
 run --arena 0 => --arena
 run --failed-leg 7 => --failed-leg
+run --failed-leg 5 --failed-leg 6 => --failed-leg: typed 2 times; allowed: once, several values with commas
+run --seed 1 --gait wave --seed 1 => --seed: typed 2 times; allowed: once
+run --failed-leg 5 --failure 5:locked@8 => --failure: got 5:locked@8, when leg 5 is locked already
+run --heading 1e9 => --heading: got 1e9; allowed: -360 to 360 deg
 run --failed-leg auto,5 => --failed-leg
 run --failed-leg auto --failure limp => --failure
 run --failed-leg auto --backend mock --failure 5:limp => --failure
@@ -59,7 +63,7 @@ run --record a-file/walk.rrd => a-file is a file
 adapt --failed-leg 0 => --failed-leg
 adapt --failed-leg 5 --worth 0.1 --optimizer pso => --worth
 adapt --failed-leg 5 --optimizer magic => --optimizer
-adapt --failed-leg 5 --objective haste => objective
+adapt --failed-leg 5 --objective haste => --objective
 adapt --failed-leg 5 --objective speed --target 0 => --target
 adapt --failed-leg 5 --objective speed --target 1% => --target
 adapt --failed-leg 5 --ask => --ask
@@ -72,7 +76,7 @@ adapt --failed-leg 5 --backend mock --world slope => --world
 adapt --failed-leg 5 --prior x.npz --optimizer pso => --prior
 adapt --failed-leg 5 --prior none --optimizer bayes => --prior
 adapt --failed-leg 5 --early-stop --optimizer random => --early-stop
-adapt --failed-leg 5 --early-stop --duration 2.5 => prior
+adapt --failed-leg 5 --early-stop --duration 2.5 => --prior
 adapt --failed-leg 5 --objective mean --optimizer bayes => objective
 adapt --failed-leg 5 --count-repeats --optimizer bayes => --count-repeats
 adapt --failed-leg 5 --world randomised => randomised
@@ -182,7 +186,7 @@ prior build --repertoire --worlds 17 => --worlds
 prior build --repertoire --family failing => --family
 prior show diary.npz => diary.npz
 prior show --repertoire diary.npz => diary.npz
-prior show nowhere.npz => nowhere.npz
+prior show nowhere.npz => FILE: no file at
 """
 
 #: A command line and its message, by turns.

@@ -136,14 +136,19 @@ def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Ide
 
 
 class _SearchProgress(WithBar):
-    """The step of the search and its error on stderr: one line on a terminal, else a line per step."""
+    """The step of the search and its error on stderr: one line on a terminal, else a line per step.
+
+    The search has several parts, each of which counts its steps from 0.
+    """
 
     def __init__(self) -> None:
+        self._step = 0
         self._bar = make_bar("")
         self._task = self._bar.add_task("", total=None, visible=False)
 
-    def show(self, step: int, error_rad: float) -> None:
-        text = f"search, some minutes: step {step}, error {math.degrees(error_rad):.3f} deg"
+    def show(self, _step: int, error_rad: float) -> None:
+        self._step += 1
+        text = f"search, some minutes: step {self._step}, error {math.degrees(error_rad):.3f} deg"
         if self._bar.disable:
             print_note(text)
         self._bar.update(self._task, description=text, visible=True)

@@ -67,6 +67,7 @@ def drive(
             body_raise=options.body_raise or None,
             policy=options.policy,
             hold=options.hold,
+            level=options.level,
             feet=options.feet,
             failure=(*failures, *events),
             recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,

@@ -94,7 +94,7 @@ def test_the_ideal_distance_is_the_papers_and_one_that_never_set_out_has_none() 
     json.dumps(result.to_dict(), allow_nan=False)
 
 
-def test_the_true_path_is_from_the_same_line_by_where_the_robot_was() -> None:
+def test_the_true_path_is_from_the_true_line_by_where_the_robot_was() -> None:
     measured_world = np.array([[1.0, 2.0, 0.0], [1.1, 3.9, 0.0]])
     result = score(
         shipped(),
@@ -103,9 +103,10 @@ def test_the_true_path_is_from_the_same_line_by_where_the_robot_was() -> None:
         duration_s=0.04,
         turned_rad=0.0,
         clipped_ticks=0,
-        frame=TrialFrame(measured_world[0], math.pi / 2, 0.0),
+        frame=TrialFrame(measured_world[0], 1.5, 0.0),
         positions_world=measured_world,
         quaternions_world=np.tile(UPRIGHT, (2, 1)),
+        true_frame=TrialFrame(np.array([1.0, 2.0, 0.0]), math.pi / 2, 0.0),
         true_positions_world=np.array([[1.0, 2.0, 0.0], [0.7, 4.0, 0.0]]),
     )
     assert result.true_path_m is not None
