@@ -153,6 +153,8 @@ def test_a_robot_that_was_stopped_has_one_next_command(capsys: pytest.CaptureFix
     assert lines[-1].endswith("hexctl estop --clear")
     assert len([line for line in lines if "hexctl " in line]) == 1
     assert "start it again" in why_in_words(f"fault: {SERVER_ENDED}")
+    assert why_in_words("fault: battery", clear=None) == " (fault: battery): see to it"
+    assert summary({**WALK, **stop, "backend": "feetech", "world": None}, None)[-1] != lines[-1]
 
 
 OUTCOME = {

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
+from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Typed, check_fields
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
-from hexctl.robot.servos.servo_models import BAUD
+from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS
 
 if TYPE_CHECKING:
     from hexctl.robot.servos.bus_map import BusMap
@@ -36,6 +37,15 @@ class BusAddress:
     path: str
     baud: int
 
+    @classmethod
+    def parse(cls, driver: BusDriver, text: str | None, baud: float | None = None) -> Self:
+        """Return the address in a text such as `/dev/ttyUSB0:1000000`; without a baud `baud`, or the usual.
+
+        Raises InputError without a port, and for an invalid baud.
+        """
+        address = SerialAddress.parse(text)
+        return cls(driver, address.path, address.baud or int(baud or DEFAULT_BAUDS[driver]))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOptions:
@@ -63,15 +73,11 @@ class BusOptions:
 
         Raises InputError without a driver or a port, and for a robot file with hobby servos.
         """
-        from hexctl.backends.bus.servos import parse_bus_port
-
         section = self._section()
         driver = self._driver(section)
-        text = self.connect or (None if section is None else section.port)
-        baud = self.baud
-        if baud is None and section is not None and section.baud is not None:
-            baud = int(section.baud)
-        return BusAddress(driver, *parse_bus_port(text, baud, driver=driver))
+        if section is None:
+            return BusAddress.parse(driver, self.connect, self.baud)
+        return BusAddress.parse(driver, self.connect or section.port, self.baud or section.baud)
 
     def servo_map(self) -> "BusMap | None":
         """Return the ids of all joints by the robot file; None without one."""

@@ -22,7 +22,7 @@ from hexctl.cli.progress import WithBar
 from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
-from hexctl.cli.walk.connected_run import check_commanded, connected
+from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.errors import InputError
 from hexctl.identify.options import IdentifyOptions
 
@@ -111,13 +111,14 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     run = IdentificationRun(
         RunSpec(**where, record_folder=None if where["record"] is not None else runs_folder())
     )
+    clear = clear_command(run.spec)
     ask_consent(CONSENT.format(run.motions_s), yes=yes or run.spec.simulated)
     with connected(run) as interrupt:
         print_note(f"hexctl: the legs move for {run.motions_s:.0f} s; Ctrl-C stops")
         done = run.walk(stop_requested=interrupt.requested)
         check_commanded(done.outcome)
         if interrupt.requested() or done.trial.status != "ok":
-            why = " by Ctrl-C" if interrupt.requested() else why_in_words(done.trial.stopped)
+            why = " by Ctrl-C" if interrupt.requested() else why_in_words(done.trial.stopped, clear=clear)
             print_note(f"hexctl: stopped{why}; nothing was identified; the same command begins again")
             raise typer.Exit(INTERRUPTED if interrupt.requested() else code_of(done.trial))
     if done.recording_error is not None:

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 
 import typer
 
-from hexctl.backends.bus.servos import parse_bus_port
+from hexctl.backends.bus.bus_options import BusAddress
 from hexctl.backends.mavlink.mavlink_transport import parse_port
-from hexctl.backends.pwm.pca9685 import parse_i2c_place
+from hexctl.backends.pwm.pca9685 import parse_i2c_port
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.sim.world import load_world
 from hexctl.cli.see.arena_command import arena_of
@@ -183,9 +184,8 @@ TARGETS = (
                 _endpoint,
                 _page,
                 parse_port,
-                parse_bus_port,
-                lambda text: parse_bus_port(text, driver="lx16a"),
-                parse_i2c_place,
+                partial(BusAddress.parse, "lx16a"),
+                parse_i2c_port,
                 parse_servo2040_port,
             )
         ),
