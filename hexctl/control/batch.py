@@ -129,7 +129,8 @@ class SimTrial:
         plan, world = self.plan, self.world
         changes = tuple(change.at_s for change in plan.changes)
         ticks = (world.time_step_s, world.latency_steps)
-        return (self.robot.fingerprint, *ticks, plan.hold, plan.straight, plan.level, changes)
+        walk = (plan.hold, plan.level, plan.feet, plan.straight)
+        return (self.robot.fingerprint, *ticks, *walk, changes)
 
 
 def run_sim_trial(trial: SimTrial, make_controller: BatchController = planned_walk) -> TrialResult:

@@ -70,7 +70,8 @@ def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     gaits = [plan.gait for plan in start.plans]
     motions = start.motions
     alone = start.batch_shape == ()
-    if start.plans[0].changes or start.plans[0].level:
+    plan = start.plans[0]
+    if plan.changes or plan.level or plan.feet == "adaptive":
         return MotionWalk(start)
     return Walk(
         start.robot,

@@ -19,6 +19,10 @@ _THEN = argument("then")
 Hold = Literal["auto", "line", "heading", "none"]
 HOLDS = get_args(Hold)
 
+#: Whether feet follow the trajectory of the gait, or search for the ground below it.
+Feet = Literal["planned", "adaptive"]
+FEET = get_args(Feet)
+
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
 
 HEADING_DEG = Range(low=-360, high=360, unit="deg", degrees=True)
@@ -89,6 +93,7 @@ class TrialPlan:
             for a walk without a trim.
         further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
         level: whether the body is kept level by its measured roll and pitch.
+        feet: one of `FEET`; `adaptive` ones search for the ground, with foot contacts.
     """
 
     gait: Gait
@@ -106,6 +111,7 @@ class TrialPlan:
     turn_trim_rad_s: float | None = None
     further_failures: tuple[Failure, ...] = ()
     level: bool = False
+    feet: str = "planned"
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
@@ -125,6 +131,8 @@ class TrialPlan:
             raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
         if self.hold not in HOLDS:
             raise InputError(f"hold: got {self.hold}; allowed: {', '.join(HOLDS)}")
+        if self.feet not in FEET:
+            raise InputError(f"{argument('feet')}: got {self.feet}; allowed: {', '.join(FEET)}")
         for change in self.changes:
             check_type(change, GaitChange, "plan.changes", "GaitChanges")
         if any(after.at_s <= before.at_s for before, after in pairwise(self.changes)):

@@ -68,6 +68,7 @@ def drive(
             policy=options.policy,
             hold=options.hold,
             level=options.level,
+            feet=options.feet,
             failure=(*failures, *events),
             recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
             **where,

@@ -22,6 +22,8 @@ from hexctl.control.loop import TickObserver, run_step
 from hexctl.control.monitor.recovery import RecoveryPolicy, default_policy, make_policy
 from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import FEET
+from hexctl.control.walks.ground_contact import contact_notes, step_height
 from hexctl.errors import EStopError, InputError, check_type
 from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.gait.gait import Gait, make_gait
@@ -61,6 +63,8 @@ class Drive:
             `glide` in a simulation and `stop` elsewhere.
         hold: `auto` corrects slip by the measured pose or yaw; `none` does not.
         level: keep the body level by its measured roll and pitch.
+        feet: `planned`, or `adaptive` for uneven ground: feet lift higher and, with foot contacts, search the
+            ground below.
         failure: of legs, as in `RunSpec`; a simulation breaks them.
         told: False if the walk has to detect simulated failures.
         recorders: take every tick, as in `run_trial`.
@@ -80,6 +84,7 @@ class Drive:
         policy: str | RecoveryPolicy | None = None,
         hold: str = "auto",
         level: bool = False,
+        feet: str = "planned",
         failure: AskedFailures = (),
         told: bool = True,
         arbiter: Arbiter | None = None,
@@ -94,7 +99,9 @@ class Drive:
         if hold not in DRIVE_HOLDS:
             raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
         check_type(level, bool, "level")
-        self._hold, self._level = hold, level
+        if feet not in FEET:
+            raise InputError(f"feet: got {feet}; allowed: {', '.join(FEET)}")
+        self._hold, self._level, self._feet = hold, level, feet
         self._robot_file: RobotFile | None = None
         check_type(servos, (LegServos, NoneType), "servos", "LegServos, as SimServos('ant') gives, or None")
         if servos is None:
@@ -123,7 +130,10 @@ class Drive:
         """Connect the robot, which stands up with the first step; raises RobotFaultError."""
         with ExitStack() as stack:
             stack.enter_context(self._guard)
-            self.notes = tuple(connection_notes(self._guard.unwrapped, self._known))
+            self.notes = (
+                *connection_notes(self._guard.unwrapped, self._known),
+                *contact_notes(self._feet, self._guard.peek()),
+            )
             self._begin()
             self._stack = stack.pop_all()
         return self
@@ -337,6 +347,7 @@ class Drive:
             hold=self._hold == "auto",
             level=self._level,
             failures=self._known,
+            feet=self._feet,
         )
         if self._recorders is not None:
             self._recorders.log.controller = self._controller
@@ -347,7 +358,9 @@ class Drive:
         self._gait = gait
 
     def _gait_of(self, gait: str | int | Sequence[int] | Gait) -> Gait:
-        return gait if isinstance(gait, Gait) else make_gait(self.robot, gait)
+        if isinstance(gait, Gait):
+            return gait
+        return make_gait(self.robot, gait, height=step_height(self.robot, self._feet))
 
     def _made_servos(self, robot: str | Path | Robot, backend: str, options: dict[str, Any]) -> LegServos:
         """Servos of a backend; raises InputError for options that it would ignore."""

@@ -50,11 +50,12 @@ class DriveController(Controller):
         hold: bool = True,
         level: bool = False,
         failures: Sequence[Failure] = (),
+        feet: str = "planned",
     ) -> None:
         check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
         self._robot, self._gait, self._period_s = robot, gait, period_s
         self._arbiter, self._policy = arbiter, policy
-        self._known = tuple(failures)
+        self._known, self._feet = tuple(failures), feet
         self._hold = VelocityHold() if hold else None
         self._level = level
         self._asked_pose: BodyPose | None = None
@@ -267,7 +268,13 @@ class DriveController(Controller):
         gait = self._suited(self._gait)
         plain = replace(gait, posture=STANCE)
         first = next(iter(self._known), None)
-        plan = TrialPlan(gait=plain, belief=first, further_failures=self._known[1:], level=self._level)
+        plan = TrialPlan(
+            gait=plain,
+            belief=first,
+            further_failures=self._known[1:],
+            level=self._level,
+            feet=self._feet,
+        )
         start = WalkStart(
             robot=self._robot,
             plans=(plan,),

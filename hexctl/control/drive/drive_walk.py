@@ -104,7 +104,9 @@ class DriveWalk(VelocityWalk):
             self.poser.update(dt_s, state, self._pattern)
             self._accelerate(dt_s, wanted, stepping)
             self._advance(step, dt_s, wanted, stepping)
-        return joints_of_feet(self._robot, self.poser.feet(self._feet()), self._held)
+        feet = self.poser.feet(self._feet())
+        self._meet_ground(dt_s, self._u(), feet, self._lifted, state)
+        return joints_of_feet(self._robot, feet, self._held)
 
     def _feet(self) -> FloatArray:
         pattern = self.poser.lowered(self._pattern)

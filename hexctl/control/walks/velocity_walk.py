@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 from hexctl.control.controllers import Controller, held_joints, joints_of_feet, soft_stop_steps
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.body_poser import BodyPoser
+from hexctl.control.walks.ground_contact import GroundContact
 from hexctl.errors import InputError, check_callable, check_type
 from hexctl.gait.foot_trajectory import (
     RAMP_DURATION_S,
     StepPattern,
     feet_at_phases,
+    lift_offset,
     part_of_cycle,
     ramp,
 )
@@ -78,6 +80,8 @@ class VelocityWalk(Controller):
         self.foot_offsets_m: FloatArray | None = None
         self.poser = BodyPoser(start.robot, start.batch_shape, OVERDRIVE, level=start.plans[0].level)
         self.suited: Callable[[list[Gait]], list[Gait]] = list
+        adaptive = start.plans[0].feet == "adaptive"
+        self._ground = GroundContact(start.robot, start.batch_shape) if adaptive else None
         self._last_step = 0
         self._stop_step: int | None = None
 
@@ -104,11 +108,25 @@ class VelocityWalk(Controller):
             self._cycles = self._cycles + cycles
             self._change(step, cycles)
         u = self.leg_phases
-        pattern = self.poser.lowered(self._pattern)
-        feet = feet_at_phases(self._robot, pattern, u, strokes, self._envelope(step))
+        envelope, pattern = self._envelope(step), self.poser.lowered(self._pattern)
+        feet = feet_at_phases(self._robot, pattern, u, strokes, envelope)
         if self.foot_offsets_m is not None:
             feet = feet + self.foot_offsets_m
-        return joints_of_feet(self._robot, self.poser.feet(feet), self._held)
+        feet = self.poser.feet(feet)
+        self._meet_ground(dt_s, u, feet, envelope, state)
+        return joints_of_feet(self._robot, feet, self._held)
+
+    def _meet_ground(
+        self, dt_s: float, u: FloatArray, feet: FloatArray, lifted: float, state: RobotState
+    ) -> None:
+        """Move feet, in place, to the ground that they meet; `lifted` is the share of the step height."""
+        if self._ground is not None:
+            pattern = self.poser.lowered(self._pattern)
+            lift_m = lifted * lift_offset(u, pattern.swing_share) * pattern.height_m
+            if pattern.stepping is not None:
+                lift_m = lift_m * pattern.stepping
+            top_m = lifted * pattern.height_m
+            feet[..., 2] += self._ground.update(dt_s, feet, lift_m, top_m, state, pattern.stepping)
 
     def _envelope(self, step: int) -> float:
         """Share of strokes and heights at a step: 1 except in the soft start and stop."""
