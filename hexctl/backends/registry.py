@@ -15,9 +15,10 @@ from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import load_named
 from hexctl.robot.servos.bus_map import bus_map_of
-from hexctl.robot.servos.drivers import BUS_DRIVERS, BusDriver
+from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.typed_names import nearest
 
@@ -172,12 +173,13 @@ def _mavlink(options: BackendOptions) -> LegServos:
     return MavlinkServos(options.robot, servo_map=options.servo_map, port=port, signing_key=signing_key)
 
 
-def _bus(options: BackendOptions, *, driver: BusDriver) -> LegServos:
-    from hexctl.backends.bus.bus_options import BusAddress
+def _bus(options: BackendOptions, *, driver: str) -> LegServos:
     from hexctl.backends.bus.servos import BusServos
+    from hexctl.backends.serial_ports import SerialAddress
 
     section = options.servos_section
-    address = BusAddress.parse(driver, options.connect or section.port, section.baud)
+    baud = section.baud or DEFAULT_BAUDS[driver]
+    address = SerialAddress.parse(options.connect or section.port, baud)
     bus_map = bus_map_of(section, driver)
     return BusServos(options.robot, bus_map=bus_map, port=address.path, baud=address.baud)
 

@@ -34,14 +34,14 @@ _ALLOWED = (
 
 @dataclass(frozen=True, slots=True)
 class SerialAddress:
-    """A serial device, and its bits per second or None."""
+    """A serial device, and its bits per second; 0 if unknown."""
 
     path: str
-    baud: int | None
+    baud: int
 
     @classmethod
-    def parse(cls, text: str | None, *, allowed: str = _ALLOWED) -> Self:
-        """Return the address in a text such as `/dev/ttyUSB0` or `/dev/ttyUSB0:1000000`.
+    def parse(cls, text: str | None, baud: float = 0, *, allowed: str = _ALLOWED) -> Self:
+        """Return the address in a text such as `/dev/ttyUSB0`, at `baud`, or `/dev/ttyUSB0:1000000`.
 
         Raises InputError with what is `allowed` for anything else.
         """
@@ -49,7 +49,7 @@ class SerialAddress:
         if found is None or (found[2] and int(found[2]) not in BAUD):
             got = repr(text) if text else "none"
             raise InputError(f"{argument('connect')}: got {got}; allowed: {allowed}")
-        return cls(found[1], int(found[2]) if found[2] else None)
+        return cls(found[1], int(found[2] or baud))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

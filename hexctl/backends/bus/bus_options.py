@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, argument
@@ -37,15 +37,6 @@ class BusAddress:
     path: str
     baud: int
 
-    @classmethod
-    def parse(cls, driver: BusDriver, text: str | None, baud: float | None = None) -> Self:
-        """Return the address in a text such as `/dev/ttyUSB0:1000000`; without a baud `baud`, or the usual.
-
-        Raises InputError without a port, and for an invalid baud.
-        """
-        address = SerialAddress.parse(text)
-        return cls(driver, address.path, address.baud or int(baud or DEFAULT_BAUDS[driver]))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOptions:
@@ -75,9 +66,11 @@ class BusOptions:
         """
         section = self._section()
         driver = self._driver(section)
-        if section is None:
-            return BusAddress.parse(driver, self.connect, self.baud)
-        return BusAddress.parse(driver, self.connect or section.port, self.baud or section.baud)
+        text, of_file = self.connect, None
+        if section is not None:
+            text, of_file = text or section.port, section.baud
+        address = SerialAddress.parse(text, self.baud or of_file or DEFAULT_BAUDS[driver])
+        return BusAddress(driver, address.path, address.baud)
 
     def servo_map(self) -> "BusMap | None":
         """Return the ids of all joints by the robot file; None without one."""

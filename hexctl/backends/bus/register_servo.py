@@ -48,12 +48,8 @@ class RegisterServo(Servo):
         """Raw number in a register; None without an answer or a register."""
         if register is None:
             return None
-        data = self._bytes(register.address, register.size, tries=tries)
-        return None if data is None else int.from_bytes(data, self.table.byte_order)
-
-    def _bytes(self, address: int, size: int, *, tries: int = TRIES) -> bytes | None:
-        answer = self._answer(address, size, tries=tries)
-        return None if answer is None else answer.parameters
+        answer = self._answer(register.address, register.size, tries=tries)
+        return None if answer is None else int.from_bytes(answer.parameters, self.table.byte_order)
 
     def _answer(self, address: int, size: int, *, tries: int = TRIES) -> StatusPacket | None:
         """Answer with `size` bytes from an address."""
@@ -76,7 +72,12 @@ class RegisterServo(Servo):
     @contextmanager
     def _settings_read(self) -> Iterator[None]:
         """Read all settings at once; a change ends that. Servos that refuse it are asked one by one."""
-        self._stored = self._twice(lambda: self._bytes(0, self.table.ram, tries=1))
+
+        def settings() -> bytes | None:
+            answer = self._answer(0, self.table.ram, tries=1)
+            return None if answer is None else answer.parameters
+
+        self._stored = self._twice(settings)
         try:
             yield
         finally:

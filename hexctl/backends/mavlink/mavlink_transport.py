@@ -80,8 +80,8 @@ def parse_port(text: str) -> PortAddress:
         return PortAddress(kind, udp[2].strip("[]"), int(udp[3]))
     if not re.match(r"(serial:)?/", text):
         raise InputError(f"{argument('connect')}: got {text!r}; allowed: {ALLOWED}")
-    serial = SerialAddress.parse(text.removeprefix("serial:"), allowed=ALLOWED)
-    return PortAddress("serial", serial.path, serial.baud or DEFAULT_BAUD)
+    serial = SerialAddress.parse(text.removeprefix("serial:"), DEFAULT_BAUD, allowed=ALLOWED)
+    return PortAddress("serial", serial.path, serial.baud)
 
 
 def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool, insecure: bool) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.bus.bus_options import BusAddress
+from hexctl.backends.bus.bus_options import BusAddress, BusOptions
 from hexctl.backends.bus.registers import Register, table_of
 from hexctl.backends.bus.servo_bus import Report
 from hexctl.backends.bus.servos import BusServos
@@ -365,13 +365,13 @@ def test_targets_beyond_the_limits_of_a_servo_end_there() -> None:
     ],
 )
 def test_a_port_has_a_baud(text: str, baud: int | None, driver: Any, expected: tuple[str, int]) -> None:
-    assert BusAddress.parse(driver, text, baud) == BusAddress(driver, *expected)
+    assert BusOptions(driver=driver, connect=text, baud=baud).address() == BusAddress(driver, *expected)
 
 
 @pytest.mark.parametrize("text", [None, "", ":9600", "/dev/x:fast", "/dev/x:1199", "/dev/x:4500001"])
 def test_a_port_that_is_none_is_refused(text: str | None) -> None:
     with pytest.raises(InputError, match="connect: "):
-        BusAddress.parse("feetech", text)
+        BusOptions(driver="feetech", connect=text).address()
 
 
 # What is stored in servos, at connect: set up, refused or told; and what an overload leaves.

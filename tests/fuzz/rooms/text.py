@@ -2,14 +2,13 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 
 import typer
 
-from hexctl.backends.bus.bus_options import BusAddress
 from hexctl.backends.mavlink.mavlink_transport import parse_port
 from hexctl.backends.pwm.pca9685 import parse_i2c_port
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
+from hexctl.backends.serial_ports import SerialAddress
 from hexctl.backends.sim.world import load_world
 from hexctl.cli.see.arena_command import arena_of
 from hexctl.cli.values import checked
@@ -184,7 +183,7 @@ TARGETS = (
                 _endpoint,
                 _page,
                 parse_port,
-                partial(BusAddress.parse, "lx16a"),
+                SerialAddress.parse,
                 parse_i2c_port,
                 parse_servo2040_port,
             )
