@@ -56,8 +56,9 @@ def test_the_folder_has_all_files_and_replaces_nothing(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["pexod", "my robot.yaml"])
 def test_the_launch_file_starts_the_exported_robot(name: str, tmp_path: Path) -> None:
-    source = tmp_path / name if "." in name else name
+    source: Path | str = name
     if "." in name:
+        source = tmp_path / name
         source.write_text(find_config("robots", "lukas").read_text(encoding="utf-8"), encoding="utf-8")
     path = export(source, to="ros2", output=tmp_path / "out")
     text = (Path(path) / "robot.launch.py").read_text(encoding="utf-8")
