@@ -226,8 +226,6 @@ def test_a_file_that_may_not_be_read_is_refused_and_one_that_is_missing_may_come
     check_gamepad(tmp_path / "event7")
     os.mkfifo(tmp_path / "event7")
     check_gamepad(tmp_path / "event7")
-    with pytest.raises(InputError, match="no event file"):
-        check_gamepad(Path("/dev/zero"))
     monkeypatch.setattr(os, "access", lambda *_: False)  # whoever runs the tests may read everything
     with pytest.raises(InputError, match=r"gamepad: .*event7"):
         check_gamepad(tmp_path / "event7")
