@@ -47,8 +47,9 @@ class Servos:
         log = ServoLog.read(self.path)
         if len(log.times_s) <= WALK_TICKS or time.monotonic() - log.times_s[-1] > 0.1:
             return False
-        new = (np.diff(log.joint_positions_rad, axis=0) != 0).any(axis=1)
-        return bool(new.all()) and float(np.ptp(log.joint_positions_rad, axis=0).max()) > WALK_RAD
+        last_rad = log.joint_positions_rad[-WALK_TICKS - 1 :]
+        new = (np.diff(last_rad, axis=0) != 0).any(axis=1)
+        return bool(new.all()) and float(np.ptp(last_rad, axis=0).max()) > WALK_RAD
 
     def told_after(self, at_s: float) -> bool:
         log = ServoLog.read(self.path)
