@@ -1,23 +1,30 @@
 """Identification of simulated robots with drawn servos and trunks.
 
 `python -m benchmarks.identify [DRAWS [FIRST]]` prints each error, and how many are small enough.
+`python -m benchmarks.identify real:9960 6 ant FOLDER` does so in worlds of a family: with joints that differ,
+offsets, play and latency. It also prints how well the identified robot and the robot file predict motions
+that were not fitted. The folder keeps logs and robot files.
 
 The truth is a world's; the sensors have noise. Nothing of it is used by the search.
 """
 
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
 
 from hexctl.backends.sim.flaws import SensorNoise
-from hexctl.backends.sim.world import World
+from hexctl.backends.sim.world import World, load_world, per_joint
 from hexctl.identify.identification import identify, move_on_stand
+from hexctl.identify.identified_file import identified_text
 from hexctl.identify.parameters import RobotValues
+from hexctl.identify.robot_log import read_robot_log
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.runs.run import run
+from hexctl.types import N_LEGS, FloatArray
 
 #: Largest error of each parameter: a share of the truth, or a time.
 ALLOWED = {
@@ -32,6 +39,9 @@ ABSOLUTE = ("dead_time_s", "trunk_com_x_m", "trunk_com_y_m")
 
 #: Duration of the walk: the weight that it carries sets the scale of stiffness and inertia.
 WALK_S = 10.0
+
+#: Walks that are not fitted.
+HELD_OUT = ({"gait": "tripod"}, {"gait": "ripple"})
 
 ROBOTS = ("ant", "lukas", "pexod", "jethexa")
 
@@ -75,6 +85,90 @@ def error(name: str, found: float, true: float) -> float:
     return abs(found - true) if name in ABSOLUTE else abs(found / true - 1)
 
 
+def truth_of_joints(robot: Robot, world: World) -> dict[str, float]:
+    """Values of a world of a family: means of joints; the dead time includes the age of the angles."""
+    values = RobotValues.of(robot)
+    coxa, femur, tibia = (
+        (world.servo_stiffness * robot.stiffness_nm_per_rad * per_joint(world.joint_stiffness))
+        .reshape(N_LEGS, -1)
+        .mean(axis=0)
+    )
+    friction = robot.dry_friction_nm if world.joint_friction_nm is None else world.joint_friction_nm
+    return {
+        "stiffness_nm_per_rad": float(np.mean([coxa, femur, tibia])),
+        "coxa_stiffness_ratio": coxa / tibia,
+        "femur_stiffness_ratio": femur / tibia,
+        "damping_nm_s_per_rad": values.damping_nm_s_per_rad * world.servo_damping,
+        "rotor_inertia_kg_m2": world.rotor_inertia_kg_m2 or values.rotor_inertia_kg_m2,
+        "dry_friction_nm": float(np.mean(friction)),
+        "max_torque_nm": values.max_torque_nm * world.servo_strength,
+        "dead_time_s": values.dead_time_s + world.servo_delay_s + world.state_latency_s,
+        "play_deg": float(np.mean(world.servo_backlash_deg)) or values.play_deg,
+        "trunk_mass_kg": robot.body.mass_kg + world.added_mass_share * robot.mass_kg,
+        "trunk_com_x_m": values.trunk_com_x_m + world.body_mass_shift_m[0],
+        "trunk_com_y_m": values.trunk_com_y_m + world.body_mass_shift_m[1],
+    }
+
+
+def motions(robot: Robot, world: World, seed: int, folder: Path, **walk: object) -> list[Path]:
+    """Recordings of the motions on a stand and of a walk."""
+    name = "-".join([robot.name, str(seed), *map(str, walk.values())])
+    paths = [folder / f"{name}-{kind}.rrd" for kind in ("stand", "walk")]
+    if not paths[0].exists() and not walk:
+        move_on_stand(
+            robot=robot, world=world.model_copy(update={"on_stand": True}), record=paths[0], seed=seed
+        )
+    if not paths[1].exists():
+        run(robot=robot, world=world, record=paths[1], seed=seed, duration_s=WALK_S, hold="none", **walk)
+    return paths[1:] if walk else paths
+
+
+def predicted_deg(robot: Robot, log: Path) -> float:
+    """Mean absolute error of the joint angles of a robot that is simulated with the commands of a log."""
+    errors_rad = read_robot_log(log, robot).errors_rad(RobotValues.of(robot))
+    return float(np.degrees(np.abs(errors_rad).mean()))
+
+
+def walked_m(robot: Robot, world: World, seed: int, **walk: object) -> FloatArray:
+    """Displacement of a walk without course feedback, (2,)."""
+    trial = run(
+        robot=robot, world=world, seed=seed, duration_s=WALK_S, hold="none", record=False, **walk
+    ).trial
+    return np.asarray(trial.path_m[-1])
+
+
+def identify_in(family: str, worlds: int, name: str, folder: Path) -> None:
+    """Identify a robot in worlds, and print its errors and those of its predictions."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kind, _, first = family.partition(":")
+    deviations: list[float] = []
+    for seed in range(int(first), int(first) + worlds):
+        robot, world = load_robot(name), load_world(f"{kind}:{seed}")
+        file = folder / f"{name}-{seed}.yaml"
+        begun_s = time.process_time()
+        found = identify(motions(robot, world, seed, folder))
+        took_s = time.process_time() - begun_s
+        file.write_text(identified_text(name, found))
+        true = truth_of_joints(robot, world)
+        for key, one in found.estimates.items():
+            deviations.append(abs(one.value - true[key]) / one.deviation)
+            note = "" if one.known else "not determined"
+            print(f"  {key:22s} {one.value:9.4f} +- {one.deviation:7.4f}, true {true[key]:9.4f} {note}")
+        same = load_robot(file)
+        for walk in HELD_OUT:
+            (log,) = motions(robot, world, seed, folder, **walk)
+            place_m = walked_m(robot, world, seed, **walk)
+            for title, one in (("file", robot), ("identified", same)):
+                off_m = float(np.linalg.norm(walked_m(one, World(), seed, **walk) - place_m))
+                print(
+                    f"{seed} {name} {walk} {title}: {predicted_deg(one, log):.2f} deg, {off_m:.3f} m",
+                    flush=True,
+                )
+        print(f"{seed} {name}: CPU of the search {took_s:.0f} s", flush=True)
+    within = [float(np.mean(np.array(deviations) <= most)) for most in (1, 2, 3)]
+    print(f"true value within 1, 2, 3 standard errors: {within}")
+
+
 def main(draws: int, first: int) -> None:
     """Identify drawn servos, and print each error and how many are allowed."""
     held = dict.fromkeys(ALLOWED, 0)
@@ -97,5 +191,8 @@ def main(draws: int, first: int) -> None:
 
 
 if __name__ == "__main__":
-    given = [int(one) for one in sys.argv[1:]]
-    main(*given, *(20, 0)[len(given) :])
+    if ":" in "".join(sys.argv[1:2]):
+        identify_in(sys.argv[1], int(sys.argv[2]), sys.argv[3], Path(sys.argv[4]))
+    else:
+        given = [int(one) for one in sys.argv[1:]]
+        main(*given, *(20, 0)[len(given) :])

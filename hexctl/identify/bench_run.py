@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -69,6 +69,7 @@ class BenchRun(ArrayFields):
     goal_rad: FloatArray
     measured_rad: FloatArray
     powered: BoolArray
+    units: ClassVar[int] = 1
 
     @property
     def parameters(self) -> tuple[str, ...]:

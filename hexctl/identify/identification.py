@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +15,8 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, argument
 from hexctl.identify.bench_run import BenchRun, fit_bench, read_bench_run
-from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad
-from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
+from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad, near_values
+from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
 from hexctl.identify.robot_log import OF_JOINTS, ON_STAND, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.options import check_names
@@ -26,6 +28,16 @@ from hexctl.waiting import StopRequested, never
 
 #: Friction from which a search starts at least, as a share of the torque.
 LEAST_FRICTION = 0.02
+
+#: Starts of a search, as multiples of the values of the robot file.
+AROUND = {
+    "stiffness_nm_per_rad": (0.6, 2.0),
+    "damping_nm_s_per_rad": (0.5, 3.0),
+    "rotor_inertia_kg_m2": (0.5, 5.0),
+    "dry_friction_nm": (1.0, 5.0),
+    "max_torque_nm": (0.2, 1.0),
+}
+STARTS, BEST_STARTS, MOST_MORE_S = 63, 3, 0.04
 
 #: Least number of bench runs of which every other one is kept to judge the result.
 ENOUGH_TO_JUDGE = 4
@@ -63,8 +75,8 @@ class Identification(ArrayFields):
     def to_dict(self) -> dict[str, Any]:
         """The object that `hexctl identify --json` prints: angles in degrees."""
         return {
-            "servo": {name: one.to_dict() for name, one in self.estimates.items() if name in OF_SERVO},
-            "trunk": {name: one.to_dict() for name, one in self.estimates.items() if name not in OF_SERVO},
+            "servo": {name: one.to_dict() for name, one in self.estimates.items() if name not in OF_TRUNK},
+            "trunk": {name: one.to_dict() for name, one in self.estimates.items() if name in OF_TRUNK},
             "error_deg": {
                 "before": _mean_deg(self.fit.before_rad),
                 "after": _mean_deg(self.fit.after_rad),
@@ -110,23 +122,48 @@ def identify(
 
 
 def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]:
-    """Values of servos and trunk: roughly those of the servos first, on a stand if there is a log of one."""
-    near = fit_values(
-        [one for one in replays if one.on_stand] or replays,
-        _start(replays[0].robot),
-        OF_JOINTS,
-        rough=True,
-        on_step=on_step,
-    ).values
+    """Values of servos and trunk: roughly those of the servos first, with larger steps of the physics."""
+    coarse = [one.coarse() for one in replays]
+    starts = sorted(_starts(_start(replays[0].robot)), key=partial(_error_rad, coarse))[:BEST_STARTS]
+    near = [near_values(coarse, start, OF_JOINTS, on_step) for start in starts]
+    _, best = min(near, key=itemgetter(0))
     searched = [name for name in PARAMETERS if any(name in one.parameters for one in replays)]
-    found = fit_values(replays, near, searched, on_step=on_step)
+    found = fit_values(replays, best, searched, on_step=on_step)
     return replace(found, before_rad=mean_errors_rad(replays, RobotValues.of(replays[0].robot)))
 
 
+def _error_rad(replays: Sequence[RobotLog], values: RobotValues) -> float:
+    return sum(mean_errors_rad(replays, values).values())
+
+
+def _starts(file: RobotValues) -> list[RobotValues]:
+    """Values of a robot file, and values about them: a search ends near where it starts."""
+    draws = np.random.default_rng(0).uniform(size=(STARTS, len(AROUND) + 1))
+    factors = [
+        {
+            name: low * (high / low) ** share
+            for (name, (low, high)), share in zip(AROUND.items(), row, strict=False)
+        }
+        for row in draws.tolist()
+    ]
+    return [file] + [
+        replace(
+            file,
+            **{name: factor * getattr(file, name) for name, factor in row.items()},
+            dead_time_s=file.dead_time_s + MOST_MORE_S * late,
+        )
+        for row, late in zip(factors, draws[:, -1].tolist(), strict=True)
+    ]
+
+
 def _start(robot: Robot) -> RobotValues:
-    """Values of a robot file, with some friction: the effect of none cannot be measured."""
+    """Values of a robot file, with some friction: the effect of none cannot be measured.
+
+    With little torque, because the motions do not show a limit that is too large.
+    """
     values = RobotValues.of(robot)
-    return replace(values, dry_friction_nm=max(values.dry_friction_nm, LEAST_FRICTION * values.max_torque_nm))
+    friction = max(values.dry_friction_nm, LEAST_FRICTION * values.max_torque_nm)
+    return replace(values, dry_friction_nm=friction)
 
 
 def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStep) -> Identification:
