@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.sim.flaws import SensorNoise
+from hexctl.backends.sim.simulation_model import delay_steps
 from hexctl.backends.sim.world import World, load_world, per_joint
 from hexctl.identify.identification import identify, move_on_stand
 from hexctl.identify.identified_file import identified_text
@@ -102,7 +103,7 @@ def truth_of_joints(robot: Robot, world: World) -> dict[str, float]:
         "rotor_inertia_kg_m2": world.rotor_inertia_kg_m2 or values.rotor_inertia_kg_m2,
         "dry_friction_nm": float(np.mean(friction)),
         "max_torque_nm": values.max_torque_nm * world.servo_strength,
-        "dead_time_s": values.dead_time_s + world.servo_delay_s + world.state_latency_s,
+        "dead_time_s": world.time_step_s * (delay_steps(robot, world) + world.latency_steps),
         "play_deg": float(np.mean(world.servo_backlash_deg)) or values.play_deg,
         "trunk_mass_kg": robot.body.mass_kg + world.added_mass_share * robot.mass_kg,
         "trunk_com_x_m": values.trunk_com_x_m + world.body_mass_shift_m[0],

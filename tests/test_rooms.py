@@ -16,7 +16,7 @@ CEILINGS = {
     "doctor": 570,
     "export": 2_010,
     "gait": 650,
-    "identify": 1_330,
+    "identify": 1_500,
     "ik": 1_150,
     "recording": 4_460,
     "robot": 6_260,

@@ -288,8 +288,12 @@ class _Search(Generic[ValuesT]):
         )
 
     def _deviations(self, at: _Place, slopes: FloatArray) -> FloatArray:
-        """Standard errors, which bounds do not make smaller: the jackknife over groups, linearised."""
-        weights, errors, groups = at.weights, at.errors, self._groups(at)
+        """Standard errors, which bounds do not make smaller: jackknives over groups, linearised."""
+        variances = [self._variances(at, slopes, groups) for groups in self._groupings(at)]
+        return np.where(slopes.any(axis=0), np.sqrt(np.sum(variances, axis=0)), np.inf)
+
+    def _variances(self, at: _Place, slopes: FloatArray, groups: NDArray[np.int64]) -> FloatArray:
+        weights, errors = at.weights, at.errors
         names, moves = np.unique(groups), []
         for group in names:
             kept = groups != group
@@ -298,21 +302,18 @@ class _Search(Generic[ValuesT]):
             change = np.linalg.lstsq(square, left.T @ (weight * errors[kept]), rcond=None)[0]
             moves.append(self._anywhere(at.place - change))
         moved, n = np.array(moves), len(names)
-        deviations = np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
-        return np.where(slopes.any(axis=0), deviations, np.inf)
+        return np.asarray((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
 
-    def _groups(self, at: _Place) -> NDArray[np.int64]:
-        """Group of each error: its unit, or its replay, or its part of a replay if there are few."""
-        units = self._replays[0].units
-        parts = 1 if len(self._replays) >= PARTS else PARTS
-        return np.concatenate(
-            [
-                np.arange(len(errors)) % N_JOINTS * units // N_JOINTS
-                if units > 1
-                else row * parts + parts * np.arange(len(errors)) // len(errors)
-                for row, errors in enumerate(at.parts)
-            ]
-        )
+    def _groupings(self, at: _Place) -> list[NDArray[np.int64]]:
+        """Group of each error: its replay, or its part of a replay if there are few; and its unit.
+
+        Parts show errors of the model, which no motion shares; units show how far legs differ.
+        """
+        parts, units = 1 if len(self._replays) >= PARTS else PARTS, self._replays[0].units
+        sizes = [len(errors) for errors in at.parts]
+        by_part = [row * parts + parts * np.arange(size) // size for row, size in enumerate(sizes)]
+        by_unit = [np.arange(size) % N_JOINTS * units // N_JOINTS for size in sizes]
+        return [np.concatenate(one) for one in ((by_part, by_unit) if units > 1 else (by_part,))]
 
 
 def _rows(samples: int) -> slice:

@@ -19,6 +19,7 @@ from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
 from hexctl.identify.robot_log import OF_JOINTS, ON_STAND, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
+from hexctl.identify.starts import starts_of
 from hexctl.options import check_names
 from hexctl.robot.model import Robot
 from hexctl.runs.run import Run, RunResult
@@ -26,18 +27,8 @@ from hexctl.runs.run_spec import RunSpec
 from hexctl.types import ArrayFields
 from hexctl.waiting import StopRequested, never
 
-#: Friction from which a search starts at least, as a share of the torque.
-LEAST_FRICTION = 0.02
-
-#: Starts of a search, as multiples of the values of the robot file.
-AROUND = {
-    "stiffness_nm_per_rad": (0.6, 2.0),
-    "damping_nm_s_per_rad": (0.5, 3.0),
-    "rotor_inertia_kg_m2": (0.5, 5.0),
-    "dry_friction_nm": (1.0, 5.0),
-    "max_torque_nm": (0.2, 1.0),
-}
-STARTS, BEST_STARTS, MOST_MORE_S = 63, 3, 0.04
+#: Number of starts near whose values a first search looks for a minimum.
+BEST_STARTS = 3
 
 #: Least number of bench runs of which every other one is kept to judge the result.
 ENOUGH_TO_JUDGE = 4
@@ -122,9 +113,9 @@ def identify(
 
 
 def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]:
-    """Values of servos and trunk: roughly those of the servos first, with larger steps of the physics."""
+    """Values of servos and trunk: roughly those of the servos first, from several starts."""
     coarse = [one.coarse() for one in replays]
-    starts = sorted(_starts(_start(replays[0].robot)), key=partial(_error_rad, coarse))[:BEST_STARTS]
+    starts = sorted(starts_of(replays[0].robot), key=partial(_error_rad, coarse))[:BEST_STARTS]
     near = [near_values(coarse, start, OF_JOINTS, on_step) for start in starts]
     _, best = min(near, key=itemgetter(0))
     searched = [name for name in PARAMETERS if any(name in one.parameters for one in replays)]
@@ -134,36 +125,6 @@ def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]
 
 def _error_rad(replays: Sequence[RobotLog], values: RobotValues) -> float:
     return sum(mean_errors_rad(replays, values).values())
-
-
-def _starts(file: RobotValues) -> list[RobotValues]:
-    """Values of a robot file, and values about them: a search ends near where it starts."""
-    draws = np.random.default_rng(0).uniform(size=(STARTS, len(AROUND) + 1))
-    factors = [
-        {
-            name: low * (high / low) ** share
-            for (name, (low, high)), share in zip(AROUND.items(), row, strict=False)
-        }
-        for row in draws.tolist()
-    ]
-    return [file] + [
-        replace(
-            file,
-            **{name: factor * getattr(file, name) for name, factor in row.items()},
-            dead_time_s=file.dead_time_s + MOST_MORE_S * late,
-        )
-        for row, late in zip(factors, draws[:, -1].tolist(), strict=True)
-    ]
-
-
-def _start(robot: Robot) -> RobotValues:
-    """Values of a robot file, with some friction: the effect of none cannot be measured.
-
-    With little torque, because the motions do not show a limit that is too large.
-    """
-    values = RobotValues.of(robot)
-    friction = max(values.dry_friction_nm, LEAST_FRICTION * values.max_torque_nm)
-    return replace(values, dry_friction_nm=friction)
 
 
 def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStep) -> Identification:
