@@ -85,7 +85,7 @@ def fit_values(
     start: ValuesT,
     names: Sequence[str],
     *,
-    rough: bool = False,
+    enough_gain: float = ENOUGH_GAIN,
     on_step: OnStep = lambda _step, _error_rad: None,
 ) -> Fit[ValuesT]:
     """Values of the named parameters with the smallest robust squared error over all replays.
@@ -96,7 +96,7 @@ def fit_values(
 
     Args:
         names: of `PARAMETERS`; the others keep their values.
-        rough: end early, at a place near the solution.
+        enough_gain: share of the cost; a step that gains less is the last.
         on_step: follows the search.
     """
     search = _Search(replays, start, names)
@@ -109,7 +109,7 @@ def fit_values(
         if better is None:
             break
         gain, at = 1 - better.cost / at.cost, better
-        if gain < (ROUGH_GAIN if rough else ENOUGH_GAIN) or at.root_mean_rad < SMALL_RAD:
+        if gain < enough_gain or at.root_mean_rad < SMALL_RAD:
             break
     return search.result(at, slopes)
 

@@ -27,6 +27,9 @@ from hexctl.runs.run_spec import RunSpec
 from hexctl.types import ArrayFields
 from hexctl.waiting import StopRequested, never
 
+#: Gain below which a search ends: legs differ, and no values explain all of them.
+ROBOT_GAIN = 5e-3
+
 #: Number of starts near whose values a first search looks for a minimum.
 BEST_STARTS = 3
 
@@ -119,7 +122,7 @@ def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]
     near = [near_values(coarse, start, OF_JOINTS, on_step) for start in starts]
     _, best = min(near, key=itemgetter(0))
     searched = [name for name in PARAMETERS if any(name in one.parameters for one in replays)]
-    found = fit_values(replays, best, searched, on_step=on_step)
+    found = fit_values(replays, best, searched, enough_gain=ROBOT_GAIN, on_step=on_step)
     return replace(found, before_rad=mean_errors_rad(replays, RobotValues.of(replays[0].robot)))
 
 
