@@ -109,7 +109,9 @@ class Adaptation:
         trust: bool = False,
         **options: Any,
     ) -> "Adaptation":
-        """Prepare to continue a session, with another budget if given; `run` returns an ended one unchanged.
+        """Prepare to continue a session; `run` returns one that has ended unchanged.
+
+        Another budget continues a session that has spent its own.
 
         Args:
             name: or the session itself, as `load_session` returns it.
@@ -129,9 +131,11 @@ class Adaptation:
         return adaptation
 
     def _finished(self) -> Session | None:
+        """The resumed session if it has ended; another budget continues one that has spent its own."""
         resumed = self._resumed
-        ended = resumed is not None and resumed.ended is not None and self._budget is None
-        return resumed if ended else None
+        if resumed is None or (self._budget is not None and resumed.ended in (None, "budget")):
+            return None
+        return None if resumed.ended is None else resumed
 
     def run(
         self,

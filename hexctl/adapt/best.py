@@ -15,15 +15,15 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.assessment.top_speed import STRIDE, Stride
-from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
+from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, GaitChange, TrialPlan, suited_rotation
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import NAMED_SLOTS, make_gait, names_best
+from hexctl.gait.gait import NAMED_SLOTS, Gait, make_gait, names_best
 from hexctl.gait.posture import Posture
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.run_spec import RunSpec, name_and_time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +32,7 @@ class BestGait:
 
     Attributes:
         spec: of the walk, with gait and posture; of a session also its self-rotation and trim. With a prior
-            the self-rotation is unchanged. For a gait to change to, only the slots.
+            the self-rotation is unchanged. For a gait to change to, only the gait.
         source: gaits and their origin, for people.
     """
 
@@ -55,14 +55,18 @@ def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
         first = _best_of(spec, folder)
         spec = first.spec
         sources.append(first.source)
-    then = []
-    for text in spec.then:
-        name, _, at_s = text.rpartition("@")
+    then = list(spec.then)
+    for index, name in enumerate(spec.names_then):
         if names_best(name):
-            found = _best_to_change_to(spec, text, name, folder)
-            sources.append(f"from {at_s} s on {found.source}")
-            name = found.spec.gait_text
-        then.append(f"{name}@{at_s}")
+            text = str(then[index])
+            found, (_, at_s) = _best_to_change_to(spec, text, name, folder), name_and_time(text)
+            sources.append(f"from {at_s:g} s on {found.source}")
+            gait = found.spec.gait  # with the stride of a session, otherwise slots
+            then[index] = (
+                GaitChange(gait=gait, at_s=at_s)
+                if isinstance(gait, Gait)
+                else f"{found.spec.gait_text}@{at_s:g}"
+            )
     return BestGait(spec=replace(spec, then=tuple(then)), source="; ".join(sources))
 
 

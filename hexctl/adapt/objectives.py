@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hexctl.control.trial_result import Deviation, TrialResult
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.plugins import load_named
 from hexctl.types import BoolArray, FloatArray
 
@@ -80,7 +80,9 @@ def _pace(result: TrialResult) -> float:
 def _told(value: float | None, what: str) -> float:
     """A measured value; raises InputError if the robot did not measure it."""
     if value is None:
-        raise InputError(f"objective: got a walk without {what}; allowed: of a robot that measures it")
+        raise InputError(
+            f"{argument('objective')}: got a walk without {what}; allowed: of a robot that measures it"
+        )
     return value
 
 
@@ -155,7 +157,7 @@ def make_objective(name: str) -> Objective:
     if ":" in name:
         return as_objective(_load(name), name)
     raise InputError(
-        f"objective: got {name!r}; allowed: {', '.join(OBJECTIVES)}, "
+        f"{argument('objective')}: got {name!r}; allowed: {', '.join(OBJECTIVES)}, "
         "or package.module:name for your own function of a TrialResult"
     )
 
@@ -173,7 +175,7 @@ def as_objective(measure: object, name: str = "") -> Objective:
         return replace(measure, name=name) if name else measure
     if isinstance(measure, type) or not callable(measure):
         raise InputError(
-            f"objective: got {measure!r}{f' as {name}' if name else ''}; "
+            f"{argument('objective')}: got {measure!r}{f' as {name}' if name else ''}; "
             "allowed: a name, an Objective, or a function of a TrialResult"
         )
     name = name or f"{measure.__module__}:{getattr(measure, '__qualname__', type(measure).__qualname__)}"
@@ -200,6 +202,6 @@ def _load(name: str) -> object:
         return load_named(name, "objective")
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
-            f"objective: {name!r} cannot be loaded ({error}); allowed: an Objective or a function of a "
-            "TrialResult, as package.module:name in a file that can be imported"
+            f"{argument('objective')}: {name!r} cannot be loaded ({error}); allowed: an Objective or a "
+            "function of a TrialResult, as package.module:name in a file that can be imported"
         ) from error

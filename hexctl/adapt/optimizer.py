@@ -26,17 +26,15 @@ TRIM_DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Trim:
-    """Changes that a trial makes to the walk of a gait.
+    """Corrections of the course of a walk.
 
     Attributes:
         course_rad: correction of its course, counter-clockwise.
         turn_rad_s: in open loop, correction of its turn rate.
-        stride: replaces the robot's; None keeps it.
     """
 
     course_rad: float = 0.0
     turn_rad_s: float = 0.0
-    stride: Stride | None = None
 
     @classmethod
     def rounded(cls, course_deg: float | None, turn_deg_s: float | None) -> "Trim":
@@ -190,7 +188,11 @@ class Optimizer(ABC):
         return
 
     def trim(self, code: int) -> Trim | None:
-        """Trim of the next walk of a gait; None from searches that change only gaits."""
+        """Trim of the next walk of a gait; None from searches that correct no walks."""
+        return None
+
+    def stride(self, code: int) -> Stride | None:
+        """Stride of the next walk of a gait; None for that of the robot."""
         return None
 
     def predict(self, code: int) -> Prediction | None:

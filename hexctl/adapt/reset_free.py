@@ -65,7 +65,7 @@ class ResetFreeRunner:
         Raises RobotStoppedError if the robot is stopped before the start, RobotFaultError for one that is
         lost or without a position.
         """
-        plan = self.runner.plan_for(request.slots, request.trim)
+        plan = self.runner.plan_for(request.slots, request.trim, request.stride)
         if self.runner.spec.cool_down_c is not None:
             cool_down(self.servos, self.runner.spec.cool_down_c, self.runner.stop_requested, self.note)
         if self.operator is not None:
@@ -108,7 +108,7 @@ class ResetFreeRunner:
         None or what failed.
         """
         robot = self.runner.robot
-        plan = self.runner.plan_for(turn_gait(robot).slots, None)
+        plan = self.runner.plan_for(turn_gait(robot).slots, None, None)
         speed_m_s = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
         reach_m = speed_m_s * plan.duration_s
         start = arena.start(reach_m)

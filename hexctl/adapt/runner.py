@@ -13,6 +13,7 @@ from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
+from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
@@ -79,6 +80,7 @@ class TrialRequest:
         index: of the trial; `BASELINE_INDEX` for a walk of the baseline.
         code: of the gait; 0 if its slots have none.
         trim: correction of the walk, or None.
+        stride: in place of the robot's, or None.
         should_stop: ends the walk once its path shows enough, or None.
     """
 
@@ -86,6 +88,7 @@ class TrialRequest:
     code: int
     slots: Slots
     trim: Trim | None = None
+    stride: Stride | None = None
     should_stop: Enough | None = None
 
     def title(self, plan: TrialPlan) -> str:
@@ -118,7 +121,7 @@ class TrialRunner:
     spec: SessionSpec
     robot: Robot
     world: World | None
-    plan_for: Callable[[Slots, Trim | None], TrialPlan]
+    plan_for: Callable[[Slots, Trim | None, Stride | None], TrialPlan]
     folder: Path | None
     stop_requested: StopRequested = never
     live: LiveView | None = None
@@ -126,7 +129,7 @@ class TrialRunner:
 
     def walk(self, request: TrialRequest) -> WalkedTrial:
         """Run one trial in its own simulation."""
-        plan = self.plan_for(request.slots, request.trim)
+        plan = self.plan_for(request.slots, request.trim, request.stride)
         # The simulated failure; the plan has the one that the controller knows.
         broken = self.spec.broken
         options = BackendOptions.of(

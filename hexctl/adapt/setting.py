@@ -17,6 +17,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world, without_step
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.static_stability import in_posture
+from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.assessment.uncertainty_store import (
     COMPUTATION,
     CONFIRM_STEP_S,
@@ -62,13 +63,14 @@ class Setting:
         """The robot that walks."""
         return self.robot_file.robot
 
-    def plan_for(self, slots: Slots, trim: Trim | None = None) -> TrialPlan:
+    def plan_for(self, slots: Slots, trim: Trim | None = None, stride: Stride | None = None) -> TrialPlan:
         """Plan of the trial of a gait; in open loop only a trim turns."""
-        plan = replace(self.plan, gait=replace(self.plan.gait, slots=slots))
+        gait = replace(self.plan.gait, slots=slots)
+        if stride is not None:
+            gait = stride.applied(gait, self.plan.failed_legs)
+        plan = replace(self.plan, gait=gait)
         if trim is None:
             return plan
-        if trim.stride is not None:
-            return replace(plan, gait=trim.stride.applied(plan.gait, plan.failed_legs))
         turn_rad_s = trim.turn_rad_s if plan.hold == "none" else None
         return replace(plan, trim_rad=trim.course_rad, turn_trim_rad_s=turn_rad_s)
 

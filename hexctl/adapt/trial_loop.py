@@ -242,8 +242,14 @@ class AdaptLoop:
         """
         optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
         predicted, what = optimizer.predict(code), f"trial {index}"
-        trim = optimizer.trim(code) if trim is None else trim
-        request = TrialRequest(index=index, code=code, slots=slots, trim=trim, should_stop=should_stop)
+        request = TrialRequest(
+            index=index,
+            code=code,
+            slots=slots,
+            trim=optimizer.trim(code) if trim is None else trim,
+            stride=optimizer.stride(code),
+            should_stop=should_stop,
+        )
         walked = self._checked(self._walk(request), what)
         if _interrupted(walked, what):
             return False
@@ -259,7 +265,7 @@ class AdaptLoop:
             score=score,
             margin_m=self._margin_m(slots),
             **_stored(walked),
-            stride=None if trim is None else trim.stride,
+            stride=request.stride,
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),
         )

@@ -14,7 +14,7 @@ from hexctl.cli.interrupts import (
 )
 
 #: Modules with threads or calls that may outlast a command.
-MAY_HANG = ("recording.rrd", "study.walking")
+MAY_HANG = ("recording.rrd", "threads")
 
 
 def main() -> None:
@@ -46,9 +46,9 @@ def main() -> None:
         sys.stderr.write(f"hexctl: {interrupted}\n")
         code = INTERRUPTED
     forget_deferred()
-    rrd, walking = (sys.modules.get(f"hexctl.{name}") for name in MAY_HANG)
-    if (rrd is not None and rrd.stuck()) or (code and walking is not None and walking.simulating()):
-        # Python would wait for Rerun on a full disk, or for walks, and crash at another Ctrl-C.
+    rrd, threads = (sys.modules.get(f"hexctl.{name}") for name in MAY_HANG)
+    if (rrd is not None and rrd.stuck()) or (code and threads is not None and threads.simulating()):
+        # Python would wait for Rerun on a full disk, or for simulations, and crash at another Ctrl-C.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -3,13 +3,14 @@
 A setting is parsed and checked like a typed option. Light to import: `hexctl --help` needs it.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.exceptions import TyperException
 
 from hexctl.cli.console import in_flags, print_note
 from hexctl.cli.grouped_help import WIDTH, GroupedHelp, HelpGroup
@@ -65,7 +66,9 @@ class _FollowsSettings:
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse arguments with settings as defaults, except for a help text, a completion or a group."""
         if not ctx.resilient_parsing:
-            typed, rest, _ = self.make_parser(ctx).parse_args(args=list(args))  # type: ignore[attr-defined]
+            typed, rest, order = self._parsed(ctx, args)
+            if _path(ctx) not in UNSTOPPABLE:
+                _check_once(order)
             alone = not (rest and isinstance(self, TyperGroup))
             if alone and not (typed.get("help") or typed.get("help_all")):
                 said = _said(ctx, {name: value for name, value in typed.items() if value is not None})
@@ -74,6 +77,13 @@ class _FollowsSettings:
         rest = super().parse_args(ctx, args)  # type: ignore[misc]
         _drop_unused(ctx)
         return rest  # type: ignore[no-any-return]
+
+    def _parsed(self, ctx: Any, args: list[str]) -> Any:
+        try:
+            return self.make_parser(ctx).parse_args(args=list(args))  # type: ignore[attr-defined]
+        except TyperException as error:
+            vars(error)["ctx"] = ctx  # the message names the command
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; report the settings in use, and name their place in errors about them."""
@@ -153,6 +163,15 @@ def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]
     for problem in dict.fromkeys(problems):
         print_note(f"hexctl: {problem}")
     return said
+
+
+def _check_once(typed: Sequence[Any]) -> None:
+    """Raise InputError for an option with one value that is typed twice; flags may repeat."""
+    for param in typed:
+        single = param.param_type_name == "option" and not (param.multiple or param.is_flag)
+        if single and typed.count(param) > 1:
+            several = ", several values with commas" if "with commas" in (param.help or "") else ""
+            raise InputError(f"--{_flag(param)}: typed {typed.count(param)} times; allowed: once{several}")
 
 
 def _drop_unused(ctx: Any) -> None:

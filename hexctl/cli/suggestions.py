@@ -1,7 +1,6 @@
 """Suggestions in messages about an invalid command line."""
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +43,11 @@ _EXTRA = re.compile(r"Got unexpected extra argument")
 
 def usage_text(error: TyperException) -> str:
     """Message about an invalid command line, with a suggestion."""
-    if near := getattr(error, "possibilities", None):
-        vars(error)["possibilities"] = ()
-        return error.format_message() + _nearest_option(vars(error)["option_name"], near)
-    text: str = error.format_message()
     context: Any = getattr(error, "ctx", None)
+    flag = getattr(error, "option_name", None)
+    if context is not None and flag is not None:
+        return _option_text(error, flag, context)
+    text: str = error.format_message()
     if (found := _NO_COMMAND.match(text)) is not None:
         meant = SYNONYMS.get(found[1].lower(), "")
         known = meant.split(" ")[0] in getattr(context.command, "commands", ())
@@ -58,10 +57,17 @@ def usage_text(error: TyperException) -> str:
     return text
 
 
-def _nearest_option(flag: str, flags: Iterable[str]) -> str:
-    """Suggestion of a similar option; its dashes do not count, since all flags have them."""
-    near = nearest_name(flag.lstrip("-"), [each.lstrip("-") for each in flags])
-    return "" if near is None else f"; did you mean --{near}?"
+def _option_text(error: TyperException, flag: str, context: Any) -> str:
+    """Message about an unknown option, or about the value of one."""
+    every = any(param.name == "help_all" for param in context.command.params)
+    listed = f"{context.command_path} --help{'-all' if every else ''}"
+    if hasattr(error, "possibilities"):
+        # The dashes do not count: all flags have them.
+        near = nearest_name(flag.lstrip("-"), [each.lstrip("-") for each in error.possibilities or ()])
+        next_step = f"{listed} lists the options" if near is None else f"did you mean --{near}?"
+        return f"{error.message}; {next_step}"
+    wanted = "got no value" if "requires" in error.message else "got a value; allowed: without one"
+    return f"{flag}: {wanted}; {listed} describes it"
 
 
 def _as_option(context: Any, extra: str) -> str:

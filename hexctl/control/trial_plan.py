@@ -21,7 +21,7 @@ HOLDS = get_args(Hold)
 
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
 
-HEADING_DEG = Range(degrees=True)
+HEADING_DEG = Range(low=-360, high=360, unit="deg", degrees=True)
 
 TURN_DEG_S = Range(low=-360, high=360, unit="deg/s", degrees=True)
 
@@ -61,6 +61,10 @@ class GaitChange:
         check_type(self.at_s, float, "change.at_s")
         if not (math.isfinite(self.at_s) and 0 <= self.at_s <= DURATION_S.high):
             raise InputError(f"{_THEN}: got {self.at_s:g} s; allowed: 0 up to {DURATION_S.high:g} s")
+
+    def __str__(self) -> str:
+        """Slots and time, as `--then` takes them."""
+        return f"{','.join(map(str, self.gait.slots))}@{self.at_s:g}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

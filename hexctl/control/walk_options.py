@@ -25,7 +25,7 @@ class WalkOptions:
     """Gait cycles per second, {}. (default: the robot's)"""
 
     amplitude: Annotated[float | None, STEP, RARE] = None
-    """Length of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+    """Length of the stroke of a foot as a fraction of the robot's size, {}. (default: the robot's)"""
 
     height: Annotated[float | None, STEP, RARE] = None
     """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""

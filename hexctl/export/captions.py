@@ -1,6 +1,7 @@
-"""Text on pictures: a caption below one walk, and the names, messages and distances of a race."""
+"""Text on pictures: the name of a walk, its failures, and its time or distance."""
 
-import math
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,17 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.palette import BACKGROUND, TEXT_COLOR, Color
+from hexctl.recording.recorded_trial import RecordedTrial
 
 Picture = NDArray[np.uint8]
 
-#: Heights of a caption, of its letters, and of the smallest letters.
-CAPTION_PX, LETTER_PX, SMALLEST_PX = 26, 14, 7
+#: Height of the smallest letters.
+SMALLEST_PX = 7
 
 #: Heights of a line of text and of its letters, as shares of the picture's width.
 BAR_SHARE, LETTER_SHARE = 0.068, 0.039
 
 #: A message is shown on its colour for this long, and the winner's until the end.
 FLASH_S = 1.3
+
+FAILED_BADGE: Color = (214, 52, 36)
+DETECTED_BADGE: Color = (196, 120, 0)
+
+#: Texts of failures, by the last word of the events of a recording.
+VERBS = {
+    "locked": "locks",
+    "limp": "goes limp",
+    "stuck": "sticks",
+    "weak": "weakens",
+    "missing": "breaks off",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,27 +45,33 @@ class Message:
     flash_s: float = FLASH_S
 
 
-def make_caption(text: str, width_px: int) -> Picture:
-    """A line of text as a bar below a picture, with smaller letters if necessary."""
-    from PIL import Image, ImageDraw
+def messages_of(trial: RecordedTrial, start_s: float = 0.0) -> Iterator[Message]:
+    """Failures, detections and reactions of a walk, in a film that begins at a second of its recording."""
+    film_s = trial.time_s - start_s
+    broke_s: dict[int, float] = {}
+    for event in trial.events:
+        found = re.match(r"world: (leg (\d)\b.*) (\w+)$", event.text)
+        if found and found[3] in VERBS:
+            broke_s[int(found[2])] = float(trial.walk_s[event.row])
+            yield Message(float(film_s[event.row]), f"{found[1]} {VERBS[found[3]]}", FAILED_BADGE)
+    before_walk_s = float(trial.time_s[-1] - trial.walk_s[-1])
+    for noticed in trial.noticed:
+        if noticed["did"] != "walked on" and noticed["leg"] in broke_s:
+            late_s = noticed["at_s"] - broke_s[noticed["leg"]]
+            at_s = noticed["at_s"] + before_walk_s - start_s
+            yield Message(at_s, f"detected after {late_s:.1f} s", DETECTED_BADGE)
 
-    bar = Image.new("RGB", (width_px, CAPTION_PX), BACKGROUND)
-    draw = ImageDraw.Draw(bar)
-    font = fitted_font(draw, text, LETTER_PX, width_px - 8)
-    draw.text((width_px / 2, CAPTION_PX / 2), text, fill=TEXT_COLOR, font=font, anchor="mm")
-    return np.asarray(bar)
 
-
-class RaceBar:
-    """A line of text on a walk: its name, the newest message, and its distance."""
+class TextBar:
+    """A line of text on a walk: its name, the newest message, and a counter."""
 
     def __init__(self, caption: str, width_px: int, messages: list[Message]) -> None:
         self.messages = messages
         self._caption, self._size_px = caption, (width_px, even_pixels(BAR_SHARE * width_px))
         self._letter_px = max(SMALLEST_PX, round(LETTER_SHARE * width_px))
 
-    def draw(self, time_s: float, distance_m: float) -> Picture:
-        """The line at a time of the film."""
+    def draw(self, time_s: float, counter: str) -> Picture:
+        """The line at a time of the film, with a counter such as `0.52 m`."""
         from PIL import Image, ImageDraw
 
         width_px, height_px = self._size_px
@@ -61,10 +81,8 @@ class RaceBar:
         name_px = width_px * (0.4 if self.messages else 0.8) - edge_px
         font = fitted_font(draw, self._caption, self._letter_px, name_px)
         draw.text((edge_px, middle_px), self._caption, fill=TEXT_COLOR, font=font, anchor="lm")
-        if math.isfinite(distance_m):
-            counter = f"{distance_m:.2f} m"
-            font = fitted_font(draw, counter, self._letter_px, width_px / 5)
-            draw.text((width_px - edge_px, middle_px), counter, fill=TEXT_COLOR, font=font, anchor="rm")
+        font = fitted_font(draw, counter, self._letter_px, width_px / 5)
+        draw.text((width_px - edge_px, middle_px), counter, fill=TEXT_COLOR, font=font, anchor="rm")
         if shown:
             self._draw_message(draw, shown[-1], flashes=time_s < shown[-1].at_s + shown[-1].flash_s)
         return np.asarray(bar)

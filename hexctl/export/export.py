@@ -1,6 +1,7 @@
 """One function for all exports: sources, format, output."""
 
 import csv
+import itertools
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -144,7 +145,7 @@ def export(
     if kind in TRIAL_FORMATS:
         _refuse_robots(sources, kind)
     robot = asked.robot if asked.robot is None or isinstance(asked.robot, Robot) else load_robot(asked.robot)
-    try:
+    with _disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         if kind in ROBOT_FORMATS:
             _write_robot(sources, kind, path, ros2_control=asked.ros2_control)
@@ -153,13 +154,20 @@ def export(
         else:
             trials = recordings_to_export(sources, Path(folder), robot, on_damage)
             _write_trials(trials, kind, path, asked, on_progress or _silent)
+    return path
+
+
+@contextmanager
+def _disk_errors(path: Path) -> Iterator[None]:
+    """Raise InputError if the output cannot be written."""
+    try:
+        yield
     except StoreError:  # an OSError, too: the session's, not the output's
         raise
     except OSError as error:
         reason = file_instead(path.parent) or error.strerror
         allowed = "" if is_of_disk(error) else "; allowed: a new file"
         raise InputError(f"export: {path} cannot be written ({reason}){allowed}") from error
-    return path
 
 
 def _check_used(asked: ExportOptions, kind: str, *, table: bool) -> None:
@@ -194,14 +202,19 @@ def _format(to: str | None, output: str | Path | None) -> str:
         got = f"{argument('output')}: got {output}" if suffix else f"{argument('to')}: got none"
         raise InputError(f"{got}; allowed: {allowed}, or {argument('output')} FILE.FORMAT")
     if to is not None and by_name not in (None, to):
-        raise InputError(f"{argument('output')}: got {output} for {to}; allowed: a name that ends in .{to}")
+        got = f"{argument('output')}: got {output} for {to}"
+        raise InputError(f"{got}; allowed: another ending, such as {_ending(to)}")
     return to or str(by_name)
+
+
+def _ending(kind: str) -> str:
+    return ENDINGS.get(kind, f".{kind}")
 
 
 def _output(source: str | Path | Robot, kind: str, output: str | Path | None) -> Path:
     if output is not None:
         return Path(output)
-    ending = ENDINGS.get(kind, f".{kind}")
+    ending = _ending(kind)
     if isinstance(source, Robot):
         return Path(f"{source.name}{ending}")
     path = Path(source)
@@ -246,38 +259,39 @@ def write_ros2(robot: Robot, folder: Path) -> None:
 def _write_trials(
     trials: Trials, kind: str, path: Path, picture: PictureOptions, on_progress: OnProgress
 ) -> None:
-    """Formats of a single recording get a folder with a part for each."""
-    if kind == "lerobot":
-        from hexctl.export.lerobot import write_lerobot
+    if kind not in ("lerobot", "gif", "mp4") and len(trials) > 1 and path.suffix:
+        given = f"{argument('output')}: got {path} for {len(trials)} recordings"
+        raise InputError(f"{given}; allowed: the name of a folder")
+    with _draft(path) as draft:
+        if kind == "lerobot":
+            from hexctl.export.lerobot import write_lerobot
 
-        with _draft(path) as draft:
             write_lerobot(trials, draft, on_progress)
-    elif kind in ("gif", "mp4"):
-        from hexctl.export.pictures import write_pictures
+        elif kind in ("gif", "mp4"):
+            from hexctl.export.pictures import write_pictures
 
-        with _draft(path) as draft:
-            write_pictures(trials, draft, picture, on_progress)
-    else:
-        write = _writer(kind)
-        if len(trials) == 1:
-            with _draft(path) as draft:
-                write(trials[0], draft)
-            return
-        if path.suffix:
-            name = argument("output")
-            raise InputError(
-                f"{name}: got {path} for {len(trials)} recordings; allowed: the name of a folder"
-            )
-        with _draft(path) as draft:
-            draft.mkdir()
-            ending = "" if kind == "mcap" else f".{kind}"
-            for done, trial in enumerate(trials, start=1):
-                write(trial, draft / f"{trial.path.stem}{ending}")
-                on_progress(done, len(trials))
+            write_pictures(trials, draft, kind, picture, on_progress)
+        elif len(trials) == 1:
+            _writer(kind)(trials[0], draft)
+        else:
+            _write_each(trials, kind, draft, on_progress)
+
+
+def _write_each(trials: Trials, kind: str, folder: Path, on_progress: OnProgress) -> None:
+    folder.mkdir()
+    write, ending = _writer(kind), "" if kind == "mcap" else f".{kind}"
+    for done, trial in enumerate(trials, start=1):
+        write(trial, _unused(folder, trial.path.stem, ending))
+        on_progress(done, len(trials))
+
+
+def _unused(folder: Path, name: str, ending: str) -> Path:
+    """Path in a folder; recordings of one name, such as those of two sessions, get numbers."""
+    names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+    return next(path for one in names if not (path := folder / f"{one}{ending}").exists())
 
 
 def _writer(kind: str) -> Callable[[RecordedTrial, Path], None]:
-    from hexctl.export.export import write_csv, write_parquet
     from hexctl.export.mcap import write_mcap
 
     return {"mcap": write_mcap, "csv": write_csv, "parquet": write_parquet}[kind]

@@ -45,7 +45,7 @@ class PictureOptions:
     """Seconds of the recording that it shows, {}. (default: all)"""
 
     captions: Annotated[Sequence[str], Typed(flag="caption"), RARE] = ()
-    """Line below a run, or the name of each in a race, repeatable. (default: gait and failure in a race)"""
+    """Name of each run, in its line of text, repeatable. (default: gait and failure)"""
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -104,7 +104,7 @@ class _Facts:
     robot: str
     task: str
     posed: bool
-    felt: bool
+    has_contacts: bool
 
     @classmethod
     def of(cls, trial: RecordedTrial) -> "_Facts":
@@ -116,7 +116,7 @@ def _vectors(facts: Sequence[_Facts]) -> list[str]:
     missing = set()
     if not all(one.posed for one in facts):
         missing.add("observation.pose")
-    if not all(one.felt for one in facts):
+    if not all(one.has_contacts for one in facts):
         missing.add("observation.contacts")
     return [name for name in VECTORS if name not in missing]
 
@@ -165,7 +165,13 @@ def _episode(number: int, text: str, before: int, length: int, columns: dict[str
         "data/file_index": 0,
         "dataset_from_index": before,
         "dataset_to_index": before + length,
-        "stats": {name: _stats(np.atleast_2d(column.T).T) for name, column in columns.items()},
+        **{
+            f"stats/{name}/{key}": value
+            for name, column in columns.items()
+            for key, value in _stats(np.atleast_2d(column.T).T).items()
+        },
+        "meta/episodes/chunk_index": 0,
+        "meta/episodes/file_index": 0,
     }
 
 
@@ -192,14 +198,7 @@ def _column(pq: Any, path: Path, name: str) -> FloatArray:
 
 def _write_episodes(pa: Any, pq: Any, path: Path, episodes: list[dict[str, Any]]) -> None:
     path.parent.mkdir(parents=True)
-    rows = []
-    for episode in episodes:
-        stats = episode.pop("stats")
-        flat = {f"stats/{name}/{key}": value for name, each in stats.items() for key, value in each.items()}
-        place = {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
-        rows.append({**episode, **flat, **place})
-        episode["stats"] = stats
-    pq.write_table(pa.Table.from_pylist(rows), path)
+    pq.write_table(pa.Table.from_pylist(episodes), path)
 
 
 def _info(robot: str, names: list[str], episodes: int, frames: int, tasks: int) -> dict[str, Any]:

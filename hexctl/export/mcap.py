@@ -2,51 +2,51 @@
 
 import heapq
 import json
-import shutil
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
-from functools import cache
+from collections.abc import Iterator
+from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from hexctl.recording.recorded_trial import RecordedTrial, Samples
-from hexctl.robot.body_twist import body_twists
-from hexctl.robot.formats.link_frames import BASE_LINK, LinkTransforms, fixed_transforms, link_transforms
+from hexctl.robot.body_twist import BodyTwist
+from hexctl.robot.formats.link_frames import BASE_LINK, fixed_transforms, link_transforms
 from hexctl.robot.formats.urdf import urdf_of
+from hexctl.robot.rotations import xyzw
 from hexctl.scratch import scratch_folder
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
+from hexctl.wire import ros_cdr
+from hexctl.wire.pose import WORLD_FRAME, odometry
+from hexctl.wire.ros import telemetry
+from hexctl.wire.ros.odometry_error import own_pose_covariance, twist_covariance
+from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
+from hexctl.wire.zenoh_messages import encode_battery, encode_positions
 
 #: Version of the bag's metadata. From 9 on QoS profiles are a list, and Humble, which reads a text, ends.
 BAG_VERSION: Final = 8
 
-#: The frame of the base's pose.
-ODOM = "odom"
-
 #: Types of topics, and whether late subscribers get the last message. Names of commands are not those of a
 #: robot: a replayed bag must not drive one.
 TOPICS: dict[str, tuple[str, bool]] = {
-    "/robot_description": ("std_msgs/msg/String", True),
-    "/tf_static": ("tf2_msgs/msg/TFMessage", True),
-    "/tf": ("tf2_msgs/msg/TFMessage", False),
-    "/joint_states": ("sensor_msgs/msg/JointState", False),
-    "/recorded/joint_commands": ("sensor_msgs/msg/JointState", False),
+    "/robot_description": (telemetry.STRING, True),
+    "/tf_static": (telemetry.TRANSFORMS, True),
+    "/tf": (telemetry.TRANSFORMS, False),
+    "/joint_states": (ros_cdr.JOINT_STATE, False),
+    "/recorded/joint_commands": (ros_cdr.JOINT_STATE, False),
     "/recorded/velocity_command": ("geometry_msgs/msg/TwistStamped", False),
-    "/joint_torques": ("sensor_msgs/msg/JointState", False),
-    "/odom": ("nav_msgs/msg/Odometry", False),
-    "/imu/data": ("sensor_msgs/msg/Imu", False),
+    "/joint_torques": (ros_cdr.JOINT_STATE, False),
+    "/odom": (ros_cdr.ODOMETRY, False),
+    "/imu/data": (ros_cdr.IMU, False),
     "/foot_contacts": ("std_msgs/msg/UInt8MultiArray", False),
-    "/battery_state": ("sensor_msgs/msg/BatteryState", False),
-    "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", False),
+    "/battery_state": (ros_cdr.BATTERY_STATE, False),
+    "/diagnostics": (telemetry.DIAGNOSTICS, False),
     "/rosout": ("rcl_interfaces/msg/Log", False),
 }
 
 #: Levels of rcl_interfaces/Log.
 LOG_LEVELS = {"INFO": 20, "WARN": 30, "ERROR": 40}
-
-#: Covariance of an unmeasured quantity (REP 145).
-UNMEASURED = np.array([-1.0, *[0.0] * 8])
 
 #: Names of servo readings in diagnostics.
 READING_NAMES = {
@@ -56,21 +56,19 @@ READING_NAMES = {
     "ages_s": "age of the angle (s)",
 }
 
-NS = 1_000_000_000
-
-#: Time, topic and message.
-Stamped = tuple[int, str, Any]
+#: Time in nanoseconds since 1970, topic and encoded message.
+Stamped = tuple[int, str, bytes]
 
 
 def write_mcap(trial: RecordedTrial, path: Path) -> None:
     """Write a trial to a new MCAP file if `path` ends in `.mcap`, else to a folder for `ros2 bag play`."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix != ".mcap":
+        _write_bag(trial, path)
+        return
     with scratch_folder(path.parent, path.stem) as draft:
         bag = draft / path.stem
         _write_bag(trial, bag)
-        source = bag / f"{bag.name}.mcap" if path.suffix == ".mcap" else bag
-        with suppress(FileNotFoundError):
-            shutil.move(source, path)
+        (bag / f"{bag.name}.mcap").rename(path)
 
 
 def _write_bag(trial: RecordedTrial, folder: Path) -> None:
@@ -81,23 +79,22 @@ def _write_bag(trial: RecordedTrial, folder: Path) -> None:
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     for name, value in trial.properties.items():
         writer.set_custom_data(name, json.dumps(value))
-    store = _store()
     with writer:
         connections: dict[str, Any] = {}
-        for stamp_ns, topic, content in _contents(trial):
+        for stamp_ns, topic, content in _messages(trial):
             if topic not in connections:
-                kind, kept = TOPICS[topic]
-                qos = [_kept_qos()] if kept else []
+                kind, latched = TOPICS[topic]
+                qos = [_latched_qos()] if latched else []
                 connections[topic] = writer.add_connection(
-                    topic, kind, typestore=store, offered_qos_profiles=qos
+                    topic, kind, typestore=ros_cdr.typestore(), offered_qos_profiles=qos
                 )
             writer.write(connections[topic], stamp_ns, content)
 
 
-def _contents(trial: RecordedTrial) -> Iterator[tuple[int, str, bytes]]:
-    yield from _serialized(_kept(trial))
+def _messages(trial: RecordedTrial) -> Iterator[Stamped]:
+    yield from _latched(trial)
     parts = (
-        _tf(trial),
+        _transforms(trial),
         _joints(trial, "/joint_states", trial.measured_rad),
         _joints(trial, "/recorded/joint_commands", trial.commanded_rad),
         _odometry(trial),
@@ -109,33 +106,16 @@ def _contents(trial: RecordedTrial) -> Iterator[tuple[int, str, bytes]]:
         _diagnostics(trial),
         _log(trial),
     )
-    yield from heapq.merge(*map(_serialized, parts), key=lambda one: one[0])
+    yield from heapq.merge(*parts, key=itemgetter(0))
 
 
-def _serialized(part: Iterator[Stamped]) -> Iterator[tuple[int, str, bytes]]:
-    store = _store()
-    for stamp_ns, topic, message in part:
-        yield stamp_ns, topic, store.serialize_cdr(message, message.__msgtype__)
+def _latched(trial: RecordedTrial) -> Iterator[Stamped]:
+    start_ns, fixed = int(trial.stamps_ns[0]), fixed_transforms(trial.robot)
+    yield start_ns, "/robot_description", telemetry.encode_string(urdf_of(trial.robot))
+    yield start_ns, "/tf_static", telemetry.transforms(fixed.frames).encode(start_ns, fixed.numbers)
 
 
-def _kept(trial: RecordedTrial) -> Iterator[Stamped]:
-    start_ns, static = int(trial.stamps_ns[0]), fixed_transforms(trial.robot)
-    yield start_ns, "/robot_description", _make("std_msgs/msg/String", data=urdf_of(trial.robot))
-    yield start_ns, "/tf_static", _transforms(list(_links(_stamp(start_ns), static, static.quaternions)))
-
-
-@cache
-def _store() -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_JAZZY)
-
-
-def _make(kind: str, **fields: Any) -> Any:
-    return _store().types[kind](**fields)
-
-
-def _kept_qos() -> Any:
+def _latched_qos() -> Any:
     """Reliable and transient local, with a depth of one: late subscribers get the last message."""
     from rosbags.interfaces import (
         Qos,
@@ -160,196 +140,100 @@ def _kept_qos() -> Any:
     )
 
 
-def _header(stamp: Any, frame: str = "") -> Any:
-    return _make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-
-def _stamp(stamp_ns: int) -> Any:
-    seconds, rest = divmod(stamp_ns, NS)
-    return _make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
-
-
-def _vector(values: Iterable[float]) -> Any:
-    x, y, z = values
-    return _make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-
-def _quaternion(wxyz: Iterable[float]) -> Any:
-    w, x, y, z = wxyz
-    return _make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-
 def _short(values: FloatArray) -> FloatArray:
     """Derived values to seven digits, which compress well."""
     return values.astype(np.float32).astype(np.float64)
 
 
-def _tf(trial: RecordedTrial) -> Iterator[Stamped]:
-    """Parts of the message are reused from tick to tick, because 30 s have 30,000."""
+def _transforms(trial: RecordedTrial) -> Iterator[Stamped]:
     links = link_transforms(trial.robot, trial.measured_rad)
-    stamp, at, turn = _stamp(0), _vector((0.0, 0.0, 0.0)), _quaternion((1.0, 0.0, 0.0, 0.0))
-    base = _placed(_header(stamp, ODOM), BASE_LINK, at, turn)
-    moving = list(_links(stamp, links, links.quaternions[0]))
-    turns = [one.transform.rotation for one in moving]
-    poses = zip(trial.posed, trial.base_position_world, trial.base_quaternion_world, strict=True)
-    for stamp_ns, quaternions, (posed, position_m, orientation) in zip(
-        trial.stamps_ns.tolist(), _short(links.quaternions), poses, strict=True
-    ):
-        stamp.sec, stamp.nanosec = divmod(stamp_ns, NS)
-        at.x, at.y, at.z = position_m.tolist()
-        turn.w, turn.x, turn.y, turn.z = orientation.tolist()
-        for one, (w, x, y, z) in zip(turns, quaternions.tolist(), strict=True):
-            one.w, one.x, one.y, one.z = w, x, y, z
-        yield stamp_ns, "/tf", _transforms([base, *moving] if posed else moving)
+    numbers = replace(links, quaternions=_short(links.quaternions)).numbers
+    of_links = telemetry.transforms(links.frames)
+    of_all = telemetry.transforms(((WORLD_FRAME, BASE_LINK), *links.frames))
+    all_numbers = np.concatenate([_poses(trial), numbers], axis=-1)
+    for row, stamp_ns in enumerate(trial.stamps_ns.tolist()):
+        if trial.posed[row]:
+            yield stamp_ns, "/tf", of_all.encode(stamp_ns, all_numbers[row])
+        else:
+            yield stamp_ns, "/tf", of_links.encode(stamp_ns, numbers[row])
 
 
-def _links(stamp: Any, links: LinkTransforms, quaternions: FloatArray) -> Iterator[Any]:
-    headers = {parent: _header(stamp, parent) for parent in set(links.parents)}
-    places = zip(links.translations_m.tolist(), quaternions.tolist(), strict=True)
-    for parent, child, (at, turn) in zip(links.parents, links.children, places, strict=True):
-        yield _placed(headers[parent], child, _vector(at), _quaternion(turn))
-
-
-def _placed(header: Any, child: str, at: Any, turn: Any) -> Any:
-    transform = _make("geometry_msgs/msg/Transform", translation=at, rotation=turn)
-    return _make(
-        "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=transform
-    )
-
-
-def _transforms(transforms: list[Any]) -> Any:
-    return _make("tf2_msgs/msg/TFMessage", transforms=transforms)
+def _poses(trial: RecordedTrial) -> FloatArray:
+    """Position and quaternion (x, y, z, w), (T, 7)."""
+    return np.concatenate([trial.base_position_world, xyzw(trial.base_quaternion_world)], axis=-1)
 
 
 def _joints(trial: RecordedTrial, topic: str, angles_rad: FloatArray) -> Iterator[Stamped]:
-    names, none = list(JOINT_NAMES), np.empty(0)
     for stamp_ns, angles in zip(trial.stamps_ns.tolist(), angles_rad, strict=True):
-        yield stamp_ns, topic, _joint_state(stamp_ns, names, angles, none)
-
-
-def _joint_state(stamp_ns: int, names: list[str], angles_rad: FloatArray, torques_nm: FloatArray) -> Any:
-    return _make(
-        "sensor_msgs/msg/JointState",
-        header=_header(_stamp(stamp_ns)),
-        name=names,
-        position=angles_rad,
-        velocity=np.empty(0),
-        effort=torques_nm,
-    )
+        yield stamp_ns, topic, encode_positions(angles, stamp_ns)
 
 
 def _torques(trial: RecordedTrial) -> Iterator[Stamped]:
-    names, none = list(JOINT_NAMES), np.empty(0)
+    none = np.empty(0)
     for stamp_ns, torques_nm in _stamped(trial, trial.torques_nm):
-        yield stamp_ns, "/joint_torques", _joint_state(stamp_ns, names, none, torques_nm)
+        message = ros_cdr.make(
+            ros_cdr.JOINT_STATE,
+            header=ros_cdr.header(stamp_ns),
+            name=list(JOINT_NAMES),
+            position=none,
+            velocity=none,
+            effort=torques_nm,
+        )
+        yield stamp_ns, "/joint_torques", ros_cdr.encode(message)
 
 
 def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
-    """Pose in `odom` as recorded; the twist in `base_link` is its derivative."""
-    rows = np.flatnonzero(trial.posed)
-    if rows.size < 2:
-        return
-    times_s, positions_world = trial.time_s[rows], trial.base_position_world[rows]
-    linear, angular = map(_short, body_twists(times_s, positions_world, trial.base_quaternion_world[rows]))
-    unknown = np.zeros(36)
-    for index, row in enumerate(rows.tolist()):
+    """Pose in `odom` as recorded, with the covariance of a robot's own pose; the twist is its derivative."""
+    twists, covariance, poses = BodyTwist(), own_pose_covariance(), _poses(trial)
+    for row in np.flatnonzero(trial.posed).tolist():
         stamp_ns = int(trial.stamps_ns[row])
-        x, y, z = trial.base_position_world[row].tolist()
-        pose = _make(
-            "geometry_msgs/msg/Pose",
-            position=_make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-            orientation=_quaternion(trial.base_quaternion_world[row].tolist()),
-        )
-        twist = _make(
-            "geometry_msgs/msg/Twist",
-            linear=_vector(linear[index].tolist()),
-            angular=_vector(angular[index].tolist()),
-        )
-        message = _make(
-            "nav_msgs/msg/Odometry",
-            header=_header(_stamp(stamp_ns), ODOM),
-            child_frame_id=BASE_LINK,
-            pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=unknown),
-            twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unknown),
-        )
-        yield stamp_ns, "/odom", message
+        pose = trial.base_position_world[row], trial.base_quaternion_world[row]
+        twist = _short(twists.of(float(trial.time_s[row]), *pose))
+        numbers = [poses[row], twist, covariance, twist_covariance(twist, reckoned=False)]
+        yield stamp_ns, "/odom", odometry().encode(stamp_ns, np.concatenate(numbers))
 
 
 def _imu(trial: RecordedTrial) -> Iterator[Stamped]:
     """For a robot without a position, whose orientation has no other topic."""
-    if trial.posed.any():
-        return
     known = np.isfinite(trial.base_quaternion_world).all(axis=-1)
-    if not (trial.base_quaternion_world[known] != (1.0, 0.0, 0.0, 0.0)).any():
+    if trial.posed.any() or not (trial.base_quaternion_world[known] != (1.0, 0.0, 0.0, 0.0)).any():
         return
-    nothing, unknown = _vector((0.0, 0.0, 0.0)), np.zeros(9)
+    imu = telemetry.imu()
     for row in np.flatnonzero(known).tolist():
         stamp_ns = int(trial.stamps_ns[row])
-        message = _make(
-            "sensor_msgs/msg/Imu",
-            header=_header(_stamp(stamp_ns), BASE_LINK),
-            orientation=_quaternion(trial.base_quaternion_world[row].tolist()),
-            orientation_covariance=unknown,
-            angular_velocity=nothing,
-            angular_velocity_covariance=UNMEASURED,
-            linear_acceleration=nothing,
-            linear_acceleration_covariance=UNMEASURED,
-        )
-        yield stamp_ns, "/imu/data", message
+        yield stamp_ns, "/imu/data", imu.encode(stamp_ns, xyzw(trial.base_quaternion_world[row]))
 
 
 def _commands(trial: RecordedTrial) -> Iterator[Stamped]:
     for stamp_ns, (forward, left, turn) in _stamped(trial, trial.velocity_body):
-        twist = _make(
+        twist = ros_cdr.make(
             "geometry_msgs/msg/Twist",
-            linear=_vector((float(forward), float(left), 0.0)),
-            angular=_vector((0.0, 0.0, float(turn))),
+            linear=ros_cdr.vector(np.array([forward, left, 0.0])),
+            angular=ros_cdr.vector(np.array([0.0, 0.0, turn])),
         )
-        message = _make(
-            "geometry_msgs/msg/TwistStamped", header=_header(_stamp(stamp_ns), BASE_LINK), twist=twist
-        )
-        yield stamp_ns, "/recorded/velocity_command", message
+        header = ros_cdr.header(stamp_ns, BASE_LINK)
+        message = ros_cdr.make("geometry_msgs/msg/TwistStamped", header=header, twist=twist)
+        yield stamp_ns, "/recorded/velocity_command", ros_cdr.encode(message)
 
 
 def _contacts(trial: RecordedTrial) -> Iterator[Stamped]:
     """Feet that touch the floor, leg 1 to 6, when they change."""
     if trial.foot_contacts is None:
         return
-    dimension = _make("std_msgs/msg/MultiArrayDimension", label="leg", size=N_LEGS, stride=N_LEGS)
-    layout = _make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
+    dimension = ros_cdr.make("std_msgs/msg/MultiArrayDimension", label="leg", size=N_LEGS, stride=N_LEGS)
+    layout = ros_cdr.make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
     changed = (trial.foot_contacts[1:] != trial.foot_contacts[:-1]).any(axis=-1)
     for row in (0, *(np.flatnonzero(changed) + 1).tolist()):
         feet = trial.foot_contacts[row].astype(np.uint8)
-        message = _make("std_msgs/msg/UInt8MultiArray", layout=layout, data=feet)
-        yield int(trial.stamps_ns[row]), "/foot_contacts", message
+        message = ros_cdr.make("std_msgs/msg/UInt8MultiArray", layout=layout, data=feet)
+        yield int(trial.stamps_ns[row]), "/foot_contacts", ros_cdr.encode(message)
 
 
 def _battery(trial: RecordedTrial) -> Iterator[Stamped]:
     """The median of the servos' voltages."""
-    nan, none = float("nan"), np.empty(0, dtype=np.float32)
     for stamp_ns, volts in _stamped(trial, trial.servos.get("voltages_v")):
-        if not np.isfinite(volts).any():
-            continue
-        message = _make(
-            "sensor_msgs/msg/BatteryState",
-            header=_header(_stamp(stamp_ns)),
-            voltage=float(np.nanmedian(volts)),
-            temperature=nan,
-            current=nan,
-            charge=nan,
-            capacity=nan,
-            design_capacity=nan,
-            percentage=nan,
-            power_supply_status=0,
-            power_supply_health=0,
-            power_supply_technology=0,
-            present=True,
-            cell_voltage=none,
-            cell_temperature=none,
-            location="",
-            serial_number="",
-        )
-        yield stamp_ns, "/battery_state", message
+        if np.isfinite(volts).any():
+            yield stamp_ns, "/battery_state", encode_battery(float(np.nanmedian(volts)), None, stamp_ns)
 
 
 def _diagnostics(trial: RecordedTrial) -> Iterator[Stamped]:
@@ -362,32 +246,26 @@ def _diagnostics(trial: RecordedTrial) -> Iterator[Stamped]:
         stamp_ns = int(trial.stamps_ns[row])
         readings = {name: values[row] for name, values in spread.items() if row in values}
         statuses = [
-            _make(
-                "diagnostic_msgs/msg/DiagnosticStatus",
-                level=0,
-                name=f"{trial.robot.name}: {joint}",
-                message="",
-                hardware_id=joint,
-                values=[
-                    _make("diagnostic_msgs/msg/KeyValue", key=name, value=f"{values[index]:g}")
-                    for name, values in readings.items()
-                    if np.isfinite(values[index])
-                ],
-            )
+            DiagnosticStatus(Level.OK, f"{trial.robot.name}: {joint}", "", _known(readings, index))
             for index, joint in enumerate(JOINT_NAMES)
         ]
-        message = _make(
-            "diagnostic_msgs/msg/DiagnosticArray", header=_header(_stamp(stamp_ns)), status=statuses
+        yield (
+            stamp_ns,
+            "/diagnostics",
+            telemetry.encode_diagnostics(statuses, trial.robot.name, stamp_ns),
         )
-        yield stamp_ns, "/diagnostics", message
+
+
+def _known(readings: dict[str, FloatArray], joint: int) -> dict[str, str]:
+    return {name: f"{values[joint]:g}" for name, values in readings.items() if np.isfinite(values[joint])}
 
 
 def _log(trial: RecordedTrial) -> Iterator[Stamped]:
     for event in trial.events:
         stamp_ns = int(trial.stamps_ns[event.row])
-        message = _make(
+        message = ros_cdr.make(
             "rcl_interfaces/msg/Log",
-            stamp=_stamp(stamp_ns),
+            stamp=ros_cdr.header(stamp_ns).stamp,
             level=LOG_LEVELS.get(event.level, LOG_LEVELS["INFO"]),
             name="hexctl",
             msg=event.text,
@@ -395,7 +273,7 @@ def _log(trial: RecordedTrial) -> Iterator[Stamped]:
             function="",
             line=0,
         )
-        yield stamp_ns, "/rosout", message
+        yield stamp_ns, "/rosout", ros_cdr.encode(message)
 
 
 def _stamped(trial: RecordedTrial, samples: Samples | None) -> Iterator[tuple[int, FloatArray]]:

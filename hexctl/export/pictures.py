@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.export import race
-from hexctl.export.captions import Picture, even_pixels, make_caption
+from hexctl.export.captions import Picture, TextBar, even_pixels, messages_of
 from hexctl.export.export_options import PictureOptions
 from hexctl.export.recordings import OnProgress, Trials, title_of
 from hexctl.export.render import RunRenderer
@@ -27,8 +27,10 @@ HEIGHT_SHARE = 0.75
 GIF_COLORS, PALETTE_FRAMES = 48, 6
 
 
-def write_pictures(trials: Trials, path: Path, options: PictureOptions, on_progress: OnProgress) -> None:
-    """Draw one walk, or two as a race, into a new GIF or MP4, by its suffix.
+def write_pictures(
+    trials: Trials, path: Path, kind: str, options: PictureOptions, on_progress: OnProgress
+) -> None:
+    """Draw one walk, or two as a race, into a new file; `kind` is `gif` or `mp4`.
 
     The walks of a race begin at the same moment; the shorter one stands still at its end.
 
@@ -38,7 +40,7 @@ def write_pictures(trials: Trials, path: Path, options: PictureOptions, on_progr
     if len(trials) > 2:
         raise InputError(f"export: got {len(trials)} recordings; allowed: one, or two for a race")
     runs = list(trials)
-    gif = path.suffix == ".gif"
+    gif = kind == "gif"
     fps = options.fps or (GIF_FPS if gif else MP4_FPS)
     if gif:
         fps = 100 / round(100 / fps)  # a GIF counts in hundredths of a second
@@ -70,14 +72,15 @@ class _OneRun:
         camera = options.camera or "follow"
         self._run = run
         self._renderer = RunRenderer(run, camera, width_px, even_pixels(width_px * HEIGHT_SHARE))
-        self._bar = None if not options.captions else make_caption(options.captions[0], width_px)
+        caption = options.captions[0] if options.captions else title_of(run)
+        self._bar = TextBar(caption, width_px, list(messages_of(run)))
 
     def picture(self, time_s: float) -> Picture:
-        scene = self._renderer.draw(_row(self._run, time_s))
-        return scene if self._bar is None else np.vstack([scene, self._bar])
+        scene = self._renderer.draw(self._run.row_at(time_s))
+        return np.vstack([scene, self._bar.draw(time_s, f"{time_s:.1f} s")])
 
     def moments_s(self) -> Sequence[float]:
-        return _color_changes_s(self._run)
+        return [*_color_changes_s(self._run), *(message.at_s for message in self._bar.messages)]
 
     def close(self) -> None:
         self._renderer.close()
@@ -112,11 +115,6 @@ class _Race:
 
     def close(self) -> None:
         self._renderer.close()
-
-
-def _row(run: RecordedTrial, time_s: float) -> int:
-    found = int(np.searchsorted(run.time_s, time_s + 1e-6, side="right")) - 1
-    return min(max(found, 0), len(run) - 1)
 
 
 def _color_changes_s(run: RecordedTrial) -> list[float]:
@@ -182,7 +180,7 @@ def _write_gif(path: Path, film: _Film) -> None:
         for picture in film.pictures()
     )
     duration_ms = round(1000 / film.fps)
-    first.save(path, save_all=True, append_images=more, duration=duration_ms, loop=0, optimize=False)
+    first.save(path, "GIF", save_all=True, append_images=more, duration=duration_ms, loop=0, optimize=False)
 
 
 def _write_mp4(path: Path, film: _Film) -> None:
@@ -193,7 +191,7 @@ def _write_mp4(path: Path, film: _Film) -> None:
     from fractions import Fraction
 
     height_px, width_px = film.stage.picture(film.times_s[0]).shape[:2]
-    with av.open(str(path), "w", options={"movflags": "faststart"}) as file:
+    with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as file:
         stream = file.add_stream("libx264", rate=Fraction(film.fps).limit_denominator(1000))
         stream.width, stream.height, stream.pix_fmt = width_px, height_px, "yuv420p"
         stream.options = {"crf": "20", "preset": "medium"}

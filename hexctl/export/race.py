@@ -1,13 +1,12 @@
 """Two walks as a race: one scene with a lane for each, a fixed camera, and a line of text on each walk."""
 
 import math
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.export.captions import Message, Picture, RaceBar, even_pixels
+from hexctl.export.captions import Message, Picture, TextBar, even_pixels, messages_of
 from hexctl.export.render import (
     PIECE_TICKS,
     Canvas,
@@ -53,18 +52,7 @@ SHADOW_COLOR: Color = (36, 42, 52)
 LANE_COLORS: tuple[Color, Color] = ((58, 67, 80), (68, 79, 94))
 WHITE: Color = (236, 240, 245)
 BLACK: Color = (12, 14, 18)
-FAILED_BADGE: Color = (214, 52, 36)
-DETECTED_BADGE: Color = (196, 120, 0)
 WON_BADGE: Color = (0, 138, 88)
-
-#: Texts of failures, by the last word of the events of a recording.
-VERBS = {
-    "locked": "locks",
-    "limp": "goes limp",
-    "stuck": "sticks",
-    "weak": "weakens",
-    "missing": "breaks off",
-}
 
 
 class Racer:
@@ -81,9 +69,7 @@ class Racer:
 
     def row(self, time_s: float) -> int:
         """Tick at a time of the film."""
-        at_s = time_s + self.start_s + 1e-6
-        found = int(np.searchsorted(self.trial.time_s, at_s, side="right")) - 1
-        return min(max(found, 0), len(self.trial) - 1)
+        return self.trial.row_at(time_s + self.start_s)
 
     def place(self, row: int) -> None:
         """Put the robot at its pose of a tick."""
@@ -100,22 +86,6 @@ class Racer:
     def distance_m(self, time_s: float) -> float:
         """Distance along the line at a time of the film, or NaN."""
         return math.nan if self.progress_m is None else float(self.progress_m[self.row(time_s)])
-
-    def messages(self) -> Iterator[Message]:
-        """Failures, detections and reactions."""
-        film_s = self.trial.time_s - self.start_s
-        broke_s: dict[int, float] = {}
-        for event in self.trial.events:
-            found = re.match(r"world: (leg (\d)\b.*) (\w+)$", event.text)
-            if found and found[3] in VERBS:
-                broke_s[int(found[2])] = float(self.trial.walk_s[event.row])
-                yield Message(float(film_s[event.row]), f"{found[1]} {VERBS[found[3]]}", FAILED_BADGE)
-        before_walk_s = float(self.trial.time_s[-1] - self.trial.walk_s[-1])
-        for noticed in self.trial.noticed:
-            if noticed["did"] != "walked on" and noticed["leg"] in broke_s:
-                late_s = noticed["at_s"] - broke_s[noticed["leg"]]
-                at_s = noticed["at_s"] + before_walk_s - self.start_s
-                yield Message(at_s, f"detected after {late_s:.1f} s", DETECTED_BADGE)
 
 
 class RaceRenderer:
@@ -139,7 +109,7 @@ class RaceRenderer:
         self.racers = [Racer(trial, start_s, side_m) for trial, start_s, side_m in lanes]
         self._course = _Course.of(self.racers, times_s)
         self._bars = [
-            RaceBar(caption, width_px, self._course.messages(racer))
+            TextBar(caption, width_px, self._course.messages(racer))
             for caption, racer in zip(captions, self.racers, strict=True)
         ]
         self._elevation_deg = CAMERAS[camera]
@@ -188,7 +158,10 @@ class RaceRenderer:
             add_trail(self._scene, racer.trail_m(row), racer.trial.robot.foot_radius_m / 2)
         scene = self._canvas.draw(self._scene)
         walked_m = [racer.distance_m(time_s) - self._course.start_m for racer in self.racers]
-        far, near = (bar.draw(time_s, bar_m) for bar, bar_m in zip(self._bars, walked_m, strict=True))
+        far, near = (
+            bar.draw(time_s, f"{bar_m:.2f} m" if math.isfinite(bar_m) else "")
+            for bar, bar_m in zip(self._bars, walked_m, strict=True)
+        )
         return np.vstack([far, scene, near])
 
     def _draw_robots(self, rows: Sequence[int]) -> None:
@@ -278,7 +251,7 @@ class _Course:
         return cls(start_m, end_m, finish_m, winner)
 
     def messages(self, racer: Racer) -> list[Message]:
-        found = list(racer.messages())
+        found = list(messages_of(racer.trial, racer.start_s))
         if self.won is not None and self.won[0] is racer:
             found.append(Message(self.won[1], "wins", WON_BADGE, math.inf))
         return sorted(found, key=lambda message: message.at_s)

@@ -27,7 +27,7 @@ STROKES_PER_CYCLE = 1.5
 
 PACE_HZ = Range(low=0, high=10, above=True, unit="Hz")
 
-#: Length and height of a step, as fractions of the robot's size.
+#: Amplitude and height of a step, as fractions of the robot's size.
 STEP = Range(low=0, high=1, above=True, unit="of the robot's size")
 
 #: The paper's share of a cycle that a foot is in the air.
@@ -38,12 +38,12 @@ SWING = Range(low=0.1, high=0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gait:
-    """A gait: the order of the legs, the pace, the step length and the step height.
+    """A gait: the order of the legs, the pace, the amplitude and the step height.
 
     Attributes:
         slots: phase slot of legs 1..6, each 1..6; `tripod` shares slots, an encoded gait is a permutation.
         pace_hz: gait cycles per second, above 0 up to 10.
-        amplitude: step amplitude A as a fraction of the robot's size E.
+        amplitude: length A of a stroke as a fraction of the robot's size E.
         height: step height H as a fraction of the robot's size E.
         swing_share: share of a cycle that a foot is in the air, 0.1 to 0.5; a third in the paper.
         phases: lead of each leg in cycles, 0..1 without 1; None is (g_i - 1) / 6 of its slot, as in the
@@ -127,6 +127,11 @@ class Motion:
             raise InputError(f"travel: got {self.travel}; allowed: 0..1")
 
 
+def is_crawl(phases: Sequence[float] | None, swing_share: float) -> bool:
+    """Whether one leg swings at a time in a gait."""
+    return phases is not None and swing_share < SWING_SHARE
+
+
 def ideal_speed_m_s(robot: Robot, gait: Gait, motion: Motion) -> float:
     """Travel speed without slip (Eq. 3): (3/2) A f, with a swing share s A f / (1 - s)."""
     return gait.strokes_per_cycle * gait.amplitude * robot.size_m * gait.pace_hz * motion.travel
@@ -138,7 +143,7 @@ def turn_amplitude_m(robot: Robot, gait: Gait, turn_rate_rad_s: float) -> float:
 
 
 def half_amplitude_turn_rate_rad_s(robot: Robot, gait: Gait) -> float:
-    """Rate of a turn in place with half the step amplitude, as in the demo of the paper's robot model."""
+    """Rate of a turn in place with half the amplitude, as in the demo of the paper's robot model."""
     return gait.strokes_per_cycle * gait.pace_hz * 0.5 * gait.amplitude * robot.size_m / robot.stance_radius_m
 
 
@@ -180,7 +185,7 @@ def make_gait(
 
     Args:
         gait: name (`"tripod"`), code (`57`, `"57"`) or slots (`(5, 1, 2, 4, 3, 6)`, `"5,1,2,4,3,6"`).
-        amplitude: step amplitude as a fraction of the robot's size, as is the height.
+        amplitude: as a fraction of the robot's size, as is the height.
         failed_legs: a code counts among the arrangements of the other legs.
         besides: further names that the caller allows, such as `auto`, for the message.
 

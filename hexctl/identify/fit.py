@@ -1,7 +1,6 @@
 """Least squares over replays: parameters at which simulated joints move as measured ones did."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.identify.parameters import PARAMETERS, SCALE, Estimate, ServoValues
+from hexctl.threads import simulation_threads
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 ValuesT = TypeVar("ValuesT", bound=ServoValues)
@@ -211,7 +211,7 @@ class _Search(Generic[ValuesT]):
         return np.where(self._scaled, plain / scale, plain)
 
     def errors_at(self, at: FloatArray) -> _Place:
-        with ThreadPoolExecutor() as workers:
+        with simulation_threads() as workers:
             return _Place(at, list(workers.map(lambda replay: self._errors(replay, at), self._replays)))
 
     def step(
@@ -243,7 +243,7 @@ class _Search(Generic[ValuesT]):
             if one.name in replay.parameters
         ]
         found = [np.zeros((len(errors), len(self._free))) for errors in at.parts]
-        with ThreadPoolExecutor() as workers:
+        with simulation_threads() as workers:
             slopes = workers.map(lambda place: self._slope(at, *place, one_sided), seen)
             for (row, column), slope in zip(seen, slopes, strict=True):
                 found[row][:, column] = slope

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hexctl.errors import InputError
 from hexctl.files import atomic_write
@@ -15,6 +14,7 @@ from hexctl.identify.parameters import SCALE, RobotValues, play_shares
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
+from hexctl.robot.yaml_edit import with_values
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.types import JOINT_KINDS
 
@@ -55,7 +55,7 @@ MEASURED = {
 
 
 def identified_text(robot_file: str | Path, found: Identification) -> str:
-    """Text of a robot file with the identified values; comments outside the sections stay.
+    """Text of a robot file with the identified values; comments stay.
 
     Parameters that the motions did not determine keep the values of the file. Measured keys are no
     longer `unknown`. Raises InputError for a file that is no robot, or whose ranges the values contradict.
@@ -76,9 +76,7 @@ def identified_text(robot_file: str | Path, found: Identification) -> str:
     }
     if "unknown" in mapping:
         changed["unknown"] = _still_unknown(mapping, known)
-    for key, section in changed.items():
-        text = text if section == mapping[key] else _with_section(text, key, section)
-    return text
+    return with_values(text, mapping | changed)
 
 
 def write_identified(robot_file: str | Path, found: Identification, output: Path) -> None:
@@ -151,15 +149,3 @@ def _joints(joints: Mapping[str, Any], known: Mapping[str, float], robot: Robot)
 
 def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
-
-
-def _with_section(text: str, key: str, section: Any) -> str:
-    """The text with another value of one top-level key."""
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
-    pairs = root.value if isinstance(root, yaml.MappingNode) else []
-    begin, end = next(
-        (name.start_mark.index, value.end_mark.index) for name, value in pairs if name.value == key
-    )
-    new = yaml.safe_dump({key: section}, sort_keys=False, default_flow_style=None, width=110)
-    rest = text[end:]
-    return text[:begin] + new.rstrip("\n") + (rest if rest.startswith("\n") else "\n" + rest)

@@ -120,6 +120,10 @@ class RecordedTrial(ArrayFields):
         """Whether the position of the base is known, (T,)."""
         return np.asarray(np.isfinite(self.base_position_world).all(axis=-1))
 
+    def row_at(self, time_s: float) -> int:
+        """Last tick at or before a time of the recording; the first one before it begins."""
+        return max(int(np.searchsorted(self.time_s, time_s + 1e-6, side="right")) - 1, 0)
+
 
 def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     """Trial of a recording (.rrd) of `hexctl run` or `hexctl adapt`.

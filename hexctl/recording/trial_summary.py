@@ -49,7 +49,7 @@ def make_properties(
         "robot": robot.name,
         "gait_slots": list(gait.slots),
         "gait_code": gait.code(plan.failed_legs),
-        "then": [f"{','.join(map(str, each.gait.slots))}@{each.at_s:g}" for each in plan.changes] or None,
+        "then": [str(change) for change in plan.changes] or None,
         "posture": None if gait.posture == STANCE else gait.posture.to_dict(),
         "swing_share": gait.swing_share,
         "phases": None if gait.phases is None else list(gait.phases),
@@ -121,7 +121,7 @@ def _plan_rows(robot: Robot, plan: TrialPlan, controller: str | None) -> Iterato
     if posture := posture_in_words(gait.posture, gait.swing_share, robot.size_m):
         yield "posture", posture
     yield (
-        "pace, step, height",
+        "pace, amplitude, height",
         (f"{gait.pace_hz:g} Hz, {gait.amplitude * robot.size_m:g} m, {gait.height * robot.size_m:g} m"),
     )
     yield "heading", f"{math.degrees(plan.heading_rad):g}°"

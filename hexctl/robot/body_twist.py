@@ -1,9 +1,4 @@
-"""Velocity of a body in its own frame, from successive poses or from a recording.
-
-With the position p and the orientation q, R(q)^T turns a vector of the world into the frame of the body:
-
-    v = R(q)^T dp/dt,    omega = 2 vec(q* dq/dt)
-"""
+"""Velocity of a body in its own frame, from successive poses."""
 
 import math
 from collections import deque
@@ -42,25 +37,6 @@ class BodyTwist:
             return np.zeros(6)
         moved = _turned_back(quaternion_world, (position_world - before_m) / took_s)
         return np.array([*moved, *(one / took_s for one in _turn_between(before, quaternion_world))])
-
-
-def body_twists(
-    times_s: FloatArray, positions_world: FloatArray, quaternions_world: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Velocities and angular velocities (N, 3) in m/s and rad/s, by central differences of N poses.
-
-    Times ascend, N is 2 or more; quaternions are (w, x, y, z), (N, 4), of either sign.
-    """
-    q = quaternions_world.copy()
-    flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=-1) < 0, -1.0, 1.0))
-    q[1:] *= flips[:, np.newaxis]
-    rate = np.gradient(q, times_s, axis=0)
-    w, v, rate_w, rate_v = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
-    angular = 2 * (w * rate_v - rate_w * v - np.cross(v, rate_v))
-    world = np.gradient(positions_world, times_s, axis=0)
-    # The inverse turn of a vector u: u - 2 w (v x u) + 2 v x (v x u).
-    across = np.cross(v, world)
-    return np.asarray(world - 2 * w * across + 2 * np.cross(v, across)), np.asarray(angular)
 
 
 def _turned_back(quaternion: FloatArray, vector: FloatArray) -> tuple[float, float, float]:

@@ -1,7 +1,7 @@
 """Failures of a leg: before a walk, during it, and as a controller detects them."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -250,16 +250,24 @@ def check_further(failure: Failure | None, further: Sequence[Failure], what: str
     _require(len(legs) <= MOST_FAILED, what, f"{len(legs)} legs", f"up to {MOST_FAILED}, others must walk")
 
 
-def check_healings(
-    events: Sequence[FailureEvent], before: Sequence[FailureEvent] = (), failed_legs: Collection[int] = ()
+def check_events(
+    events: Sequence[FailureEvent], before: Sequence[FailureEvent] = (), failed: Sequence[Failure] = ()
 ) -> None:
-    """Raise InputError for a leg that heals while it is intact, after the events before."""
-    failed = set(failed_legs)
+    """Raise InputError for events, after those before, that change nothing.
+
+    A leg heals while it is intact, or fails as it has already failed.
+    """
+    broken = {one.leg: one for one in failed}
     for event in sorted((*before, *events), key=lambda one: one.at_s):
         if event.failure is not None:
-            failed.add(event.leg)
-        elif event.leg in failed:
-            failed.remove(event.leg)
+            if event in events and broken.get(event.leg) == event.failure:
+                raise InputError(
+                    f"{argument('failure')}: got {event}, when leg {event.leg} is {event.failure} already; "
+                    f"allowed: another leg, another failure, or {argument('heal')} {event.leg}@SECONDS before"
+                )
+            broken[event.leg] = event.failure
+        elif event.leg in broken:
+            del broken[event.leg]
         elif event in events:
             raise InputError(
                 f"{argument('heal')}: got {event}, when leg {event.leg} is whole; allowed: after it failed, "

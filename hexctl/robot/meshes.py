@@ -13,6 +13,7 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
+from hexctl.robot.rotations import quaternion_of_euler
 from hexctl.robot.schema import MeshesSection, MeshSection
 from hexctl.types import JOINT_KINDS, ArrayFields, FloatArray
 
@@ -72,20 +73,7 @@ def _read(robot_file: Path, part: str, section: MeshSection) -> PartMesh:
         media_type=kind,
         scale=section.scale,
         position_m=np.array(section.position_m),
-        quaternion=_quaternion(*(math.radians(angle) for angle in section.rotation_deg)),
-    )
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> FloatArray:
-    """Quaternion (w, x, y, z) of a rotation about the fixed axes x, then y, then z."""
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in (roll, pitch, yaw))
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
+        quaternion=quaternion_of_euler(*(math.radians(angle) for angle in section.rotation_deg)),
     )
 
 

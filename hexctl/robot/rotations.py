@@ -1,6 +1,7 @@
-"""Orientations, z up: quaternions (w, x, y, z), their yaw and tilt, their products, and levelling."""
+"""Orientations, z up: quaternions (w, x, y, z), their yaw and tilt, products, levelling, and frames."""
 
 import math
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -35,6 +36,54 @@ def wrapped_rad(angle_rad: float) -> float:
 def about_z(angle_rad: float) -> FloatArray:
     """Quaternion (4,) of a turn about the vertical, counter-clockwise."""
     return np.array([math.cos(angle_rad / 2), 0.0, 0.0, math.sin(angle_rad / 2)])
+
+
+def quaternion_about(axis: Sequence[float] | FloatArray, angle_rad: float) -> FloatArray:
+    """Quaternion (4,) of a turn about a unit axis, (3,)."""
+    x, y, z = axis
+    sin = math.sin(angle_rad / 2)
+    return np.array([math.cos(angle_rad / 2), sin * x, sin * y, sin * z])
+
+
+def quaternion_of_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> FloatArray:
+    """Quaternion (4,) of turns about the fixed axes x, then y, then z, as in URDF and aerospace."""
+    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
+    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
+    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
+
+
+def matrix_of(quaternion: FloatArray) -> FloatArray:
+    """Rotation matrix (3, 3) of a unit quaternion (4,)."""
+    w, x, y, z = quaternion.tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def frame_of(position_m: FloatArray | Sequence[float], quaternion: FloatArray | None = None) -> FloatArray:
+    """Frame (4, 4) at a position (3,), turned by a unit quaternion (4,)."""
+    frame = np.eye(4)
+    frame[:3, 3] = position_m
+    if quaternion is not None:
+        frame[:3, :3] = matrix_of(quaternion)
+    return frame
+
+
+def placed_points(points: FloatArray, frame: FloatArray) -> FloatArray:
+    """Points (N, 3) or (3,) of a frame (4, 4) in the frame around it."""
+    return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
 
 
 def xyzw(quaternion: FloatArray) -> FloatArray:

@@ -118,7 +118,7 @@ class MountSection(Section):
         return radius_m * math.cos(self.yaw_rad), radius_m * math.sin(self.yaw_rad), 0.0
 
 
-def possible_link_inertia(
+def _possible_link_inertia(
     moments: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float]:
     """The moments and the product of a link, as in `LinkSection`; raises ValueError for those of no body."""
@@ -135,7 +135,7 @@ def possible_link_inertia(
 
 LinkInertia = Annotated[
     tuple[Positive, Positive, Positive, Annotated[Number, Field(allow_inf_nan=False)]],
-    AfterValidator(possible_link_inertia),
+    AfterValidator(_possible_link_inertia),
 ]
 
 

@@ -51,7 +51,7 @@ def gait_values(spec: RunSpec, plan: TrialPlan) -> dict[str, Any]:
         "posture": gait.posture.to_dict(),
         "swing_share": gait.swing_share,
         "phases": None if gait.phases is None else list(gait.phases),
-        "then": list(spec.then),
+        "then": [str(change) for change in spec.then],
     }
 
 

@@ -36,7 +36,7 @@ from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble, write_trouble
 from hexctl.gait.gait import DEFAULT_GAIT
 from hexctl.options import check_names, chosen_options
-from hexctl.robot.failure import FailureEvent, check_healings
+from hexctl.robot.failure import FailureEvent, check_events
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.runs.outcome import events_seen, failure_values, gait_values, tick_values, world_text
@@ -118,9 +118,9 @@ class Run:
         """Connect the robot, then create the recording.
 
         Raises RobotFaultError for a robot that cannot be reached, InputError for a recording that cannot be
-        created and for the healing of an intact leg, MissingExtraError for a missing extra.
+        created and for an event that changes nothing, MissingExtraError for a missing extra.
         """
-        check_healings(self.spec.events, self._world_events, [one.leg for one in self.broken])
+        check_events(self.spec.events, self._world_events, self.broken)
         options = BackendOptions.of(
             self.spec,
             robot=self.robot,

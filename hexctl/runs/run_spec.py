@@ -110,13 +110,15 @@ class RunSpec(RecordedOptions, WalkOptions):
     """How long a foot is in the air, as a fraction of the cycle, {}. (default: 1/3)"""
 
     fast: bool = False
-    """Walk straight as fast as the servos follow: at the pace, step length and, with --gait auto and a failed
+    """Walk straight as fast as the servos follow: at the pace, amplitude and, with --gait auto and a failed
     leg, swing share that its joints allow. (default: at the robot's pace)
     """
 
-    then: Annotated[Sequence[str], RARE] = ()
+    then: Annotated[Sequence[str | GaitChange], RARE] = ()
     """Change the gait in stride, to one that --gait takes, such as wave@10: from 10 s on; may be given
     several times, with times that ascend. (default: never)
+
+    In Python also GaitChanges, which keep their pace, amplitude and posture.
     """
 
     heal: Annotated[Sequence[str | FailureEvent], RARE, FAILURE] = ()
@@ -185,7 +187,12 @@ class RunSpec(RecordedOptions, WalkOptions):
     @property
     def asks_for_best(self) -> bool:
         """Whether a gait is `best`, which `best_gait` finds."""
-        return names_best(self.gait) or any(names_best(text.rpartition("@")[0]) for text in self.then)
+        return any(names_best(name) for name in (self.gait, *self.names_then))
+
+    @property
+    def names_then(self) -> tuple[str, ...]:
+        """Names, codes or slots of the gaits to change to."""
+        return tuple(str(change).rpartition("@")[0] for change in self.then)
 
     @property
     def records(self) -> bool:
@@ -222,13 +229,13 @@ class RunSpec(RecordedOptions, WalkOptions):
                 )
         if self.turn_trim_rad_s is not None and self.hold != "none":
             raise UnusedError(
-                f"{argument('turn_trim_rad_s')} requires hold none; got hold {self.hold}",
+                f"{argument('turn_trim_rad_s')} requires {argument('hold')} none; got {self.hold}",
                 field="turn_trim_rad_s",
             )
         if self.trim_rad is not None and self.hold != "heading" and self.turn_trim_rad_s is None:
             raise UnusedError(
-                f"{argument('trim_rad')} requires hold heading or {argument('turn_trim_rad_s')}; got hold "
-                f"{self.hold}",
+                f"{argument('trim_rad')} requires {argument('hold')} heading or "
+                f"{argument('turn_trim_rad_s')}; got {self.hold}",
                 field="trim_rad",
             )
         arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
@@ -369,7 +376,7 @@ def _besides(failures: Sequence[Failure]) -> tuple[str, str]:
     return AUTO, BEST if failures else f"{BEST} (with a failed leg)"
 
 
-def _name_and_time(text: str) -> tuple[str, float]:
+def name_and_time(text: str) -> tuple[str, float]:
     """Gait and time of a change such as `wave@10`; raises InputError for another text."""
     name, at, time_text = text.rpartition("@")
     try:
@@ -384,8 +391,7 @@ def _name_and_time(text: str) -> tuple[str, float]:
 
 
 def _check_found(spec: RunSpec) -> None:
-    names = (spec.gait, *(text.rpartition("@")[0] for text in spec.then))
-    if len(spec.failures) < 2 or AUTO not in names:
+    if len(spec.failures) < 2 or AUTO not in (spec.gait, *spec.names_then):
         return
     for name in ("swing_share", "stance_shift"):
         if (value := getattr(spec, name)) is not None:
@@ -398,7 +404,7 @@ def _check_found(spec: RunSpec) -> None:
 
 
 def _changes_of(
-    texts: Sequence[str], robot: Robot, plan: TrialPlan, *, stand_up: bool
+    texts: Sequence[str | GaitChange], robot: Robot, plan: TrialPlan, *, stand_up: bool
 ) -> tuple[GaitChange, ...]:
     """Raises InputError for times that do not ascend."""
     changes = tuple(_change_of(text, robot, plan, stand_up=stand_up) for text in texts)
@@ -411,19 +417,21 @@ def _changes_of(
     return changes
 
 
-def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
+def _change_of(text: str | GaitChange, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
     """Change of gait of a text such as `wave@10`, in the posture of the plan's gait, but without its crawl.
 
     With `stand_up` the body stands up for the gait `auto` with more than one failed leg.
     """
-    name, time_s = _name_and_time(text)
+    name, time_s = ("", text.at_s) if isinstance(text, GaitChange) else name_and_time(text)
     if names_best(name):
         raise InputError(
             f"{argument('then')}: got {text!r}, which stands for another gait; allowed: the spec that "
             "hexctl.adapt.best.best_gait(spec) gives for it"
         )
     if time_s >= plan.duration_s:
-        raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")
+        raise InputError(f"{argument('then')}: got {text}; allowed: before {plan.duration_s:g} s, the end")
+    if isinstance(text, GaitChange):
+        return text
     if name == AUTO and plan.further_failures:
         return GaitChange(gait=auto_gait(robot, plan, stand_up=stand_up), at_s=time_s)
     try:

@@ -7,8 +7,8 @@ from typing import TypeVar
 from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import HexctlError, RobotFaultError
-from hexctl.server.ros.odometry_error import own_pose_covariance
 from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.wire.ros.odometry_error import own_pose_covariance
 
 Answer = TypeVar("Answer")
 

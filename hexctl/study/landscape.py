@@ -1,7 +1,7 @@
 """Landscape: the outcome of every gait for one failed leg."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal
@@ -21,10 +21,6 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.study.walk_cache import Place, known
 from hexctl.types import ArrayFields, BoolArray, FloatArray
-
-#: Gaits simulated together. Each chunk settles and turns once more (a sixth of a second); an interrupt loses
-#: the running ones.
-CHUNK_SIZE = 40
 
 #: Ticks between the kept points of a path: 5 points per second.
 PATH_STRIDE = 10
@@ -168,11 +164,6 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
             "failure": asdict(self.leg_failure),
             "codes": list(self.codes),
         }
-
-    def chunks(self, cases: Sequence[int | str]) -> Iterator[tuple[int | str, ...]]:
-        """Divide gaits into chunks of `CHUNK_SIZE`."""
-        for first in range(0, len(cases), CHUNK_SIZE):
-            yield tuple(cases[first : first + CHUNK_SIZE])
 
     def outcome(self, walks: Sequence[GaitWalk]) -> str:
         """Describe finished walks in few words."""

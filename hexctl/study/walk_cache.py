@@ -25,6 +25,10 @@ from hexctl.study.versions import code_versions, source_digest
 #: Folder of the commands' cache, below the working directory.
 FOLDER = Path("runs/study-cache")
 
+#: Walks simulated together. They end together, after four seconds of work for 30 s of walking: only then are
+#: they counted and saved. Larger groups are at most 7 % quicker.
+CHUNK_SIZE = 10
+
 #: Statuses of walks that end on their feet.
 ENDED = ("ok", "no_progress")
 
@@ -89,14 +93,16 @@ class Place(ABC, Generic[CaseT, WalkT]):
         return [self.WALK.of(*one) for one in zip(cases, trials, results, strict=True)]
 
     def chunks(self, cases: Sequence[CaseT]) -> Iterator[tuple[CaseT, ...]]:
-        """Divide cases into groups simulated together."""
+        """Divide cases into groups simulated together, of up to `CHUNK_SIZE`."""
         groups: dict[Hashable, list[CaseT]] = {}
         for case in cases:
             groups.setdefault(self.chunk_of(case), []).append(case)
-        yield from map(tuple, groups.values())
+        for group in groups.values():
+            for first in range(0, len(group), CHUNK_SIZE):
+                yield tuple(group[first : first + CHUNK_SIZE])
 
     def chunk_of(self, case: CaseT) -> Hashable:
-        """Return a value that is equal for cases simulated together."""
+        """Return a value; only cases with equal ones are simulated together."""
         return None
 
     def keeps(self, walk: WalkT) -> bool:

@@ -4,11 +4,10 @@ import math
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from os import cpu_count
-from threading import enumerate as enumerate_threads
 from typing import Any, Protocol, TypeVar
 
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
@@ -16,6 +15,7 @@ from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.study_options import JOBS
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import Place, WalkCache, Walked, distinct
+from hexctl.threads import simulation_threads
 
 #: Timeout for the answer of a Dask scheduler.
 CONNECT_S = 15
@@ -25,9 +25,6 @@ RETRIES = 3
 
 #: Above this number, places are counted instead of named.
 MOST_NAMED = 12
-
-#: Prefix of the names of threads of `as_finished`.
-THREADS = "simulate"
 
 
 class Progress(Protocol):
@@ -167,19 +164,10 @@ def as_finished(walks: Sequence[Callable[[int], Done]], jobs: int | None) -> Ite
         yield from (walk(1) for walk in walks)
         return
     threads = math.ceil(jobs / max(1, len(walks)))
-    executor = ThreadPoolExecutor(jobs, THREADS)
-    try:
+    with simulation_threads(jobs) as executor:
         futures = [executor.submit(walk, threads) for walk in walks]
         for future in as_completed(futures):
             yield future.result()
-    finally:
-        # Not awaited: a walk cannot be stopped, and takes up to a minute.
-        executor.shutdown(wait=False, cancel_futures=True)
-
-
-def simulating() -> bool:
-    """Whether dropped walks still run: the interpreter would wait for them at its end."""
-    return any(thread.name.startswith(THREADS) for thread in enumerate_threads())
 
 
 def _elsewhere(

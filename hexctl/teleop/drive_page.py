@@ -37,7 +37,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S, VelocitySource
-from hexctl.errors import HexctlError, InputError, RobotFaultError, argument
+from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.teleop.keyboard import Share
 from hexctl.teleop.page_connection import Addresses, LimitedConnection, least_needed
 from hexctl.teleop.picture_relay import PERIOD_S, Picture, PictureRelay
@@ -134,7 +134,7 @@ class DrivePage:
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
     def __enter__(self) -> Self:
-        """Start to listen; raises InputError if that fails."""
+        """Start to listen; raises RobotFaultError if that fails."""
         self._thread.start()
         if not self._begun.wait(START_S):
             raise RobotFaultError("page: does not start")
@@ -142,7 +142,7 @@ class DrivePage:
             place = f"{self._address.host}:{self._address.port}"
             number = getattr(self._failed, "errno", None)  # asyncio's text repeats the address
             why = os.strerror(number) if number in (errno.EADDRINUSE, errno.EACCES) else self._failed
-            raise InputError(
+            raise RobotFaultError(
                 f"{argument('page')}: cannot listen on {place} ({why}); allowed: an address of this computer "
                 "and a free port, such as 127.0.0.1:0, which takes any"
             ) from self._failed

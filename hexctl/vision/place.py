@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Self
 
 import numpy as np
-import yaml
 from pydantic import AfterValidator, Field, PlainSerializer, TypeAdapter, ValidationInfo, field_validator
 from scipy.spatial.transform import Rotation
 
@@ -15,6 +14,7 @@ from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
 from hexctl.robot.configs import Number, file_part, read_mapping, validate
 from hexctl.robot.model import Robot
+from hexctl.robot.yaml_edit import with_values
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera, visible_circle
 from hexctl.vision.detection.lens import Lens, load_lens
@@ -265,7 +265,7 @@ def load_place(path: str | Path) -> Place:
 
 
 def save_place(place: Place, path: str | Path) -> None:
-    """Write a place as YAML, in place of an earlier file, whose comments are lost.
+    """Write a place as YAML, in place of an earlier file, whose comments stay.
 
     Raises InputError for a file that cannot be written.
     """
@@ -275,7 +275,8 @@ def save_place(place: Place, path: str | Path) -> None:
     if place.lens is not None:
         content["lens"] = str(_relative(place.lens, path.parent))
     try:
-        atomic_write(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+        before = path.read_text(encoding="utf-8") if path.is_file() else ""
+        atomic_write(path, with_values(before, content))
     except OSError as error:
         raise InputError(f"{argument('place')}: {path} cannot be written: {error.strerror}") from error
 

@@ -6,14 +6,12 @@ import pwd
 import re
 import socket
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from hexctl.errors import InputError, MessageError, RobotFaultError, argument, printable_parts, shown
-from hexctl.robot.model import Robot, changed_fields
-from hexctl.robot.schema import Body, GaitDefaults, ServoModel
+from hexctl.robot.formats.json_model import robot_from_dict, robot_to_dict
+from hexctl.robot.model import Robot
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 from hexctl.wire.links import Link
@@ -103,7 +101,7 @@ def describe(robot: Robot) -> dict[str, Any]:
     return {
         "protocol": PROTOCOL_VERSION,
         "joints": list(JOINT_NAMES),
-        "robot": _plain(robot),
+        "robot": robot_to_dict(robot),
     }
 
 
@@ -174,25 +172,10 @@ def robot_of(answer: dict[str, Any]) -> Robot:
     if answer.get("protocol") != PROTOCOL_VERSION or not isinstance(content, dict):
         raise RobotFaultError("the robot at the other end describes itself in another way; update hexctl")
     robot_name(content, "name")
-    parts: dict[str, Any] = {"body": Body, "servo": ServoModel, "gait": GaitDefaults}
     try:
-        values: dict[str, Any] = {name: _array(value) for name, value in content.items()}
-        values |= {name: part(**content[name]) for name, part in parts.items() if name in content}
-        return Robot(**values)
+        return robot_from_dict(content)
     except (TypeError, ValueError) as error:
         raise RobotFaultError(f"the robot at the other end describes itself badly: {error}") from error
-
-
-def _array(value: Any) -> Any:
-    return np.array(value, dtype=float) if isinstance(value, list) else value
-
-
-def _plain(value: object) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if is_dataclass(value) and not isinstance(value, type):
-        return {name: _plain(part) for name, part in changed_fields(value)}
-    return list(value) if isinstance(value, tuple) else value
 
 
 def _differences(there: Any, here: Any, place: str) -> Iterator[str]:

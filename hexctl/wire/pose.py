@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import InputError, MessageError, argument
+from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.fixed_message import FixedMessage
 
 WORLD_FRAME = "odom"
-BODY_FRAME = "base_link"
 
 #: An unknown covariance of a pose or a twist.
 NO_COVARIANCE = np.zeros(36)
@@ -58,7 +58,7 @@ def odometry() -> FixedMessage:
         return ros_cdr.make(
             ros_cdr.ODOMETRY,
             header=ros_cdr.header(stamp_ns, WORLD_FRAME),
-            child_frame_id=BODY_FRAME,
+            child_frame_id=BASE_LINK,
             pose=ros_cdr.make(f"{kind}/PoseWithCovariance", pose=pose, covariance=numbers[13:49]),
             twist=ros_cdr.make(f"{kind}/TwistWithCovariance", twist=twist, covariance=numbers[49:]),
         )

@@ -17,7 +17,8 @@ NANOSECONDS = 1_000_000_000
 
 
 @cache
-def _store() -> Any:
+def typestore() -> Any:
+    """Types of ROS 2 Humble, from rosbags; those of hexctl's messages are equal in later distributions."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_HUMBLE)
@@ -25,14 +26,14 @@ def _store() -> Any:
 
 def make(kind: str, **fields: Any) -> Any:
     """Message of a ROS 2 type such as `sensor_msgs/msg/JointState`."""
-    return _store().types[kind](**fields)
+    return typestore().types[kind](**fields)
 
 
 def declare(kind: str, definition: str) -> None:
     """Add a message type by its definition, as in a `.msg` file; types within it must be known."""
     from rosbags.typesys import get_types_from_msg
 
-    _store().register(get_types_from_msg(definition, kind))
+    typestore().register(get_types_from_msg(definition, kind))
 
 
 def header(stamp_ns: int, frame: str = "") -> Any:
@@ -60,12 +61,12 @@ def quaternion(numbers: FloatArray) -> Any:
 @cache
 def type_hash(kind: str) -> str:
     """Hash of a message type (REP 2016), `RIHS01_` and 64 digits: distinguishes types of one name."""
-    return str(_store().hash_rihs01(kind))
+    return str(typestore().hash_rihs01(kind))
 
 
 def encode(message: Any) -> bytes:
     """Message as little-endian CDR with its encapsulation header."""
-    return bytes(_store().serialize_cdr(message, message.__msgtype__))
+    return bytes(typestore().serialize_cdr(message, message.__msgtype__))
 
 
 def decode(kind: str, payload: bytes) -> Any:
@@ -75,6 +76,6 @@ def decode(kind: str, payload: bytes) -> Any:
     from rosbags.serde import SerdeError
 
     try:
-        return _store().deserialize_cdr(payload, kind)
+        return typestore().deserialize_cdr(payload, kind)
     except (SerdeError, ValueError, TypeError, IndexError, OverflowError, struct.error) as error:
         raise MessageError(f"{kind}: got {len(payload)} bytes that are not one ({error})") from error

@@ -336,12 +336,15 @@ def stale_joints_of(tag: StateTag) -> BoolArray | None:
     return np.array([bool(tag.stale_joints >> joint & 1) for joint in range(N_JOINTS)])
 
 
-def encode_battery(voltage_v: float | None, share: float | None) -> bytes:
-    """Battery as sensor_msgs/BatteryState; NaN if unknown, as that message requires."""
+def encode_battery(voltage_v: float | None, share: float | None, stamp_ns: int | None = None) -> bytes:
+    """Battery as sensor_msgs/BatteryState; NaN if unknown, as that message requires.
+
+    `stamp_ns` is nanoseconds since 1970; now unless given.
+    """
     return ros_cdr.encode(
         ros_cdr.make(
             ros_cdr.BATTERY_STATE,
-            header=ros_cdr.header(time.time_ns()),
+            header=ros_cdr.header(time.time_ns() if stamp_ns is None else stamp_ns),
             voltage=_NAN if voltage_v is None else voltage_v,
             temperature=_NAN,
             current=_NAN,

@@ -11,6 +11,7 @@ from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
 from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedError
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
+from hexctl.control.assessment.top_speed import Stride
 from hexctl.errors import InputError
 from hexctl.testing.optimizer_conformance import ONE_FAILED, search, slope
 from hexctl.types import FloatArray
@@ -111,6 +112,8 @@ SEEN = Observation(path_m=np.zeros((3, 2)), duration_s=1.0, yaw_change_rad=0.0, 
 
 TRIM = Trim(0.01, 0.02)
 
+STRIDE = Stride(pace_hz=1.0, amplitude=0.3, swing_share=0.4)
+
 FORECAST = Prediction(signed_m=0.1, sd_m=0.2, trial_sd_m=0.3, chance=0.4, target_m=0.05)
 
 
@@ -136,6 +139,9 @@ class Outspoken(Scripted):
 
     def trim(self, code: int) -> Trim | None:
         return TRIM
+
+    def stride(self, code: int) -> Stride | None:
+        return STRIDE
 
     def predict(self, code: int) -> Prediction | None:
         return FORECAST
@@ -163,6 +169,7 @@ def test_everything_that_the_search_says_passes_through(paper_count: bool) -> No
     fields = ("judges_target", "trims", "exhausted", "finished", "worthwhile", "space", "name")
     assert [getattr(optimizer, name) for name in fields] == [getattr(inner, name) for name in fields]
     assert (optimizer.recommended(), optimizer.predict(3), optimizer.trim(3)) == (17, FORECAST, TRIM)
+    assert optimizer.stride(3) is STRIDE
     assert optimizer.early_stopping(3) is never_stop
     public = {name for name in {*vars(Optimizer), *Optimizer.__annotations__} if not name.startswith("_")}
     methods = {
@@ -175,6 +182,7 @@ def test_everything_that_the_search_says_passes_through(paper_count: bool) -> No
         "restore",
         "repeat",
         "trim",
+        "stride",
     }
     assert public | {"space"} == {*fields, *methods}, "is it passed through?"
 

@@ -14,7 +14,7 @@ from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.measurement import Answer, measured, not_walked
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
-from hexctl.adapt.optimizer import Observation, Trim
+from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
 from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
 from hexctl.adapt.runner import RobotStoppedError, TrialRequest, TrialRunner
@@ -175,7 +175,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(StayingSim, "farthest_m", 0.0)
 
 
-def plan_for(slots: Slots, _trim: Trim | None = None) -> TrialPlan:
+def plan_for(slots: Slots, *_changes: object) -> TrialPlan:
     return replace(PLAN, gait=replace(PLAN.gait, slots=slots))
 
 
@@ -189,7 +189,7 @@ def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRu
         spec=spec,
         robot=ROBOT,
         world=None,
-        plan_for=lambda slots, _trim: replace(plan, gait=replace(plan.gait, slots=slots)),
+        plan_for=lambda slots, *_changes: replace(plan, gait=replace(plan.gait, slots=slots)),
         folder=None,
     )
     return ResetFreeRunner(runner=runner, servos=servos, **more)

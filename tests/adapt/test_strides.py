@@ -12,7 +12,9 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.setting import load_setting
+from hexctl.cli.render.adapt_table import header_line, walk_line
 from hexctl.control.assessment.top_speed import Stride
+from hexctl.control.trial_plan import GaitChange
 from hexctl.errors import InputError
 from hexctl.runs.run_spec import RunSpec, plan_of
 from hexctl.testing.optimizer_conformance import ONE_FAILED, Make, OptimizerConformance
@@ -43,11 +45,10 @@ def test_the_best_of_the_table_walks_more_slowly_and_then_with_other_orders_of_t
             state, search = search.state(), make_search(spec, setting.robot, setting.plan, None)
             search.restore(state)
         (code,) = search.ask()
-        trim = search.trim(code)
-        assert trim is not None
-        assert trim.stride is not None
-        strides.append(trim.stride)
-        search.tell([code], [1 / (trim.stride.pace_hz * trim.stride.amplitude)])
+        stride = search.stride(code)
+        assert stride is not None
+        strides.append(stride)
+        search.tell([code], [1 / (stride.pace_hz * stride.amplitude)])
     best = strides[0]
     assert strides[6].pace_hz == pytest.approx(SLOWER * best.pace_hz, abs=1e-3)
     assert strides[7:] == [best] * 23  # of the 24 orders of five legs on a circle one walked before
@@ -70,11 +71,17 @@ def test_a_session_keeps_the_stride_of_each_trial_and_the_best_walks_again() -> 
     trial = found.session.trials[0]
     assert trial.stride is not None
     assert flat_rows(found.session)[0]["pace_hz"] == trial.stride.pace_hz
+    _, second = found.session.trials
+    assert "repeat" not in str(walk_line(found.session, second))
+    assert "score s/m" in header_line(found.session)
+    assert f" {100 * trial.stride.amplitude:.1f} %" in str(walk_line(found.session, trial))
     spec = best_gait(RunSpec(gait=f"best:{found.session.name}", failed_leg=5), "runs").spec
     best = found.session.best_walk
     assert best is not None
     assert best.stride is not None
-    walked = load_setting(found.session.spec).plan_for(best.slots, best.trim).gait
+    walked = load_setting(found.session.spec).plan_for(best.slots, stride=best.stride).gait
     assert plan_of(spec, shipped("ant")).gait == walked
+    later = best_gait(RunSpec(gait="wave", then=[f"best:{found.session.name}@2"], failed_leg=5), "runs").spec
+    assert plan_of(later, shipped("ant")).changes == (GaitChange(gait=walked, at_s=2.0),)
     slow = best_gait(RunSpec(gait=f"best:{found.session.name}", failed_leg=5, pace_hz=0.5), "runs").spec
     assert plan_of(slow, shipped("ant")).gait.pace_hz == 0.5

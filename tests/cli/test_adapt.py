@@ -80,6 +80,16 @@ def test_a_finished_session_goes_on_with_another_budget(capsys: pytest.CaptureFi
     assert run_json(capsys, *go_on, lines=1)["trials"] == longer["trials"]
 
 
+@on_a_landscape
+def test_a_session_that_has_met_its_target_is_left_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--target", "9"]
+    met = run_json(capsys, *words, "--budget", "4")
+    assert met["ended"] == "target"
+    assert exit_code(["adapt", "--resume", met["session"], "--no-record", "--budget", "15"]) == 0
+    assert capsys.readouterr().err.endswith("such as hexctl adapt --failed-leg 5 --target 4.5\n")
+    assert load_session(met["session"], Path("runs")).spec.budget == 4
+
+
 def test_no_valid_trial_is_no_success(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -20,7 +20,7 @@ import pytest
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import load_session
 from hexctl.cli.main import exit_code
-from hexctl.cli.render.adapt_output import resume_command
+from hexctl.cli.render.adapt_commands import resume_command
 from hexctl.cli.settings import CODE_OPTIONS
 from hexctl.doctor.rendering_check import read_drawing
 from hexctl.recording.live import LiveView

@@ -108,7 +108,7 @@ main()
 """
 
 #: A walk in a thread, which nobody waits for any more.
-DROPPED = """import hexctl.study.walking
+DROPPED = """import hexctl.threads
     threading.Thread(target=threading.Event().wait, name="simulate_0").start()
     return 130"""
 

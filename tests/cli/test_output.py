@@ -12,7 +12,7 @@ from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.console import print_result
-from hexctl.cli.render.adapt_output import opening_lines, walk_line
+from hexctl.cli.render.adapt_table import opening_lines, walk_line
 from hexctl.cli.render.run_output import summary
 from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.wire.zenoh_messages import SERVER_ENDED

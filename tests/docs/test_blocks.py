@@ -15,6 +15,7 @@ from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import exit_code
 from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.gait.gait import DEFAULT_GAIT, make_gait
+from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
 from hexctl.robot.schema import MountSection, RobotSchema
 from hexctl.robot.servos.bus_map import bus_map_of
@@ -22,7 +23,6 @@ from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link
-from hexctl.wire.pose import BODY_FRAME
 from tests.docs.pages import PAGES, ROOT, blocks, save_programs
 from tests.robot.meshmaking import MAKERS
 from tests.robots import edited_file, put
@@ -78,7 +78,7 @@ def ros_parameters(content: dict[str, Any], _folder: Path) -> None:
     if "controller_manager" in nodes:
         assert nodes["joint_trajectory_controller"]["joints"] == list(JOINT_NAMES)
         return
-    assert {nodes[node]["base_frame_id"] for node in ("amcl", "collision_monitor")} == {BODY_FRAME}
+    assert {nodes[node]["base_frame_id"] for node in ("amcl", "collision_monitor")} == {BASE_LINK}
     robot = load_robot("ant")
     limits = VelocityLimits.of(robot, make_gait(robot, DEFAULT_GAIT))
     pace = nodes["controller_server"]["FollowPath"]

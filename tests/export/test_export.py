@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,8 @@ def test_several_recordings_make_a_folder_or_a_dataset(recording: Path, tmp_path
     folder = export(recording, other, to="csv", output=tmp_path / "tables", on_progress=note)
     assert sorted(path.name for path in folder.iterdir()) == ["other.csv", "walk.csv"]
     assert told == [(1, 2), (2, 2)]
+    twice = export(recording, other, other, to="csv", output=tmp_path / "twice")
+    assert sorted(path.name for path in twice.iterdir()) == ["other-2.csv", "other.csv", "walk.csv"]
     dataset = export(recording, other, to="lerobot", output=tmp_path / "data")
     assert (dataset / "meta/info.json").is_file()
     with pytest.raises(InputError, match=r"x\.csv"):
@@ -127,36 +130,42 @@ def test_a_recording_that_is_given_itself_is_never_left_out_nor_a_session_that_h
     assert list(tmp_path.iterdir()) == [folder]
 
 
-REFUSED: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
-    ((), {"to": "csv"}, "got nothing"),
-    (("RECORDING",), {}, "to"),
-    (("RECORDING",), {"to": "xlsx"}, "to"),
-    (("RECORDING",), {"to": "gif", "output": "a.csv"}, "output"),
-    (("RECORDING",), {"output": "there.csv"}, "there.csv exists"),
-    (("RECORDING",), {"output": "file/a.csv"}, "cannot be written"),
-    (("RECORDING",), {"to": "csv", "output": "a.csv", "camera": "top"}, "camera"),
-    (("RECORDING",), {"output": "a.csv", "ros2_control": True}, "ros2_control"),
-    (("ant",), {"to": "urdf", "robot": shipped("pexod")}, "robot"),
-    (("s",), {"output": "s.csv", "robot": shipped("pexod")}, "robot"),
-    (("ant",), {"to": "csv"}, "ant"),
-    (("robot.yaml",), {"to": "gif"}, "robot.yaml"),
-    (("ant", "pexod"), {"to": "urdf"}, "2 robots"),
-    (("nothing",), {"to": "csv"}, "session"),
-    (("missing.rrd",), {"to": "csv"}, "missing.rrd"),
-    (("missing.rrd",), {"to": "gif"}, "missing.rrd"),
-]
-
-
+@pytest.mark.parametrize(
+    ("sources", "options", "named"),
+    [
+        ((), {"to": "csv"}, "^export: got nothing"),
+        (("RECORDING",), {}, "^to: got none"),
+        (("RECORDING",), {"to": "xlsx"}, "^to: got xlsx"),
+        (("RECORDING",), {"to": "gif", "output": "a.csv"}, "^output: got a.csv for gif"),
+        (("ant",), {"to": "mjcf", "output": "a.urdf"}, r"such as \.xml$"),
+        (("RECORDING",), {"output": "there.csv"}, "^export: there.csv exists"),
+        (("RECORDING",), {"output": "file/a.csv"}, "^export: file/a.csv cannot be written"),
+        (("RECORDING",), {"to": "csv", "output": "a.csv", "camera": "top"}, "^camera: got it for csv"),
+        (("RECORDING",), {"output": "a.csv", "ros2_control": True}, "^ros2_control: got it for csv"),
+        (("ant",), {"to": "urdf", "robot": shipped("pexod")}, "^robot: got it for urdf"),
+        (("s",), {"output": "s.csv", "robot": shipped("pexod")}, "^robot: got it for csv"),
+        (("ant",), {"to": "csv"}, "^export: got the robot ant for csv"),
+        (("robot.yaml",), {"to": "gif"}, "^export: got the robot robot.yaml for gif"),
+        (("ant", "pexod"), {"to": "urdf"}, "^export: got 2 robots"),
+        (("nothing",), {"to": "csv"}, "session"),
+        (("missing.rrd",), {"to": "csv"}, "missing.rrd"),
+        (("missing.rrd",), {"to": "gif"}, "missing.rrd"),
+    ],
+)
 def test_what_is_refused_is_told_in_one_line_and_leaves_nothing(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    sources: Sequence[str],
+    options: dict[str, Any],
+    named: str,
+    recording: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.csv").write_text("mine")
     (tmp_path / "file").write_text("mine")
-    for sources, options, named in REFUSED:
-        given = [recording if source == "RECORDING" else source for source in sources]
-        with pytest.raises(InputError, match=named) as refused:
-            export(*given, **options)
-        assert "\n" not in str(refused.value)
+    given = [recording if source == "RECORDING" else source for source in sources]
+    with pytest.raises(InputError, match=named) as refused:
+        export(*given, **options)
+    assert "\n" not in str(refused.value)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "there.csv"]
     assert (tmp_path / "there.csv").read_text() == "mine"

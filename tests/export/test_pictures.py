@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError
+from hexctl.export.captions import FAILED_BADGE, messages_of
 from hexctl.export.export_options import PictureOptions
 from hexctl.export.pictures import write_pictures
 from hexctl.export.race import WON_BADGE, RaceRenderer
@@ -40,9 +41,9 @@ def drawn(monkeypatch: Any) -> type[Drawn]:
     return Drawn
 
 
-def write(path: Path, *runs: RecordedTrial, **options: Any) -> list[tuple[int, int]]:
+def write(path: Path, *runs: RecordedTrial, kind: str = "gif", **options: Any) -> list[tuple[int, int]]:
     told: list[tuple[int, int]] = []
-    write_pictures(list(runs), path, PictureOptions(**options), lambda *one: told.append(one))
+    write_pictures(list(runs), path, kind, PictureOptions(**options), lambda *one: told.append(one))
     return told
 
 
@@ -50,9 +51,9 @@ def write(path: Path, *runs: RecordedTrial, **options: Any) -> list[tuple[int, i
 def test_a_gif_takes_as_long_as_the_walk(walk: RecordedTrial, tmp_path: Path) -> None:
     from PIL import Image, ImageSequence
 
-    told = write(tmp_path / "a.gif", walk, width_px=96)
-    with Image.open(tmp_path / "a.gif") as gif:
-        assert gif.size == (96, 72)
+    told = write(tmp_path / "a", walk, width_px=96)
+    with Image.open(tmp_path / "a") as gif:
+        assert gif.size == (96, 72 + 6), "with a line of text"
         assert gif.info["loop"] == 0
         # Pictures that do not differ from the one before are one that stays longer.
         shown_ms = sum(frame.info["duration"] for frame in ImageSequence.Iterator(gif))
@@ -68,11 +69,28 @@ def test_a_part_of_the_walk(walk: RecordedTrial, tmp_path: Path, drawn: Any) -> 
 
 
 @pytest.mark.usefixtures("drawn")
+def test_a_film_of_one_walk_shows_the_time_and_marks_the_failure(walk: RecordedTrial, tmp_path: Path) -> None:
+    from PIL import Image
+
+    row = int(np.searchsorted(walk.time_s, 1.0))
+    fails = replace(walk, events=(RecordedEvent(row, "WARN", "world: leg 5 locked"),))
+    write(tmp_path / "a.gif", fails, fps=1, width_px=320, duration_s=3.0)
+    with Image.open(tmp_path / "a.gif") as gif:
+        bars = []
+        for frame in range(3):
+            gif.seek(frame)
+            bars.append(np.asarray(gif.convert("RGB"))[240:].astype(int))
+    marked = [int((np.abs(bar - FAILED_BADGE).max(axis=-1) < 12).sum()) for bar in bars]
+    assert marked[0] == 0 < 100 < marked[1]
+    assert (bars[0][:, 270:] != bars[2][:, 270:]).any(), "the counter of the time"
+
+
+@pytest.mark.usefixtures("drawn")
 def test_an_mp4_that_decodes(walk: RecordedTrial, tmp_path: Path) -> None:
-    write(tmp_path / "a.mp4", walk, duration_s=1.0, width_px=97, captions=("slow",))
+    write(tmp_path / "a", walk, kind="mp4", duration_s=1.0, width_px=97, captions=("slow",))
     import av
 
-    with av.open(str(tmp_path / "a.mp4")) as file:
+    with av.open(str(tmp_path / "a")) as file:
         stream = file.streams.video[0]
         assert stream.codec_context.name == "h264"
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
@@ -133,8 +151,8 @@ def test_legs_have_the_colours_of_their_conditions_while_they_last(walk: Recorde
     for row, condition in enumerate(("whole", "noticed", "failed", "missing", "whole")):
         conditions[row, 4] = LEG_CONDITIONS.index(condition)
     red, amber = tinted(replace(walk, leg_conditions=conditions))
-    assert [count > 30 for count in red] == [False, False, True, False, False]
-    assert [count > 30 for count in amber] == [False, True, False, False, False]
+    assert [count > 80 for count in red] == [False, False, True, False, False]
+    assert [count > 80 for count in amber] == [False, True, False, False, False]
     assert red[3] < red[2] / 2  # almost transparent
     assert [red[0], amber[0]] == [red[4], amber[4]] == [0, 0]
 
@@ -173,7 +191,7 @@ def test_of_two_walks_the_faster_one_wins_a_race_and_the_failure_is_told_on_both
     times_s = [index / 10 for index in range(int(10 * walk.time_s[-1]))]
     race = RaceRenderer(pair, [0.0, 0.0], ["a", "b"], times_s, camera="side", width_px=320)
     end = race.draw(float(walk.time_s[-1]) - 0.2)
-    texts = [[message.text for message in racer.messages()] for racer in race.racers]
+    texts = [[message.text for message in messages_of(trial)] for trial in pair]
     race.close()
     won = [
         int((np.abs(bar.astype(int) - WON_BADGE).max(axis=-1) < 12).sum()) for bar in (end[:22], end[-22:])

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hexctl.robot.formats.robot_import import ImportedRobot, import_robot
+from hexctl.robot.formats.importing.robot_import import ImportedRobot, import_robot
 
 #: Coxa axes in m and yaws in degrees.
 MOUNTS = (

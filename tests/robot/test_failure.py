@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.robot.failure import FAILURE_KINDS, Failure, FailureEvent, check_healings
+from hexctl.robot.failure import FAILURE_KINDS, Failure, FailureEvent, check_events
 from hexctl.robot.failure_grammar import (
     option_of,
     parse_coming_kind,
@@ -33,15 +33,23 @@ def test_a_failure_travels_to_another_process(kind: str) -> None:
 @pytest.mark.parametrize("fails", [(), ("5:limp@6",), ("4:limp@1",)])
 def test_a_leg_that_is_whole_is_not_to_heal(fails: tuple[str, ...]) -> None:
     with pytest.raises(InputError, match="heal: got 5@5"):
-        check_healings([*map(parse_failure_event, fails), parse_healing("5@5")])
+        check_events([*map(parse_failure_event, fails), parse_healing("5@5")])
 
 
 def test_a_leg_heals_that_has_failed_by_option_by_world_or_before() -> None:
     healing = parse_healing("5@5")
-    check_healings([healing, parse_failure_event("5:limp@3")])
-    check_healings([healing], [parse_failure_event("5:limp@3")])
-    check_healings([healing], failed_legs=[5])
-    check_healings([], [healing])
+    check_events([healing, parse_failure_event("5:limp@3")])
+    check_events([healing], [parse_failure_event("5:limp@3")])
+    check_events([healing], failed=[Failure(leg=5)])
+    check_events([], [healing])
+
+
+def test_a_leg_fails_in_one_manner_once_unless_it_heals() -> None:
+    again, locked = parse_failure_event("5:locked@8"), Failure(leg=5)
+    with pytest.raises(InputError, match="failure: got 5:locked@8"):
+        check_events([again], failed=[locked])
+    check_events([parse_failure_event("5:limp@8"), parse_failure_event("2:locked@8")], failed=[locked])
+    check_events([again, parse_healing("5@5")], failed=[locked])
 
 
 BEFORE = [

@@ -15,9 +15,18 @@ from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
 from hexctl.robot.formats.link_frames import FOOT_LINKS, fixed_transforms, link_transforms
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import COMMAND_TOPIC, TOPIC_SYSTEM, urdf_of
+from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
 from tests.robots import ROBOT_NAMES, shipped
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "iso-8859-1"])
+def test_xml_is_read_in_any_encoding_without_entities(encoding: str) -> None:
+    head, element = f'<?xml version="1.0" encoding="{encoding}"?>', '<a name="é"/>'
+    assert parse_xml(f"{head}{element}".encode(encoding)).get("name") == "é"
+    with pytest.raises(ValueError, match="entities"):
+        parse_xml(f'{head}<!DOCTYPE a [<!ENTITY b "c">]>{element}'.encode(encoding))
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

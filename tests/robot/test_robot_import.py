@@ -3,9 +3,8 @@
 import itertools
 import math
 import re
-import struct
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,11 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.robot.formats.collada import collada_points
+from hexctl.robot.configs import config_names
+from hexctl.robot.formats.importing.mesh_files import collada_points
+from hexctl.robot.formats.importing.robot_import import ImportedRobot
 from hexctl.robot.formats.link_masses import link_mass, trunk_mass
 from hexctl.robot.formats.mjcf import mjcf_of
-from hexctl.robot.formats.robot_import import ImportedRobot
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from tests.robot.hexapods import (
@@ -33,6 +33,7 @@ from tests.robot.hexapods import (
     imported,
     solid,
 )
+from tests.robot.meshmaking import obj, stl, text_stl
 from tests.robots import shipped
 
 BOX = solid('<box size="0.22 0.18 0.05"/>')
@@ -167,27 +168,15 @@ def test_moments_of_inertia_of_no_body_are_unknown(moment: str, tmp_path: Path) 
 def test_ranges_of_no_leg_are_unknown(ends: str, tmp_path: Path) -> None:
     limit = f'<limit {ends} effort="2" velocity="5"/>'
     made = imported(tmp_path, hexapod(limits=(limit, LIMIT, LIMIT)))
-    assert {"joints.coxa.min_deg", "joints.coxa.max_deg"} <= set(made.unknown)
+    turning = imported(tmp_path, hexapod().replace('type="revolute"', 'type="continuous"', 1))
+    for unlimited in (made, turning):
+        assert {"joints.coxa.min_deg", "joints.coxa.max_deg"} <= set(unlimited.unknown)
 
 
 # -- meshes
 
 
-TRIANGLE = ((0, 0, 0.003), (TIBIA_M, 0, 0), (0, 0, -0.003))
-
-
-def stl_text() -> bytes:
-    rows = "".join(f"vertex {x} {y} {z}\n" for x, y, z in TRIANGLE)
-    return f"solid a\nfacet normal 0 1 0\nouter loop\n{rows}endloop\nendfacet\nendsolid a\n".encode()
-
-
-def stl_binary() -> bytes:
-    corners = b"".join(struct.pack("<3f", *corner) for corner in TRIANGLE)
-    return bytes(80) + struct.pack("<I", 1) + bytes(12) + corners + bytes(2)
-
-
-def obj_text() -> bytes:
-    return ("".join(f"v {x} {y} {z}\n" for x, y, z in TRIANGLE) + "f 1 2 3\n").encode()
+TRIANGLE = np.array([[0, 0, 0.003], [TIBIA_M, 0, 0], [0, 0, -0.003]])
 
 
 def dae(scene: str, scale: float = 1.0, metre: float = 1.0, more: str = "") -> bytes:
@@ -225,9 +214,9 @@ DAE = {
 }
 
 MESHES: dict[str, Callable[[], bytes]] = {
-    "a.stl": stl_text,
-    "b.STL": stl_binary,
-    "c.obj": obj_text,
+    "a.stl": lambda: text_stl(TRIANGLE),
+    "b.STL": lambda: stl(TRIANGLE),
+    "c.obj": lambda: obj(TRIANGLE),
     "d.dae": lambda: DAE["plain"],
 }
 
@@ -247,7 +236,7 @@ def test_meshes_show_the_foot(name: str, where: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("case", DAE)
 def test_nodes_and_units_of_collada_count_and_its_up_axis_does_not(case: str) -> None:
-    assert collada_points(DAE[case]) == pytest.approx(np.array(TRIANGLE), abs=1e-12)
+    assert collada_points(DAE[case]) == pytest.approx(TRIANGLE, abs=1e-12)
 
 
 def test_collada_nodes_that_use_one_another_end() -> None:
@@ -288,7 +277,7 @@ def test_a_foot_next_to_the_plane_of_its_leg_is_projected_with_an_error(
 
 
 def test_a_foot_far_from_the_plane_of_its_leg_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="beside the plane of its leg; allowed: 60 mm"):
+    with pytest.raises(InputError, match="outside the plane of its leg; allowed: 60 mm"):
         imported(tmp_path, hexapod(foot_y_m=0.07))
 
 
@@ -304,7 +293,13 @@ def test_legs_may_have_zeros_of_their_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "ends", ['lower="0.3" upper="1.3"', 'lower="-1.1" upper="-0.2"', 'lower="0" upper="0.8"']
+    "ends",
+    [
+        'lower="0.3" upper="1.3"',
+        'lower="-1.1" upper="-0.2"',
+        'lower="0" upper="0.8"',
+        'lower="0" upper="3.1416"',
+    ],
 )
 def test_coxae_whose_range_lacks_the_zero_get_it_in_the_middle(ends: str, tmp_path: Path) -> None:
     limit = f'<limit {ends} effort="2" velocity="5"/>'
@@ -409,9 +404,13 @@ def test_what_mujoco_saves_comes_back(name: str, tmp_path: Path) -> None:
     check_masses(robot, back, 1e-6)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_masses_and_inertias_survive_a_urdf(name: str, tmp_path: Path) -> None:
-    check_masses(shipped(name), imported(tmp_path, urdf_of(shipped(name))).robot(), 1e-9)
+@pytest.mark.parametrize("name", config_names("robots"))
+def test_our_own_urdf_comes_back_without_what_it_cannot_hold(name: str, tmp_path: Path) -> None:
+    robot = replace(shipped(name), joint_play_rad=None, joint_stiffness_nm_per_rad=None)
+    made = imported(tmp_path, urdf_of(robot))
+    assert all(key.startswith("servo.") for key in made.unknown)
+    assert differences(robot, made.robot()).keys() <= {"size_m", "stance_feet_body", "stance_angles_rad"}
+    check_masses(robot, made.robot(), 1e-9)
 
 
 def check_masses(robot: Robot, back: Robot, error: float) -> None:
@@ -426,10 +425,11 @@ def check_masses(robot: Robot, back: Robot, error: float) -> None:
         assert other.link_moments_kg_m2 == pytest.approx(own.link_moments_kg_m2, abs=error)
 
 
-def test_inertias_of_links_reach_urdf_mjcf_and_simulation(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("zz", "xz"), [("7e-5", "1e-5"), ("8e-5", "0")], ids=["solid", "tilted plate"])
+def test_inertias_of_links_reach_urdf_mjcf_and_simulation(zz: str, xz: str, tmp_path: Path) -> None:
     inertial = (
         '<inertial><origin xyz="0.03 0 -0.004" rpy="0 0.4 0"/><mass value="0.06"/>'
-        '<inertia ixx="2e-5" iyy="6e-5" izz="7e-5" ixy="0" ixz="1e-5" iyz="0"/></inertial>'
+        f'<inertia ixx="2e-5" iyy="6e-5" izz="{zz}" ixy="0" ixz="{xz}" iyz="0"/></inertial>'
     )
     robot = imported(tmp_path, hexapod(inertial=inertial, trunk=BOX)).robot()
     assert robot.link_inertias_kg_m2 is not None
@@ -593,6 +593,37 @@ def test_an_assumed_torque_carries_the_robot(trunk_kg: float, tmp_path: Path) ->
     assert ("for its weight" in made.reasons["joints.femur.max_torque_nm"]) == (trunk_kg > 1)
     known = imported(tmp_path, text.replace('effort="300"', 'effort="2.5"'))
     assert known.content["joints"]["femur"]["max_torque_nm"] == 2.5
+
+
+#: By what they are: parts before the world, in it, and at the end of an MJCF.
+NO_PART_OF_THE_ROBOT = {
+    "a missing height field": (
+        '<asset><hfield name="hills" file="lost.png" size="5 5 0.3 0.1"/></asset>',
+        '<geom type="hfield" hfield="hills"/>',
+        "",
+    ),
+    "materials of sites and tendons": (
+        '<asset><material name="red"/></asset>',
+        '<site name="a" material="red"/><site name="b" pos="0 0 1"/>',
+        '<tendon><spatial material="red"><site site="a"/><site site="b"/></spatial></tendon>',
+    ),
+    "a sensor and a contact pair of a missing mesh": (
+        '<asset><mesh name="lost" file="lost.stl"/></asset>',
+        '<geom name="lost" type="mesh" mesh="lost"/><geom name="ball" size="1"/>',
+        '<contact><pair geom1="lost" geom2="ball"/></contact>'
+        '<sensor><framepos objtype="geom" objname="lost"/></sensor>',
+    ),
+}
+
+
+@pytest.mark.parametrize("case", NO_PART_OF_THE_ROBOT)
+def test_what_is_no_part_of_the_robot_changes_nothing(case: str, tmp_path: Path) -> None:
+    before, inside, after = NO_PART_OF_THE_ROBOT[case]
+    plain = mjcf_scaled(1.0)
+    text = plain.replace("<worldbody>", f"{before}<worldbody>{inside}")
+    text = text.replace("</mujoco>", f"{after}</mujoco>")
+    changed = imported(tmp_path, text, "some.xml")
+    assert changed.content == imported(tmp_path, plain, "some.xml").content
 
 
 @pytest.mark.parametrize("bodies", [1, 7, 19])

@@ -14,7 +14,10 @@ from hexctl.robot.rotations import (
     about_z,
     cos_tilt,
     inverse,
+    matrix_of,
     product,
+    quaternion_about,
+    quaternion_of_euler,
     turned,
     wrapped_rad,
     wxyz,
@@ -46,6 +49,15 @@ def test_the_order_of_scipy_is_the_same_turn() -> None:
     for quaternion, other in zip(quaternions, xyzw(quaternions), strict=True):
         np.testing.assert_allclose(Rotation.from_quat(other).apply(vector), turned(quaternion, vector))
     np.testing.assert_array_equal(wxyz(xyzw(quaternions)), quaternions)
+
+
+@given(roll=angles, pitch=angles, yaw=angles)
+def test_euler_angles_axes_and_matrices_are_those_of_scipy(roll: float, pitch: float, yaw: float) -> None:
+    fixed = Rotation.from_euler("xyz", [roll, pitch, yaw])
+    assert matrix_of(quaternion_of_euler(roll, pitch, yaw)) == pytest.approx(fixed.as_matrix(), abs=1e-12)
+    axis = np.array([0.36, 0.48, -0.8])
+    wanted = Rotation.from_rotvec(yaw * axis).as_matrix()
+    assert matrix_of(quaternion_about(axis, yaw)) == pytest.approx(wanted, abs=1e-12)
 
 
 @given(angle=st.floats(-1000, 1000))

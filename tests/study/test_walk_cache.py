@@ -21,7 +21,8 @@ from hexctl.study import versions, walking
 from hexctl.study.landscape import Landscape
 from hexctl.study.versions import ROOT, code_versions, simulating_sources, source_digest
 from hexctl.study.walk_cache import CacheError, Place, WalkCache
-from hexctl.study.walking import Work, as_finished, simulating
+from hexctl.study.walking import Work, as_finished
+from hexctl.threads import simulating
 from hexctl.waiting import comes_true
 from tests.robots import shipped
 from tests.study.made_up import Remembering, spec
@@ -106,6 +107,13 @@ def test_what_was_interrupted_goes_on_from_what_has_finished(jobs: int, tmp_path
     walks = Work(cache=cache, jobs=jobs, progress=rest).walk(WALKED)
     assert rest.steps == total - saved
     assert repr(walks) == repr(Work(cache=WalkCache(tmp_path / "new"), jobs=1).walk(WALKED))
+
+
+def test_progress_counts_and_an_interrupt_loses_few_walks(tmp_path: Path) -> None:
+    cache, many = WalkCache(tmp_path), [(PARK, [Case((leg,)) for leg in range(10, 50)])]
+    with pytest.raises(KeyboardInterrupt):
+        Work(cache=cache, jobs=1, progress=Remembering(interrupt_after=10)).walk(many)
+    assert cache.count(many) == (10, 40)
 
 
 def test_walks_that_a_place_does_not_keep_are_simulated_again(tmp_path: Path) -> None:
@@ -225,7 +233,7 @@ class KillsAWorker(Remembering):
 
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexctl.study.landscape.CHUNK_SIZE", 2)
+    monkeypatch.setattr("hexctl.study.walk_cache.CHUNK_SIZE", 2)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
-from hexctl.errors import InputError
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.teleop.drive_page import MOST_CLIENTS, MOST_VIEWERS, PROTOCOL, DrivePage, new_token
 from hexctl.teleop.picture_relay import Picture, PictureRelay
 from hexctl.waiting import wait_for
@@ -179,6 +179,13 @@ def test_beyond_this_computer_it_takes_certificates_and_a_token() -> None:
     assert not address.loopback
     with pytest.raises(InputError, match=r"page: got 0\.0\.0\.0"):
         DrivePage(address, arbiter.source("page"), Velocity, print)
+
+
+def test_a_port_in_use_is_a_fault_that_names_the_option() -> None:
+    with served() as robot:
+        address = PageAddress("127.0.0.1", robot.page.port)
+        with pytest.raises(RobotFaultError, match="page: cannot listen"):
+            DrivePage(address, robot.arbiter.source("page"), Velocity, print).__enter__()
 
 
 def test_with_certificates_it_is_served_over_tls(tmp_path: Path) -> None:

@@ -59,6 +59,18 @@ def test_a_file_brings_the_place_back(tmp_path: Path) -> None:
     assert yaml.safe_load((tmp_path / "place.yaml").read_text())["lens"] == "lens.yaml"
 
 
+def test_comments_stay_when_a_place_is_stored_again(tmp_path: Path) -> None:
+    path, place = saved(tmp_path), replace(PLACE, lens=tmp_path / "lens.yaml")
+    text = path.read_text().replace("camera:", "# above the desk\ncamera: # Jo's")
+    path.write_text(text.replace("floor_tags:", "# taped down\nfloor_tags:") + "# the end\n")
+    tags = {**PLACE.floor_tags, 5: FloorTag(edge_mm=160, x_m=0.5, y_m=0.5, yaw_deg=0.0)}
+    higher = replace(PLACE.camera, position_m=(0.0, 0.0, 2.5))
+    save_place(replace(place, floor_tags=tags, camera=higher, latency_s=None), path)
+    found, written = load_place(path), path.read_text()
+    assert (found.floor_tags, found.camera.position_m, found.latency_s) == (tags, (0.0, 0.0, 2.5), None)
+    assert all(f"# {words}\n" in written for words in ("above the desk", "Jo's", "taped down", "the end"))
+
+
 def test_an_assumed_lens_needs_no_file(tmp_path: Path) -> None:
     assumed = AssumedLens(width_px=1280, height_px=720, fov_deg=67.0)
     place = replace(PLACE, lens=None, assumed_lens=assumed, latency_s=None)

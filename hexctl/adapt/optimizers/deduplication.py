@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
+from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
 
@@ -82,6 +83,10 @@ class Deduplication(Optimizer):
     def trim(self, code: int) -> Trim | None:
         """As the wrapped optimizer."""
         return self._inner.trim(code)
+
+    def stride(self, code: int) -> Stride | None:
+        """As the wrapped optimizer."""
+        return self._inner.stride(code)
 
     def predict(self, code: int) -> Prediction | None:
         """As the wrapped optimizer."""

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from hexctl.adapt.optimizer import Optimizer, Trim
+from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.gait.encoding import Slots
@@ -50,14 +50,14 @@ class StrideSearch(Optimizer):
         """True when the table and all codes have been walked."""
         return self._next() is None
 
-    def trim(self, code: int) -> Trim | None:
+    def stride(self, code: int) -> Stride | None:
         """Stride of the next walk of a gait: the one in turn, else the best one that it has walked."""
         turn = self._next()
         if self._asked is not None and turn is not None and turn[0] == code:
             row = turn[1]
         else:
             row = _best([walk for walk in self._walks if walk[0] == code])[1]
-        return None if row < 0 else Trim(stride=self._table[row][1])
+        return None if row < 0 else self._table[row][1]
 
     @property
     def _table(self) -> list[tuple[int, Stride]]:

@@ -63,7 +63,7 @@ def choose_prior(
         reason = found.reason
     needed = spec.optimizer == BAYES and not free
     if needed or named or spec.early_stop or spec.worth_m is not None:
-        raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
+        raise InputError(f"{argument('prior')}: there is none for these trials ({reason}){advice(spec)}")
     if spec.hold == "none" or spec.optimizer != TRIM:
         note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
     return spec

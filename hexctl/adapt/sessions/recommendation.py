@@ -113,7 +113,7 @@ def _trials(session: Walks) -> list[Contender]:
     """Valid trials; only the confirmed ones once there are enough."""
     trials = _valid(_contender(session, trial, searched=True) for trial in session.trials)
     confirmed = [trial for trial in trials if trial.confirmation is not None]
-    known = {(trial.walk.slots, trial.walk.trim) for trial in confirmed}
+    known = {trial.walk.commanded for trial in confirmed}
     return confirmed if len(known) >= MOST_CONFIRMED else trials
 
 

@@ -58,7 +58,7 @@ class Session:
         walks: list[ConfirmationRecord | TrialRecord] = [*self.confirmations]
         if self.spec.optimizer == TRIM:
             walks += (trial for trial in self.trials if trial.confirms)
-        return next((walk for walk in walks if (walk.slots, walk.trim) == (found.slots, found.trim)), None)
+        return next((walk for walk in walks if walk.commanded == found.commanded), None)
 
     @property
     def walked_s(self) -> float:

@@ -1,6 +1,6 @@
 """Stored walks of a session: trials, the baseline, and confirmations of a gait."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -106,8 +106,12 @@ class WalkRecord:
     @property
     def trim(self) -> Trim:
         """Trim of the walk; of none without one."""
-        trim = Trim.rounded(self.outcome["trim_deg"], self.outcome["turn_trim_deg_s"])
-        return replace(trim, stride=self.stride)
+        return Trim.rounded(self.outcome["trim_deg"], self.outcome["turn_trim_deg_s"])
+
+    @property
+    def commanded(self) -> tuple[tuple[int, ...], Trim, Stride | None]:
+        """Slots, trim and stride, which are equal for repeats of a walk."""
+        return self.slots, self.trim, self.stride
 
     @property
     def result(self) -> TrialResult:

@@ -14,6 +14,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import MessageError
+from hexctl.robot.rotations import quaternion_of_euler
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 #: Identifiers of the controller: a ground system, as overrides come from one, and an onboard computer.
@@ -204,21 +205,6 @@ def flipped_vector(vector: FloatArray) -> FloatArray:
 def flipped_quaternion(quaternion: FloatArray) -> FloatArray:
     """An orientation (w, x, y, z) of one pair of frames in the other."""
     return np.asarray(quaternion * FLIP_QUATERNION)
-
-
-def quaternion_of_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> FloatArray:
-    """Orientation (w, x, y, z) of aerospace angles: yaw about z, then pitch, then roll."""
-    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
-    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
-    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
 
 
 def euler_of_quaternion(quaternion: FloatArray) -> tuple[float, float, float]:

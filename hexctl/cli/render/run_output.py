@@ -10,7 +10,7 @@ from rich.text import Text
 from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why_in_words
 from hexctl.cli.render.tables import label_table
 from hexctl.control.assessment.leg_sets import MOST_LOST
-from hexctl.gait.gait import AUTO, SWING_SHARE
+from hexctl.gait.gait import AUTO, SWING_SHARE, is_crawl
 from hexctl.robot.failure import loses_leg
 from hexctl.wire.links import CLEAR_COMMAND
 
@@ -149,7 +149,8 @@ def _gait_text(gait: dict[str, Any]) -> str:
     named = gait["name"] not in (slots, str(gait["code"]))
     code = "" if gait["code"] is None else f", code {gait['code']}"
     then = "".join(f", then {change}" for change in gait.get("then", []))
-    slots = f"{'a crawl, ' if gait.get('phases') and gait['swing_share'] < SWING_SHARE else ''}slots {slots}"
+    crawls = is_crawl(gait.get("phases"), gait.get("swing_share", SWING_SHARE))
+    slots = f"{'a crawl, ' if crawls else ''}slots {slots}"
     return (f"{gait['name']} ({slots}{code})" if named else f"{slots}{code}") + then
 
 

@@ -9,7 +9,7 @@ from hexctl.adapt.sessions.recommendation import recommended
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.trial_loop import NOT_WORTH
-from hexctl.cli.render.adapt_output import in_cm, robot_name
+from hexctl.cli.render.adapt_table import in_cm, robot_name
 from hexctl.cli.render.tables import plain_table
 
 #: Short texts of the ends of a search.

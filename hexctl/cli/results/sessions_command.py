@@ -65,7 +65,7 @@ def show(
 ) -> None:
     """Show a session's trials; damaged ones are named on stderr, with exit code 3."""
     from hexctl.adapt.sessions.store import load_session
-    from hexctl.cli.render.adapt_output import session_lines
+    from hexctl.cli.render.adapt_summary import session_lines
 
     left_out = LeftOut()
     session = load_session(name, runs_folder(), on_damage=left_out.name)
@@ -78,7 +78,7 @@ def show(
 
 def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
     from hexctl.adapt.objectives import OBJECTIVES, make_objective
-    from hexctl.cli.render.adapt_output import pareto_lines
+    from hexctl.cli.render.adapt_table import pareto_lines
 
     names = list(dict.fromkeys(listed(wanted)))
     if len(names) < 2:

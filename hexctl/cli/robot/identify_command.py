@@ -52,7 +52,7 @@ def identify(
 ) -> None:
     """Identify the servos and the trunk of a robot from its motions.
 
-    The command finds stiffness, damping, rotor inertia, dry friction and dead time: simulated servos are
+    The command finds stiffness, damping, inertia, friction, torque, play and dead time: simulated servos are
     changed until their joints move as those of the log did. Mass and centre of the trunk need a log of a
     walk. The geometry and the masses of the legs are those of the robot file. A simulated robot is in the
     world stand. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4 stopped, 130 interrupted.
@@ -136,14 +136,19 @@ def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Ide
 
 
 class _SearchProgress(WithBar):
-    """The step of the search and its error on stderr: one line on a terminal, else a line per step."""
+    """The step of the search and its error on stderr: one line on a terminal, else a line per step.
+
+    The search has several parts, each of which counts its steps from 0.
+    """
 
     def __init__(self) -> None:
+        self._step = 0
         self._bar = make_bar("")
         self._task = self._bar.add_task("", total=None, visible=False)
 
-    def show(self, step: int, error_rad: float) -> None:
-        text = f"search, some minutes: step {step}, error {math.degrees(error_rad):.3f} deg"
+    def show(self, _step: int, error_rad: float) -> None:
+        self._step += 1
+        text = f"search, some minutes: step {self._step}, error {math.degrees(error_rad):.3f} deg"
         if self._bar.disable:
             print_note(text)
         self._bar.update(self._task, description=text, visible=True)

@@ -87,7 +87,7 @@ def import_robot(
 ) -> None:
     """Make a robot file of a URDF or MJCF with six legs of three hinges."""
     from hexctl.control.assessment.default_gait import walkable
-    from hexctl.robot.formats.robot_import import import_robot as imported_robot
+    from hexctl.robot.formats.importing.robot_import import import_robot as imported_robot
 
     _check_yaml(output, "--output")
     imported = walkable(imported_robot(urdf, name=name, foot_m=_point(foot), forward=forward))

@@ -14,7 +14,7 @@ from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
 from hexctl.ik.legs import legs_that_reach
-from hexctl.robot.formats.robot_import import ImportedRobot
+from hexctl.robot.formats.importing.robot_import import ImportedRobot
 from hexctl.robot.servos.servo_map import servo_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 

@@ -21,6 +21,9 @@ from hexctl.types import N_LEGS
 #: Directions of travel: bodies are symmetric.
 HEADINGS_RAD = (0.0, math.pi / 2)
 
+#: Shares of the amplitude. A stroke that leaves the reach only in full is no fault of the stance.
+AMPLITUDES = (1.0, 0.9)
+
 #: Widths of the search, as shares of the robot's.
 SHARES = tuple(0.98 - 0.02 * step for step in range(25))
 
@@ -103,7 +106,9 @@ def _drive(robot: Robot, walks: Walks) -> float:
     """Largest share of a servo's drive over the cycles of some walks; inf if they cannot carry the robot."""
     most = 0.0
     for gait, motion in walks:
-        if (path := JointPath.of(robot, gait, motion)) is None:
+        shorter = (replace(gait, amplitude=share * gait.amplitude) for share in AMPLITUDES)
+        paths = (JointPath.of(robot, one, motion) for one in shorter)
+        if (path := next((path for path in paths if path is not None), None)) is None:
             return math.inf
         most = max(most, path.drive(gait.pace_hz))
     return most

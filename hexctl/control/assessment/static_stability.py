@@ -87,8 +87,8 @@ def feet_over_cycle(
     cycles = (np.arange(PHASES) + 0.5) / PHASES
     u = part_of_cycle(cycles[:, np.newaxis] + phases[:, np.newaxis, :])  # (gaits, P, 6)
     share = None if swing_share is None else np.array(swing_share)
-    stroke = robot.gait.amplitude if amplitude is None else amplitude
-    stroke_m = stroke * robot.size_m * stroke_offset(u, share)
+    amplitude = robot.gait.amplitude if amplitude is None else amplitude
+    stroke_m = amplitude * robot.size_m * stroke_offset(u, share)
     direction = np.array([math.cos(heading_rad), math.sin(heading_rad)])
     offsets, standing = -stroke_m[..., np.newaxis] * direction, in_stance(u, share)
     for leg, on_floor in stances.items():

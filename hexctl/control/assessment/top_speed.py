@@ -1,12 +1,12 @@
 """Gaits at the highest pace that the servos of a robot can follow, for `--fast`.
 
-A body covers about A f at a step amplitude A and a pace f, for every swing share. The servos limit f
-by the path of the joints (`JointPath`), and the path depends on A and on the swing share: in a longer swing
-the foot returns more slowly. So the fastest gait is the one with the largest
+A body walks at the speed A f / (1 - s) at an amplitude A, a pace f and a swing share s. The servos limit f
+by the path of the joints (`JointPath`), and the path depends on A and on s: in a longer swing the foot
+returns more slowly. So the fastest gait is the one with the largest
 
-    A f_most(A, s) / OVERDRIVE
+    A f_most(A, s) / (1 - s) / OVERDRIVE
 
-of a few amplitudes A, with the swing share s of the gait, and on five legs also with that of `two_up`.
+of a few amplitudes A, with the swing share of the gait, and on five legs also with that of `two_up`.
 Steering lengthens strokes by up to `OVERDRIVE`, and turns them: f_most is the least along `COURSES_RAD`.
 """
 
@@ -19,7 +19,7 @@ from hexctl.control.assessment.joint_path import JointPath
 from hexctl.control.assessment.static_stability import DIRECTION_STEP_RAD
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import PACE_HZ, SWING_SHARE, Gait, Motion
+from hexctl.gait.gait import PACE_HZ, SWING_SHARE, Gait, Motion, ideal_speed_m_s
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS
 
@@ -28,7 +28,7 @@ from hexctl.types import N_LEGS
 COURSES_RAD = (0.0, math.radians(30.0), math.radians(-30.0))
 
 #: Tried amplitudes, as multiples of the gait's.
-STROKES = (0.8, 1.0, 1.2)
+AMPLITUDES = (0.8, 1.0, 1.2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,8 +98,8 @@ def _fast_gaits(
 ) -> tuple[Gait, ...]:
     heading_rad = DIRECTION_STEP_RAD * direction
     found = []
-    for stroke in STROKES:
-        longer = replace(gait, amplitude=min(1.0, stroke * gait.amplitude))
+    for share in AMPLITUDES:
+        longer = replace(gait, amplitude=min(1.0, share * gait.amplitude))
         tucked = _without(longer, lost)
         shapes = [longer]
         if reorder and len(tucked.posture.tucked_legs) == 1:
@@ -108,7 +108,7 @@ def _fast_gaits(
         for shape in shapes:
             pace_hz = round(_pace_hz(robot, _without(shape, lost), heading_rad), 3)
             found += [replace(shape, pace_hz=pace_hz)] if pace_hz > 0 else []
-    return tuple(sorted(found, key=lambda one: -one.amplitude * one.pace_hz))
+    return tuple(sorted(found, key=lambda one: -ideal_speed_m_s(robot, one, Motion())))
 
 
 def _pace_hz(robot: Robot, gait: Gait, heading_rad: float) -> float:

@@ -16,7 +16,7 @@ from hexctl.control.monitor.repertoire import SAFEST, Repertoire, walks_on
 from hexctl.control.monitor.repertoire_store import find_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
-from hexctl.gait.gait import PACE_HZ, SWING_SHARE, Gait, Motion
+from hexctl.gait.gait import PACE_HZ, Gait, Motion, is_crawl
 from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -67,7 +67,7 @@ class Response:
         if self.gait is None or self.stays:
             return "walked on"
         slots = f"slots {','.join(map(str, self.gait.slots))}"
-        crawls = self.gait.phases is not None and self.gait.swing_share < SWING_SHARE
+        crawls = is_crawl(self.gait.phases, self.gait.swing_share)
         return f"changed to {'a crawl, ' if crawls else ''}{slots}"
 
 

@@ -83,7 +83,7 @@ def failed_foot_azimuth_rad(robot: Robot, failure: Failure) -> float:
 
 
 def turn_motion(robot: Robot, turn_rad: float) -> Motion:
-    """Motion of a self-rotation: in place, at the rate of half the step amplitude."""
+    """Motion of a self-rotation: in place, at the rate of half the amplitude."""
     rate_rad_s = math.copysign(half_amplitude_turn_rate_rad_s(robot, turn_gait(robot)), turn_rad)
     return Motion(travel=0.0, turn_rate_rad_s=rate_rad_s)
 

@@ -1,7 +1,7 @@
-"""A robot as JSON, with all digits, as in recordings."""
+"""A robot as JSON, with all digits, as in recordings and on the network."""
 
 import json
-from dataclasses import fields
+from dataclasses import is_dataclass
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,13 @@ from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 
 VERSION = 1
 
+#: Fields of a robot with fields of their own.
+PARTS: dict[str, Any] = {"body": Body, "servo": ServoModel, "gait": GaitDefaults}
+
 
 def robot_to_json(robot: Robot) -> str:
     """JSON of a robot, from which `robot_from_json` makes an equal one."""
-    return json.dumps({"version": VERSION, **_content(robot)})
+    return json.dumps({"version": VERSION, **robot_to_dict(robot)})
 
 
 def robot_from_json(text: str) -> Robot:
@@ -24,31 +27,29 @@ def robot_from_json(text: str) -> Robot:
         values = json.loads(text)
         if values.pop("version") != VERSION:
             raise ValueError("another version")
-        kinds = {"body": Body, "servo": ServoModel, "gait": GaitDefaults}
-        parts = [(name, kind, values.pop(name)) for name, kind in kinds.items()]
-        names = {field.name for field in fields(Robot)}
-        if not set(values) <= names:
-            raise ValueError(f"unknown {', '.join(sorted(set(values) - names))}")
-        arrays: dict[str, Any] = {
-            name: np.array(value) if isinstance(value, list) else value for name, value in values.items()
-        }
-        made: dict[str, Any] = {name: part(**_tuples(content)) for name, part, content in parts}
-        return Robot(**arrays, **made)
-    except (HexctlError, ValueError, TypeError, KeyError, AttributeError) as error:
+        return robot_from_dict(values)
+    except (HexctlError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise InputError(f"robot description: {error}; allowed: JSON of this version of hexctl") from error
 
 
-def _content(part: Any) -> dict[str, Any]:
-    content: dict[str, Any] = {}
-    for name, value in changed_fields(part):
-        if isinstance(value, np.ndarray):
-            content[name] = value.tolist()
-        elif isinstance(value, (Body, ServoModel, GaitDefaults)):
-            content[name] = _content(value)
-        else:
-            content[name] = value
-    return content
+def robot_to_dict(robot: Robot) -> dict[str, Any]:
+    """Fields of a robot without the default ones, as JSON values."""
+    return {name: _plain(value) for name, value in changed_fields(robot)}
 
 
-def _tuples(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+def robot_from_dict(values: dict[str, Any]) -> Robot:
+    """Robot of `robot_to_dict`; raises ValueError or TypeError for anything else."""
+    made = {name: _array(value) for name, value in values.items()}
+    return Robot(**made | {name: part(**values[name]) for name, part in PARTS.items() if name in values})
+
+
+def _plain(value: object) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if is_dataclass(value) and not isinstance(value, type):
+        return {name: _plain(part) for name, part in changed_fields(value)}
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _array(value: Any) -> Any:
+    return np.array(value, dtype=float) if isinstance(value, list) else value

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray
 
 #: The body frame, and the link with the trunk's mass: dynamics libraries refuse inertia in a root link.
@@ -34,6 +35,18 @@ class LinkTransforms(ArrayFields):
     children: tuple[str, ...]
     translations_m: FloatArray
     quaternions: FloatArray
+
+    @property
+    def frames(self) -> tuple[tuple[str, str], ...]:
+        """Parent and child of each link."""
+        return tuple(zip(self.parents, self.children, strict=True))
+
+    @property
+    def numbers(self) -> FloatArray:
+        """Rows of x, y, z and quaternion (x, y, z, w) as in ROS, leading shape + (7 N,)."""
+        turns = xyzw(self.quaternions)
+        rows = [np.broadcast_to(self.translations_m, (*turns.shape[:-1], 3)), turns]
+        return np.concatenate(rows, axis=-1).reshape(*turns.shape[:-2], -1)
 
 
 def link_transforms(robot: Robot, joint_positions_rad: FloatArray) -> LinkTransforms:

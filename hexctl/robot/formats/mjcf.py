@@ -8,10 +8,12 @@ from hexctl.robot.formats.link_frames import BASE_LINK, FOOT_LINKS, JOINT_LINKS
 from hexctl.robot.formats.link_masses import PartMass, link_capsule, link_mass, trunk_mass
 from hexctl.robot.formats.xml_text import add, color_text, number, numbers, text_of
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import about_z, quaternion_about
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS
 
-#: Numbers of hexctl in a file: viscous friction of the servos, and play of coxa, femur and tibia.
+#: Numbers of hexctl in a file, which MJCF has no place for; those of joints are for coxa, femur and tibia.
 GEAR_KEY, PLAY_KEY = "gear_damping_nm_s_per_rad", "play_rad"
+SIZE_KEY, GAIT_KEY, SPEED_KEY = "size_m", "gait", "max_speed_rad_s"
 
 #: Step of the physics in a file.
 STEP_S = 0.002
@@ -57,9 +59,9 @@ def _add_numbers(root: Element, robot: Robot) -> None:
     """Add what MJCF has no place for, so that `hexctl robot import` finds it."""
     gait = robot.gait
     speeds = robot.joint_max_speed_rad_s[:JOINTS_PER_LEG]
-    values = {"size_m": [robot.size_m], "gait": [gait.pace_hz, gait.amplitude, gait.height]}
+    values = {SIZE_KEY: [robot.size_m], GAIT_KEY: [gait.pace_hz, gait.amplitude, gait.height]}
     custom = add(root, "custom")
-    values |= {"max_speed_rad_s": speeds.tolist(), GEAR_KEY: [robot.servo.gear_damping_nm_s_per_rad]}
+    values |= {SPEED_KEY: speeds.tolist(), GEAR_KEY: [robot.servo.gear_damping_nm_s_per_rad]}
     if robot.joint_play_rad is not None:
         values[PLAY_KEY] = robot.joint_play_rad[:JOINTS_PER_LEG].tolist()
     for name, data in values.items():
@@ -179,7 +181,7 @@ def _add_link(parent: Element, robot: Robot, joint: int) -> Element:
     kind, capsule = JOINT_KINDS[index], link_capsule(robot, index)
     if kind == "coxa":
         place = {"pos": numbers(*robot.mount_positions_body[leg])}
-        place["quat"] = _turn((0.0, 0.0, 1.0), float(robot.mount_yaws_rad[leg]))
+        place["quat"] = numbers(*about_z(float(robot.mount_yaws_rad[leg])))
     else:
         outward_m, up_m = robot.link_vectors_m[index - 1].tolist()
         place = {"pos": numbers(outward_m, 0.0, up_m)}
@@ -216,11 +218,6 @@ def _add_inertial(body: Element, mass: PartMass) -> None:
         "inertial",
         pos=numbers(*mass.com_m),
         mass=number(mass.mass_kg),
-        quat=_turn((0.0, 1.0, 0.0), mass.tilt_rad),
+        quat=numbers(*quaternion_about((0.0, 1.0, 0.0), mass.tilt_rad)),
         diaginertia=numbers(*mass.moments_kg_m2),
     )
-
-
-def _turn(axis: tuple[float, float, float], angle_rad: float) -> str:
-    sin = math.sin(angle_rad / 2)
-    return numbers(math.cos(angle_rad / 2), *(sin * part for part in axis))

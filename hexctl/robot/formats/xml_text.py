@@ -1,9 +1,22 @@
-"""XML of robot descriptions: elements with attributes, numbers with all digits, indented text."""
+"""XML: elements with attributes, numbers with all digits, indented text, and safe reading."""
 
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from hexctl.palette import Color
+
+
+class _PlainBuilder(ElementTree.TreeBuilder):
+    def doctype(self, *_: object) -> None:
+        raise ValueError("has a DOCTYPE, which may declare entities")
+
+
+def parse_xml(content: bytes) -> Element:
+    """Root of an XML file in any encoding; raises ValueError for no XML, or a DOCTYPE (entity attacks)."""
+    try:
+        return ElementTree.fromstring(content, ElementTree.XMLParser(target=_PlainBuilder()))  # noqa: S314
+    except (ElementTree.ParseError, LookupError) as error:  # a LookupError is an unknown encoding
+        raise ValueError(f"is not XML ({error})") from error
 
 
 def add(parent: Element, tag: str, **attributes: str) -> Element:

@@ -7,18 +7,17 @@ import numpy as np
 import zenoh
 
 from hexctl.robot.body_twist import BodyTwist
-from hexctl.robot.formats.link_frames import LinkTransforms, fixed_transforms, link_transforms
+from hexctl.robot.formats.link_frames import BASE_LINK, fixed_transforms, link_transforms
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
 from hexctl.server.ros import diagnostics
 from hexctl.server.ros.frames import MAP_FRAME, Frames
-from hexctl.server.ros.odometry_error import twist_covariance
 from hexctl.server.ros.snapshot import RobotSnapshot
-from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME, odometry
+from hexctl.wire.pose import WORLD_FRAME, odometry
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.endpoints import RosPublisher
+from hexctl.wire.ros.odometry_error import twist_covariance
 from hexctl.wire.ros.ros_names import Kind, Qos, RosEndpoint, RosNode
 from hexctl.wire.zenoh_messages import encode_battery, encode_positions
 
@@ -58,12 +57,12 @@ class RobotMessages:
     def __init__(self, robot: Robot, urdf: str, node: str = diagnostics.NODE) -> None:
         self._robot, self._urdf, self._node = robot, urdf, node
         fixed, moving = fixed_transforms(robot), link_transforms(robot, robot.stance_angles_rad)
-        links = tuple(zip(moving.parents, moving.children, strict=True))
-        self._fixed_rows = _rows(fixed)
-        self._fixed = telemetry.transforms(tuple(zip(fixed.parents, fixed.children, strict=True)))
+        links = moving.frames
+        self._fixed_numbers = fixed.numbers
+        self._fixed = telemetry.transforms(fixed.frames)
         self._links = telemetry.transforms(links)
-        self._all_links = telemetry.transforms(((WORLD_FRAME, BODY_FRAME), *links))
-        self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BODY_FRAME), *links))
+        self._all_links = telemetry.transforms(((WORLD_FRAME, BASE_LINK), *links))
+        self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BASE_LINK), *links))
         self._imu = telemetry.imu()
         self._twist, self._frames = BodyTwist(), Frames(robot)
 
@@ -77,7 +76,7 @@ class RobotMessages:
 
     def fixed_frames(self, stamp_ns: int) -> bytes:
         """Frames of the fixed links."""
-        return self._fixed.encode(stamp_ns, self._fixed_rows)
+        return self._fixed.encode(stamp_ns, self._fixed_numbers)
 
     def joint_states(self, snapshot: RobotSnapshot) -> bytes:
         """Angles, and torques if known."""
@@ -86,14 +85,14 @@ class RobotMessages:
 
     def moving_frames(self, snapshot: RobotSnapshot) -> bytes:
         """Frames of the moving links, of the body in `odom`, and of `odom` in `map`, if known."""
-        rows = _rows(link_transforms(self._robot, snapshot.state.joint_positions_rad))
+        links = link_transforms(self._robot, snapshot.state.joint_positions_rad).numbers
         pose, odom = self._frames.body_in_odom(snapshot), self._frames.odom_in_map(snapshot)
         stamp_ns = measured_ns(snapshot)
         if pose is None:
-            return self._links.encode(stamp_ns, rows)
+            return self._links.encode(stamp_ns, links)
         if odom is None:
-            return self._all_links.encode(stamp_ns, np.concatenate([pose.numbers, rows]))
-        return self._on_map.encode(stamp_ns, np.concatenate([odom.numbers, pose.numbers, rows]))
+            return self._all_links.encode(stamp_ns, np.concatenate([pose.numbers, links]))
+        return self._on_map.encode(stamp_ns, np.concatenate([odom.numbers, pose.numbers, links]))
 
     def odometry(self, snapshot: RobotSnapshot) -> bytes | None:
         """Pose in `odom` and velocity in `base_link`, or None if unknown."""
@@ -130,11 +129,6 @@ def measured_ns(snapshot: RobotSnapshot) -> int:
     """Time of measurement of a state, nanoseconds since 1970."""
     age_s = snapshot.state.age_s
     return snapshot.stamp_ns - (round(age_s * 1e9) if 0 <= age_s < 1e6 else 0)
-
-
-def _rows(found: LinkTransforms) -> FloatArray:
-    """Rows of x, y, z and quaternion (x, y, z, w), flattened to (7 N,)."""
-    return np.concatenate([found.translations_m, xyzw(found.quaternions)], axis=1).ravel()
 
 
 class RobotTopics:

@@ -7,11 +7,12 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from hexctl.errors import InputError, shown
 from hexctl.files import read_file
 from hexctl.robot.configs import MOST_BYTES, mapping_of
+from hexctl.robot.formats.xml_text import parse_xml
 
 #: Other names of the keys, in lower case without underscores.
 KEYS = {
@@ -75,16 +76,14 @@ def complete(model: str, coefficients: list[float], path: Path) -> list[float]:
 
 
 def _of_xml(content: bytes, path: Path) -> dict[str, Any]:
-    if b"<!" in content.replace(b"<!--", b""):
-        raise InputError(f"{path}: got XML with declarations; allowed: OpenCV's FileStorage without them")
     try:
-        root = ElementTree.fromstring(content)  # noqa: S314  declarations are refused above
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: is not valid XML: {error}") from error
+        root = parse_xml(content)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; allowed: OpenCV's FileStorage") from error
     return {one.tag: _xml_value(one) for one in root}
 
 
-def _xml_value(element: ElementTree.Element) -> Any:
+def _xml_value(element: Element) -> Any:
     if len(element):
         return {one.tag: _xml_value(one) for one in element}
     words = (element.text or "").split()

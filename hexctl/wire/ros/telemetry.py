@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.fixed_message import FixedMessage
-from hexctl.wire.pose import BODY_FRAME, NOT_MEASURED
+from hexctl.wire.pose import NOT_MEASURED
 
 STRING = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -55,7 +56,7 @@ def imu() -> FixedMessage:
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
         return ros_cdr.make(
             ros_cdr.IMU,
-            header=ros_cdr.header(stamp_ns, BODY_FRAME),
+            header=ros_cdr.header(stamp_ns, BASE_LINK),
             orientation=ros_cdr.quaternion(numbers),
             orientation_covariance=_UNKNOWN,
             angular_velocity=ros_cdr.vector(np.zeros(3)),

@@ -15,12 +15,12 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
-from hexctl.backends.mavlink.mavlink_messages import quaternion_of_euler
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.rotations import quaternion_of_euler
 from hexctl.simulators import board_messages
 from hexctl.testing.servo_conformance import LegServosConformance, check_state, move
 from hexctl.types import JointTargets, RobotState

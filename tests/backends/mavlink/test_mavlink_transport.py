@@ -14,7 +14,6 @@ from hexctl.backends.mavlink.mavlink_messages import (
     euler_of_quaternion,
     flipped_quaternion,
     flipped_vector,
-    quaternion_of_euler,
 )
 from hexctl.backends.mavlink.mavlink_transport import (
     FORGET_AFTER_S,
@@ -27,6 +26,7 @@ from hexctl.backends.mavlink.mavlink_transport import (
     parse_port,
 )
 from hexctl.errors import InputError, RobotFaultError
+from hexctl.robot.rotations import quaternion_of_euler
 
 
 @pytest.mark.parametrize(

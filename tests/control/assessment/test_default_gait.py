@@ -16,8 +16,8 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import Motion, make_gait
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.configs import find_config
+from hexctl.robot.formats.importing.robot_import import ImportedRobot
 from hexctl.robot.formats.mjcf import mjcf_of
-from hexctl.robot.formats.robot_import import ImportedRobot
 from hexctl.robot.model import Robot
 from tests.robot.hexapods import MOUNTS, TIBIA_M, TRUNK, hexapod, imported, solid
 from tests.robots import shipped

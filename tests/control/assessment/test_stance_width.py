@@ -12,9 +12,9 @@ from hexctl.robot.model import in_stance_of
 from tests.robots import ROBOT_NAMES, shipped
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_shipped_robots_stand_as_is_proposed(name: str) -> None:
-    found = stance_width(shipped(name), make_gait(shipped(name), "tripod"))
+@pytest.mark.parametrize(("name", "gait"), [*((name, "tripod") for name in ROBOT_NAMES), ("lukas", "demo")])
+def test_shipped_robots_stand_as_is_proposed(name: str, gait: str) -> None:
+    found = stance_width(shipped(name), make_gait(shipped(name), gait))
     assert found.proposed_m == found.outward_m
     assert found.drive <= 1
 

@@ -9,7 +9,7 @@ import pytest
 
 from hexctl.control.assessment.crawl import auto_gait, least_margin_m, two_up
 from hexctl.control.assessment.joint_path import JointPath
-from hexctl.control.assessment.top_speed import COURSES_RAD, STROKES, fast_gaits
+from hexctl.control.assessment.top_speed import AMPLITUDES, COURSES_RAD, fast_gaits
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.errors import UnusedError
 from hexctl.gait.foot_trajectory import in_stance, part_of_cycle
@@ -62,7 +62,15 @@ def test_a_fast_walk_keeps_the_order_of_a_gait_by_its_name_and_of_auto_only_with
     assert fast.pace_hz * fast.amplitude > coded.pace_hz * coded.amplitude
     slow = auto_gait(robot, plan_of(replace(spec, fast=False, gait="auto"), robot))
     assert fast.posture == slow.posture
-    assert round(fast.amplitude / slow.amplitude, 6) in STROKES
+    assert round(fast.amplitude / slow.amplitude, 6) in AMPLITUDES
+
+
+def test_gaits_are_ranked_by_the_speed_at_which_the_body_walks() -> None:
+    robot = shipped("ant")
+    gaits = fast_gaits(robot, make_gait(robot, "demo"), heading_rad=0.0, lost=(5,), reorder=True)
+    speeds = [gait.amplitude * gait.pace_hz / (1 - gait.swing_share) for gait in gaits]
+    assert speeds == sorted(speeds, reverse=True)
+    assert len({gait.swing_share for gait in gaits}) == 2
 
 
 def test_a_fast_walk_takes_no_pace_of_its_own() -> None:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import HexctlError
-from hexctl.robot.formats.robot_import import import_robot
+from hexctl.robot.formats.importing.robot_import import import_robot
+from hexctl.robot.formats.importing.urdf_tree import read_urdf
 from hexctl.robot.formats.urdf import urdf_of
-from hexctl.robot.formats.urdf_tree import read_urdf
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.meshes import GLB_HEAD, MEDIA_TYPES, check_mesh
 from hexctl.teleop.picture_relay import PictureRelay, _Incoming, _PictureError, jpeg_size

@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.formats.leg_chains import AXIS_TOLERANCE_RAD, FOOT_TOLERANCE_M, axis_text, leg_chains
-from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.formats.importing.leg_chains import FOOT_TOLERANCE_M, axis_problem, leg_chains
+from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
+from hexctl.robot.rotations import placed_points
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 
 #: Shorter coxae do not show the direction of a leg.
@@ -83,7 +84,8 @@ def _leg(
     frames = [facing @ tree.frame_in_root(joint.child) for joint in chain]
     axes = [frame[:3, :3] @ joint.axis for frame, joint in zip(frames, chain, strict=True)]
     origins_m = [frame[:3, 3] for frame in frames]
-    _check_axes(chain, axes)
+    if problem := axis_problem(chain, axes, up=np.array([0.0, 0.0, 1.0])):
+        raise InputError(f"robot description: {problem}")
     # Joints beyond the tibia move no foot, or let it turn on the floor.
     tips = tree.carried(chain[-1].child)
     tip_m, guess = (foot_m, "") if foot_m is not None else _foot(tree, tips, frames, axes[2])
@@ -99,7 +101,7 @@ def _leg(
     if abs(foot_offset_m) > MOST_FOOT_OFFSET_M:
         raise InputError(
             f"robot description: the foot of the leg of {chain[0].name} is {1000 * abs(foot_offset_m):.0f} "
-            f"mm beside the plane of its leg; allowed: {1000 * MOST_FOOT_OFFSET_M:g} mm"
+            f"mm outside the plane of its leg; allowed: {1000 * MOST_FOOT_OFFSET_M:g} mm"
         )
     points = np.array([*origins_m, foot])
     plane = np.column_stack([points @ outward, points[:, 2]])
@@ -109,7 +111,7 @@ def _leg(
         joints=chain,
         tips=tuple(tips),
         mount_m=origins_m[0],
-        yaw_rad=math.atan2(outward[1], outward[0]),
+        yaw_rad=math.atan2(round(outward[1], 12) + 0.0, outward[0]),  # 180 degrees, never -180
         vectors_m=np.diff(plane, axis=0),
         signs=np.array(signs),
         zeros_rad=np.zeros(JOINTS_PER_LEG),
@@ -117,27 +119,6 @@ def _leg(
         foot_offset_m=foot_offset_m,
         foot_guess=guess,
     )
-
-
-def _check_axes(chain: tuple[TreeJoint, ...], axes: list[FloatArray]) -> None:
-    """Refuse a chain other than a leg: a vertical hinge, then two level and parallel ones."""
-    off = math.sin(AXIS_TOLERANCE_RAD)
-    if np.linalg.norm(axes[0][:2]) > off:
-        raise InputError(
-            f"robot description: the first hinge of a leg, {chain[0].name}, turns about {axis_text(axes[0])} "
-            "of the body; allowed: the vertical, the same for all six legs"
-        )
-    for joint, axis in zip(chain[1:], axes[1:], strict=True):
-        if abs(axis[2]) > off:
-            raise InputError(
-                f"robot description: the hinge {joint.name} turns about {axis_text(axis)}; allowed: a level "
-                "axis"
-            )
-    if np.linalg.norm(np.cross(axes[1], axes[2])) > off:
-        raise InputError(
-            f"robot description: the hinges {chain[1].name} and {chain[2].name} turn about "
-            f"{axis_text(axes[1])} and {axis_text(axes[2])}; allowed: parallel axes"
-        )
 
 
 def _foot(
@@ -157,7 +138,7 @@ def _foot(
     foot_m, marked = _far_end(tree, tips, knee)
     far_m = _length_m(foot_m)
     least_m, most_m = (share * upper_m for share in TIBIA_SHARES)
-    unread = tree.unread(tips)
+    unread = tree.unread_meshes(tips)
     seen = f"its parts end {far_m:.3g} m from the knee" if far_m > 0 else "no frame or solid shows it"
     if unread:
         seen += f"; not read: {', '.join(unread)}"
@@ -178,7 +159,7 @@ def _far_end(tree: LinkTree, tips: list[str], knee: FloatArray) -> tuple[FloatAr
     ends = list(marks)
     for name, frame in frames.items():
         for solid in tree.links[name].solids:
-            points = solid.ends @ frame[:3, :3].T + frame[:3, 3]
+            points = placed_points(solid.ends, frame)
             ends += list(_outermost(points)) if solid.kind == "mesh" else list(points)
             if solid.kind == "sphere":
                 spheres.append((points[0], solid.size_m[0]))
@@ -254,7 +235,7 @@ def _coxa_range_rad(leg: TreeLeg) -> tuple[float, float] | None:
     if joint.kind != "revolute" or joint.limits_rad is None:
         return None
     low, high = sorted(float(leg.signs[0]) * end for end in joint.limits_rad)
-    return (low, high) if 0 < high - low < math.pi else None
+    return (low, high) if 0 < high - low < math.tau else None
 
 
 def _with_zero(leg: TreeLeg, angle_rad: float) -> TreeLeg:

@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.robot.formats.import_values import (
+from hexctl.robot.formats.importing.import_values import (
     LEAST_MASS_KG,
     LEAST_TRUNK_KG_M3,
     USUAL_MASS_KG,
     Findings,
-    possible_moments,
+    possible_tensor,
     rounded,
     too_dense,
 )
+from hexctl.robot.formats.importing.link_tree import JoinedMass, LinkTree, Solid, joined_mass
 from hexctl.robot.formats.link_masses import trunk_mass
-from hexctl.robot.formats.link_tree import JoinedMass, LinkTree, Solid, joined_mass
 from hexctl.robot.schema import Body
 from hexctl.types import FloatArray
 
@@ -84,7 +84,7 @@ def _is_upright(solid: Solid, frame: FloatArray) -> bool:
 def _between_mounts(tree: LinkTree, mounts_m: FloatArray, sides_m: FloatArray) -> TrunkBox:
     links = tree.rigid(tree.root)
     reason = "no solid covers the area between the mounts, which was taken"
-    if unread := tree.unread(links):
+    if unread := tree.unread_meshes(links):
         reason += f"; not read: {', '.join(unread[:3])}{' ...' if len(unread) > 3 else ''}"
     centre_m = mounts_m.mean(axis=0)
     return TrunkBox(np.array([*sides_m, USUAL_HEIGHT_M]), centre_m, "box", reason)
@@ -136,23 +136,19 @@ def body_section(
 def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> dict[str, list[float]]:
     """Moments of inertia, unless they are those of the trunk's shape, or implausible."""
     tensor, bare = joined.inertia_kg_m2, joined.bare
-    key, even = "body.inertia_kg_m2", np.array(trunk_mass(Body(**_tuples(body))).moments_kg_m2)
+    key, even = "body.inertia_kg_m2", np.array(trunk_mass(Body(**body)).moments_kg_m2)
     if bare:
         findings.unknown(key, f"{bare[0]} has none; an evenly filled {body['shape']} was assumed")
         return {}
     if np.allclose(np.diag(tensor), even, rtol=1e-7):
         return {}
-    moments, problem = possible_moments(tensor, body["mass_kg"], math.hypot(*body["size_m"][:2]))
+    own, problem = possible_tensor(np.diag(np.diag(tensor)), body["mass_kg"], math.hypot(*body["size_m"][:2]))
     if problem:
         findings.unknown(key, f"{problem}; an evenly filled {body['shape']} was assumed")
         return {}
-    off = max(abs(tensor[0, 1]), abs(tensor[0, 2]), abs(tensor[1, 2])) / moments.max()
+    off = max(abs(tensor[0, 1]), abs(tensor[0, 2]), abs(tensor[1, 2])) / own.max()
     if off > 0.1:
         findings.note(
             f"the trunk's products of inertia, up to {100 * off:.0f} % of its moments, were left out"
         )
-    return {"inertia_kg_m2": [rounded(moment) for moment in moments]}
-
-
-def _tuples(body: dict[str, Any]) -> dict[str, Any]:
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in body.items()}
+    return {"inertia_kg_m2": [rounded(moment) for moment in np.diag(own)]}

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hexctl.robot.rotations import placed_points
 from hexctl.types import FloatArray
 
 HINGES = ("revolute", "continuous")
@@ -24,10 +25,13 @@ RIGID_RANGE_RAD = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A solid of a link: kind `box`, `cylinder`, `capsule`, `sphere` or `mesh`, and its frame in the link's.
+    """A solid of a link.
 
-    Sizes in m are length, width and height, or radius and length (of a capsule without its ends); a mesh has
-    points in its own frame, (N, 3).
+    Attributes:
+        kind: `box`, `cylinder`, `capsule`, `sphere` or `mesh`.
+        size_m: length, width and height, or radius and length (of a capsule without its ends).
+        frame: in the frame of the link, (4, 4).
+        points_m: of a mesh, in its own frame, (N, 3).
     """
 
     kind: str
@@ -47,14 +51,14 @@ class Solid:
             points = np.array([np.eye(3)[axis] * end * self.size_m[axis] / 2 for end in (-1, 1)])
         else:
             points = np.array([[0, 0, end * self.size_m[1] / 2] for end in (-1, 1)])
-        return np.asarray(points @ self.frame[:3, :3].T + self.frame[:3, 3])
+        return placed_points(points, self.frame)
 
     def bounds(self, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinates, (3,) each in m, if the frame of the link is (4, 4)."""
         placed = frame @ self.frame
         turn, centre = placed[:3, :3], placed[:3, 3]
         if self.points_m is not None:
-            points = self.points_m @ turn.T + centre
+            points = placed_points(self.points_m, placed)
             return points.min(axis=0), points.max(axis=0)
         half = self._half(turn)
         return centre - half, centre + half
@@ -79,7 +83,7 @@ class TreeLink:
         mass_kg: None if missing.
         com_m: centre of mass in the frame of the link.
         inertia_kg_m2: about the centre of mass, along the axes of the link, (3, 3), or None if missing.
-        unread: unread meshes, each with the reason.
+        unread_meshes: files, each with the reason.
     """
 
     name: str
@@ -87,7 +91,7 @@ class TreeLink:
     com_m: FloatArray = field(default_factory=lambda: np.zeros(3))
     inertia_kg_m2: FloatArray | None = None
     solids: tuple[Solid, ...] = ()
-    unread: tuple[str, ...] = ()
+    unread_meshes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +130,11 @@ def joined_mass(links: Sequence[TreeLink], frames: Sequence[FloatArray]) -> Join
 
 @dataclass(frozen=True, eq=False)
 class TreeJoint:
-    """A joint: its frame in that of its parent, its axis in its own; None for missing values.
+    """A joint; None for missing values.
 
     Attributes:
+        frame: in the frame of the parent at angle zero, (4, 4).
+        axis: unit vector in the frame of the joint, (3,).
         damping_nm_s_per_rad: torque lost per speed.
         stiffness_nm_per_rad: of the position control that drives it.
         control_nm_s_per_rad: damping of that control.
@@ -192,6 +198,10 @@ class LinkTree:
             link = self.joints[link].parent
         return frame
 
+    def axis_in_root(self, joint: TreeJoint) -> FloatArray:
+        """Axis of a joint in the frame of the root with all joints at zero, (3,)."""
+        return np.asarray(self.frame_in_root(joint.child)[:3, :3] @ joint.axis)
+
     def hinges(self, link: str) -> tuple[TreeJoint, ...]:
         """Hinges between the root and a link, from the root outward."""
         found = []
@@ -213,9 +223,9 @@ class LinkTree:
         """A link and all links beyond it."""
         return [link, *(name for child in self.children.get(link, ()) for name in self.carried(child))]
 
-    def unread(self, links: list[str]) -> tuple[str, ...]:
+    def unread_meshes(self, links: list[str]) -> tuple[str, ...]:
         """Unread meshes of links."""
-        return tuple(dict.fromkeys(text for name in links for text in self.links[name].unread))
+        return tuple(dict.fromkeys(text for name in links for text in self.links[name].unread_meshes))
 
 
 def tree_of(

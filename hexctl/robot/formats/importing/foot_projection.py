@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.robot.formats.import_values import rounded
+from hexctl.robot.formats.importing.import_values import rounded
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.formats.link_tree import LinkTree, TreeJoint
+from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
+from hexctl.robot.rotations import frame_of, placed_points, quaternion_about
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 
 #: Tolerance of axes: files write 1.5707, and mounts lean a little.
@@ -72,7 +73,7 @@ def _least_index(tree: LinkTree, chains: Sequence[Chain]) -> int:
         if all(_can_be_a_leg(tree, each) for each in left):
             lengths_m[index] = sum(_lever_m(tree, each[index], each[-1]) for each in chains)
     if not lengths_m:
-        names = ", ".join(f"{joint.name} about {_axis_text(tree, joint)}" for joint in chain)
+        names = ", ".join(f"{joint.name} about {_axis_text(tree.axis_in_root(joint))}" for joint in chain)
         raise InputError(
             f"robot description: got legs of {len(chain)} hinges ({names}); allowed: legs of "
             f"{JOINTS_PER_LEG}, one vertical and two level and parallel; make the other hinges `fixed` in "
@@ -103,18 +104,33 @@ def _angle_rad(tree: LinkTree, joint: TreeJoint) -> float:
 
 
 def _fixed(held: HeldHinge) -> TreeJoint:
-    x, y, z = held.joint.axis
-    cross, turn = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), np.eye(4)
-    turn[:3, :3] += math.sin(held.angle_rad) * cross + (1 - math.cos(held.angle_rad)) * cross @ cross
+    turn = frame_of(np.zeros(3), quaternion_about(held.joint.axis, held.angle_rad))
     return replace(held.joint, kind="fixed", frame=held.joint.frame @ turn)
 
 
-def _axis_text(tree: LinkTree, joint: TreeJoint) -> str:
-    return axis_text(tree.frame_in_root(joint.child)[:3, :3] @ joint.axis)
+def axis_problem(chain: Chain, axes: Sequence[FloatArray], up: FloatArray) -> str:
+    """Why hinges are not a vertical one, then two level and parallel ones, as in a leg; else an empty text.
+
+    Axes are unit vectors, (3,), in a frame in which `up`, (3,), is the vertical.
+    """
+    off = math.sin(AXIS_TOLERANCE_RAD)
+    if np.linalg.norm(np.cross(axes[0], up)) > off:
+        return (
+            f"the first hinge of a leg, {chain[0].name}, turns about {_axis_text(axes[0])} of the body; "
+            "allowed: the vertical, the same for all six legs"
+        )
+    for joint, axis in zip(chain[1:], axes[1:], strict=True):
+        if abs(axis @ up) > off:
+            return f"the hinge {joint.name} turns about {_axis_text(axis)}; allowed: a level axis"
+    if np.linalg.norm(np.cross(axes[1], axes[2])) > off:
+        return (
+            f"the hinges {chain[1].name} and {chain[2].name} turn about {_axis_text(axes[1])} and "
+            f"{_axis_text(axes[2])}; allowed: parallel axes"
+        )
+    return ""
 
 
-def axis_text(axis: FloatArray) -> str:
-    """An axis, (3,), for messages."""
+def _axis_text(axis: FloatArray) -> str:
     return f"({', '.join(f'{part:.2f}' for part in axis + 0.0)})"
 
 
@@ -135,7 +151,7 @@ def leg_chains(tree: LinkTree) -> list[Chain]:
         )
     if len({chain[0].name for chain in legs}) != N_LEGS:
         raise InputError(
-            f"robot description: got legs that share the hinge {legs[0][0].name}; allowed: legs of their own"
+            f"robot description: got legs that share the hinge {legs[0][0].name}; allowed: separate legs"
         )
     _check_independent(legs)
     return legs
@@ -187,11 +203,9 @@ def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
     """Origin of a link and ends of its solids in another frame, in m."""
     frame = at @ tree.frame_in_root(link)
     solids = tree.links[link].solids
-    return [frame[:3, 3], *(end @ frame[:3, :3].T + frame[:3, 3] for solid in solids for end in solid.ends)]
+    return [frame[:3, 3], *(end for solid in solids for end in placed_points(solid.ends, frame))]
 
 
-def _turns_as_a_leg(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> bool:
-    """Whether the last two axes are parallel and at right angles to the first."""
-    first, second, third = (tree.frame_in_root(joint.child)[:3, :3] @ joint.axis for joint in chain)
-    off = math.sin(AXIS_TOLERANCE_RAD)
-    return bool(abs(first @ second) < off and np.linalg.norm(np.cross(second, third)) < off)
+def _turns_as_a_leg(tree: LinkTree, chain: Chain) -> bool:
+    axes = [tree.axis_in_root(joint) for joint in chain]
+    return not axis_problem(chain, axes, up=axes[0])

@@ -1,12 +1,13 @@
 """The links and joints of the legs of a robot description, as sections of a robot file."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.formats.import_values import (
+from hexctl.robot.formats.importing.import_values import (
     LEAST_MASS_KG,
     MARGIN_M,
     MOST_KG_M3,
@@ -22,17 +23,21 @@ from hexctl.robot.formats.import_values import (
     USUAL_TORQUE_NM,
     Findings,
     plausible,
-    possible_moments,
+    possible_tensor,
     rounded,
 )
-from hexctl.robot.formats.link_tree import LinkTree, TreeJoint, joined_mass
-from hexctl.robot.formats.mjcf import GEAR_KEY, PLAY_KEY
-from hexctl.robot.formats.tree_legs import TreeLeg
-from hexctl.robot.schema import possible_link_inertia
+from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
+from hexctl.robot.formats.importing.tree_legs import TreeLeg
+from hexctl.robot.formats.mjcf import GEAR_KEY, PLAY_KEY, SPEED_KEY
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: A servo follows its target within this: it turns by 60 degrees in 0.1 to 0.25 s.
 MOST_LAG_S = 0.2
+
+#: Error of a joint at full torque, about 5 degrees, as common digital servos are set.
+USUAL_ERROR_RAD = 0.085
+
+_NOT_HELD = "descriptions do not hold it"
 
 #: A foot sphere is at most this large.
 MOST_FOOT_M = 0.03
@@ -121,14 +126,13 @@ class LegImport:
         cos, sin = math.cos(angle), math.sin(angle)
         return np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
 
-    def inertia(self, index: int, even: FloatArray) -> list[float] | None:
+    def inertia(self, index: int, even: tuple[float, ...]) -> list[float] | None:
         """Moments and product (outward, left, up, outward-up) of a link, or None for those of its capsule.
 
         Args:
-            even: tensor (3, 3) of its capsule.
+            even: of its capsule.
         """
-        kind = JOINT_KINDS[index]
-        key, mass_key = f"links.{kind}.inertia_kg_m2", f"links.{kind}.mass_kg"
+        key, mass_key = (f"links.{JOINT_KINDS[index]}.{name}" for name in ("inertia_kg_m2", "mass_kg"))
         masses_kg, coms_m, tensors = self._masses(index)
         if mass_key in self._findings.reasons:
             return None
@@ -136,19 +140,15 @@ class LegImport:
         if not np.isfinite(tensor).all():
             self._findings.unknown(key, "it is missing; that of an evenly filled capsule was assumed")
             return None
-        if np.allclose(tensor, even, rtol=1e-5, atol=1e-6 * float(np.trace(even))):
+        if np.allclose(_moments(tensor), even, rtol=1e-5, atol=1e-6 * sum(even[:3])):
             return None
         tensor[[0, 1, 1, 2], [1, 0, 2, 1]] = 0.0
         reach_m = float(np.linalg.norm(coms_m.mean(axis=0))) + float(np.linalg.norm(self.vectors_m[index]))
-        moments, problem = possible_moments(tensor, float(masses_kg.mean()), reach_m)
-        xx, yy, zz = map(rounded, moments)
-        if not problem:
-            try:
-                return list(possible_link_inertia((xx, yy, zz, rounded(tensor[0, 2]))))
-            except ValueError:
-                problem = "got products of inertia that no body has"
-        self._findings.unknown(key, f"{problem}; that of an evenly filled capsule was assumed")
-        return None
+        tensor, problem = possible_tensor(tensor, float(masses_kg.mean()), reach_m)
+        if problem:
+            self._findings.unknown(key, f"{problem}; that of an evenly filled capsule was assumed")
+            return None
+        return [rounded(moment) for moment in _moments(tensor)]
 
     def _radius_m(self, index: int, length_m: float) -> float:
         """Radius of the cylinder or capsule whose length is most like the link's."""
@@ -205,7 +205,7 @@ class LegImport:
         return section
 
     def _speed_deg_s(self, index: int) -> float:
-        known = self._tree.numbers.get("max_speed_rad_s", ())
+        known = self._tree.numbers.get(SPEED_KEY, ())
         if len(known) == len(JOINT_KINDS):
             return rounded(math.degrees(known[index]))
         speeds = [leg.joints[index].speed_rad_s for leg in self._legs]
@@ -261,34 +261,15 @@ class LegImport:
         return rounded(max(low, -180.0)), rounded(min(high, 180.0))
 
     def servo(self, joints: dict[str, dict[str, Any]]) -> dict[str, float]:
-        """The section `servo`; joint kinds with another stiffness than the tibiae get their own."""
+        """The section `servo`; joint kinds with another stiffness than the tibiae, or play, get their own."""
         torque_nm = min(joint["max_torque_nm"] for joint in joints.values())
-        # Full torque at about 5 degrees of error, as common digital servos are set.
-        usual = torque_nm / 0.085
-        stiff = [self._known(index, "stiffness_nm_per_rad") for index in range(len(JOINT_KINDS))]
-        own = [value for value in stiff if value is not None]
-        stiffness = own[-1] if len(own) == len(stiff) else usual
-        if len(own) == len(stiff):
-            for kind, value in zip(joints, own, strict=True):
-                if abs(value / stiffness - 1) > 1e-6:
-                    joints[kind]["stiffness_nm_per_rad"] = rounded(value)
-        else:
-            self._findings.unknown("servo.stiffness_nm_per_rad", "descriptions do not hold it")
-        rest = {"damping_nm_s_per_rad": ("control_nm_s_per_rad", stiffness * 0.02)}
-        rest["rotor_inertia_kg_m2"] = ("rotor_inertia_kg_m2", 0.002 * max(1.0, torque_nm / 1.5))
-        servo = {"stiffness_nm_per_rad": rounded(stiffness)}
-        for key, (name, guess) in rest.items():
-            known = self._known(-1, name)
-            if known is None:
-                self._findings.unknown(f"servo.{key}", "descriptions do not hold it")
-            elif key == "damping_nm_s_per_rad" and known > MOST_LAG_S * stiffness:
-                reason = (
-                    f"got {known:g}, with which a joint lags by {known / stiffness:.2g} s, as no servo does"
-                )
-                self._findings.unknown(f"servo.{key}", reason)
-                known = None
-            servo[key] = rounded(guess if known is None else known)
-        if (dead_time_s := self._known(-1, "dead_time_s")) is not None:
+        stiffness = self._stiffness(joints, torque_nm)
+        servo = {
+            "stiffness_nm_per_rad": rounded(stiffness),
+            "damping_nm_s_per_rad": rounded(self._damping(stiffness)),
+            "rotor_inertia_kg_m2": rounded(self._rotor_inertia(torque_nm)),
+        }
+        if (dead_time_s := _known([joint.dead_time_s for joint in self._knees])) is not None:
             servo["dead_time_s"] = rounded(dead_time_s)
         if gear_damping := self._tree.numbers.get(GEAR_KEY):
             servo["gear_damping_nm_s_per_rad"] = rounded(gear_damping[0])
@@ -296,7 +277,48 @@ class LegImport:
             joint["play_deg"] = rounded(math.degrees(play_rad))
         return servo
 
-    def _known(self, index: int, name: str) -> float | None:
-        """Mean of a value of six joints that all have it above 0."""
-        values = [getattr(leg.joints[index], name) for leg in self._legs]
-        return float(np.mean(values)) if all(value is not None and value > 0 for value in values) else None
+    @property
+    def _knees(self) -> list[TreeJoint]:
+        return [leg.joints[-1] for leg in self._legs]
+
+    def _stiffness(self, joints: dict[str, dict[str, Any]], torque_nm: float) -> float:
+        """Stiffness of the tibiae; other kinds get theirs in their sections."""
+        of_kinds = zip(*(leg.joints for leg in self._legs), strict=True)
+        found = [_known([joint.stiffness_nm_per_rad for joint in of_kind]) for of_kind in of_kinds]
+        known = [value for value in found if value is not None]
+        if len(known) < len(found):
+            self._findings.unknown("servo.stiffness_nm_per_rad", _NOT_HELD)
+            return torque_nm / USUAL_ERROR_RAD
+        for section, value in zip(joints.values(), known, strict=True):
+            if abs(value / known[-1] - 1) > 1e-6:
+                section["stiffness_nm_per_rad"] = rounded(value)
+        return known[-1]
+
+    def _damping(self, stiffness: float) -> float:
+        known = _known([joint.control_nm_s_per_rad for joint in self._knees])
+        if known is not None and known <= MOST_LAG_S * stiffness:
+            return known
+        reason = _NOT_HELD
+        if known is not None:
+            lag_s = known / stiffness
+            reason = f"got {known:g}, with which a joint lags by {lag_s:.2g} s, as no servo does"
+        self._findings.unknown("servo.damping_nm_s_per_rad", reason)
+        return 0.02 * stiffness
+
+    def _rotor_inertia(self, torque_nm: float) -> float:
+        known = _known([joint.rotor_inertia_kg_m2 for joint in self._knees])
+        if known is None:
+            self._findings.unknown("servo.rotor_inertia_kg_m2", _NOT_HELD)
+            return 0.002 * max(1.0, torque_nm / 1.5)
+        return known
+
+
+def _known(values: Sequence[float | None]) -> float | None:
+    """Mean of the values of six joints, if all are above 0."""
+    found = [value for value in values if value is not None and value > 0]
+    return float(np.mean(found)) if len(found) == len(values) else None
+
+
+def _moments(tensor: FloatArray) -> list[float]:
+    """Moments and product of a link from its tensor, (3, 3)."""
+    return [*np.diag(tensor).tolist(), float(tensor[0, 2])]

@@ -8,8 +8,8 @@ import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.files import read_file
-from hexctl.robot.formats.import_values import LEAST_MASS_KG
-from hexctl.robot.formats.link_tree import (
+from hexctl.robot.formats.importing.import_values import LEAST_MASS_KG
+from hexctl.robot.formats.importing.link_tree import (
     MOST_BYTES,
     MOST_LINKS,
     LinkTree,
@@ -19,6 +19,7 @@ from hexctl.robot.formats.link_tree import (
     tree_of,
 )
 from hexctl.robot.formats.mjcf import GEAR_KEY
+from hexctl.robot.rotations import frame_of, matrix_of
 from hexctl.robot.schema import USUAL_GEAR_DAMPING_NM_S_PER_RAD
 from hexctl.types import N_JOINTS, FloatArray
 
@@ -48,10 +49,15 @@ def read_mjcf(path: Path) -> LinkTree:
 
 
 def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
-    """Remove looks, and meshes whose files are missing; return the latter by body."""
-    for geom in spec.geoms:
-        geom.material = ""
-    for one in (*spec.skins, *spec.materials, *spec.textures):
+    """Remove looks, height fields and meshes whose files are missing; return the meshes by body.
+
+    Sensors and contact pairs, which may name a removed solid, are not needed.
+    """
+    for one in (*spec.geoms, *spec.sites, *spec.tendons):
+        one.material = ""
+    reliefs = [geom for geom in spec.geoms if geom.hfieldname]
+    looks = (*spec.skins, *spec.materials, *spec.textures)
+    for one in (*spec.sensors, *spec.pairs, *reliefs, *spec.hfields, *looks):
         spec.delete(one)
     missing = {
         mesh.name: mesh for mesh in spec.meshes if mesh.file and not _is_there(spec, folder, mesh.file)
@@ -110,13 +116,12 @@ class _Reader:
     def _add(self, body: int) -> None:
         model = self._model
         parent, shift_m = self._made[int(model.body_parentid[body])]
-        start = np.eye(4)
-        start[:3, :3], start[:3, 3] = _turn(model.body_quat[body]), model.body_pos[body] - shift_m
+        start = frame_of(model.body_pos[body] - shift_m, model.body_quat[body])
         joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
         at_m = np.zeros(3)
         for number, joint in enumerate(joints, start=1):
             anchor_m = np.array(model.jnt_pos[joint]) if model.jnt_type[joint] >= 2 else np.zeros(3)
-            frame, start = start @ _shift(anchor_m - at_m), np.eye(4)
+            frame, start = start @ frame_of(anchor_m - at_m), np.eye(4)
             last, at_m = number == len(joints), anchor_m
             child = self._name(body) if last else f"{self._name(body)}#{number}"
             self._joints.append(self._joint(joint, parent, child, frame))
@@ -137,7 +142,7 @@ class _Reader:
         name, shift_m = self._made[body]
         for site in np.flatnonzero(self._model.site_bodyid == body):
             child = f"{name}/{self._model.site(site).name or site}"
-            frame = _shift(self._model.site_pos[site] - shift_m)
+            frame = frame_of(self._model.site_pos[site] - shift_m)
             self._links.append(TreeLink(child))
             self._joints.append(
                 TreeJoint(f"fixes {child}", "fixed", name, child, frame, np.array([1.0, 0, 0]))
@@ -149,7 +154,7 @@ class _Reader:
     def _link(self, body: int) -> TreeLink:
         model = self._model
         _, shift_m = self._made[body]
-        turn = _turn(model.body_iquat[body])
+        turn = matrix_of(model.body_iquat[body])
         solids = (self._solid(int(geom), shift_m) for geom in np.flatnonzero(model.geom_bodyid == body))
         return TreeLink(
             name=self._name(body),
@@ -157,12 +162,12 @@ class _Reader:
             com_m=np.array(model.body_ipos[body]) - shift_m,
             inertia_kg_m2=turn @ np.diag(model.body_inertia[body]) @ turn.T,
             solids=tuple(solid for solid in solids if solid is not None),
-            unread=tuple(self._unread.get(self._name(body), ())),
+            unread_meshes=tuple(self._unread.get(self._name(body), ())),
         )
 
     def _solid(self, geom: int, shift_m: FloatArray) -> Solid | None:
-        model, frame = self._model, np.eye(4)
-        frame[:3, :3], frame[:3, 3] = _turn(model.geom_quat[geom]), model.geom_pos[geom] - shift_m
+        model = self._model
+        frame = frame_of(model.geom_pos[geom] - shift_m, model.geom_quat[geom])
         first, second, third = (float(size) for size in model.geom_size[geom])
         kind = int(model.geom_type[geom])
         if kind == 7:
@@ -253,21 +258,3 @@ class _Reader:
             values = model.numeric_data[start : start + model.numeric_size[index]]
             found[model.numeric(index).name] = tuple(values.tolist())
         return found
-
-
-def _turn(quaternion: FloatArray) -> FloatArray:
-    """Rotation (3, 3) of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _shift(by_m: FloatArray) -> FloatArray:
-    frame = np.eye(4)
-    frame[:3, 3] = by_m
-    return frame

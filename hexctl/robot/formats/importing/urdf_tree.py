@@ -2,14 +2,13 @@
 
 import math
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.robot.formats.link_tree import (
+from hexctl.robot.formats.importing.link_tree import (
     MOST_BYTES,
     MOST_LINKS,
     LinkTree,
@@ -18,22 +17,22 @@ from hexctl.robot.formats.link_tree import (
     TreeLink,
     tree_of,
 )
-from hexctl.robot.formats.mesh_points import UnreadMeshError, mesh_points
+from hexctl.robot.formats.importing.mesh_files import UnreadMeshError, mesh_points
+from hexctl.robot.formats.xml_text import parse_xml
+from hexctl.robot.rotations import frame_of, quaternion_of_euler
 from hexctl.types import FloatArray
 
 
 def read_urdf(path: Path) -> LinkTree:
     """Tree of a URDF file; raises InputError for a missing file, no URDF, xacro, or no tree."""
     try:
-        text = read_file(path, MOST_BYTES).decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        content = read_file(path, MOST_BYTES)
+    except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}); allowed: a URDF file") from error
-    if "<!ENTITY" in text:
-        raise InputError(f"{path}: got XML with entity declarations; allowed: a plain URDF")
     try:
-        root = ElementTree.fromstring(text)  # noqa: S314  entities, by which XML attacks, are refused above
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: is not XML ({error}); allowed: a URDF file") from error
+        root = parse_xml(content)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; allowed: a plain URDF") from error
     if root.tag != "robot":
         raise InputError(f"{path}: got XML of a {root.tag!r}; allowed: a URDF, whose root is <robot>")
     if any("xacro" in one.tag or any("${" in value for value in one.attrib.values()) for one in root.iter()):
@@ -71,7 +70,7 @@ def _link(element: Element, path: Path) -> TreeLink:
         com_m=com_m,
         inertia_kg_m2=None if inertial is None else _inertia(inertial),
         solids=tuple(one for solids, _ in uses for one in solids),
-        unread=() if complete else tuple(one for _, unread in uses for one in unread),
+        unread_meshes=() if complete else tuple(one for _, unread in uses for one in unread),
     )
 
 
@@ -152,19 +151,12 @@ def _optional(element: Element | None, key: str) -> float | None:
 
 def _frame(element: Element) -> FloatArray:
     """Frame of an `origin`: turns about x, y and z of the parent, then the shift."""
-    frame, origin = np.eye(4), element.find("origin")
+    origin = element.find("origin")
     if origin is None:
-        return frame
-    roll, pitch, yaw = _numbers(origin, "rpy") if origin.get("rpy") else (0.0, 0.0, 0.0)
-    cr, sr, cp, sp, cy, sy = (part(angle) for angle in (roll, pitch, yaw) for part in (math.cos, math.sin))
-    frame[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    if origin.get("xyz"):
-        frame[:3, 3] = _numbers(origin, "xyz")
-    return frame
+        return np.eye(4)
+    turns_rad = _numbers(origin, "rpy") if origin.get("rpy") else (0.0, 0.0, 0.0)
+    position_m = _numbers(origin, "xyz") if origin.get("xyz") else (0.0, 0.0, 0.0)
+    return frame_of(position_m, quaternion_of_euler(*turns_rad))
 
 
 def _part(element: Element, tag: str) -> Element:

@@ -1,5 +1,6 @@
 """Bounds of plausible numbers of an import, and usual values for the others."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,7 +30,7 @@ GYRATION_SHARES = (0.02, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What was found out on the way: reasons of unknown keys, and notes on omissions and changes."""
+    """Reasons of unknown keys, and notes on omissions and changes, collected during an import."""
 
     reasons: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -64,19 +65,18 @@ def plausible(values: list[float | None], bounds: tuple[float, float]) -> tuple[
     return min(good, default=None), problem
 
 
-def possible_moments(tensor: FloatArray, mass_kg: float, length_m: float) -> tuple[FloatArray, str]:
-    """Moments about the axes, (3,), of a tensor (3, 3), and a problem with them or an empty text.
+def possible_tensor(tensor: FloatArray, mass_kg: float, length_m: float) -> tuple[FloatArray, str]:
+    """A tensor of inertia, (3, 3), and a problem with it or an empty text.
 
-    Of a flat part, whose largest moment is the sum of the others, it is reduced by a millionth.
+    Of a flat part, whose largest principal moment is the sum of the others, it is reduced by a millionth.
     """
-    moments = np.diag(tensor).copy()
-    shares = np.sqrt(np.maximum(np.linalg.eigvalsh(tensor), 0) / mass_kg) / length_m
-    if shares[-1] > GYRATION_SHARES[1] or shares[-1] < GYRATION_SHARES[0]:
-        text = ", ".join(f"{moment:.3g}" for moment in moments)
-        return moments, f"got moments of inertia of {text}, which no part of {length_m:.2g} m has"
-    largest = int(moments.argmax())
-    others = moments.sum() - moments[largest]
-    if moments.min() <= 0 or moments[largest] > 1.001 * others:
-        return moments, "got moments of inertia that no body has"
-    moments[largest] = min(moments[largest], others * (1 - 1e-6))
-    return moments, ""
+    moments, axes = np.linalg.eigh(tensor)
+    share = math.sqrt(max(moments[2], 0.0) / mass_kg) / length_m
+    if not GYRATION_SHARES[0] <= share <= GYRATION_SHARES[1]:
+        text = ", ".join(f"{moment:.3g}" for moment in np.diag(tensor))
+        return tensor, f"got moments of inertia of {text}, which no part of {length_m:.2g} m has"
+    others = moments[0] + moments[1]
+    if moments[0] <= 0 or moments[2] > 1.001 * others:
+        return tensor, "got moments of inertia that no body has"
+    excess = max(0.0, moments[2] - others * (1 - 1e-6))
+    return tensor - excess * np.outer(axes[:, 2], axes[:, 2]), ""

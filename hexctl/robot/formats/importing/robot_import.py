@@ -12,28 +12,29 @@ import yaml
 
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
-from hexctl.robot.formats.foot_projection import FootProjection
-from hexctl.robot.formats.import_values import Findings, rounded
-from hexctl.robot.formats.leg_chains import (
+from hexctl.robot.formats.importing.foot_projection import FootProjection
+from hexctl.robot.formats.importing.import_values import Findings, rounded
+from hexctl.robot.formats.importing.leg_chains import (
     AXIS_TOLERANCE_RAD,
     HeldHinge,
     held_text,
     leg_chains,
     with_three_hinges,
 )
-from hexctl.robot.formats.leg_import import LegImport
-from hexctl.robot.formats.link_masses import PartMass, link_mass
-from hexctl.robot.formats.link_tree import MOST_BYTES, LinkTree
-from hexctl.robot.formats.mjcf_tree import read_mjcf
-from hexctl.robot.formats.tree_legs import (
+from hexctl.robot.formats.importing.leg_import import LegImport
+from hexctl.robot.formats.importing.link_tree import MOST_BYTES, LinkTree
+from hexctl.robot.formats.importing.mjcf_tree import read_mjcf
+from hexctl.robot.formats.importing.tree_legs import (
     PLANE_TOLERANCE_M,
     TreeLeg,
     find_legs,
     with_middle_coxae,
     with_one_zero,
 )
-from hexctl.robot.formats.trunk_import import body_origin, body_section, trunk_box
-from hexctl.robot.formats.urdf_tree import read_urdf
+from hexctl.robot.formats.importing.trunk_import import body_origin, body_section, trunk_box
+from hexctl.robot.formats.importing.urdf_tree import read_urdf
+from hexctl.robot.formats.link_masses import link_mass
+from hexctl.robot.formats.mjcf import GAIT_KEY, SIZE_KEY
 from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
 from hexctl.types import JOINT_KINDS, FloatArray
@@ -142,15 +143,7 @@ def import_robot(
     if name is not None and name != _short_name(name):
         raise InputError(f"{argument('name')}: got {name}; allowed: small letters, figures and dashes")
     tree, held = with_three_hinges(_read(Path(path)))
-    made = []
-    facings = _facings(tree, forward)
-    for facing in facings:
-        legs = find_legs(tree, facing, None if foot_m is None else np.array(foot_m))
-        legs = with_middle_coxae(with_one_zero(legs))
-        made.append(_Import(tree, legs, facing, held))
-    if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
-        made.sort(key=lambda one: one.feet_up_m)
-    # Up is the root's z axis, or else away from the feet at angle zero, unless the legs then have no stance.
+    made = _imports(tree, held, forward, None if foot_m is None else np.array(foot_m))
     chosen = next((one for one in made if one.stances), None)
     if chosen is None:
         raise InputError(
@@ -158,6 +151,18 @@ def import_robot(
             f"can stand ({made[0].why_no_stance()})"
         )
     return chosen.robot(name or _short_name(tree.name), Path(path).name)
+
+
+def _imports(
+    tree: LinkTree, held: tuple[HeldHinge, ...], forward: str, foot_m: FloatArray | None
+) -> "list[_Import]":
+    """Imports for both directions of the vertical: first the root's z axis, or else away from the feet."""
+    facings = _facings(tree, forward)
+    legs = [with_middle_coxae(with_one_zero(find_legs(tree, facing, foot_m))) for facing in facings]
+    made = [_Import(tree, of_facing, facing, held) for of_facing, facing in zip(legs, facings, strict=True)]
+    if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
+        made.sort(key=lambda one: one.feet_up_m)
+    return made
 
 
 def _read(path: Path) -> LinkTree:
@@ -175,7 +180,7 @@ def _facings(tree: LinkTree, forward: str) -> list[FloatArray]:
     The first one has z up, if the z axis of the root is the vertical.
     """
     coxae = [chain[0] for chain in leg_chains(tree)]
-    axes = np.array([tree.frame_in_root(joint.child)[:3, :3] @ joint.axis for joint in coxae])
+    axes = np.array([tree.axis_in_root(joint) for joint in coxae])
     axes *= np.sign(axes @ axes[0] + 1e-12)[:, np.newaxis]
     axis = axes.mean(axis=0) / max(float(np.linalg.norm(axes.mean(axis=0))), 1e-12)
     up = axis * math.copysign(1.0, axis[np.abs(axis).argmax()])
@@ -239,9 +244,9 @@ class _Import:
         gait = (USUAL_PACE_HZ, USUAL_STRIDE * outward_m, USUAL_STEP * outward_m)
         numbers = self._tree.numbers
         size_m = float(f"{2 * radius_m:.2g}")
-        own_gait = len(numbers.get("size_m", ())) == 1 and len(numbers.get("gait", ())) == 3
+        own_gait = len(numbers.get(SIZE_KEY, ())) == 1 and len(numbers.get(GAIT_KEY, ())) == 3
         if own_gait:
-            size_m, (pace_hz, *shares) = numbers["size_m"][0], numbers["gait"]
+            size_m, (pace_hz, *shares) = numbers[SIZE_KEY][0], numbers[GAIT_KEY]
             gait = (pace_hz, shares[0] * size_m, shares[1] * size_m)
         content = {
             "name": name,
@@ -280,7 +285,7 @@ class _Import:
 
     def _add_inertias(self, robot: Robot) -> None:
         for index, kind in enumerate(JOINT_KINDS):
-            inertia = self._parts.inertia(index, _tensor(link_mass(robot, index)))
+            inertia = self._parts.inertia(index, link_mass(robot, index).link_moments_kg_m2)
             if inertia is not None:
                 self._links[kind]["inertia_kg_m2"] = inertia
 
@@ -381,13 +386,6 @@ def _place(links: Sequence[Vector2], femur_rad: float, tibia_rad: float) -> Vect
     coxa, femur, tibia = links[0], math.hypot(*links[1]), math.hypot(*links[2])
     outward = coxa[0] + femur * math.cos(femur_rad) + tibia * math.cos(tibia_rad)
     return outward, coxa[1] + femur * math.sin(femur_rad) + tibia * math.sin(tibia_rad)
-
-
-def _tensor(mass: PartMass) -> FloatArray:
-    """Tensor of a link along outward, left and up, (3, 3)."""
-    cos, sin = math.cos(mass.tilt_rad), math.sin(mass.tilt_rad)
-    turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
-    return np.asarray(turn @ np.diag(mass.moments_kg_m2) @ turn.T)
 
 
 def _zero_text(zero_rad: float) -> str:
