@@ -42,7 +42,7 @@ ABSOLUTE = ("dead_time_s", "trunk_com_x_m", "trunk_com_y_m")
 WALK_S = 10.0
 
 #: Walks that are not fitted.
-HELD_OUT = ({"gait": "tripod"}, {"gait": "ripple"})
+HELD_OUT = ("tripod", "ripple")
 
 ROBOTS = ("ant", "lukas", "pexod", "jethexa")
 
@@ -111,17 +111,15 @@ def truth_of_joints(robot: Robot, world: World) -> dict[str, float]:
     }
 
 
-def motions(robot: Robot, world: World, seed: int, folder: Path, **walk: object) -> list[Path]:
-    """Recordings of the motions on a stand and of a walk."""
-    name = "-".join([robot.name, str(seed), *map(str, walk.values())])
-    paths = [folder / f"{name}-{kind}.rrd" for kind in ("stand", "walk")]
-    if not paths[0].exists() and not walk:
-        move_on_stand(
-            robot=robot, world=world.model_copy(update={"on_stand": True}), record=paths[0], seed=seed
-        )
-    if not paths[1].exists():
-        run(robot=robot, world=world, record=paths[1], seed=seed, duration_s=WALK_S, hold="none", **walk)
-    return paths[1:] if walk else paths
+def stand_and_walk(robot: Robot, world: World, seed: int, folder: Path) -> list[Path]:
+    """Recordings of the motions on a stand and of a walk, made unless they are there."""
+    stand, walk = (folder / f"{robot.name}-{seed}-{kind}.rrd" for kind in ("stand", "walk"))
+    if not stand.exists():
+        on_stand = world.model_copy(update={"on_stand": True})
+        move_on_stand(robot=robot, world=on_stand, record=stand, seed=seed)
+    if not walk.exists():
+        run(robot=robot, world=world, record=walk, seed=seed, duration_s=WALK_S, hold="none")
+    return [stand, walk]
 
 
 def predicted_deg(robot: Robot, log: Path) -> float:
@@ -130,44 +128,44 @@ def predicted_deg(robot: Robot, log: Path) -> float:
     return float(np.degrees(np.abs(errors_rad).mean()))
 
 
-def walked_m(robot: Robot, world: World, seed: int, **walk: object) -> FloatArray:
+def walked_m(robot: Robot, world: World, seed: int, gait: str, record: str | bool = False) -> FloatArray:
     """Displacement of a walk without course feedback, (2,)."""
-    trial = run(
-        robot=robot, world=world, seed=seed, duration_s=WALK_S, hold="none", record=False, **walk
-    ).trial
-    return np.asarray(trial.path_m[-1])
+    done = run(robot=robot, world=world, seed=seed, gait=gait, duration_s=WALK_S, hold="none", record=record)
+    return np.asarray(done.trial.path_m[-1])
+
+
+def print_predictions(robots: dict[str, Robot], world: World, seed: int) -> None:
+    """Print errors of the predicted joint angles and ends of held-out walks."""
+    for gait in HELD_OUT:
+        with tempfile.TemporaryDirectory() as folder:
+            log = Path(folder) / "walk.rrd"
+            end_m = walked_m(robots["file"], world, seed, gait, record=str(log))
+            for title, robot in robots.items():
+                off_m = float(np.linalg.norm(walked_m(robot, World(), seed, gait) - end_m))
+                print(f"{seed} {gait}, {title}: {predicted_deg(robot, log):.2f} deg, {off_m:.3f} m")
 
 
 def identify_in(family: str, worlds: int, name: str, folder: Path) -> None:
     """Identify a robot in worlds, and print its errors and those of its predictions."""
     folder.mkdir(parents=True, exist_ok=True)
     kind, _, first = family.partition(":")
-    deviations: list[float] = []
+    misses: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(int(first), int(first) + worlds):
         robot, world = load_robot(name), load_world(f"{kind}:{seed}")
-        file = folder / f"{name}-{seed}.yaml"
-        begun_s = time.process_time()
-        found = identify(motions(robot, world, seed, folder))
-        took_s = time.process_time() - begun_s
+        logs, begun_s = stand_and_walk(robot, world, seed, folder), time.process_time()
+        found, file = identify(logs), folder / f"{name}-{seed}.yaml"
+        print(f"{seed} {name}: CPU of the search {time.process_time() - begun_s:.0f} s")
         file.write_text(identified_text(name, found))
-        true = truth_of_joints(robot, world)
-        for key, one in found.estimates.items():
-            deviations.append(abs(one.value - true[key]) / one.deviation)
+        for key, true in truth_of_joints(robot, world).items():
+            one = found.estimates[key]
+            misses[one.known].append(abs(one.value - true) / one.deviation)
             note = "" if one.known else "not determined"
-            print(f"  {key:22s} {one.value:9.4f} +- {one.deviation:7.4f}, true {true[key]:9.4f} {note}")
-        same = load_robot(file)
-        for walk in HELD_OUT:
-            (log,) = motions(robot, world, seed, folder, **walk)
-            place_m = walked_m(robot, world, seed, **walk)
-            for title, one in (("file", robot), ("identified", same)):
-                off_m = float(np.linalg.norm(walked_m(one, World(), seed, **walk) - place_m))
-                print(
-                    f"{seed} {name} {walk} {title}: {predicted_deg(one, log):.2f} deg, {off_m:.3f} m",
-                    flush=True,
-                )
-        print(f"{seed} {name}: CPU of the search {took_s:.0f} s", flush=True)
-    within = [float(np.mean(np.array(deviations) <= most)) for most in (1, 2, 3)]
-    print(f"true value within 1, 2, 3 standard errors: {within}")
+            print(f"  {key:22s} {one.value:9.4f} +- {one.deviation:7.4f}, true {true:9.4f} {note}")
+        print_predictions({"file": robot, "identified": load_robot(file)}, world, seed)
+    for known, of_them in misses.items():
+        within = [sum(miss <= most for miss in of_them) for most in (1, 2, 3)]
+        what = "determined" if known else "other"
+        print(f"{what}: true value within 1, 2, 3 standard errors: {within} of {len(of_them)}")
 
 
 def main(draws: int, first: int) -> None:

@@ -244,12 +244,12 @@ class _Search(Generic[ValuesT]):
         ]
         found = [np.zeros((len(errors), len(self._free))) for errors in at.parts]
         with simulation_threads() as workers:
-            slopes = workers.map(lambda place: self._slope(at, *place, one_sided), seen)
+            slopes = workers.map(lambda place: self._slope(at, *place, one_sided=one_sided), seen)
             for (row, column), slope in zip(seen, slopes, strict=True):
                 found[row][:, column] = slope
         return np.concatenate(found)
 
-    def _slope(self, at: _Place, row: int, column: int, one_sided: bool) -> FloatArray:
+    def _slope(self, at: _Place, row: int, column: int, *, one_sided: bool) -> FloatArray:
         one = self._free[column]
         size = 1.0 if one.absolute else max(abs(at.place[column]), self._least[column])
         step = np.zeros(len(self._free))
