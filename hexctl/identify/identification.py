@@ -33,6 +33,9 @@ ROBOT_GAIN = 5e-3
 #: Number of starts near whose values a first search looks for a minimum.
 BEST_STARTS = 3
 
+#: Error at which no other start can be better.
+CLEAR_RAD = np.radians(0.1)
+
 #: Least number of bench runs of which every other one is kept to judge the result.
 ENOUGH_TO_JUDGE = 4
 
@@ -118,10 +121,15 @@ def identify(
 def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]:
     """Values of servos and trunk: roughly those of the servos first, from several starts."""
     coarse = [one.coarse() for one in replays]
-    starts = sorted(starts_of(replays[0].robot), key=partial(_error_rad, coarse))[:BEST_STARTS]
-    near = [near_values(coarse, start, OF_JOINTS, on_step) for start in starts]
+    ranked = [one for one in coarse if one.on_stand] or coarse
+    near: list[tuple[float, RobotValues]] = []
+    for start in sorted(starts_of(replays[0].robot), key=partial(_error_rad, ranked))[:BEST_STARTS]:
+        near.append(near_values(coarse, start, OF_JOINTS, on_step))
+        if near[-1][0] < CLEAR_RAD:
+            break
     _, best = min(near, key=itemgetter(0))
     searched = [name for name in PARAMETERS if any(name in one.parameters for one in replays)]
+    _, best = near_values(replays, best, searched, on_step)
     found = fit_values(replays, best, searched, enough_gain=ROBOT_GAIN, on_step=on_step)
     return replace(found, before_rad=mean_errors_rad(replays, RobotValues.of(replays[0].robot)))
 
