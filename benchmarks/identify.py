@@ -163,7 +163,7 @@ def identify_in(family: str, worlds: int, name: str, folder: Path) -> None:
             print(f"  {key:22s} {one.value:9.4f} +- {one.deviation:7.4f}, true {true:9.4f} {note}")
         print_predictions({"file": robot, "identified": load_robot(file)}, world, seed)
     for known, of_them in misses.items():
-        within = [sum(miss <= most for miss in of_them) for most in (1, 2, 3)]
+        within = [int(np.sum(np.array(of_them) <= most)) for most in (1, 2, 3)]
         what = "determined" if known else "other"
         print(f"{what}: true value within 1, 2, 3 standard errors: {within} of {len(of_them)}")
 
