@@ -33,7 +33,7 @@ MOST_STEPS = 40
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3
 
 #: The search ends where a step gains less than this share, or the error is below what any sensor shows.
-ENOUGH_GAIN, ROUGH_GAIN, NEAR_GAIN, SMALL_RAD = 1e-3, 5e-2, 1e-2, np.radians(0.003)
+ENOUGH_GAIN, ROUGH_GAIN, NEAR_GAIN, SMALL_RAD = 1e-3, 5e-2, 2e-2, np.radians(0.003)
 
 #: Called with the number of a step and the error in rad, a root of the mean robust square.
 OnStep = Callable[[int, float], None]
@@ -133,7 +133,7 @@ def near_values(
         gain = 0.0 if better is None else 1 - better.cost / at.cost
         if fresh and gain < NEAR_GAIN:
             break
-        fresh = gain < NEAR_GAIN
+        fresh = gain < ROUGH_GAIN
         if better is not None and not fresh:
             slopes = _secant_slopes(slopes, better.errors - at.errors, better.place - at.place)
         at = better or at
