@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         RobotFaultError,
     )
     from hexctl.export.export import export
+    from hexctl.gait.body_pose import BodyPose
     from hexctl.gait.gait import Gait, make_gait
     from hexctl.ik.kinematics import feet_of_joint_angles, joint_angles_of_feet
     from hexctl.recording.recorded_trial import read_trial
@@ -64,7 +65,7 @@ __all__ = [
     "TrialPlan", "run_trial", "TrialResult", "SimTrial", "run_sim_trials", "Controller", "Recorders",
     "Recording", "read_trial",
     # driving
-    "Drive", "Velocity",
+    "Drive", "Velocity", "BodyPose",
     # search
     "GaitSpace", "Optimizer", "make_optimizer", "Objective",
     # one call for each command
@@ -106,6 +107,7 @@ _MODULES = {
     # driving
     "control.drive.drive": "Drive",
     "control.drive.arbiter": "Velocity",
+    "gait.body_pose": "BodyPose",
     # search
     "adapt.space": "GaitSpace",
     "adapt.optimizer": "Optimizer",

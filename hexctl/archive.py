@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.errors import HexctlError, InputError, check_type
+from hexctl.errors import HexctlError, InputError, argument, check_type
 from hexctl.files import ARCHIVE_DAMAGE, OnDamage, atomic_write, damage_reason, open_archive
 
 #: Name of the head among the arrays of a file.
@@ -68,6 +68,10 @@ class ArchiveKind:
         """Head of a file; raises InputError for a file of another kind or version."""
         return self._read(path, arrays=False)[0]
 
+    def digest(self, path: Path) -> str | None:
+        """Digest in the head of a file; None without a file."""
+        return str(self.read_head(path)["digest"]) if path.is_file() else None
+
     def load(
         self, path: Path | str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], Content]
     ) -> Content:
@@ -107,7 +111,7 @@ class ArchiveKind:
                 found = {name: file[name] for name in file.files if arrays and name != _HEAD}
         except FileNotFoundError:
             raise InputError(
-                f"{self.name}: no file at {str(path)!r}; allowed: a file of {self.command}"
+                f"{argument(self.name)}: no file at {str(path)!r}; allowed: a file of {self.command}"
             ) from None
         except _DAMAGE as error:
             raise self.refused(

@@ -165,6 +165,10 @@ class JointTargets(ArrayFields):
     stamp_s: float
 
 
+#: A servo this hot stops the robot (most switch off at 70 to 80 C), and one this warm slows it.
+TOO_HOT_C, WARM_C = 68.0, 60.0
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ServoReadings(ArrayFields):
     """Readings of single servos; each (18,), leg-major, NaN if unknown.

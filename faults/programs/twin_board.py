@@ -86,7 +86,7 @@ class Told(SimulatedBoard):
         if goals == self._goals and (not self._moves_take_time() or now_s < self._noted_s + PERIOD_S):
             return
         self._goals, self._noted_s = goals, now_s
-        holds, angles_rad = self._told()
+        holds, angles_rad = self._servo_targets()
         self._twin.truth.add(TOLD, np.where(holds, angles_rad, np.nan))
 
     def _moves_take_time(self) -> bool:

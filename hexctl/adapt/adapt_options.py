@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from hexctl.backends.robot_options import FAILURE, RobotOptions, check_backend_options
-from hexctl.control.telemetry_watch import TOO_HOT_C
 from hexctl.control.trial_plan import DURATION_S, HEADING_DEG, Hold, SelfRotation
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, UNTYPED, Panel, Range, Typed, check_fields
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import read_failures_before
+from hexctl.types import TOO_HOT_C
 
 #: What a search allows in place of a failure that comes during a walk.
 BEFORE_SEARCH = "a failure before the search, such as 5:limp"

@@ -18,6 +18,7 @@ from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.typed_names import nearest
 
@@ -173,28 +174,30 @@ def _mavlink(options: BackendOptions) -> LegServos:
 
 
 def _bus(options: BackendOptions, *, driver: str) -> LegServos:
-    from hexctl.backends.bus.servos import BusServos, parse_bus_port
+    from hexctl.backends.bus.servos import BusServos
+    from hexctl.backends.serial_ports import SerialAddress
 
     section = options.servos_section
-    baud_of_file = None if section.baud is None else int(section.baud)
-    path, baud = parse_bus_port(options.connect or section.port, baud_of_file, driver=driver)
-    return BusServos(options.robot, bus_map=bus_map_of(section, driver), port=path, baud=baud)
+    baud = section.baud or DEFAULT_BAUDS[driver]
+    address = SerialAddress.parse(options.connect or section.port, baud)
+    bus_map = bus_map_of(section, driver)
+    return BusServos(options.robot, bus_map=bus_map, port=address.path, baud=address.baud)
 
 
 def _servo2040(options: BackendOptions) -> LegServos:
     from hexctl.backends.pwm.servo2040 import Servo2040Servos, parse_servo2040_port
 
     pwm_map = pwm_map_of(options.servos_section, "servo2040")
-    place = parse_servo2040_port(options.connect or options.servos_section.port)
-    return Servo2040Servos(options.robot, pwm_map=pwm_map, place=place)
+    port = parse_servo2040_port(options.connect or options.servos_section.port)
+    return Servo2040Servos(options.robot, pwm_map=pwm_map, port=port)
 
 
 def _pca9685(options: BackendOptions) -> LegServos:
-    from hexctl.backends.pwm.pca9685 import Pca9685Servos, parse_i2c_place
+    from hexctl.backends.pwm.pca9685 import Pca9685Servos, parse_i2c_port
 
     pwm_map = pwm_map_of(options.servos_section, "pca9685")
-    place = parse_i2c_place(options.connect or options.servos_section.port)
-    return Pca9685Servos(options.robot, pwm_map=pwm_map, place=place)
+    port = parse_i2c_port(options.connect or options.servos_section.port)
+    return Pca9685Servos(options.robot, pwm_map=pwm_map, port=port)
 
 
 def _make_own(name: str, options: BackendOptions) -> LegServos:

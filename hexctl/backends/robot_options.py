@@ -41,8 +41,8 @@ class RobotOptions(LinkOptions):
     """
 
     world: Annotated[str | Path | World | None, Typed(words="worlds")] = None
-    """Simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such as randomised:7;
-    flat@0.5ms is flat at another time step. (default: flat)
+    """Simulated world: flat, slippery, slope, rough, steps, pits, ramps, a YAML file, or one of a family such
+    as randomised:7; flat@0.5ms is flat at another time step. (default: flat)
 
     Only with sim. In Python also a World.
     """

@@ -1,10 +1,12 @@
 """Serial ports of this computer, and the search for the port of a cable."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from hexctl.errors import RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.robot.servos.servo_models import BAUD
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.waiting import StopRequested, comes_true, never
 
@@ -19,6 +21,35 @@ POLL_S = 0.2
 
 #: How often ports are listed until it can be done, and the pause before the next time, in s.
 TRIES, AGAIN_S = 5, 0.05
+
+#: A device and perhaps its baud rate; names such as /dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0 have
+#: colons.
+_ADDRESS = re.compile(r"([^:\0\n]+|[^\0\n]*/by-path/[^\0\n]+?)(?::([0-9]{1,7}))?")
+
+_ALLOWED = (
+    f"a serial device such as /dev/ttyUSB0 or /dev/ttyUSB0:1000000, at {BAUD.low:.0f} to {BAUD.high:.0f} "
+    "baud, here or as `port` in the section `servos` of the robot file"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SerialAddress:
+    """A serial device, and its bits per second; 0 if unknown."""
+
+    path: str
+    baud: int
+
+    @classmethod
+    def parse(cls, text: str | None, baud: float = 0, *, allowed: str = _ALLOWED) -> Self:
+        """Return the address in a text such as `/dev/ttyUSB0`, at `baud`, or `/dev/ttyUSB0:1000000`.
+
+        Raises InputError with what is `allowed` for anything else.
+        """
+        found = _ADDRESS.fullmatch(text or "")
+        if found is None or (found[2] and int(found[2]) not in BAUD):
+            got = repr(text) if text else "none"
+            raise InputError(f"{argument('connect')}: got {got}; allowed: {allowed}")
+        return cls(found[1], int(found[2] or baud))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -126,12 +126,12 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
         robot: Robot | str | Path,
         *,
         servo_map: Map,
-        place: str,
+        port: str,
         counters: PortCounters,
         clock: Clock | None = None,
     ) -> None:
         super().__init__(robot, servo_map=servo_map, counters=counters, clock=clock or WallClock())
-        self._place = place
+        self._port = port
         self._thread: Thread | None = None
         self._sent_rad = servo_map.limited_rad(self._sent_rad)
 
@@ -176,4 +176,4 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
         self._thread.send(self._map.limited_raw(positions_rad))
 
     def _gone(self, reason: str) -> str:
-        return f"the port {self._place} is gone ({reason}); is the cable still in?"
+        return f"the port {self._port} was lost ({reason}); is the cable still in?"

@@ -129,7 +129,8 @@ class SimTrial:
         plan, world = self.plan, self.world
         changes = tuple(change.at_s for change in plan.changes)
         ticks = (world.time_step_s, world.latency_steps)
-        return (self.robot.fingerprint, *ticks, plan.hold, plan.straight, changes)
+        walk = (plan.hold, plan.level, plan.feet, plan.straight)
+        return (self.robot.fingerprint, *ticks, *walk, changes)
 
 
 def run_sim_trial(trial: SimTrial, make_controller: BatchController = planned_walk) -> TrialResult:
@@ -360,6 +361,7 @@ class _Walks:
                 hold=self._controller.hold,
                 limited_ticks=int(self._limited[index]),
                 frame=start.frame,
+                true_frame=start.true_frame,
                 positions_world=self._positions[index, :walked],
                 true_positions_world=self._true_positions[index, :walked],
                 quaternions_world=self._quaternions[index, :walked],

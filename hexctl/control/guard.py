@@ -16,7 +16,7 @@ from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.backends.clock import Standstill
 from hexctl.control.position_check import PositionCheck
 from hexctl.control.stop_reason import reason_in_words
-from hexctl.control.telemetry_watch import TOO_HOT_C, BatteryWatch, Temperatures
+from hexctl.control.telemetry_watch import BatteryWatch, Temperatures
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,
@@ -27,7 +27,16 @@ from hexctl.errors import (
 )
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import cos_tilt
-from hexctl.types import JOINT_NAMES, ArrayFields, BoolArray, FloatArray, JointTargets, RobotState, all_finite
+from hexctl.types import (
+    JOINT_NAMES,
+    TOO_HOT_C,
+    ArrayFields,
+    BoolArray,
+    FloatArray,
+    JointTargets,
+    RobotState,
+    all_finite,
+)
 
 #: A body that leans further than this, for this long, has fallen.
 FALL_COS_TILT = float(np.cos(np.radians(50)))

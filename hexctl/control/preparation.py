@@ -35,6 +35,12 @@ from hexctl.waiting import StopRequested, never
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5
 
+#: Standard error of the yaw that lays the line: 3 mm at the end of 3.5 m. A noisier robot rests for longer.
+LINE_ERROR_RAD = math.radians(0.05)
+
+#: Maximum rest for that.
+LONGEST_REST_S = 2.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkStart:
@@ -45,6 +51,7 @@ class WalkStart:
         batch_shape: () for one robot, (n,) in a batch: the leading shape of states and targets.
         turned_rad: turn since the trial began, (n,) for different starts, as the fields of the frame.
         frame: None if the robot knows no pose.
+        true_frame: the same by the true pose of a simulation, for the score only; None for other robots.
     """
 
     robot: Robot
@@ -53,6 +60,7 @@ class WalkStart:
     period_s: float
     turned_rad: float
     frame: TrialFrame | None
+    true_frame: TrialFrame | None = None
 
     @property
     def motions(self) -> list[Motion]:
@@ -170,16 +178,29 @@ class Preparation:
         """Settle, turn if necessary, and set the trial frame."""
         plan, robot = self._plan, self._servos.robot
         self._phases.begin("settle")
-        self._stand(plan.settle_s)
-        pose = first = self._resting_pose(plan.settle_s)
+        pose = first = self._settle()
+        true_yaw_rad = self._true_yaw_rad
         if not first.yaw_known or self._stop_requested():
-            return self._start(0.0, self._frame_without_yaw(first))
+            return self._start(0.0, self._frame_without_yaw(first), 0.0)
         turn_rad = turn_needed_rad(robot, plan)
         if abs(turn_rad) > TURN_WITHIN_RAD:
             self._phases.begin("turn")
             pose = self._turn(turn_rad, first)
         frame = TrialFrame(pose.position_world, first.yaw_rad + plan.heading_rad, pose.yaw_rad)
-        return self._start(wrapped_rad(pose.yaw_rad - first.yaw_rad), frame)
+        return self._start(wrapped_rad(pose.yaw_rad - first.yaw_rad), frame, true_yaw_rad)
+
+    def _settle(self) -> "_RestingPose":
+        """Move to the stance and rest until the yaw is known well; the resting pose then."""
+        servos = self._servos
+        rested = self._stand(self._plan.settle_s)
+        pose = self._resting_pose(rested)
+        if pose.yaw_error_rad > LINE_ERROR_RAD and not self._stop_requested():
+            needed = math.ceil(rested * (pose.yaw_error_rad / LINE_ERROR_RAD) ** 2)
+            more = min(needed, ticks_of(servos, LONGEST_REST_S)) - rested
+            if more > 0:
+                self._phases.run(Stand(servos.robot, servos.accepted_rad(), 0, more))
+                pose = self._resting_pose(rested + more)
+        return pose
 
     def _frame_without_yaw(self, pose: "_RestingPose") -> TrialFrame | None:
         """The frame of a robot without yaw for a held line: it is assumed to face along the x axis."""
@@ -207,13 +228,25 @@ class Preparation:
 
     def _stand_after(self, controller: Controller) -> "_RestingPose":
         self._phases.run(controller)
-        self._stand(PAUSE_S)
-        pose = self._resting_pose(PAUSE_S)
+        pose = self._resting_pose(self._stand(PAUSE_S))
         if not pose.yaw_known:
             raise RobotFaultError("the robot's yaw was lost before the walk; check what measures it")
         return pose
 
-    def _start(self, turned_rad: float, frame: TrialFrame | None) -> WalkStart:
+    @property
+    def _true_yaw_rad(self) -> float:
+        """True yaw of a simulated robot, else NaN."""
+        simulation = self._servos.unwrapped.simulation
+        pose = None if simulation is None else simulation.true_pose
+        return math.nan if pose is None else float(yaw_rad(pose[1]))
+
+    def _start(self, turned_rad: float, frame: TrialFrame | None, true_yaw_rad: float) -> WalkStart:
+        """The start of the walk; the true yaw is that at the start of the trial."""
+        true_position_world = self._trace.true_positions_world[-1]
+        true_frame = None
+        if frame is not None and math.isfinite(true_yaw_rad + true_position_world[0]):
+            heading_rad = true_yaw_rad + self._plan.heading_rad
+            true_frame = TrialFrame(true_position_world, heading_rad, self._true_yaw_rad)
         return WalkStart(
             robot=self._servos.robot,
             plans=(self._plan,),
@@ -221,16 +254,18 @@ class Preparation:
             period_s=self._servos.clock.period_s,
             turned_rad=turned_rad,
             frame=frame,
+            true_frame=true_frame,
         )
 
-    def _stand(self, duration_s: float) -> None:
-        """Move to the stance in the first half of a duration, and rest in the second."""
+    def _stand(self, duration_s: float) -> int:
+        """Move to the stance in the first half of a duration, and rest in the second; its ticks."""
         ticks = ticks_of(self._servos, duration_s)
         moving = ticks // 2
         self._phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), moving, ticks - moving))
+        return moving
 
-    def _resting_pose(self, duration_s: float) -> "_RestingPose":
-        rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
+    def _resting_pose(self, ticks: int) -> "_RestingPose":
+        rest = slice(max(0, len(self._trace) - ticks - 1), None)
         return _RestingPose.of(self._trace.positions_world[rest], self._trace.quaternions_world[rest])
 
 

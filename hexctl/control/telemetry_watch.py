@@ -4,10 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from hexctl.types import FloatArray
-
-#: A servo this hot stops the robot (most switch off at 70 to 80 C), and one this warm slows it.
-TOO_HOT_C, WARM_C = 68.0, 60.0
+from hexctl.types import TOO_HOT_C, WARM_C, FloatArray
 
 #: Share of the pace that remains with almost too hot servos.
 LEAST_PACE = 0.4

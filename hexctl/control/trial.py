@@ -21,7 +21,7 @@ from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import Until
 from hexctl.control.preparation import Phases, Preparation, WalkStart, ticks_of
 from hexctl.control.sit_down import sit_down
-from hexctl.control.trace import Trace
+from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
@@ -63,12 +63,15 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
 def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     """The walk of the plans: steered if they hold something, else open loop with constant motion."""
     hold = held(start.plans[0], start.frame)
+    if start.plans[0].level and start.frame is None:
+        raise InputError("level: got a robot without a pose; allowed: one that measures roll and pitch")
     if hold != "none":
         return SteeredWalk(start, hold=hold)
     gaits = [plan.gait for plan in start.plans]
     motions = start.motions
     alone = start.batch_shape == ()
-    if start.plans[0].changes:
+    plan = start.plans[0]
+    if plan.changes or plan.level or plan.feet == "adaptive":
         return MotionWalk(start)
     return Walk(
         start.robot,
@@ -166,6 +169,7 @@ class _Trial:
         self._servos, self._plan, self._controller = servos, plan, controller
         self._recorders, self._stop_requested, self._should_stop = recorders, stop_requested, should_stop
         self.trace = Trace()
+        self._true_frame: TrialFrame | None = None
         self.status = "aborted"
         self.stopped: str | None = None
         self.turned_rad, self.clipped_ticks, self.hold = 0.0, 0, "none"
@@ -206,6 +210,7 @@ class _Trial:
             hold=self.hold,
             limited_ticks=self.limited_ticks,
             frame=trace.frame,
+            true_frame=self._true_frame,
             positions_world=trace.positions_world[rows],
             true_positions_world=trace.true_positions_world[rows],
             quaternions_world=trace.quaternions_world[rows],
@@ -220,7 +225,7 @@ class _Trial:
         walk = made_controller(self._controller, start)
         self.hold = walk.hold
         phases = Phases(self._servos, self.trace, self._recorders)
-        self.trace.frame = start.frame
+        self.trace.frame, self._true_frame = start.frame, start.true_frame
         phases.begin("walk")
         if self._servos.simulation is not None:
             self._servos.simulation.walk_begins()

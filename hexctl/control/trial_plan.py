@@ -19,6 +19,10 @@ _THEN = argument("then")
 Hold = Literal["auto", "line", "heading", "none"]
 HOLDS = get_args(Hold)
 
+#: Whether feet follow the trajectory of the gait, or search for the ground below it.
+Feet = Literal["planned", "adaptive"]
+FEET = get_args(Feet)
+
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
 
 HEADING_DEG = Range(low=-360, high=360, unit="deg", degrees=True)
@@ -80,7 +84,7 @@ class TrialPlan:
             stance pose. A simulation gets its own failures.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none` (as it is).
         turn_rad: turn before the walk, instead of `self_rotation`; None to follow it.
-        settle_s: time to reach the stance and come to rest.
+        settle_s: time to reach the stance and come to rest; up to 1.5 s longer if the yaw is noisy.
         hold: one of `HOLDS`; `none` is open loop, as in the paper.
         changes: of the gait, in stride, ascending in time.
         trim_rad: counter-clockwise correction of the course from earlier walks, under the hold `heading` or,
@@ -88,6 +92,8 @@ class TrialPlan:
         turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of earlier walks; None
             for a walk without a trim.
         further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
+        level: whether the body is kept level by its measured roll and pitch.
+        feet: one of `FEET`; `adaptive` ones search for the ground, with foot contacts.
     """
 
     gait: Gait
@@ -104,6 +110,8 @@ class TrialPlan:
     trim_rad: float = 0.0
     turn_trim_rad_s: float | None = None
     further_failures: tuple[Failure, ...] = ()
+    level: bool = False
+    feet: str = "planned"
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
@@ -123,6 +131,8 @@ class TrialPlan:
             raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
         if self.hold not in HOLDS:
             raise InputError(f"hold: got {self.hold}; allowed: {', '.join(HOLDS)}")
+        if self.feet not in FEET:
+            raise InputError(f"{argument('feet')}: got {self.feet}; allowed: {', '.join(FEET)}")
         for change in self.changes:
             check_type(change, GaitChange, "plan.changes", "GaitChanges")
         if any(after.at_s <= before.at_s for before, after in pairwise(self.changes)):

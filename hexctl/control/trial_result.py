@@ -67,8 +67,9 @@ class TrialResult(ArrayFields):
         hold_lost_s: total gaps of more than a second in the measurement that it holds by. Values frozen for
             more than 4 s count as gaps, and are excluded from all other numbers.
         limited_ticks: ticks in which a steered walk was slowed down to its maximum strokes.
-        true_deviation: by the true positions of a simulated robot; None for a real one.
-        true_path_m: `path_m` by true positions, (T, 2); None for a real robot or file. Not compared.
+        true_deviation: of a simulated robot from its true line, by its true heading at the start and its true
+            positions; None for a real one.
+        true_path_m: the path along that line, (T, 2); None for a real robot or file. Not compared.
         energy_j: positive mechanical work of the joints over the walk; None without torques.
         cost_of_transport: energy per weight and metre of progress, without unit; None also without progress,
             and for turns and arcs.

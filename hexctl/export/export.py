@@ -238,21 +238,33 @@ def _write_robot(sources: Sequence[str | Path | Robot], kind: str, path: Path, *
         robot = source if isinstance(source, Robot) else load_robot(source)
     if kind == "ros2":
         with _draft(path) as draft:
-            write_ros2(robot, draft)
+            write_ros2(robot, draft, _source_of(source, robot))
         return
     text = urdf_of(robot, ros2_control=ros2_control) if kind == "urdf" else mjcf_of(robot)
     with _draft(path) as draft:
         draft.write_text(text, encoding="utf-8")
 
 
-def write_ros2(robot: Robot, folder: Path) -> None:
-    """Write a launch file, layouts of RViz and Foxglove, and the URDF of a robot into a new folder."""
+def _source_of(source: str | Path | Robot, robot: Robot) -> str:
+    """Value of --robot for a robot: the absolute path of its file, else its name."""
+    own = not isinstance(source, Robot) and Path(source).suffix in (".yaml", ".yml")
+    return str(Path(str(source)).resolve()) if own else robot.name
+
+
+def write_ros2(robot: Robot, folder: Path, source: str) -> None:
+    """Write a launch file, layouts of RViz and Foxglove, and the URDF of a robot into a new folder.
+
+    The launch file starts the robot of `source`, a name or a file, by default.
+    """
     root = config_root() / "ros"
     for file in root.rglob("*"):  # copytree would hide why a file cannot be written
         if file.is_file() and file.parent.name != "__pycache__":
             target = folder / file.relative_to(root)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(file, target)
+    launch = folder / "robot.launch.py"
+    text = launch.read_text(encoding="utf-8").replace('"robot": ("ant",', f'"robot": ({json.dumps(source)},')
+    launch.write_text(text, encoding="utf-8")
     (folder / f"{robot.name}.urdf").write_text(urdf_of(robot), encoding="utf-8")
 
 

@@ -38,6 +38,9 @@ COARSE_LOG_S, COARSE_STEP_S = 12.0, 0.004
 #: Last word of the titles of recordings on a stand.
 ON_STAND = "identification"
 
+#: Largest difference of mounts and links from those of a recording, as a share of a leg.
+SAME_SHAPE = 0.05
+
 #: Least length of a log.
 LEAST_S = 5.0
 
@@ -145,11 +148,20 @@ def read_robot_log(path: Path, robot: Robot | None = None) -> RobotLog:
     """Log of a recording (.rrd); a robot replaces that of the recording.
 
     Recordings of `hexctl identify` are of a robot on a stand, others of one on the floor. Rows without a
-    measured angle are left out. Raises InputError for a damaged or too short file, or none of a recording.
+    measured angle are left out. Raises InputError for a file that is damaged, too short or no recording,
+    motions on a stand that did not end, and a robot of another shape.
     """
     from hexctl.recording.recorded_trial import read_trial
 
-    trial = read_trial(path, robot)
+    trial = read_trial(path)
+    robot = robot or trial.robot
+    _check_shape(path, trial.robot, robot)
+    on_stand = str(trial.properties.get("title", "")).endswith(ON_STAND)
+    if on_stand and trial.properties.get("status") != "ok":
+        raise InputError(
+            f"{path}: got motions that did not end; allowed: complete ones; hexctl identify without a log "
+            "makes them again"
+        )
     whole = np.isfinite(trial.measured_rad).all(axis=-1) & np.isfinite(trial.commanded_rad).all(axis=-1)
     time_s = trial.time_s[whole]
     lasted_s = float(time_s[-1] - time_s[0]) if len(time_s) else 0.0
@@ -157,9 +169,22 @@ def read_robot_log(path: Path, robot: Robot | None = None) -> RobotLog:
         raise InputError(f"{path}: got {lasted_s:.1f} s with joint angles; allowed: at least {LEAST_S:g} s")
     return RobotLog(
         path.name,
-        trial.robot,
-        str(trial.properties.get("title", "")).endswith(ON_STAND),
+        robot,
+        on_stand,
         time_s,
         trial.commanded_rad[whole],
         trial.measured_rad[whole],
     )
+
+
+def _check_shape(path: Path, recorded: Robot, robot: Robot) -> None:
+    """Refuse a recording of a robot with other mounts or links: it is of another robot."""
+    off_m = max(
+        float(np.abs(recorded.mount_positions_body - robot.mount_positions_body).max()),
+        float(np.abs(recorded.link_lengths_m - robot.link_lengths_m).max()),
+    )
+    if off_m > SAME_SHAPE * robot.link_lengths_m.sum():
+        raise InputError(
+            f"{path}: got a recording of {recorded.name}, whose mounts or links differ by {1000 * off_m:.0f} "
+            f"mm from those of {robot.name}; allowed: recordings of the robot of --robot"
+        )

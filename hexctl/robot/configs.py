@@ -90,6 +90,11 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 def mapping_of(content: bytes, path: Path) -> dict[str, Any]:
     """The YAML mapping of a file's content; raises what `read_mapping` raises, naming its path."""
+    if b"<robot" in content or b"<mujoco" in content:
+        raise InputError(
+            f"{path}: got a URDF or an MJCF; allowed: a YAML file; next: hexctl robot import {path} -o "
+            "FILE.yaml"
+        )
     try:
         values = yaml_content(content.decode("utf-8"))
     except UnicodeDecodeError as error:
@@ -101,14 +106,6 @@ def mapping_of(content: bytes, path: Path) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise InputError(f"{path}: got {shown(values)}; allowed: a mapping of key: value")
     return values
-
-
-def file_says(path: Path, wanted: dict[str, Any]) -> bool:
-    """Whether a file is a YAML mapping with the wanted content."""
-    try:
-        return read_mapping(path) == wanted
-    except InputError:
-        return False
 
 
 def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> SchemaT:

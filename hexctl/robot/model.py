@@ -144,6 +144,11 @@ class Robot(ArrayFields):
         """Height in m of the body frame above the floor in the nominal stance."""
         return float(self.foot_radius_m - self.stance_feet_body[:, 2].min())
 
+    @property
+    def trunk_clearance_m(self) -> float:
+        """Height in m of the trunk's underside above the floor in the nominal stance."""
+        return self.standing_height_m - self.body.size_m[2] / 2
+
     @cached_property
     def stance_radius_m(self) -> float:
         """Distance in m of the farthest nominal foot from the body's vertical axis."""

@@ -31,6 +31,7 @@ from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.trial_plan import AUTO_ROTATION, TrialPlan
 from hexctl.control.trial_result import TrialResult
+from hexctl.control.walks.ground_contact import contact_notes
 from hexctl.control.walks.turning import body_heading_rad, check_plan
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble, write_trouble
@@ -135,6 +136,7 @@ class Run:
             self.notes = (
                 *self._without_effect(),
                 *self._doubts(),
+                *contact_notes(self.plan.feet, self._guard.peek()),
                 *connection_notes(servos, self.plan.failures),
             )
             self._suit_rotation()

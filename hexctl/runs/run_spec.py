@@ -20,12 +20,14 @@ from hexctl.control.trial_plan import (
     TRIM_DEG,
     TURN_TRIM_DEG_S,
     AskedRotation,
+    Feet,
     GaitChange,
     Hold,
     TrialPlan,
     suited_rotation,
 )
 from hexctl.control.walk_options import WalkOptions
+from hexctl.control.walks.ground_contact import step_height
 from hexctl.control.walks.turning import body_heading_rad
 from hexctl.errors import InputError, UnusedError, argument
 from hexctl.gait.encoding import code_count
@@ -139,6 +141,16 @@ class RunSpec(RecordedOptions, WalkOptions):
     hold: Hold = "auto"
     """What feedback holds: line (by position and yaw), heading (by yaw), none (open loop), or auto: the best
     that the robot's sensors allow.
+    """
+
+    level: Annotated[bool, RARE] = False
+    """Keep the body level on slopes, with the roll and pitch that the robot measures."""
+
+    feet: Feet = "planned"
+    """How feet meet the ground: planned, as the gait has them, or adaptive, for uneven ground: they lift at
+    least 0.04 of the robot's size, unless --height is given, and search the ground below until they touch it.
+
+    The search needs foot contacts.
     """
 
     trim_rad: Annotated[float | None, TRIM_DEG, RARE] = None
@@ -314,7 +326,7 @@ def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
         "demo" if spec.gait == AUTO else spec.gait,
         pace_hz=spec.pace_hz,
         amplitude=spec.amplitude,
-        height=spec.height,
+        height=step_height(robot, spec.feet) if spec.height is None else spec.height,
         failed_legs=tuple(one.leg for one in spec.failures),
         besides=_besides(spec.failures),
     )
@@ -349,6 +361,7 @@ def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
     )
     return TrialPlan(
         gait=gait,
+        level=spec.level,
         heading_rad=spec.heading_rad or 0.0,
         travel=0.0 if in_place else 1.0,
         turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
@@ -357,6 +370,7 @@ def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
         further_failures=spec.failures[1:],
         self_rotation=rotation,
         hold=spec.hold,
+        feet=spec.feet,
         trim_rad=spec.trim_rad or 0.0,
         turn_trim_rad_s=spec.turn_trim_rad_s,
     )

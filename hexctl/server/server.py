@@ -398,7 +398,9 @@ class RobotServer:
 
     def _driving(self) -> dict[str, Any]:
         driver = self._driver
-        return {} if driver is None else {"motion": driver.motion, "refused": driver.refused}
+        if driver is None:
+            return {}
+        return {"motion": driver.motion, "refused": driver.refused, "pose_share": driver.pose_share}
 
 
 def _is_reached(state: RobotState) -> bool:

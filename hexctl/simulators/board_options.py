@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from hexctl.errors import argument
+from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed, check_used
 from hexctl.robot.servos.drivers import Driver
 from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS
@@ -80,6 +80,12 @@ class BoardOptions(ServedOptions):
             check_used(self, OF_BUS, f"with {argument('bus')}")
         else:
             check_used(self, OF_BOARD, f"without {argument('bus')}")
+        if self.bus == "servo2040" and self.baud is not None:
+            raise InputError(
+                f"{argument('baud')}: got {self.baud} with servo2040, a USB device; allowed: with other buses"
+            )
+        if self.bus == "pca9685" and self.model is not None:
+            raise InputError(f"{argument('model')}: got {self.model} with pca9685; allowed: without")
 
     @property
     def signed(self) -> bool:
@@ -88,6 +94,8 @@ class BoardOptions(ServedOptions):
 
     @property
     def bits_per_s(self) -> int:
-        """Speed of the line of a bus; 0 for a MAVLink board."""
-        usual = {"servo2040": 115_200, "pca9685": 400_000, **DEFAULT_BAUDS}
+        """Speed of the line of a bus; 0 for a MAVLink board or a servo2040."""
+        from hexctl.simulators.pca9685_board import BITS_PER_S
+
+        usual = {"pca9685": BITS_PER_S, **DEFAULT_BAUDS}
         return self.baud or usual.get(str(self.bus), 0)

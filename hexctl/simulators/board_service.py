@@ -16,7 +16,6 @@ from hexctl.simulators.board_options import BoardOptions
 
 if TYPE_CHECKING:
     from hexctl.backends.mavlink.mavlink_transport import Port
-    from hexctl.simulators.board_faults import BoardFault
     from hexctl.simulators.servo_board import ServoBoard
     from hexctl.simulators.simulated_board import SimulatedBoard
 
@@ -45,12 +44,8 @@ class BoardService(BoardOptions):
         """
         options = self.backend_options()
         servos = make_servos(self.backend, options)
-        make: dict[str, Callable[..., tuple[ServoBoard | SimulatedBoard, str]]] = {
-            "None": self._mavlink,
-            "servo2040": self._servo2040,
-            "pca9685": self._pca9685,
-        }
-        board, place = make.get(str(self.bus), self._bus)(servos, options)
+        make = self._mavlink if self.bus is None else self._simulated
+        board, place = make(servos, options)
         started = ServiceStarted(robot=servos.robot.name, backend=self.backend, place=place)
 
         def ready() -> None:  # real-time priority, now that what takes long is done
@@ -87,34 +82,26 @@ class BoardService(BoardOptions):
         transport.check_guarded(address, option=option, text=text, signed=self.signed, insecure=self.insecure)
         return transport.open_port(address, text=text), text
 
-    def _bus(self, servos: LegServos, options: BackendOptions) -> "tuple[SimulatedBoard, str]":
+    def _simulated(self, servos: LegServos, options: BackendOptions) -> "tuple[SimulatedBoard, str]":
         from hexctl.simulators.bus_board import BusBoard
-
-        section = options.servos_section
-        if self.model is not None:
-            section = section.model_copy(update={"model": self.model})
-        bus_map, faults = bus_map_of(section, str(self.bus)), self._faults(BusBoard)
-        board = BusBoard(servos, bus_map, baud=self.bits_per_s, faults=faults, seed=self.seed)
-        return board, board.path
-
-    def _servo2040(self, servos: LegServos, options: BackendOptions) -> "tuple[SimulatedBoard, str]":
+        from hexctl.simulators.pca9685_board import Pca9685Board
         from hexctl.simulators.servo2040_board import Servo2040Board
 
-        pwm_map, faults = pwm_map_of(options.servos_section, "servo2040"), self._faults(Servo2040Board)
-        firmware = self.model or "stock"
-        board = Servo2040Board(servos, pwm_map, firmware=firmware, faults=faults, seed=self.seed)
+        driver, section, firmware = str(self.bus), options.servos_section, self.model or "stock"
+        board: SimulatedBoard
+        if driver == "servo2040":
+            more = self._faults(Servo2040Board)
+            board = Servo2040Board(servos, pwm_map_of(section, driver), firmware=firmware, **more)
+        elif driver == "pca9685":
+            more = self._faults(Pca9685Board)
+            board = Pca9685Board(servos, pwm_map_of(section, driver), bits_per_s=self.bits_per_s, **more)
+        else:
+            given = {} if self.model is None else {"model": self.model}
+            bus_map, more = bus_map_of(section.model_copy(update=given), driver), self._faults(BusBoard)
+            board = BusBoard(servos, bus_map, baud=self.bits_per_s, **more)
         return board, board.path
 
-    def _pca9685(self, servos: LegServos, options: BackendOptions) -> "tuple[SimulatedBoard, str]":
-        from hexctl.simulators.pca9685_board import Pca9685Board
-
-        if self.model is not None:
-            raise InputError(f"{argument('model')}: got {self.model} with pca9685; allowed: without")
-        pwm_map, faults = pwm_map_of(options.servos_section, "pca9685"), self._faults(Pca9685Board)
-        board = Pca9685Board(servos, pwm_map, bits_per_s=self.bits_per_s, faults=faults, seed=self.seed)
-        return board, board.path
-
-    def _faults(self, board: "type[SimulatedBoard]") -> "tuple[BoardFault, ...]":
+    def _faults(self, board: "type[SimulatedBoard]") -> dict[str, Any]:
         from hexctl.simulators.board_faults import parse_fault
 
-        return tuple(parse_fault(text, board.kinds) for text in self.fault)
+        return {"faults": tuple(parse_fault(text, board.kinds) for text in self.fault), "seed": self.seed}

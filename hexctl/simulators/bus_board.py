@@ -67,7 +67,7 @@ class BusBoard(SimulatedBoard):
         if not (data := self._line.receive(timeout_s)):
             return
         self._occupy(len(data))
-        if self._faults.unplugged or not self._understands():
+        if self._unplugged or not self._understands():
             return
         if self._faults.echoes:
             self._line.send(data)
@@ -122,12 +122,12 @@ class BusBoard(SimulatedBoard):
         if self._random.random() < self._faults.noise:
             self._line.send(self._random.randbytes(self._random.randrange(1, 8)))
 
-    def _told(self) -> tuple[BoolArray, FloatArray]:
+    def _servo_targets(self) -> tuple[BoolArray, FloatArray]:
         holds: BoolArray = self._family.holds() & ~self._faults.dead
         goals = self._family.goals(self._time.now()) if holds.any() else self._map.centre
         return holds, self._map.angles_rad(goals)
 
-    def _show(self, state: RobotState) -> None:
+    def _measure(self, state: RobotState) -> None:
         counts = self._map.raw(state.joint_positions_rad)
         limits = self._robot.robot.joint_max_torque_nm
         torques = np.zeros(N_JOINTS) if state.joint_torques_nm is None else state.joint_torques_nm

@@ -50,7 +50,7 @@ class BusFaults:
         self.temperatures: dict[int, float] = {}
         self.cables: dict[int, float] = {}
         self._battery_v: float | None = None
-        self.echoes = self.unplugged = self._browned_out = self._wild_once = False
+        self.echoes = self._browned_out = self._wild_once = False
         self._garbles = self._wild = self.noise = 0.0
 
     @property
@@ -78,8 +78,6 @@ class BusFaults:
             self.noise = value
         elif kind == "wild":
             self._wild = value
-        elif kind in ("unplug", "replug"):
-            self.unplugged = kind == "unplug"
         self._wild_once |= kind == "wild-once"
         self.echoes |= kind == "echo"
         self._browned_out |= kind == "brown-out"

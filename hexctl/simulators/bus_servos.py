@@ -67,10 +67,10 @@ class SimulatedServos(ABC):
         self._faults, self._counts = faults, counts
         self.packets = packets_of(bus_map.driver, bus_map.protocol)
         parts = zip(bus_map.ids.tolist(), bus_map.models, stance.tolist(), strict=True)
-        self.servos = [self._made(*each) for each in parts]
+        self.servos = [self._new_servo(*each) for each in parts]
 
     @abstractmethod
-    def _made(self, servo_id: int, model: ServoType, count: float) -> SimulatedServo:
+    def _new_servo(self, servo_id: int, model: ServoType, count: float) -> SimulatedServo:
         """A servo of the family that stands at a count."""
 
     @abstractmethod

@@ -9,13 +9,15 @@ from hexctl.backends.bus.packets import BROADCAST
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.simulators.bus_servos import USUAL_C, SimulatedServo, SimulatedServos
 
+#: Supplies in V: of two cells, and of three for models that need 9 V.
+TWO_CELLS_V, THREE_CELLS_V = 7.4, 11.1
+
 
 class SimulatedLx16aServo(SimulatedServo):
     """One servo that unloads beyond `limits` in counts or `most_c`, and complains outside `voltages_mv`."""
 
-    usual_v = 7.4
-
-    def __init__(self, servo_id: int, count: float) -> None:
+    def __init__(self, servo_id: int, model: ServoType, count: float) -> None:
+        self.usual_v = TWO_CELLS_V if model.least_v < TWO_CELLS_V else THREE_CELLS_V
         self.servo_id, self.loaded, self.limits = servo_id, False, (0, 1000)
         self.voltages_mv, self.most_c, self.motor = (4500, 12000), 85, False
         self.position = self._goal = self._from = count
@@ -85,8 +87,8 @@ class Lx16aServos(SimulatedServos):
 
     servos: Sequence[SimulatedLx16aServo]
 
-    def _made(self, servo_id: int, model: ServoType, count: float) -> SimulatedLx16aServo:
-        return SimulatedLx16aServo(servo_id, count)
+    def _new_servo(self, servo_id: int, model: ServoType, count: float) -> SimulatedLx16aServo:
+        return SimulatedLx16aServo(servo_id, model, count)
 
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
         """Execute a command; its answers."""

@@ -50,7 +50,7 @@ class Pca9685Board(SimulatedBoard):
             for address, oscillator_mhz in zip(pwm_map.addresses, pwm_map.oscillators_mhz, strict=True)
         }
         self._bus = SimulatedI2c(self.chips)
-        self._nacks, self._unplugged = 0.0, False
+        self._nacks = 0.0
         self._data: dict[socket.socket, bytes] = {}
 
     def pulses_us(self) -> FloatArray:
@@ -89,15 +89,13 @@ class Pca9685Board(SimulatedBoard):
     def _begin(self, fault: BoardFault) -> None:
         if fault.kind == "nack":
             self._nacks = 1.0 if fault.value is None else fault.value
-        elif fault.kind == "reset":
+        else:  # reset
             for chip in self.chips.values():
                 chip.reset()
-        else:
-            self._unplugged = fault.kind == "unplug"
 
-    def _told(self) -> tuple[BoolArray, FloatArray]:
+    def _servo_targets(self) -> tuple[BoolArray, FloatArray]:
         pulses = self.pulses_us()
         return pulses > 0, self._map.angles_rad(pulses)
 
-    def _show(self, state: RobotState) -> None:
+    def _measure(self, state: RobotState) -> None:
         """Nothing is measured."""

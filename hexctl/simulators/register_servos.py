@@ -237,7 +237,7 @@ class RegisterServos(SimulatedServos):
         self._table = table_of(bus_map.models[0].name)
         self._heard_s = -math.inf
 
-    def _made(self, servo_id: int, model: ServoType, count: float) -> BusServo:
+    def _new_servo(self, servo_id: int, model: ServoType, count: float) -> BusServo:
         return BusServo(servo_id, model, count)
 
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
@@ -255,7 +255,7 @@ class RegisterServos(SimulatedServos):
             self._sync_write(parameters)
             return []
         if instruction == SYNC_READ:
-            address, size, ids = self.packets.placed(parameters)
+            address, size, ids = self.packets.split_address(parameters)
             called = self._called(ids) if self._table.sync_read else []
             return [self._status(servo, servo.read(address, size)) for servo in called]
         broadcast = servo_id == BROADCAST
@@ -271,7 +271,7 @@ class RegisterServos(SimulatedServos):
     def _single(self, servo: BusServo, instruction: int, parameters: bytes) -> bytes:
         servo_id, data, error = servo.servo_id, b"", 0
         if instruction == READ:
-            data = servo.read(*self.packets.placed(parameters)[:2])
+            data = servo.read(*self.packets.split_address(parameters)[:2])
         elif instruction == WRITE:
             width = self.packets.width
             error = servo.write(int.from_bytes(parameters[:width], "little"), parameters[width:])
@@ -282,7 +282,7 @@ class RegisterServos(SimulatedServos):
         return self._status(servo, data, error, servo_id=servo_id)
 
     def _sync_write(self, parameters: bytes) -> None:
-        address, size, rows = self.packets.placed(parameters)
+        address, size, rows = self.packets.split_address(parameters)
         self._counts["goals"] += address == self._table.goal.address
         for start in range(0, len(rows) - size, size + 1):
             for servo in self._called([rows[start]]):
@@ -293,7 +293,8 @@ class RegisterServos(SimulatedServos):
         if instruction == WRITE:
             return len(parameters) > width
         if instruction in (READ, SYNC_READ, SYNC_WRITE):
-            return len(parameters) >= 2 * width and 1 <= self.packets.placed(parameters)[1] <= MOST_PARAMETERS
+            size = self.packets.split_address(parameters)[1]
+            return len(parameters) >= 2 * width and 1 <= size <= MOST_PARAMETERS
         return True
 
     def _called(self, ids: Sequence[int]) -> list[BusServo]:

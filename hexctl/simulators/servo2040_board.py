@@ -76,7 +76,7 @@ class Servo2040Board(SimulatedBoard):
         self._staged = False
         self._status = 0
         self._sensors = [FREE] * N_LEGS + [0, 0]
-        self._mute = self._unplugged = False
+        self._mute = False
         self._garbles = 0.0
         self._data = bytearray()
 
@@ -159,17 +159,15 @@ class Servo2040Board(SimulatedBoard):
             self._mute = True
         elif fault.kind == "garble":
             self._garbles = value
-        elif fault.kind == "trip":
+        else:  # trip
             self.relay = self._staged = False
             self._status = 1 | min(0x3FF, round(10 * value)) << 1
-        else:
-            self._unplugged = fault.kind == "unplug"
 
-    def _told(self) -> tuple[BoolArray, FloatArray]:
+    def _servo_targets(self) -> tuple[BoolArray, FloatArray]:
         powered: BoolArray = self.enabled[self._map.outputs] & self.relay
         return powered, self._map.angles_rad(self.pulses_us[self._map.outputs])
 
-    def _show(self, state: RobotState) -> None:
+    def _measure(self, state: RobotState) -> None:
         if state.foot_contacts is not None:
             for leg, touch in enumerate(self._map.touches.tolist()):
                 self._sensors[touch] = PRESSED if state.foot_contacts[leg] else FREE

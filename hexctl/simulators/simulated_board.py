@@ -177,35 +177,39 @@ class SimulatedBoard(RunningBoard):
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
         self._random = random.Random(seed)  # noqa: S311  faults are no secret
         self._sent_rad: FloatArray | None = None
+        self._unplugged = False
 
     @abstractmethod
     def _begin(self, fault: BoardFault) -> None:
-        """Let a fault begin."""
+        """Begin a fault other than `unplug` and `replug`."""
 
     @abstractmethod
-    def _told(self) -> tuple[BoolArray, FloatArray]:
+    def _servo_targets(self) -> tuple[BoolArray, FloatArray]:
         """Which servos hold, (18,), and their target angles, (18,), arbitrary for others."""
 
     @abstractmethod
-    def _show(self, state: RobotState) -> None:
-        """Pass the robot's state to the board."""
+    def _measure(self, state: RobotState) -> None:
+        """Take the measurements of the board from the robot's state."""
 
-    def _suffer(self) -> None:
+    def _begin_due_faults(self) -> None:
         for fault in self.due.begun(self._robot.clock.now_s):
-            self._begin(fault)
+            if fault.kind in ("unplug", "replug"):
+                self._unplugged = fault.kind == "unplug"
+            else:
+                self._begin(fault)
 
     def _start(self) -> None:
-        self._suffer()
-        self._show(self._robot.read())
+        self._begin_due_faults()
+        self._measure(self._robot.read())
 
     def _tick(self) -> None:
-        self._suffer()
+        self._begin_due_faults()
         state = self._robot.read()
         self._move(state)
-        self._show(state)
+        self._measure(state)
 
     def _move(self, state: RobotState) -> None:
-        holds, angles_rad = self._told()
+        holds, angles_rad = self._servo_targets()
         if not holds.any():
             if self._sent_rad is not None:
                 self._robot.disable_torque()

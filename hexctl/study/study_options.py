@@ -170,7 +170,8 @@ class StudyOptions(ComputeOptions):
 
     methods: Annotated[Sequence[str] | None, Typed(parse=listed), RARE, ONE_KIND] = None
     """With --recovery, the reactions, with commas: nothing (always), told, recover, stop-diagnose,
-    decentralised, open-loop-best, or a custom package.module:Class. (default: nothing,told,recover)
+    decentralised, open-loop-best, ppo, trial-and-error, cma-es, or a custom package.module:Class. (default:
+    nothing,told,recover)
     """
 
     protocols: Annotated[Sequence[str] | None, Typed(parse=listed), RARE, ONE_KIND] = None

@@ -43,7 +43,9 @@ def open_devices(
         if options.pad is None:
             for path, lack in undrivable_pads().items():
                 say(f"hexctl: {path}: {lack}; it can stop the robot with `hexctl estop --ready`")
-        pad = Gamepad(drive.arbiter.source("gamepad"), drive.share, session.ask, path=options.pad)
+        pad = Gamepad(
+            drive.arbiter.source("gamepad"), drive.share, session.ask, session.lean, path=options.pad
+        )
         stack.callback(pad.close)
         devices.append(pad)
     if options.keyboard and terminal:

@@ -5,26 +5,43 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import takewhile
 from threading import Lock
 from typing import Any, Protocol
 
 from hexctl.control.drive.arbiter import Velocity
 from hexctl.control.drive.drive import Drive
-from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.errors import EStopError, HexctlError, InputError
-from hexctl.gait.gait import NAMED_SLOTS, Gait
+from hexctl.gait.body_pose import LEVEL
+from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.legs import link_points_body
 from hexctl.robot.failure import in_words
-from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import N_LEGS, FloatArray, RobotState, all_finite
 
 #: Requests of devices in addition to velocities.
-REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
+REQUESTS = ("stop", "stand", "sit", "gait", "level", "hold body", "quit")
 
-#: Step and maximum of the body's height above the stance, as shares of the robot's size.
-RAISE_STEP, MOST_RAISE = 0.01, 0.1
+#: Requests that move the body by a step: the number of `BodyPose`, and the direction.
+POSE_REQUESTS = {
+    "up": ("up_m", 1),
+    "down": ("up_m", -1),
+    "front down": ("pitch_rad", 1),
+    "front up": ("pitch_rad", -1),
+    "lean right": ("roll_rad", 1),
+    "lean left": ("roll_rad", -1),
+    "twist left": ("yaw_rad", 1),
+    "twist right": ("yaw_rad", -1),
+    "shift forward": ("forward_m", 1),
+    "shift back": ("forward_m", -1),
+    "shift left": ("left_m", 1),
+    "shift right": ("left_m", -1),
+}
+
+#: Steps of a pose request: an angle, and a share of the robot's size.
+ANGLE_STEP_RAD, SHIFT_STEP = math.radians(2), 0.01
+
+#: Maxima of a stick that moves the body.
+MOST_ANGLE_RAD, MOST_SHIFT = math.radians(15), 0.05
 
 #: Ticks between two reports to devices.
 REPORT_TICKS = 5
@@ -106,8 +123,7 @@ class DriveSession:
     """Drives a robot manually until a device asks to quit.
 
     A stop of a device is also latched at a robot on the network. After it, "stand" reconnects, which the
-    robot refuses until its stop is cleared. Heights at which the gait can walk are calculated before any
-    motion, because they take long. `robot_stop` stops the robot for all its clients.
+    robot refuses until its stop is cleared. `robot_stop` stops the robot for all its clients.
     """
 
     def __init__(self, drive: Drive, robot_stop: RobotStop | None = None) -> None:
@@ -121,16 +137,15 @@ class DriveSession:
         self._quit: str | None = None
         self._noticed = 0
         self._travel = Travel()
-        self._raises = walkable_raises(drive.robot, drive.gait)
 
     def ask(self, request: str, why: str = "") -> None:
-        """Queue one of `REQUESTS`; thread-safe. Each tick executes one of them.
+        """Queue one of `REQUESTS` or `POSE_REQUESTS`; thread-safe. Each tick executes one of them.
 
         A stop is immediate and drops earlier requests. A queued request is not added again, so no client can
         crowd out others. Raises InputError for any other request.
         """
-        if request not in REQUESTS:
-            raise InputError(f"request: got {request!r}; allowed: {', '.join(REQUESTS)}")
+        if request not in REQUESTS and request not in POSE_REQUESTS:
+            raise InputError(f"request: got {request!r}; allowed: {', '.join((*REQUESTS, *POSE_REQUESTS))}")
         if request == "stop":
             with self._asking:
                 self._stops += 1
@@ -144,6 +159,19 @@ class DriveSession:
         else:
             with self._asking:
                 self._asked.setdefault(request)
+
+    def lean(self, forward: float, left: float, roll: float, pitch: float) -> None:
+        """Move the body by shares -1 to 1 of the maxima of a stick, while the gamepad is followed."""
+        drive = self.drive
+        most_m = MOST_SHIFT * drive.robot.size_m
+        pose = replace(
+            drive.body_goal,
+            roll_rad=roll * MOST_ANGLE_RAD,
+            pitch_rad=pitch * MOST_ANGLE_RAD,
+            forward_m=forward * most_m,
+            left_m=left * most_m,
+        )
+        drive.arbiter.pose(pose, "gamepad")
 
     def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
         """Drive until a device asks to quit; return the reason. The robot then stands.
@@ -225,12 +253,12 @@ class DriveSession:
             "speed_m_s": None if latched else self._travel.speed_m_s,
             "heading_deg": self._travel.heading_deg,
             "gait": name_of(drive.gait_now.slots),
-            "body_raise": round(drive.body_raise, 3),
+            "body_pose": drive.body_pose.array.round(4).tolist(),
             "battery_v": state.battery_v,
             "battery_share": state.battery_share,
             "legs": self._legs(state),
             "failures": [f"leg {one.leg} {in_words(one)}" for one in drive.failures],
-            "said": state.fault or (robot_stop and robot_stop.trouble) or self._no_walk() or self.said,
+            "said": state.fault or (robot_stop and robot_stop.trouble) or self._lack(state) or self.said,
         }
 
     def _legs(self, state: RobotState) -> list[dict[str, Any]]:
@@ -245,11 +273,15 @@ class DriveSession:
         states = ["failed" if leg + 1 in failed else "air" if in_air[leg] else "" for leg in range(N_LEGS)]
         return [{"points": each, "state": how} for each, how in zip(seen, states, strict=True)]
 
-    def _no_walk(self) -> str:
+    def _lack(self, state: RobotState) -> str:
         drive = self.drive
-        if drive.mode != "driving" or drive.share(1, 1, 1).array.min() > 0:
+        if drive.level and state.base_quaternion_world is None:
+            return "the body is not kept level: the robot measures no roll and pitch"
+        if drive.mode != "driving":
             return ""
-        return f"no speed is possible with the body at {drive.body_raise:+.2f}"
+        if drive.share(1, 1, 1).array.min() <= 0:
+            return "no speed is possible with this body height"
+        return "" if drive.pose_share == 1 else f"the legs reach {drive.pose_share:.0%} of this body pose"
 
     def _poll(self, devices: Sequence[Device]) -> None:
         for device in devices:
@@ -287,32 +319,20 @@ class DriveSession:
             names = list(NAMED_SLOTS)
             now = name_of(drive.gait.slots)
             drive.gait = names[(names.index(now) + 1) % len(names)] if now in names else names[0]
-        elif request in ("up", "down"):
-            self._raise_body(upward=request == "up")
-
-    def _raise_body(self, *, upward: bool) -> None:
-        now = self.drive.body_raise
-        others = [one for one in self._raises if (one > now if upward else one < now)]
-        if others:
-            self.drive.body_raise = min(others) if upward else max(others)
-            self.said = ""
+        elif request in ("level", "hold body"):
+            drive.arbiter.pose(LEVEL if request == "level" else drive.body_pose)
         else:
-            self.said = f"the body is as {'high' if upward else 'low'} as the gait can walk"
+            self._move_body(*POSE_REQUESTS[request])
 
-
-def walkable_raises(robot: Robot, gait: Gait) -> tuple[float, ...]:
-    """Heights at which a gait can walk, ascending, around the stance; caches velocity limits."""
-
-    def can_walk(share: float) -> bool:
-        posture = replace(gait.posture, body_raise=share)
-        limits = VelocityLimits.of(robot, replace(gait, posture=posture))
-        return bool(limits.speeds_m_s[0].min() > 0 and limits.turn_rates_rad_s[0] > 0)
-
-    most = round(MOST_RAISE / RAISE_STEP)
-    steps = [round(RAISE_STEP * number, 6) for number in range(most + 1)]
-    higher = list(takewhile(can_walk, steps))
-    lower = list(takewhile(can_walk, [-step for step in steps[1:]])) if higher else []
-    return (*reversed(lower), *higher)
+    def _move_body(self, name: str, direction: int) -> None:
+        """Move the body by a step from the commanded pose, if the legs reach that."""
+        drive = self.drive
+        step = ANGLE_STEP_RAD if name.endswith("_rad") else SHIFT_STEP * drive.robot.size_m
+        pose = replace(drive.body_goal, **{name: getattr(drive.body_goal, name) + direction * step})
+        reached = drive.reach(pose) == 1
+        self.said = "" if reached else "the legs do not reach further"
+        if reached:
+            drive.arbiter.pose(pose)
 
 
 def name_of(slots: Sequence[int]) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from hexctl.control.drive.arbiter import VelocitySource
+from hexctl.control.drive.arbiter import ZERO, VelocitySource
 from hexctl.errors import InputError, argument
 from hexctl.teleop.event_file import EV_ABS, EV_KEY, EV_SYN, EventFile, EventFiles
 from hexctl.teleop.keyboard import Share
@@ -20,10 +20,10 @@ from hexctl.teleop.keyboard import Share
 SYN_DROPPED = 3
 
 #: Axes: left stick, right stick, the cross, shoulder buttons that report how far they are pressed.
-ABS_X, ABS_Y, ABS_RX, ABS_HAT_Y, ABS_HAT1X, ABS_HAT1Y = 0, 1, 3, 17, 18, 19
+ABS_X, ABS_Y, ABS_RX, ABS_RY, ABS_HAT_Y, ABS_HAT1X, ABS_HAT1Y = 0, 1, 3, 4, 17, 18, 19
 
 #: Right stick and pedals of pads in the layout of Android.
-ABS_Z, ABS_GAS, ABS_BRAKE = 2, 9, 10
+ABS_Z, ABS_RZ, ABS_GAS, ABS_BRAKE = 2, 5, 9, 10
 
 #: Numbered buttons of joysticks, first and last.
 BTN_JOYSTICK = range(288, 304)
@@ -34,9 +34,11 @@ BTN_TL, BTN_TR, BTN_SELECT, BTN_START = 310, 311, 314, 315
 #: Up and down of a cross that reports buttons: BTN_DPAD_*, or BTN_TRIGGER_HAPPY3 and 4.
 CROSS = {544: "up", 545: "down", 706: "up", 707: "down"}
 
-#: Either shoulder button has to be held to drive; an axis counts as pressed beyond half of its range.
+#: Either shoulder button has to be held to drive, both to move the body; an axis counts as pressed beyond
+#: half of its range.
 HOLD = (BTN_TL, BTN_TR)
 HOLD_AXES = (ABS_HAT1X, ABS_HAT1Y)
+LEFT_HOLDS, RIGHT_HOLDS = {BTN_TL, ABS_HAT1Y}, {BTN_TR, ABS_HAT1X}
 PRESSED = 0.5
 
 #: Requests of the other buttons.
@@ -48,6 +50,9 @@ SYS = Path("/sys/class/input")
 
 #: Dead zone of an axis, as a share of its range.
 DEAD = 0.1
+
+#: Moves the body by shares of its range, -1 to 1: forward, left, roll, pitch.
+Lean = Callable[[float, float, float, float], None]
 
 #: Range of an axis whose driver does not report it.
 USUAL_RANGE = (-32768, 32767)
@@ -155,7 +160,8 @@ class GamepadEvents:
 
     def __init__(self, descriptor: int | None = None) -> None:
         self._turn = ABS_RX if descriptor is None else turn_axis(_axes_of(descriptor))
-        sticks = (ABS_X, ABS_Y, self._turn)
+        self._nod = ABS_RY if self._turn == ABS_RX else ABS_RZ
+        sticks = (ABS_X, ABS_Y, self._turn, self._nod)
         self._ranges = {
             axis: USUAL_RANGE if descriptor is None else axis_range(descriptor, axis)
             for axis in (*sticks, *HOLD_AXES)
@@ -174,10 +180,20 @@ class GamepadEvents:
         return bool(self._holds)
 
     @property
+    def leans(self) -> bool:
+        """Whether both hold buttons are pressed."""
+        return bool(self._holds & LEFT_HOLDS and self._holds & RIGHT_HOLDS)
+
+    @property
     def shares(self) -> tuple[float, float, float]:
         """Forward, left and turn, -1 to 1."""
         # Sticks count right and down as positive.
         return -self._shares[ABS_Y], -self._shares[ABS_X], -self._shares[self._turn]
+
+    @property
+    def lean_shares(self) -> tuple[float, float, float, float]:
+        """Forward, left, roll and pitch, -1 to 1: the body follows the sticks."""
+        return (*self.shares[:2], self._shares[self._turn], -self._shares[self._nod])
 
     def take(self, kind: int, code: int, value: int) -> None:
         """Take an event."""
@@ -218,8 +234,9 @@ class GamepadEvents:
 class Gamepad:
     """The first gamepad, as a source of velocities; without `path` it is searched repeatedly.
 
-    A shoulder button has to be held to drive. Releasing it, or unplugging the pad, stops the walk. A stick
-    that is held during a clear of a stop is ignored until it was in the middle, or the button released.
+    A shoulder button has to be held to drive. Releasing it, or unplugging the pad, stops the walk. With both
+    held, the sticks move the body over its feet, where it stays. A stick that is held during a clear of a
+    stop, or a change between the two, is ignored until it was in the middle, or the buttons released.
     """
 
     def __init__(
@@ -227,16 +244,19 @@ class Gamepad:
         source: VelocitySource,
         share: Share,
         ask: Callable[[str], None],
+        lean: Lean,
         *,
         path: Path | None = None,
         find: Callable[[], list[Path]] = find_gamepads,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._source, self._share, self._ask = source, share, ask
+        self._source, self._share, self._ask, self._lean = source, share, ask, lean
         self._files = EventFiles(find if path is None else lambda: [path], most=1, now_s=now_s)
         self._file: EventFile | None = None
         self._events = GamepadEvents()
-        self._driving, self._forgets = False, source.forgets
+        self._held = ""
+        self._forgets: int | None = source.forgets
+        self._leaned = (0.0,) * 4
 
     @property
     def connected(self) -> bool:
@@ -254,14 +274,27 @@ class Gamepad:
             self._ask(request)
         self._events.pressed.clear()
         if self._events.held:
-            shares = self._events.shares
-            if not self._driving or not any(shares):
-                self._driving, self._forgets = True, self._source.forgets
-            if self._forgets == self._source.forgets:
-                self._source.command(self._share(*shares))
-        elif self._driving:
-            self._driving = False
+            self._drive("lean" if self._events.leans else "walk")
+        elif self._held:
+            if self._held == "lean":
+                self._ask("hold body")
+            self._held = ""
             self._source.release()
+
+    def _drive(self, held: str) -> None:
+        events, source = self._events, self._source
+        if not self._held or not (any(events.shares) or any(events.lean_shares)):
+            self._forgets = source.forgets
+        elif held != self._held:
+            self._forgets = None
+            source.release()
+        self._held = held
+        if self._forgets != source.forgets:
+            return
+        source.command(self._share(*events.shares) if held == "walk" else ZERO)
+        if held == "lean" and events.lean_shares != self._leaned:
+            self._leaned = events.lean_shares
+            self._lean(*self._leaned)
 
     def report(self, status: dict[str, Any]) -> None:
         """Nothing: a gamepad has no display."""

@@ -37,15 +37,22 @@ SPEED_KEYS = {
     "\x1b[C": (0, 0, -1),
 }
 REST_KEYS = (" ", "\x1b", "x")
-REQUEST_KEYS = {"q": "quit", "g": "gait", "u": "up", "j": "down", "1": "stand", "0": "sit", "x": "stop"}
+REQUEST_KEYS = {"q": "quit", "g": "gait", "h": "level", "1": "stand", "0": "sit", "x": "stop"}
+REQUEST_KEYS |= {"u": "up", "j": "down", "i": "front down", "k": "front up"}
+REQUEST_KEYS |= {"n": "lean left", "m": "lean right", ",": "twist left", ".": "twist right"}
+REQUEST_KEYS |= {"W": "shift forward", "S": "shift back", "A": "shift left", "D": "shift right"}
 
 #: Keys that count even with a silent terminal.
 LAST_KEYS = (*REST_KEYS, "0", "q")
 
 HELP = (
     "w s or arrows: faster, slower · a d: sideways · left right arrows: turn · space: stand still\n"
-    "g: gait · u j: body up, down · 1: stand up · 0: sit down · x: stop (1 goes on) · q: quit"
+    "u j: body up, down · W A S D: shift it · i k: front down, up · n m: lean it · , .: twist it · h: level\n"
+    "g: gait · 1: stand up · 0: sit down · x: stop (1 goes on) · q: quit"
 )
+
+#: Rounded numbers of a body pose that are not shown.
+ZEROS = ("0°", "0.0 cm")
 
 #: Status query of a terminal, and its answer.
 ASK_STATUS, STATUS = "\x1b[5n", re.compile(r"\x1b\[[03]n")
@@ -182,13 +189,22 @@ def line_of(status: dict[str, Any]) -> str:
     parts = [
         _command_of(status["velocity"]),
         status["gait"],
-        *([f"body {status['body_raise']:+.2f}"] if status["body_raise"] else []),
+        *_pose_in_words(status["body_pose"]),
         status["mode"] if status["stopped"] is None else _stop_in_words(status),
         *([said] if said else _travel_of(status)),
         *([] if battery is None else [f"{battery:.1f} V"]),
         *([] if status["source"] is None else [status["source"]]),
     ]
     return " · ".join(parts)
+
+
+def _pose_in_words(numbers: Sequence[float]) -> list[str]:
+    """The numbers of a body pose other than zero, in degrees and cm."""
+    degrees = [_signed(math.degrees(number), 0) + "°" for number in numbers[:3]]
+    values = [*degrees, *(_signed(100 * number, 1) + " cm" for number in numbers[3:])]
+    names = ("roll", "pitch", "yaw", "forward", "left", "up")
+    parts = [f"{name} {value}" for name, value in zip(names, values, strict=True) if value[1:] not in ZEROS]
+    return [f"body {' '.join(parts)}"] if parts else []
 
 
 def _stop_in_words(status: dict[str, Any]) -> str:

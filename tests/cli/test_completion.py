@@ -62,7 +62,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     ("line", "offered"),
     [
         ("hexctl run --robot ", config_names("robots")),
-        ("hexctl run --world s", ["slippery", "slope", "stand"]),
+        ("hexctl run --world s", ["slippery", "slope", "stand", "steps"]),
         ("hexctl prior build --family ", ["randomised", "real", "transfer"]),
         ("hexctl run --gait ", ["auto", "best", "demo", "tripod", "wave", "ripple"]),
         ("hexctl run --failed-leg ", ["1", "2", "3", "4", "5", "6", "auto"]),

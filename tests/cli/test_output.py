@@ -113,6 +113,7 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"events": EVENTS}, "failed", "leg 2 limp at 8 s, leg 5 missing at 14 s"),
         ({"events": EVENTS}, "healed", "leg 2 at 18 s"),
         ({"recording": "runs/my walk.rrd"}, "next: hexct", "l view 'runs/my walk.rrd'"),
+        ({"status": "no_progress", "recording": None}, "next: hexct", "l check ant"),
     ],
     ids=str,
 )
@@ -153,6 +154,8 @@ def test_a_robot_that_was_stopped_has_one_next_command(capsys: pytest.CaptureFix
     assert lines[-1].endswith("hexctl estop --clear")
     assert len([line for line in lines if "hexctl " in line]) == 1
     assert "start it again" in why_in_words(f"fault: {SERVER_ENDED}")
+    assert why_in_words("fault: battery", clear=None) == " (fault: battery): see to it"
+    assert summary({**WALK, **stop, "backend": "feetech", "world": None}, None)[-1] != lines[-1]
 
 
 OUTCOME = {

@@ -186,7 +186,7 @@ prior build --repertoire --worlds 17 => --worlds
 prior build --repertoire --family failing => --family
 prior show diary.npz => diary.npz
 prior show --repertoire diary.npz => diary.npz
-prior show nowhere.npz => nowhere.npz
+prior show nowhere.npz => FILE: no file at
 """
 
 #: A command line and its message, by turns.
@@ -198,6 +198,7 @@ CASES = [line.rpartition(" => ")[::2] for line in REFUSED.strip().splitlines()]
 @pytest.fixture(autouse=True)
 def _in_a_folder_with_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("hexctl.cli.prompts.can_answer", lambda: True)
     for name in ("a-file", "full/thesis.rrd", "folder.npz/x", "diary.npz"):
         Path(name).parent.mkdir(exist_ok=True)
         Path(name).write_text("mine")

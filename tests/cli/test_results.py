@@ -247,6 +247,8 @@ def test_it_prints_where_the_output_lies(walk: Path, capsys: Any) -> None:
         ([str(walk), "-o", "walk.mcap"], "walk.mcap"),
     ):
         assert exit_code(["export", *arguments]) == 0
-        assert capsys.readouterr().out == f"{path}\n"
+        said = capsys.readouterr()
+        assert said.out == f"{path}\n"
+        assert ("not measured, which the new file does not show: servo" in said.err) == ("ant" in arguments)
         assert Path(path).stat().st_size > 1000
     assert "ros2_control" in Path("a.urdf").read_text()

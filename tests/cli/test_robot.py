@@ -118,6 +118,9 @@ def test_a_robot_file_is_made_and_what_to_measure_is_told(tmp_path: Path, capsys
     assert any(line.startswith("  body.size_m: ") for line in measure)
     assert following.endswith(f"hexctl check --robot {mine}")
     assert load_robot(mine).name == "mine"
+    own = [*arguments[:-3], "pexod", "-o", str(tmp_path / "own.yaml")]
+    assert exit_code(own) == 0
+    assert "pexod is also a shipped robot" in capsys.readouterr().err
     before = mine.read_text()
     assert exit_code(arguments) == 2
     assert mine.read_text() == before

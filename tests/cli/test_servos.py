@@ -25,13 +25,14 @@ ONLY_ONE = [
 
 
 @pytest.mark.realtime
-def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("driver", ["dynamixel", "lx16a"])
+def test_another_driver_that_fits_is_named(driver: str, capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(), *ONLY_ONE) as board:
-        words = ["servos", "scan", "--driver", "dynamixel", "--connect", f"{board.path}:1000000", "--json"]
-        assert exit_code(words) == 0
+        words = ["servos", "scan", "--driver", driver, "--connect", f"{board.path}:1000000", "--json"]
+        assert exit_code(words) == (2 if driver == "dynamixel" else 3)
         printed = capsys.readouterr()
-    assert [each["model"] for each in json.loads(printed.out)] == [None]
-    assert "dynamixel" in printed.err
+    assert printed.out.strip() in ("", "[]")
+    assert "feetech" in printed.err
 
 
 @pytest.mark.long
@@ -184,11 +185,15 @@ def test_that_no_usb_adapter_is_there_is_noted(
 
 
 def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     section = {"driver": "feetech", "port": "/dev/nothing"}
     file = edited_file(tmp_path, put("servos", section), base="phantomx")
     before = file.read_text()
+    monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
+    assert exit_code(["calibrate", str(file)]) == 2, "nobody can answer"
+    assert "calibrate: no answer can come on stdin" in capsys.readouterr().err
+    _says(monkeypatch, "")
     for options, code, named in (
         ([], 3, "/dev/nothing"),
         (["--connect", "/dev/nowhere"], 3, "/dev/nowhere"),

@@ -330,6 +330,23 @@ def test_the_line_of_travel_errs_far_less_than_a_single_measurement() -> None:
     assert (origins.std(axis=0) < 0.4 * POSITION_NOISE_M).all()
 
 
+@pytest.mark.parametrize(
+    ("yaw_deg", "least_s", "most_s"), [(0.0, 0.0, 0.0), (0.15, 0.0, 0.0), (0.5, 0.8, 1.5), (5.0, 1.5, 1.5)]
+)
+def test_a_noisy_yaw_is_measured_for_longer_at_rest(yaw_deg: float, least_s: float, most_s: float) -> None:
+    """25 samples of 0.25 degrees have a mean within 0.05 degrees; the rest ends after 2 s at the latest."""
+    plan, log = TrialPlan(gait=gait_of(shipped()), duration_s=0.02, hold="line"), TickLog()
+    world = World(sensor_noise=SensorNoise(yaw_deg=yaw_deg))
+    with SimServos(shipped(), world=world, facing_rad=1.0) as servos:
+        result = run_trial(Guard(servos), plan, recorders=(log,), soft_stop=False)
+    settled = log.rows_of("settle")
+    assert least_s - 0.01 < 0.02 * (settled.stop - settled.start) - 1.0 < most_s + 0.01
+    assert log.frame is not None
+    assert math.degrees(log.frame.heading_rad) == pytest.approx(math.degrees(1.0), abs=0.04 + 0.3 * yaw_deg)
+    assert result.true_deviation is not None
+    assert result.true_deviation.max < 1e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("leg", [2, 3])
 def test_after_a_self_rotation_the_start_errs_as_little(leg: int) -> None:

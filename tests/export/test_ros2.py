@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from hexctl.errors import InputError
 from hexctl.export.export import export
 from hexctl.options import options_of
+from hexctl.robot.configs import find_config
 from hexctl.server.ros.topics import TOPICS
 from hexctl.server.serve_options import ServeOptions
 
@@ -51,6 +52,17 @@ def test_the_folder_has_all_files_and_replaces_nothing(folder: Path) -> None:
     }
     with pytest.raises(InputError, match="exists"):
         export("ant", to="ros2", output=folder)
+
+
+@pytest.mark.parametrize("name", ["pexod", "my robot.yaml"])
+def test_the_launch_file_starts_the_exported_robot(name: str, tmp_path: Path) -> None:
+    source: Path | str = name
+    if "." in name:
+        source = tmp_path / name
+        source.write_text(find_config("robots", "lukas").read_text(encoding="utf-8"), encoding="utf-8")
+    path = export(source, to="ros2", output=tmp_path / "out")
+    text = (Path(path) / "robot.launch.py").read_text(encoding="utf-8")
+    assert f'"robot": ("{source}", "name of' in text
 
 
 def test_rviz_shows_topics_and_frames_that_are_published(folder: Path) -> None:

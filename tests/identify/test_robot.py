@@ -1,7 +1,9 @@
 """Identification of a robot: motions on the stand, the replay of logs, and the file that is written."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -218,3 +220,26 @@ def test_weak_servos_lose_speed_and_keep_their_back_emf(tmp_path: Path) -> None:
     after = RobotValues.of(load_robot(tmp_path / "identified.yaml"))
     assert after.max_torque_nm == pytest.approx(0.4 * before.max_torque_nm, rel=1e-3)
     assert after.back_emf_nm_s_per_rad == pytest.approx(before.back_emf_nm_s_per_rad, rel=1e-3)
+
+
+def test_motions_that_did_not_end_and_recordings_of_others_are_refused(tmp_path: Path) -> None:
+    ticks = itertools.count()
+    move_on_stand(robot="pexod", record=tmp_path / "part.rrd", stop_requested=lambda: next(ticks) > 150)
+    with pytest.raises(InputError, match="did not end"):
+        read_robot_log(tmp_path / "part.rrd")
+    with pytest.raises(InputError, match=r"differ by .* from those of lukas"):
+        read_robot_log(tmp_path / "part.rrd", shipped("lukas"))
+
+
+@pytest.mark.parametrize("left_rad", [0.003, 0.02])
+def test_a_poor_fit_is_noted_and_the_file_is_the_next_step(
+    left_rad: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = found(stiffness_nm_per_rad=(20.0, 0.5))
+    log = SimpleNamespace(name="log", on_stand=True)
+    result = replace(result, fit=replace(result.fit, after_rad={"log": left_rad}), replays=(log,))
+    monkeypatch.setattr("hexctl.identify.identification.identify", lambda *_, **__: result)
+    assert exit_code(["identify", "some.rrd"]) == 0
+    said = capsys.readouterr()
+    assert ("a poor fit" in said.err) == (left_rad > 0.01)
+    assert "hexctl identify some.rrd --robot ROBOT -o FILE.yaml" in said.out.replace("\n", " ")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hexctl.errors import InputError
 from hexctl.ik.leg_odometer import GAP_S, LegOdometer
-from hexctl.ik.leg_odometry import leg_motions, standing
+from hexctl.ik.leg_odometry import leg_motions, stance_motions, standing
 from hexctl.ik.legs import solve_legs
 from hexctl.ik.lost_leg import JUDGED_S, WINDOW_S, LostLegWatch
 from hexctl.robot.failure import Failure
@@ -44,6 +44,12 @@ def test_feet_that_stay_tell_the_motion(forward_m: float, left_m: float, yaw_rad
     assert moved.motions[0] == pytest.approx([forward_m, left_m, yaw_rad], abs=1e-6)
     assert np.diff(moved.height_m)[0] == pytest.approx(up_m, abs=1e-6)
     assert moved.slip_m[0] < 1e-6
+    joints = np.stack([joints_of(before), joints_of(after)])
+    contacts = np.ones((2, 6), dtype=bool)
+    contacts[1, 3] = False
+    joints[1, 9:12] += 0.1  # a foot that has lifted
+    shift = stance_motions(POINT_FEET, joints, contacts, np.array([0.0, yaw_rad]), 0.1)
+    assert [shift[0].real, shift[0].imag] == pytest.approx([forward_m, left_m], abs=1e-6)
 
 
 def test_a_body_that_leans_knows_up_and_its_height() -> None:

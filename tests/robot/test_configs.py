@@ -1,6 +1,7 @@
 """Shipped configuration files load, and robots of vendors move as the vendors' programs move them."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from hexctl.backends.sim.world import load_world
 from hexctl.control.assessment.feasibility import check_robot
+from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.configs import config_names, find_config, read_mapping, shipped_text
 from hexctl.robot.failure import Failure
@@ -126,3 +128,10 @@ def test_each_walks_without_any_of_its_legs(name: str, kind: str) -> None:
         assert result.status in ("ok", "no_progress"), leg  # it does not fall
         assert result.distance_m is not None
         assert result.distance_m > 0.3 * result.ideal_distance_m, leg
+
+
+@pytest.mark.parametrize("text", ["<!-- of CAD -->\n<mujoco model='a: b'/>", "\ufeff<robot name='six'/>"])
+def test_a_description_of_another_tool_is_to_be_imported(text: str, tmp_path: Path) -> None:
+    (tmp_path / "some.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"hexctl robot import .*some\.yaml -o"):
+        load_robot(tmp_path / "some.yaml")

@@ -173,6 +173,97 @@ def test_ranges_of_no_leg_are_unknown(ends: str, tmp_path: Path) -> None:
         assert {"joints.coxa.min_deg", "joints.coxa.max_deg"} <= set(unlimited.unknown)
 
 
+# -- sizes and units
+
+
+def scaled(text: str, share: float, effort: str = "2") -> str:
+    """A description with other lengths, and masses that follow from them."""
+    powers = {"value": 3, "ixx": 5, "iyy": 5, "izz": 5}
+    texts = re.split(r'(xyz|size|length|radius|value|ixx|iyy|izz)="([^"]*)"', text)
+    for at in range(1, len(texts), 3):
+        key, values = texts[at : at + 2]
+        numbers = (float(one) * share ** powers.get(key, 1) for one in values.split())
+        texts[at : at + 2] = [key + '="', " ".join(map(str, numbers)) + '"']
+    return "".join(texts).replace('effort="2"', f'effort="{effort}"')
+
+
+@pytest.mark.parametrize("share", [0.12, 2.0])
+def test_guesses_follow_from_the_size(share: float, tmp_path: Path) -> None:
+    """Trunk, stance and masses; known small masses are no placeholders."""
+    usual, made = (imported(tmp_path, scaled(hexapod(trunk=BOX), one, "60")) for one in (1.0, share))
+    assert made.unknown == usual.unknown
+    for part, key in (("body", "size_m"), ("stance", "up_m"), ("stance", "outward_m")):
+        assert made.content[part][key] == pytest.approx(
+            np.multiply(share, usual.content[part][key]), rel=1e-6
+        )
+    assert made.content["body"]["mass_kg"] == pytest.approx(share**3 * 1.2)
+    bare = scaled(hexapod(trunk_inertial="", inertial=""), share, "60")
+    guess = imported(tmp_path, bare)
+    assert guess.content["body"]["size_m"][2] == pytest.approx(0.05 * share * 0.24 / 0.25)
+    assert guess.robot().mass_kg == pytest.approx(2.08 * (share * 0.24 / 0.25) ** 3, rel=0.02)
+    assert f"{guess.content['body']['mass_kg']:g} kg" in guess.reasons["body.mass_kg"]
+    # No more than what the known torque carries.
+    weak = imported(tmp_path, bare.replace('effort="60"', 'effort="0.05"')).robot()
+    assert 3.27 * weak.mass_kg * share * (FEMUR_M + TIBIA_M) <= 0.0501
+
+
+HEAVY: dict[str, Any] = {
+    "trunk_inertial": TRUNK.replace("1.2", "1200"),
+    "trunk": solid('<box size="0.3 0.3 4"/>'),
+}
+UNITS = {
+    "lengths in mm": (scaled(hexapod(), 1000), "legs of 240 m.*metres"),
+    "masses in grams": (hexapod(**HEAVY), "trunk of 1200 kg.*grams"),
+    "two links of a name": (hexapod(more='<link name="c3"/>'), "2 links named 'c3'"),
+}
+
+
+@pytest.mark.parametrize("case", UNITS)
+def test_other_units_and_names_given_twice_are_refused(case: str, tmp_path: Path) -> None:
+    text, match = UNITS[case]
+    with pytest.raises(InputError, match=match):
+        imported(tmp_path, text)
+
+
+def test_limits_in_degrees_and_swapped_limits_are_noted(tmp_path: Path) -> None:
+    limit = '<limit lower="-80" upper="75" effort="2" velocity="0.1"/>'
+    made = imported(
+        tmp_path, hexapod(limits=(limit, LIMIT, LIMIT.replace('1.5"', '-1.5"').replace("--", "")))
+    )
+    assert "are these degrees" in made.reasons["joints.coxa.min_deg"]
+    assert "got 5.73; plausible: 11.46 to 3438 deg/s; 200" in made.reasons["joints.coxa.max_speed_deg_s"]
+    assert sum("were swapped" in note for note in made.notes) == 6
+
+
+def test_radians_in_an_mjcf_of_degrees_are_refused(tmp_path: Path) -> None:
+    text = mjcf_scaled(1.0)
+    for degrees in ("-80 80", "-60 90"):
+        text = text.replace(f'range="{degrees}"', 'range="-1.2 1.3"')
+    with pytest.raises(InputError, match='angle="radian"'):
+        imported(tmp_path, text, "some.xml")
+
+
+@pytest.mark.parametrize(("share", "refused"), [(1.0, False), (0.3, True)])
+def test_lengths_that_differ_are_noted_or_refused_by_size(
+    share: float, refused: bool, tmp_path: Path
+) -> None:
+    text = hexapod().replace(
+        f'xyz="{FEMUR_M} 0 0" rpy="0 1.1 0"', f'xyz="{FEMUR_M + 0.004} 0 0" rpy="0 1.1 0"', 1
+    )
+    if refused:
+        with pytest.raises(InputError, match="femur links of the legs differ"):
+            imported(tmp_path, scaled(text, share).replace(str(0.079 * share), str(0.079 * share + 0.002)))
+    else:
+        assert any(
+            "femur links of the legs differ by 4 mm" in note for note in imported(tmp_path, text).notes
+        )
+
+
+def test_a_foot_at_an_impossible_place_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="3 m from the knee"):
+        imported(tmp_path, hexapod(), foot_m=(0.0, 0.0, -3.0))
+
+
 # -- meshes
 
 

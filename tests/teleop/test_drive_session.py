@@ -140,34 +140,34 @@ def test_what_is_asked_for_is_done_and_a_stop_holds(last: str, stopped: str, sou
         script = Script(session, {110: "gait", 115: "up", 120: "up", 125: "down", 190: last, 230: "quit"})
         session.run([script])
         assert name_of(drive.gait.slots) == script.told["gait"] == "wave"
-        assert drive.body_raise == pytest.approx(0.01)
+        assert drive.body_pose.up_m == pytest.approx(0.01)
         assert drive.at_rest
         assert drive.stopped == stopped
         assert script.told["source"] == source
 
 
 @pytest.mark.slow
-def test_the_body_goes_no_higher_and_no_lower_than_the_gait_can_walk() -> None:
+def test_the_body_goes_no_higher_and_no_lower_than_the_legs_reach() -> None:
     with Drive("ant") as drive:
         session = DriveSession(drive)
         requests = dict.fromkeys(range(150, 170), "up") | dict.fromkeys(range(400, 430), "down")
-        script = Script(session, requests | {800: "quit"})
+        script = Script(session, requests | {600: "level", 700: "quit"})
         stick, seen = drive.arbiter.source("motion"), list[tuple[float, float, str]]()
 
         class Watch:
             def poll(self) -> None:
                 stick.command(drive.share(0.5))
-                seen.append((drive.body_raise, drive.velocity.forward_m_s, session.said))
+                seen.append((drive.body_pose.up_m, drive.velocity.forward_m_s, session.said))
 
             def report(self, status: dict[str, Any]) -> None:
                 pass
 
         session.run([script, Watch()])
-    highest, lowest = seen[395], seen[795]
-    assert highest[0] > 0 > lowest[0]
+    highest, lowest, level = seen[395], seen[595], seen[695]
+    assert highest[0] > 0.03 > -0.03 > lowest[0]
     assert min(highest[1], lowest[1]) > 0
-    assert "high" in highest[2]
-    assert "low" in lowest[2]
+    assert highest[2] == lowest[2] == "the legs do not reach further"
+    assert level[0] == 0
 
 
 def test_a_height_at_which_nothing_walks_is_said() -> None:
@@ -176,7 +176,7 @@ def test_a_height_at_which_nothing_walks_is_said() -> None:
         drive.command(forward_m_s=0.1)
         script = Script(session, {250: "quit"})
         session.run([script])
-        assert "+0.10" in script.told["said"]
+        assert "body height" in script.told["said"]
         assert script.told["velocity"] == [0, 0, 0]
 
 

@@ -110,11 +110,13 @@ class Pad:
         self.path = folder / "event7"
         self.arbiter = Arbiter(lambda: self.now_s)
         self.asked: list[str] = []
+        self.leaned: list[tuple[float, ...]] = []
         self.found: list[Path] = []
         self.pad = Gamepad(
             self.arbiter.source("gamepad"),
             Velocity,
             self.asked.append,
+            lambda *shares: self.leaned.append(shares),
             find=lambda: self.found,
             now_s=lambda: self.now_s,
         )
@@ -152,6 +154,24 @@ def test_the_sticks_drive_while_a_shoulder_button_is_held(pad: Pad) -> None:
         assert pad.arbiter.decide().velocity == Velocity(1.0, 0.0, 0.0)
     assert pad.send(event(STICK_X, -32768), event(TURN, 32767)).velocity == Velocity(1.0, 1.0, -1.0)
     assert pad.send(event(HOLD, 0)) == Decision(Velocity(), "gamepad")
+
+
+def test_with_both_shoulder_buttons_the_sticks_move_the_body(pad: Pad) -> None:
+    pad.plug_in()
+    other, middle = (1, 311), event(STICK_Y, 0)
+    assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
+    assert pad.send(event(other, 1)).velocity == Velocity()
+    assert not pad.leaned, "the stick has to be in the middle first"
+    pad.send(middle)
+    pad.send(event(STICK_Y, -32768), event(TURN, 32767), event((3, 4), -32768))
+    pad.send()
+    assert pad.leaned == [(1.0, 0.0, 1.0, 1.0)]
+    assert pad.arbiter.decide() == Decision(Velocity(), "gamepad")
+    assert pad.send(event(other, 0)).velocity == Velocity(), "it walks only from the middle"
+    assert pad.send(event(HOLD, 0)).velocity == Velocity()
+    pad.send(event(TURN, 0), event((3, 4), 0), middle, event(HOLD, 1), event(other, 1))
+    pad.send(event(HOLD, 0), event(other, 0))
+    assert pad.asked == ["hold body"]
 
 
 def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> None:

@@ -129,8 +129,9 @@ def test_a_speed_from_before_a_stand_is_forgotten(typist: Typist, keys: str) -> 
 
 
 def test_keys_ask_for_what_they_say(typist: Typist) -> None:
-    typist.type("guj10q")
-    assert [request for request, _ in typist.asked] == ["gait", "up", "down", "stand", "sit", "quit"]
+    typist.type("guj10W,q")
+    asked = ["gait", "up", "down", "stand", "sit", "shift forward", "twist left", "quit"]
+    assert [request for request, _ in typist.asked] == asked
 
 
 def test_a_terminal_that_has_gone_is_a_release_and_the_end(typist: Typist) -> None:
@@ -147,7 +148,7 @@ def test_a_terminal_that_has_gone_is_a_release_and_the_end(typist: Typist) -> No
 def test_the_line_has_what_the_robot_does_in_80_columns() -> None:
     status: dict[str, Any] = {
         "velocity": [0.071, 0.0, -0.5], "gait": "tripod", "mode": "driving", "stopped": None,
-        "source": "keyboard", "battery_v": None, "said": "", "body_raise": 0.0,
+        "source": "keyboard", "battery_v": None, "said": "", "body_pose": 6 * [0.0],
         "distance_m": 12.34, "speed_m_s": 0.071, "heading_deg": -12.4,
     }  # fmt: skip
     assert line_of(status).startswith("forward +0.071 m/s turn -29°/s · tripod")
@@ -156,6 +157,7 @@ def test_the_line_has_what_the_robot_does_in_80_columns() -> None:
     assert len(line) < 80
     assert "12.3 m, yaw" in line_of({**status, "speed_m_s": None})
     assert line_of({**status, "velocity": [-1e-5, -0.0, -1e-4]}).startswith("forward +0.000 m/s · tripod")
+    assert " · body roll -4° up +1.2 cm · " in line_of({**status, "body_pose": [-0.07, 0, 0, 0, 1e-5, 0.012]})
     said = line_of({**status, "said": "leg 3 limp", "stopped": "fell"})
     assert "leg 3 limp" in said
     assert "STOPPED: fell" in said

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
+from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Typed, check_fields
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
-from hexctl.robot.servos.servo_models import BAUD
+from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS
 
 if TYPE_CHECKING:
     from hexctl.robot.servos.bus_map import BusMap
@@ -63,15 +64,13 @@ class BusOptions:
 
         Raises InputError without a driver or a port, and for a robot file with hobby servos.
         """
-        from hexctl.backends.bus.servos import parse_bus_port
-
         section = self._section()
         driver = self._driver(section)
-        text = self.connect or (None if section is None else section.port)
-        baud = self.baud
-        if baud is None and section is not None and section.baud is not None:
-            baud = int(section.baud)
-        return BusAddress(driver, *parse_bus_port(text, baud, driver=driver))
+        text, of_file = self.connect, None
+        if section is not None:
+            text, of_file = text or section.port, section.baud
+        address = SerialAddress.parse(text, self.baud or of_file or DEFAULT_BAUDS[driver])
+        return BusAddress(driver, address.path, address.baud)
 
     def servo_map(self) -> "BusMap | None":
         """Return the ids of all joints by the robot file; None without one."""

@@ -56,17 +56,17 @@ class Damage:
                 f"answers on {path} at {self.baud} baud are damaged and cannot be understood at many ids: "
                 "a wrong baud rate, driver or protocol, a bad cable or noise"
             )
-        said = []
+        causes = []
         if self.garbled:
-            said.append(
+            causes.append(
                 f"answers of {_ids(self.garbled)} are damaged and cannot be understood: several servos with "
                 f"the same id answer together, or its cable is bad; {APART}"
             )
         if self.doubled:
-            said.append(
-                f"{_ids(self.doubled)} answers several times: several servos have the same id; {APART}"
+            causes.append(
+                f"more than one answer from {_ids(self.doubled)}: several servos have the same id; {APART}"
             )
-        return "; ".join(said)
+        return "; ".join(causes)
 
 
 class Listener:
@@ -93,11 +93,10 @@ class Listener:
 
     def answers(self, servo_id: int, *, tries: int = 1) -> bool:
         """Whether an id answers; one with damaged answers is suspected."""
-        probe = self.packets.packets.probe
-        return self.look(servo_id, lambda: self.packets.ask(servo_id, probe, tries=tries) is not None or None)
+        return self.look(servo_id, lambda: self.packets.ping(servo_id, tries=tries) or None)
 
     def damage(self) -> Damage:
-        """What persists of the suspicions."""
+        """Return the damage that further pings confirm."""
         if self._first != (self.packets.garbled, self.packets.late) and self.is_noisy():
             return Damage(baud=self.packets.line.baud, noisy=True)
         garbled = [each for each in list(self._garbled)[: 2 * MOST_IDS] if self._persists(each, garbled=True)]

@@ -92,11 +92,10 @@ class LineCondition:
 
     def __init__(self, servos: BusMap, shares: AnswerShares, *, time: TimeSource = WALL_TIME) -> None:
         self._map, self._shares, self._time = servos, shares, time
-        self._least_v = np.array([model.least_v for model in servos.models])
-        self._usual_v: float | None = None
+        self._usual_v = np.nan  # until most servos have reported a voltage
         self._at_s = self._sagged_at_s = -np.inf
         self._low_v = np.inf  # lowest of a brown-out
-        self._said: dict[int, float] = {}  # reported shares, by joint; -1 for all
+        self._reported: dict[int, float] = {}  # reported shares, by joint; -1 for all
 
     def warnings(self, servos: ServoReadings, limp: BoolArray, mute: BoolArray) -> list[str]:
         """Warnings, unchanged while nothing changes; `limp` and `mute` are joints, (18,)."""
@@ -118,19 +117,19 @@ class LineCondition:
         known = np.isfinite(voltages_v)
         if not known.any():
             return known
-        low: BoolArray = known & (voltages_v < np.maximum(self._least_v, SAGGED * (self._usual_v or 0.0)))
+        low: BoolArray = known & (voltages_v < SAGGED * self._usual_v)
         if np.count_nonzero(known) > N_JOINTS // 2 and np.count_nonzero(low) < SEVERAL:
             median_v = float(np.median(voltages_v[known]))
             passed = min(1.0, (now_s - self._at_s) / DRAINS_S)
-            before = median_v if self._usual_v is None else self._usual_v
+            before = median_v if np.isnan(self._usual_v) else self._usual_v
             self._usual_v, self._at_s = before + passed * (median_v - before), now_s
         return low
 
     def _brown_out(self, restarted: BoolArray, lost: BoolArray) -> str:
         words = []
         if np.isfinite(self._low_v):
-            usual = "" if self._usual_v is None else f", where they had {round(self._usual_v)} V"
-            words.append(f"several servos have {np.floor(2 * self._low_v) / 2:g} V{usual}")
+            now = f"{np.floor(2 * self._low_v) / 2:g} V"
+            words.append(f"the voltage of several servos fell from {self._usual_v:.0f} V to {now}")
         if np.count_nonzero(restarted) >= SEVERAL:
             words.append("several have restarted without torque")
         if lost.any():
@@ -141,21 +140,22 @@ class LineCondition:
         shares = np.where(mute, 0.0, self._shares.damaged)
         bad_answers = shares * np.minimum(self._shares.asked, WINDOW)
         begins = (shares >= DAMAGED) & (bad_answers >= LEAST_BAD)
-        before = np.array([joint in self._said or -1 in self._said for joint in range(N_JOINTS)])
+        before = np.array([joint in self._reported or -1 in self._reported for joint in range(N_JOINTS)])
         bad = np.flatnonzero(begins | (before & (shares >= GOOD))).tolist()
         if len(bad) > MOST_LINES:
-            self._said = {-1: self._figure(-1, float(np.median(shares[bad])))}
-            return [f"bad cable or noise: {_percent(self._said[-1])} of all answers are damaged or missing"]
-        self._said = {joint: self._figure(joint, float(shares[joint])) for joint in bad}
+            share = self._figure(-1, float(np.median(shares[bad])))
+            self._reported = {-1: share}
+            return [f"bad cable or noise: {_percent(share)} of all answers are damaged or missing"]
+        self._reported = {joint: self._figure(joint, float(shares[joint])) for joint in bad}
         return [
-            f"bad cable or noise: {_percent(self._said[joint])} of the answers of "
+            f"bad cable or noise: {_percent(self._reported[joint])} of the answers of "
             f"{self._map.names(np.arange(N_JOINTS) == joint)} are damaged or missing"
             for joint in bad
         ]
 
     def _figure(self, joint: int, share: float) -> float:
         """Share to report: the previous one while it is about right."""
-        said = self._said.get(joint)
+        said = self._reported.get(joint)
         return share if said is None or not said / CHANGED <= share <= said * CHANGED else said
 
 

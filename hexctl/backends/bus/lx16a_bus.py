@@ -78,29 +78,29 @@ class Lx16aBus(ServoBus):
         """Which servos answer, (n,); keeps their voltages and temperatures for the first reports."""
         found = super().find()
         self._silent = ~found
-        for place in np.flatnonzero(found).tolist():
+        for index in np.flatnonzero(found).tolist():
             for command in (lx.READ_VOLTAGE, lx.READ_TEMPERATURE):
-                self._read_other(place, command)
+                self._read_other(index, command)
         return found
 
-    def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
+    def torque(self, index: int, *, tries: int = TRIES) -> bool | None:
         """Whether a servo holds its goal; None without an answer."""
-        answer = self._ask(place, lx.READ_LOAD, tries=tries)
+        answer = self._ask(index, lx.READ_LOAD, tries=tries)
         if answer is None:
             return None
-        self._on[place] = bool(answer[0])
+        self._on[index] = bool(answer[0])
         return bool(answer[0])
 
-    def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
+    def set_torque(self, on: bool, indices: Sequence[int] | None = None) -> None:
         """Switch the torque of some servos until each confirms, up to `TRIES` times."""
-        left = list(self._every if places is None else places)
+        left = list(self._every if indices is None else indices)
         if not on:
             self._goals = None
         self._on[left] = on
         self._limp[left] = self._beyond[left] = False
         for _ in range(TRIES):
-            self._line.write(b"".join(lx.load(self.ids[place], on=on) for place in left))
-            left = [place for place in left if self._ask(place, lx.READ_LOAD) != bytes([on])]
+            self._line.write(b"".join(lx.load(self.ids[index], on=on) for index in left))
+            left = [index for index in left if self._ask(index, lx.READ_LOAD) != bytes([on])]
             if not left:
                 return
 
@@ -108,13 +108,13 @@ class Lx16aBus(ServoBus):
         """Send goals before and after the torque, as unloaded servos may ignore moves; skip `_beyond`."""
         self._on[self._beyond] = False
         chosen = np.flatnonzero(which).tolist()
-        for place in chosen:
-            to_here = lx.move(self.ids[place], int(here[place]), PERIOD_MS)
-            self._line.write(to_here + lx.load(self.ids[place], on=True) + to_here)
+        for index in chosen:
+            to_here = lx.move(self.ids[index], int(here[index]), PERIOD_MS)
+            self._line.write(to_here + lx.load(self.ids[index], on=True) + to_here)
         self._sent[:] = self._earlier[:] = np.nan
         self._from[:] = np.where(which, here, np.nan)
         self.set_torque(True, chosen)
-        return np.array([bool(which[place] and self.torque(place)) for place in self._every])
+        return np.array([bool(which[index] and self.torque(index)) for index in self._every])
 
     def _send_goals(self, goals: FloatArray) -> None:
         """Send changed goals now, or half of them a period later."""
@@ -140,7 +140,7 @@ class Lx16aBus(ServoBus):
             if asked and (late or asked == len(self.ids) or until()):
                 return reports
 
-    def end_watchdog(self, places: Sequence[int] | None = None) -> None:
+    def end_watchdog(self, indices: Sequence[int] | None = None) -> None:
         """Send waiting goals; these servos have no watchdog."""
         self._send_moves()
 
@@ -150,26 +150,26 @@ class Lx16aBus(ServoBus):
         if self._goals is None:
             return
         order = [
-            place
-            for place in np.argsort(self._sent_at_s, kind="stable").tolist()
-            if self._on[place] and np.isfinite(self._goals[place])
+            index
+            for index in np.argsort(self._sent_at_s, kind="stable").tolist()
+            if self._on[index] and np.isfinite(self._goals[index])
         ]
-        due = [place for place in order if self._goals[place] != self._sent[place]]
+        due = [index for index in order if self._goals[index] != self._sent[index]]
         chosen = due[:MOST_MOVES]
-        old = [place for place in order[:1] if self._sent_at_s[place] < now_s - REPEAT_S]
+        old = [index for index in order[:1] if self._sent_at_s[index] < now_s - REPEAT_S]
         if len(chosen) < MOST_MOVES and not set(old) & set(chosen):
             chosen += old
         # Goals that waited, or will, are two periods from the one before or to the next.
         slow = set(due) if len(due) > MOST_MOVES else self._waited
         self._waited = set(due) - set(chosen)
-        planned_ms = np.array([2 * PERIOD_MS if place in slow else PERIOD_MS for place in self._every])
+        planned_ms = np.array([2 * PERIOD_MS if index in slow else PERIOD_MS for index in self._every])
         arrive_s = np.full(len(self.ids), now_s)  # at its servo, one move behind the other
         arrive_s[chosen] = max(self._line.free_s, now_s) + self._line.wire_s(MOVE_BYTES) * np.arange(
             1, len(chosen) + 1
         )
         times_ms = np.maximum(planned_ms, self._needed_ms(self._goals, arrive_s))
         self._note_moves(chosen, self._goals, times_ms, arrive_s)
-        moves = [lx.move(self.ids[place], int(self._sent[place]), int(times_ms[place])) for place in chosen]
+        moves = [lx.move(self.ids[index], int(self._sent[index]), int(times_ms[index])) for index in chosen]
         if moves:
             self._line.write(b"".join(moves))
 
@@ -193,51 +193,51 @@ class Lx16aBus(ServoBus):
     ) -> None:
         here = self._come_to(at_s)
         here = np.where(np.isnan(here), goals, here)
-        new = [place for place in chosen if goals[place] != self._sent[place]]
+        new = [index for index in chosen if goals[index] != self._sent[index]]
         self._earlier[:, new] = np.vstack([self._sent[new], self._earlier[:-1, new]])
         self._from[chosen], self._takes_s[chosen] = here[chosen], times_ms[chosen] / 1000
         self._sent[chosen], self._sent_at_s[chosen] = goals[chosen], at_s[chosen]
 
-    def _ask_reports(self, places: Sequence[int]) -> list[Report]:
-        answers = [(place, self._ask(place, lx.READ_POSITION)) for place in places]
-        reports = [self._report(place, answer) for place, answer in answers if answer is not None]
-        self._count(places, reports)
+    def _ask_reports(self, indices: Sequence[int]) -> list[Report]:
+        answers = [(index, self._ask(index, lx.READ_POSITION)) for index in indices]
+        reports = [self._report(index, answer) for index, answer in answers if answer is not None]
+        self._count(indices, reports)
         return reports
 
-    def _report(self, place: int, answer: bytes) -> Report:
-        self._read[place] = lx.number(answer)
-        limp = "limp" if self._limp[place] else ""
+    def _report(self, index: int, answer: bytes) -> Report:
+        self._read[index] = lx.number(answer)
+        limp = "limp" if self._limp[index] else ""
         return Report(
-            place=place,
+            index=index,
             at_s=self._time.now(),
             position=lx.number(answer),
             effort=np.nan,
             current_a=np.nan,
-            voltage_v=self._others.pop((place, lx.READ_VOLTAGE), np.nan) / 1000,
-            temperature_c=self._others.pop((place, lx.READ_TEMPERATURE), np.nan),
-            error=", ".join(filter(None, (limp, self._complaint_of_limits(place)))),
+            voltage_v=self._others.pop((index, lx.READ_VOLTAGE), np.nan) / 1000,
+            temperature_c=self._others.pop((index, lx.READ_TEMPERATURE), np.nan),
+            error=", ".join(filter(None, (limp, self._complaint_of_limits(index)))),
         )
 
     def _read_next_other(self) -> None:
-        kind, place = divmod(self._next_other, len(self.ids))
+        kind, index = divmod(self._next_other, len(self.ids))
         self._next_other = (self._next_other + 1) % (len(OTHERS) * len(self.ids))
-        self._read_other(place, OTHERS[kind])
+        self._read_other(index, OTHERS[kind])
 
-    def _read_other(self, place: int, command: int) -> None:
-        answer = self._ask(place, command)
+    def _read_other(self, index: int, command: int) -> None:
+        answer = self._ask(index, command)
         if answer is None:
             return
         if command != lx.READ_LOAD:
-            self._others[place, command] = lx.number(answer)
-        elif answer == b"\0" and self._on[place] and self._ask(place, command) == answer:
-            self._on[place], self._limp[place] = False, True
+            self._others[index, command] = lx.number(answer)
+        elif answer == b"\0" and self._on[index] and self._ask(index, command) == answer:
+            self._on[index], self._limp[index] = False, True
 
-    def _ask(self, place: int, command: int, *, tries: int = 1) -> bytes | None:
+    def _ask(self, index: int, command: int, *, tries: int = 1) -> bytes | None:
         for _ in range(tries):
-            answer = self._packets.ask(self.ids[place], command)
+            answer = self._packets.ask(self.ids[index], command)
             if answer is not None:
-                self._silent[place] = False
+                self._silent[index] = False
                 return answer.parameters
-            if not self._silent[place]:  # a dead servo is no evidence about the others' moves
-                self._silent[place], self._missed_at_s = True, self._time.now()
+            if not self._silent[index]:  # a dead servo is no evidence about the others' moves
+                self._silent[index], self._missed_at_s = True, self._time.now()
         return None

@@ -91,8 +91,12 @@ class PacketLine:
                 return fitting[0]
         return None
 
+    def ping(self, servo_id: int, *, tries: int = 1) -> bool:
+        """Whether a servo answers a ping."""
+        return self.ask(servo_id, self.packets.probe, tries=tries) is not None
+
     def hear(self, servo_id: int) -> Heard:
-        """Ping a servo and listen for the whole timeout: several may answer, one after the other."""
+        """Ping a servo and listen until the timeout: several may answer, one after the other."""
         line, before = self.line, self.garbled
         request = self.packets.instruction(servo_id, self.packets.probe)
         line.discard()

@@ -72,12 +72,12 @@ class PacketFormat(ABC):
         """Whether an answer may be one to the request."""
         return True
 
-    def place(self, address: int, size: int) -> bytes:
+    def address_bytes(self, address: int, size: int) -> bytes:
         """Parameters that address some bytes of a servo's memory."""
         return address.to_bytes(self.width, "little") + size.to_bytes(self.width, "little")
 
-    def placed(self, parameters: bytes) -> tuple[int, int, bytes]:
-        """Address, size and the rest of parameters that begin as `place` writes them."""
+    def split_address(self, parameters: bytes) -> tuple[int, int, bytes]:
+        """Address, size and the rest of parameters that begin as `address_bytes` writes them."""
         rest = 2 * self.width
         address, size = parameters[: self.width], parameters[self.width : rest]
         return int.from_bytes(address, "little"), int.from_bytes(size, "little"), parameters[rest:]

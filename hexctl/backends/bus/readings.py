@@ -86,7 +86,7 @@ class BelievedReadings:
     def take(self, reports: Sequence[Report]) -> None:
         """Take reports of some servos."""
         for report in reports:
-            joint = report.place
+            joint = report.index
             # Since the last reading, not the last accepted one: in time, any value would become plausible.
             reach = self._jumps[joint] + self._speeds[joint] * (report.at_s - self._heard_at_s[joint])
             if self._believe(self._positions[joint], report.position, reach):
@@ -133,6 +133,6 @@ def polls(bus: ServoBus, readings: BelievedReadings) -> Iterator[list[Report]]:
     for _ in range(MOST_POLLS):
         reports = bus.poll_all()
         yield reports
-        answering |= {report.place for report in reports}
+        answering |= {report.index for report in reports}
         if readings.trusted[sorted(answering)].all():
             return

@@ -32,29 +32,29 @@ class RegisterBus(ServoBus):
         super().__init__(packets, models, counters)
         self.servos = [RegisterServo(packets, servo_id, model) for servo_id, model in models.items()]
         self.table = self.servos[0].table
-        self._places = {servo_id: place for place, servo_id in enumerate(self.ids)}
+        self._indices = {servo_id: index for index, servo_id in enumerate(self.ids)}
         self._errors = [0] * len(self.ids)  # the error bytes of the newest reports
         self._alerts: dict[int, tuple[float, str]] = {}  # why servos raise their alert, and since when known
         self._next = 0
 
-    def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
+    def torque(self, index: int, *, tries: int = TRIES) -> bool | None:
         """Whether a servo holds its goal; None without an answer.
 
         AX servos set their torque limit to 0 after an overload and then hold nothing; it is read if they
         complain.
         """
-        on = super().torque(place, tries=tries)
-        if on and (tries > 1 or self._errors[place]):
-            return self.servos[place].raw(self.table.torque_limit, tries=tries) != 0
+        on = super().torque(index, tries=tries)
+        if on and (tries > 1 or self._errors[index]):
+            return self.servos[index].raw(self.table.torque_limit, tries=tries) != 0
         return on
 
-    def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
+    def set_torque(self, on: bool, indices: Sequence[int] | None = None) -> None:
         """Switch the torque of some servos, and their watchdogs if they have one.
 
         No servo answers a broadcast: torque off is read back and sent again if necessary; `hold` reads torque
         on back.
         """
-        left = list(self._every if places is None else places)
+        left = list(self._every if indices is None else indices)
         self._write_all(self.table.torque, float(on), left)
         if on:
             self.renew_watchdog(left)
@@ -62,7 +62,7 @@ class RegisterBus(ServoBus):
         self._beyond[left] = False
         self.end_watchdog(left)
         for _ in range(TRIES - 1):
-            left = [place for place in left if self.servos[place].raw(self.table.torque, tries=1) != 0]
+            left = [index for index in left if self.servos[index].raw(self.table.torque, tries=1) != 0]
             if not left:
                 return
             self._write_all(self.table.torque, 0.0, left)
@@ -70,31 +70,31 @@ class RegisterBus(ServoBus):
     def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
         """Write goals and torques until they read back; renew torque limits that an overload has set to 0."""
         holds: BoolArray = np.zeros(len(self.ids), dtype=bool)
-        for place in np.flatnonzero(which).tolist():
-            self.servos[place].renew_torque_limit()
+        for index in np.flatnonzero(which).tolist():
+            self.servos[index].renew_torque_limit()
         for _ in range(TRIES):
             left = np.flatnonzero(which & ~holds).tolist()
             if not left:
                 break
             self.end_watchdog(left)  # an expired one refuses goals
             self._sync_write(self.table.goal, here, left)
-            there = [place for place in left if self.servos[place].value(self.table.goal) == here[place]]
+            there = [index for index in left if self.servos[index].value(self.table.goal) == here[index]]
             if there:
                 self.set_torque(True, there)
-            for place in there:
-                holds[place] = self.torque(place) is True
+            for index in there:
+                holds[index] = self.torque(index) is True
         return holds
 
-    def renew_watchdog(self, places: Sequence[int] | None = None) -> None:
+    def renew_watchdog(self, indices: Sequence[int] | None = None) -> None:
         """Treat silence as a failure from now on; expired watchdogs end."""
         if self.table.watchdog is not None:
-            self.end_watchdog(places)
-            self._write_all(self.table.watchdog, float(WATCHDOG_20MS), places)
+            self.end_watchdog(indices)
+            self._write_all(self.table.watchdog, float(WATCHDOG_20MS), indices)
 
-    def end_watchdog(self, places: Sequence[int] | None = None) -> None:
+    def end_watchdog(self, indices: Sequence[int] | None = None) -> None:
         """Stop the watchdogs."""
         if self.table.watchdog is not None:
-            self._write_all(self.table.watchdog, 0.0, places)
+            self._write_all(self.table.watchdog, 0.0, indices)
 
     def _send_goals(self, goals: FloatArray) -> None:
         self._sync_write(self.table.goal, goals, np.flatnonzero(np.isfinite(goals)).tolist())
@@ -113,12 +113,12 @@ class RegisterBus(ServoBus):
         self._ask_for_an_alert()
         return reports
 
-    def _ask_reports(self, places: Sequence[int]) -> list[Report]:
+    def _ask_reports(self, indices: Sequence[int]) -> list[Report]:
         """Reports of some servos, by one sync read if they can."""
-        if not places:
+        if not indices:
             return []
         packets, (first, size) = self._packets.packets, self.table.block
-        block, ids = packets.place(first, size), bytes(self.ids[place] for place in places)
+        block, ids = packets.address_bytes(first, size), bytes(self.ids[index] for index in indices)
         if self.table.sync_read:
             request = packets.instruction(BROADCAST, SYNC_READ, block + ids)
             wire_s = self._packets.line.wire_s(len(request) + len(ids) * packets.status_size(size))
@@ -128,48 +128,48 @@ class RegisterBus(ServoBus):
             answers = [answer for answer in asked if answer is not None]
         now_s = self._time.now()
         reports = [self._report(answer, now_s) for answer in answers if len(answer.parameters) == size]
-        self._count(places, reports)
+        self._count(indices, reports)
         return reports
 
     def _report(self, answer: StatusPacket, now_s: float) -> Report:
-        place = self._places[answer.servo_id]
+        index = self._indices[answer.servo_id]
         position, effort, current_a, voltage_v, temperature_c = self.table.numbers(answer.parameters)
         return Report(
-            place=place,
+            index=index,
             at_s=now_s,
             position=position,
             effort=effort,
             current_a=current_a,
             voltage_v=voltage_v,
             temperature_c=temperature_c,
-            error=self._complaint(place, answer.error),
+            error=self._complaint(index, answer.error),
         )
 
-    def _complaint(self, place: int, error: int) -> str:
-        self._errors[place] = error
+    def _complaint(self, index: int, error: int) -> str:
+        self._errors[index] = error
         words = self.table.complaint(error)
         if self.table.hardware_error is None or not words:
-            self._alerts.pop(place, None)
+            self._alerts.pop(index, None)
         else:  # why it raises its alert is asked later
-            words = self._alerts.setdefault(place, (-np.inf, words))[1]
-        return ", ".join(filter(None, (words, self._complaint_of_limits(place))))
+            words = self._alerts.setdefault(index, (-np.inf, words))[1]
+        return ", ".join(filter(None, (words, self._complaint_of_limits(index))))
 
     def _ask_for_an_alert(self) -> None:
         """Ask one of the alerted servos for the reason, each at intervals."""
         now_s = self._time.now()
-        for place, (asked_at_s, words) in self._alerts.items():
+        for index, (asked_at_s, words) in self._alerts.items():
             if asked_at_s < now_s - ALERT_S:
-                reason = self.servos[place].hardware_error()
-                self._alerts[place] = (now_s, f"hardware alert ({reason})" if reason else words)
+                reason = self.servos[index].hardware_error()
+                self._alerts[index] = (now_s, f"hardware alert ({reason})" if reason else words)
                 return
 
-    def _write_all(self, register: Register, value: float, places: Sequence[int] | None) -> None:
-        self._sync_write(register, np.full(len(self.ids), value), self._every if places is None else places)
+    def _write_all(self, register: Register, value: float, indices: Sequence[int] | None) -> None:
+        self._sync_write(register, np.full(len(self.ids), value), self._every if indices is None else indices)
 
-    def _sync_write(self, register: Register, values: FloatArray, places: Sequence[int]) -> None:
+    def _sync_write(self, register: Register, values: FloatArray, indices: Sequence[int]) -> None:
         """Write a register of some servos, values (n,), in one packet, which no servo answers."""
-        head = self._packets.packets.place(register.address, register.size)
+        head = self._packets.packets.address_bytes(register.address, register.size)
         rows = [
-            bytes([self.ids[place]]) + self.table.packed(register, float(values[place])) for place in places
+            bytes([self.ids[index]]) + self.table.packed(register, float(values[index])) for index in indices
         ]
         self._packets.tell(BROADCAST, SYNC_WRITE, head + b"".join(rows))

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.backends.bus.packets import READ, REBOOT, WRITE
+from hexctl.backends.bus.packets import READ, REBOOT, WRITE, StatusPacket
 from hexctl.backends.bus.registers import Register, bit_words, table_of
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings, firmware_and_variant
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 
 #: Message for a silent servo.
@@ -48,20 +48,21 @@ class RegisterServo(Servo):
         """Raw number in a register; None without an answer or a register."""
         if register is None:
             return None
-        data = self._bytes(register.address, register.size, tries=tries)
-        return None if data is None else int.from_bytes(data, self.table.byte_order)
+        answer = self._answer(register.address, register.size, tries=tries)
+        return None if answer is None else int.from_bytes(answer.parameters, self.table.byte_order)
 
-    def _bytes(self, address: int, size: int, *, tries: int = TRIES) -> bytes | None:
-        asked = self._packets.packets.place(address, size)
+    def _answer(self, address: int, size: int, *, tries: int = TRIES) -> StatusPacket | None:
+        """Answer with `size` bytes from an address."""
+        asked = self._packets.packets.address_bytes(address, size)
         for _ in range(tries):
             answer = self._packets.ask(self.servo_id, READ, asked)
             if answer is not None and len(answer.parameters) == size:
-                return answer.parameters
+                return answer
             if tries > 1:
                 self._packets.outwait()
         return None
 
-    def sure(self, register: Register | None) -> int | None:
+    def read_twice(self, register: Register | None) -> int | None:
         """Raw number of two equal reads in a row; None if they differ."""
         if register is not None and self._stored is not None and register.address < self.table.ram:
             data = self._stored[register.address : register.address + register.size]
@@ -71,7 +72,12 @@ class RegisterServo(Servo):
     @contextmanager
     def _settings_read(self) -> Iterator[None]:
         """Read all settings at once; a change ends that. Servos that refuse it are asked one by one."""
-        self._stored = self._twice(lambda: self._bytes(0, self.table.ram, tries=1))
+
+        def settings() -> bytes | None:
+            answer = self._answer(0, self.table.ram, tries=1)
+            return None if answer is None else answer.parameters
+
+        self._stored = self._twice(settings)
         try:
             yield
         finally:
@@ -82,9 +88,9 @@ class RegisterServo(Servo):
         raw = self.raw(register, tries=tries)
         return None if raw is None or register is None else register.value(raw)
 
-    def sure_value(self, register: Register | None) -> float | None:
+    def value_twice(self, register: Register | None) -> float | None:
         """Number in its unit from two equal reads in a row."""
-        raw = self.sure(register)
+        raw = self.read_twice(register)
         return None if raw is None or register is None else register.value(raw)
 
     def write(self, register: Register, value: float, *, tries: int = TRIES) -> str:
@@ -102,26 +108,26 @@ class RegisterServo(Servo):
 
     def change(self, register: Register, value: float) -> str:
         """Write a number if it differs, and read it back: servos drop some. Empty, or the reason."""
-        if self.sure(register) == register.raw(value):
+        if self.read_twice(register) == register.raw(value):
             return ""
         self._stored = None
         said = self.write(register, value)
-        after = self.sure(register)
+        after = self.read_twice(register)
         if after == register.raw(value):
             return ""
         return said or (SILENT if after is None else f"it keeps {after}")
 
     def model_number(self) -> int | None:
         """Reported model number; None without an answer."""
-        return self.sure(self.table.model)
+        return self.read_twice(self.table.model)
 
     def look(self) -> FoundServo:
         """Identity and readings of the servo."""
-        report = self._report()
-        data, error = (None, "") if report is None else report
+        answer = self._answer(*self.table.block)
+        error = "" if answer is None else self.table.complaint(answer.error)
         if self.table.hardware_error is not None and error:
             error = f"{error} ({self.hardware_error()})"
-        numbers = [math.nan] * 5 if data is None else self.table.numbers(data)
+        numbers = [math.nan] * 5 if answer is None else self.table.numbers(answer.parameters)
         position, load, current_a, voltage_v, temperature_c = (
             None if math.isnan(each) else each for each in numbers
         )
@@ -143,7 +149,7 @@ class RegisterServo(Servo):
 
     def firmware(self) -> str:
         """Version of its firmware; empty if unknown."""
-        numbers = [self.sure(each) for each in self.table.firmware]
+        numbers = [self.read_twice(each) for each in self.table.firmware]
         return "" if None in numbers or not any(numbers) else ".".join(map(str, numbers))
 
     def variant(self) -> str:
@@ -158,7 +164,7 @@ class RegisterServo(Servo):
     def _voltage_limits(self) -> tuple[float, float] | None:
         if self.table.voltages is None:
             return None
-        least_v, most_v = (self.sure_value(each) for each in self.table.voltages)
+        least_v, most_v = (self.value_twice(each) for each in self.table.voltages)
         known = least_v is not None and most_v is not None and 0 <= least_v < most_v
         return (round(least_v or 0.0, 1), round(most_v or 0.0, 1)) if known else None
 
@@ -203,17 +209,17 @@ class RegisterServo(Servo):
         address = register.address.to_bytes(self._packets.packets.width, "little")
         self._packets.tell(self.servo_id, WRITE, address + self.table.packed(register, level))
         self._packets.outwait()
-        after = self.sure(register)
+        after = self.read_twice(register)
         said = "" if after == level else SILENT if after is None else f"it keeps {after}"
         return [_changed(f"its status return level to {level}", said)]
 
     def _set_up_modes(self) -> list[str]:
         table, notes = self.table, list[str]()
-        if self.sure(table.unlock) == 0:
+        if self.read_twice(table.unlock) == 0:
             self._lock(open_=False)
         if said := self.change(table.return_delay, 0):
             notes.append(f"its return delay cannot be set to 0 ({said})")
-        mode, flags = self.sure(table.mode), self.sure(table.flags)
+        mode, flags = self.read_twice(table.mode), self.read_twice(table.flags)
         if table.mode is not None and mode not in (None, table.position_mode):
             said = self.change(table.mode, table.position_mode)
             notes.append(_changed(f"its operating mode from {mode} to {table.position_mode}", said))
@@ -225,14 +231,14 @@ class RegisterServo(Servo):
             if table.timed is not None and flags >> table.timed & 1 and not said:
                 notes += self._end_times()
             notes += [_changed(f"its flag for {on}", said)] if on else []
-        if table.resolution is not None and (scale := self.sure(table.resolution) or 1) > 1:
+        if table.resolution is not None and (scale := self.read_twice(table.resolution) or 1) > 1:
             said = self.change(table.resolution, 1)
             notes.append(_changed(f"its angular resolution from {scale} to 1", said))
         return notes
 
     def _end_times(self) -> list[str]:
         """Set durations of moves to none: as limits of speed and acceleration they mean something else."""
-        times = {each: self.sure(each) for each in self.table.profile}
+        times = {each: self.read_twice(each) for each in self.table.profile}
         return [
             _changed(f"its profile register {each.address} from {time} ms to 0", self.change(each, 0))
             for each, time in times.items()
@@ -245,7 +251,7 @@ class RegisterServo(Servo):
             return self._settings()
 
     def _settings(self) -> ServoSettings:
-        least, most = self.sure_value(self.table.least), self.sure_value(self.table.most)
+        least, most = self.value_twice(self.table.least), self.value_twice(self.table.most)
         unlimited = least is None or most is None or not least < most
         return ServoSettings(
             refusal=self._refusal(least, most),
@@ -253,20 +259,20 @@ class RegisterServo(Servo):
             least=float("-inf") if unlimited or least is None else least,
             most=float("inf") if unlimited or most is None else most,
             firmware=self.firmware(),
-            shadow_id=self.sure(self.table.shadow_id),
+            shadow_id=self.read_twice(self.table.shadow_id),
         )
 
     def hardware_error(self) -> str:
         """Reason of a torque loss, in words; empty if none is reported."""
-        bits = self.sure(self.table.hardware_error)
+        bits = self.read_twice(self.table.hardware_error)
         return "" if bits is None else bit_words(self.table.hardware_errors, bits)
 
     def renew_torque_limit(self) -> None:
         """Set a torque limit of 0 to the maximum; AX servos have 0 after an overload."""
         limit, greatest = self.table.torque_limit, self.table.max_torque
-        if limit is None or greatest is None or self.sure(limit) != 0:
+        if limit is None or greatest is None or self.read_twice(limit) != 0:
             return
-        if most := self.sure_value(greatest):
+        if most := self.value_twice(greatest):
             self.change(limit, most)
 
     def soften(self) -> str:
@@ -308,21 +314,12 @@ class RegisterServo(Servo):
         if self.table.unlock is not None:
             self.write(self.table.unlock, 0 if open_ else 1)
 
-    def _report(self) -> tuple[bytes, str] | None:
-        first, size = self.table.block
-        asked = self._packets.packets.place(first, size)
-        for _ in range(TRIES):
-            answer = self._packets.ask(self.servo_id, READ, asked)
-            if answer is not None and len(answer.parameters) == size:
-                return answer.parameters, self.table.complaint(answer.error)
-        return None
-
     def _refusal(self, least: float | None, most: float | None) -> str:
         """Why it would not follow position goals; empty if it does."""
         table = self.table
         if not self._known:
             return f"its model number {self._number} is not known"
-        mode, flags = self.sure(table.mode), self.sure(table.flags)
+        mode, flags = self.read_twice(table.mode), self.read_twice(table.flags)
         if table.mode is not None and mode not in (None, table.position_mode):
             return f"its operating mode is {mode}, not {table.position_mode} (position); {_LATER}"
         if table.mode is None and least == most == 0:
@@ -340,7 +337,7 @@ class RegisterServo(Servo):
     def _refused_numbers(self) -> str:
         """Why a number keeps it from following its own goals; empty if none does."""
         table = self.table
-        if (scale := self.sure(table.resolution) or 1) > 1:
+        if (scale := self.read_twice(table.resolution) or 1) > 1:
             return (
                 f"its angular resolution is {scale}, not 1: its counts are {scale} times as large; {_LATER}"
             )
@@ -348,24 +345,24 @@ class RegisterServo(Servo):
 
     def _notes(self) -> list[str]:
         table, notes = self.table, []
-        shutdown = self.sure(table.shutdown)
+        shutdown = self.read_twice(table.shutdown)
         if shutdown is not None and (missing := bit_words(table.protections, ~shutdown)):
             notes.append(f"it does not protect itself from {missing}")
         notes += self._overload_notes()
-        greatest, now = self.sure_value(table.max_torque), self.sure_value(table.soft_torque)
+        greatest, now = self.value_twice(table.max_torque), self.value_twice(table.soft_torque)
         if greatest == 0:
             notes.append("its maximum torque is set to 0")
         elif greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
-        if speed := self.sure_value(table.speed):
+        if speed := self.value_twice(table.speed):
             notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")
         if alert := self.hardware_error():
-            notes.append(f"it has let go ({alert}); switch its power off and on")
+            notes.append(f"it switched its torque off ({alert}); switch its power off and on")
         return notes + self._variant_notes()
 
     def _speed_unit(self) -> float:
         """How many times larger its counts of a speed are."""
-        flags = self.sure(self.table.flags)
+        flags = self.read_twice(self.table.flags)
         if self.table.slow_unit is None or flags is None:
             return 1.0
         bit, times = self.table.slow_unit
@@ -374,11 +371,10 @@ class RegisterServo(Servo):
     def _variant_notes(self) -> list[str]:
         """Notes on a supply that it is not made for, and on old firmware."""
         notes, firmware = [], self.firmware()
-        limits, volts = self._voltage_limits(), self.sure_value(self.table.voltage)
+        limits, volts = self._voltage_limits(), self.value_twice(self.table.voltage)
         if limits is not None and volts and not limits[0] <= volts <= limits[1]:
-            notes.append(
-                f"it has {volts:.0f} V and is made for other voltages ({self.variant()}, firmware {firmware})"
-            )
+            kind = firmware_and_variant(firmware, self.variant())
+            notes.append(f"it has {volts:.3g} V and is made for other voltages ({kind})")
         if self.table.least_firmware is not None and firmware:
             least, lacks = self.table.least_firmware
             if tuple(map(int, firmware.split("."))) < least:
@@ -390,7 +386,7 @@ class RegisterServo(Servo):
         overload = self.table.overload
         if overload is None:
             return []
-        values = [self.sure_value(register) for register in overload.registers]
+        values = [self.value_twice(register) for register in overload.registers]
         known = [(own, usual) for own, usual in zip(values, overload.factory, strict=True) if own is not None]
         if len(known) < len(values) or all(own <= usual + TORQUE_SHARE for own, usual in known):
             return []

@@ -71,9 +71,9 @@ class SerialLine:
                 wait_ready(self._descriptor, left_s, to_write=True)
 
     def read(self, deadline_s: float) -> bytes:
-        """What has come, or comes first until a time; empty if nothing does.
+        """Return received bytes, or wait for the first until a time; empty if none come.
 
-        Raises OSError when the device is gone.
+        Raises OSError when the device is lost.
         """
         return self._without_echo(self._take(max(0.0, deadline_s - self.time.now())))
 
@@ -161,13 +161,17 @@ def open_device(path: str, baud: int) -> Any:
 
 
 def holder_of(path: str) -> str | None:
-    """Program using a device, with its process id, if visible to this user; else None."""
+    """Program using a device, with its process id, if visible to this user; else None.
+
+    A program that made a pseudo-terminal has both of its ends and does not use it.
+    """
     device = os.path.realpath(path)
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) == os.getpid():
             continue
         with contextlib.suppress(OSError):
-            if any(os.path.realpath(link) == device for link in (process / "fd").iterdir()):
+            opened = {os.path.realpath(link) for link in (process / "fd").iterdir()}
+            if device in opened and not any(name.endswith("/ptmx") for name in opened):
                 words = (process / "cmdline").read_bytes().decode(errors="replace").split("\0")
                 return f"{_program(words)} (process {process.name})"
     return None

@@ -14,6 +14,11 @@ TRIES = 4
 Answer = TypeVar("Answer")
 
 
+def firmware_and_variant(firmware: str, variant: str) -> str:
+    """Words for both, such as `firmware 3.10, 12 V type, 4 to 14 V`; an empty one is left out."""
+    return ", ".join(filter(None, (firmware and f"firmware {firmware}", variant)))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundServo:
     """A servo that answers; None for unknown values.
@@ -87,7 +92,7 @@ class Servo(ABC):
 
     def answers(self, *, tries: int = TRIES) -> bool:
         """Whether it answers."""
-        return self._packets.ask(self.servo_id, self._packets.packets.probe, tries=tries) is not None
+        return self._packets.ping(self.servo_id, tries=tries)
 
     def reads(self) -> bool | None:
         """Whether its position can be read; None without any answer.

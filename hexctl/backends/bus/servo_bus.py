@@ -22,7 +22,7 @@ from hexctl.types import BoolArray, FloatArray
 #: Farther out it would rush back.
 BEYOND_DEG = 2.0
 
-#: Warning in place of one that names many mute servos.
+#: Warning that replaces one which names many mute servos.
 MANY_MUTE = "mute: servos of more than two legs"
 
 
@@ -31,13 +31,13 @@ class Report:
     """Report of one servo.
 
     Attributes:
-        place: index of the servo on the bus.
+        index: of the servo on the bus.
         position: in counts.
         effort: share of its maximum, or NaN.
         error: its complaint; empty for none.
     """
 
-    place: int
+    index: int
     at_s: float
     position: float
     effort: float
@@ -112,17 +112,17 @@ class ServoBus(ABC):
 
     def settings(self, which: BoolArray) -> dict[int, ServoSettings]:
         """Stored settings of some servos, (n,), by index; goals end at their limits from now on."""
-        stored = {place: self.servos[place].settings() for place in np.flatnonzero(which).tolist()}
-        for place, settings in stored.items():
-            self.lowest[place], self.highest[place] = settings.least, settings.most
+        stored = {index: self.servos[index].settings() for index in np.flatnonzero(which).tolist()}
+        for index, settings in stored.items():
+            self.lowest[index], self.highest[index] = settings.least, settings.most
         return stored
 
-    def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
+    def torque(self, index: int, *, tries: int = TRIES) -> bool | None:
         """Whether a servo holds its goal; None without an answer."""
-        return self.servos[place].torque(tries=tries)
+        return self.servos[index].torque(tries=tries)
 
     @abstractmethod
-    def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
+    def set_torque(self, on: bool, indices: Sequence[int] | None = None) -> None:
         """Switch the torque of some servos, by default all; torque off is sent until confirmed."""
 
     def hold(self, counts: FloatArray, which: BoolArray) -> BoolArray:
@@ -159,18 +159,18 @@ class ServoBus(ABC):
         """Reports of all servos, each asked up to `TRIES` times."""
         found: dict[int, Report] = {}
         for _ in range(TRIES):
-            missing = [place for place in self._every if place not in found]
-            found.update({report.place: report for report in self._ask_reports(missing)})
-        return [found[place] for place in sorted(found)]
+            missing = [index for index in self._every if index not in found]
+            found.update({report.index: report for report in self._ask_reports(missing)})
+        return [found[index] for index in sorted(found)]
 
     @abstractmethod
-    def _ask_reports(self, places: Sequence[int]) -> list[Report]:
+    def _ask_reports(self, indices: Sequence[int]) -> list[Report]:
         """Reports of some servos, each asked once."""
 
-    def renew_watchdog(self, places: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
+    def renew_watchdog(self, indices: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
         """Treat silence as a failure from now on; expired watchdogs end."""
 
-    def end_watchdog(self, places: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
+    def end_watchdog(self, indices: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
         """Stop the watchdogs."""
 
     def close(self) -> None:
@@ -183,12 +183,12 @@ class ServoBus(ABC):
     def _count(self, asked: Sequence[int], reports: Sequence[Report]) -> None:
         self._counters.reports += len(reports)
         self._counters.missed += len(asked) - len(reports)
-        self._counters.shares.take(asked, {report.place for report in reports})
+        self._counters.shares.take(asked, {report.index for report in reports})
         self._counters.garbled = self._packets.garbled
 
-    def _complaint_of_limits(self, place: int) -> str:
+    def _complaint_of_limits(self, index: int) -> str:
         """Complaint of a servo outside its stored limits, or with such a goal; empty for none."""
-        if not (self._beyond[place] or self._clipped[place]):
+        if not (self._beyond[index] or self._clipped[index]):
             return ""
-        limits = f"{self.lowest[place]:.0f} to {self.highest[place]:.0f} stored in the servo"
-        return f"{'stands' if self._beyond[place] else 'goal'} beyond the limits {limits}"
+        limits = f"{self.lowest[index]:.0f} to {self.highest[index]:.0f} stored in the servo"
+        return f"{'stands' if self._beyond[index] else 'goal'} beyond the limits {limits}"

@@ -1,6 +1,5 @@
 """Leg servos on a bus, and the thread that owns the bus."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -15,14 +14,12 @@ from hexctl.backends.bus.tools import BUSES, baud_advice, bus_of, check_no_unexp
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import PortThread
 from hexctl.backends.ticked_servos import PortServos
-from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
 from hexctl.time_source import WALL_TIME, TimeSource
-from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, ServoReadings
-
-MOST_BAUD = 4_500_000
+from hexctl.types import N_JOINTS, TOO_HOT_C, WARM_C, BoolArray, FloatArray, RobotState, ServoReadings
 
 #: With more mute servos than those of two legs it is the bus, not a leg.
 MOST_MUTE = 6
@@ -32,35 +29,6 @@ SILENT_S = 0.2
 
 #: After a gap this long between its packets the servos' own watchdog may have expired.
 GAP_S = 0.15
-
-#: Temperature from which a servo is reported as warm.
-HOT_C = 65.0
-
-
-def parse_bus_port(
-    text: str | None, baud: int | None = None, *, driver: str = "dynamixel"
-) -> tuple[str, int]:
-    """Device and baud of a text such as `/dev/ttyUSB0:1000000`; else `baud`, else the driver's usual one.
-
-    Raises InputError without a port, and for an invalid baud.
-    """
-    if not text:
-        raise InputError(
-            f"{argument('connect')}: got none; allowed: the port of the bus, such as /dev/ttyUSB0, here or "
-            "as `port` in the section `servos` of the robot file"
-        )
-    # Paths by their place, /dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0, have colons themselves.
-    path, _, speed = text.rpartition(":") if re.search(r":[^/:]*$", text) else (text, "", "")
-    if "-port" in speed:
-        path, speed = text, ""
-    if not path or (
-        path != text and not (speed.isdecimal() and len(speed) < 10 and 1200 <= int(speed) <= MOST_BAUD)
-    ):
-        raise InputError(
-            f"{argument('connect')}: got {text!r}; allowed: a serial device such as /dev/ttyUSB0 or "
-            f"/dev/ttyUSB0:1000000, at 1200 to {MOST_BAUD} baud"
-        )
-    return path, int(speed) if speed else baud or DEFAULT_BAUDS[driver]
 
 
 class BusThread(PortThread[ServoBus]):
@@ -184,7 +152,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         baud: int | None = None,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(robot, servo_map=bus_map, place=port, counters=BusCounters(), clock=clock)
+        super().__init__(robot, servo_map=bus_map, port=port, counters=BusCounters(), clock=clock)
         self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._held = False
         self._speeds = np.degrees(self._robot.joint_max_speed_rad_s) * bus_map.per_deg
@@ -222,7 +190,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _open(self, *, first: bool = False) -> ServoBus:
         """Open the port and find enough servos; on the first call, without unexpected ids."""
-        line = SerialLine(self._place, self._baud, time=self._clock.time)
+        line = SerialLine(self._port, self._baud, time=self._clock.time)
         try:
             bus = bus_of(self._map, line, self.counters)
             bus.speeds = self._speeds
@@ -230,11 +198,11 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             advice = ""
             if first and not found.any() and (not bus.damage or bus.damage.at_many_ids):
                 line.close()
-                advice = baud_advice(self._place, self._map.driver, (self._baud,))
+                advice = baud_advice(self._port, self._map.driver, (self._baud,))
             self._check_found(found, bus.damage, advice)
-            noise = [bus.damage.description(self._place)] if bus.damage.noisy and found.all() else []
+            noise = [bus.damage.description(self._port)] if bus.damage.noisy and found.all() else []
             if first and bus.damage and not noise:  # two servos with one id would move together
-                raise RobotFaultError(bus.damage.description(self._place))
+                raise RobotFaultError(bus.damage.description(self._port))
             if first:
                 check_no_unexpected_ids(line, self._map, found)
             self._check_models(bus, found)
@@ -247,14 +215,14 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _check_found(self, found: BoolArray, damage: Damage, advice: str = "") -> None:
         if damage and np.count_nonzero(~found) > MOST_MUTE:
-            raise RobotFaultError(damage.description(self._place) + advice)
+            raise RobotFaultError(damage.description(self._port) + advice)
         if not found.any():
             raise RobotFaultError(
-                f"no servo answers on {self._place} at {self._baud} baud; are they powered, and are driver, "
+                f"no servo answers on {self._port} at {self._baud} baud; are they powered, and are driver, "
                 f"baud and ids those of the robot file?{advice}"
             )
         if np.count_nonzero(~found) > MOST_MUTE:
-            raise RobotFaultError(f"servos do not answer on {self._place}: {self._map.names(~found)}")
+            raise RobotFaultError(f"servos do not answer on {self._port}: {self._map.names(~found)}")
 
     def _check_models(self, bus: ServoBus, found: BoolArray) -> None:
         for joint in np.flatnonzero(found).tolist():
@@ -358,12 +326,12 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             self._garbled = self.counters.garbled
         elif self.counters.garbled > self._garbled:
             return (
-                f"all that comes on {self._place} is damaged: a bad cable, noise, a missing ground, or "
+                f"all that comes on {self._port} is damaged: a bad cable, noise, a missing ground, or "
                 "another program or controller on the bus"
             )
         else:
             return (
-                f"no servo answers on {self._place} any more; is the cable in, have they power, or is this "
+                f"no servo answers on {self._port} any more; is the cable in, have they power, or is this "
                 "computer too busy?"
             )
         return None
@@ -382,8 +350,10 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             warnings.append(f"mute: {self._map.names(mute)}")
         if (wild := (servos.ages_s > mute_s) & ~mute).any():
             warnings.append(f"answers, but its positions jump: {self._map.names(wild)}")
-        if (hot := servos.temperatures_c > HOT_C).any():
-            warnings.append(f"hot, {np.nanmax(servos.temperatures_c):.0f} degrees C: {self._map.names(hot)}")
+        if (warm := servos.temperatures_c >= WARM_C).any():
+            most_c = np.nanmax(servos.temperatures_c)
+            word = "hot" if most_c >= TOO_HOT_C else "warm"
+            warnings.append(f"{word}, {most_c:.0f} degrees C: {self._map.names(warm)}")
         for error in dict.fromkeys(filter(None, servos.errors)):
             which = np.array([each == error for each in servos.errors])
             warnings.append(f"{error}: {self._map.names(which)}")

@@ -16,7 +16,7 @@ from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.register_servo import register_servo
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, firmware_and_variant
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
@@ -90,7 +90,7 @@ def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
     try:
         yield line
     except OSError as error:
-        raise RobotFaultError(f"the port {path} is gone ({error.strerror or error})") from error
+        raise RobotFaultError(f"the port {path} was lost ({error.strerror or error})") from error
     finally:
         line.close()
 
@@ -107,11 +107,6 @@ def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -
     if driver == "lx16a":
         return Lx16aServo(packets, servo_id, SERVO_TYPES["lx16a"])
     return register_servo(packets, driver, servo_id, protocol)
-
-
-def answering_ids(packets: PacketLine, ids: Sequence[int], *, tries: int = 1) -> list[int]:
-    """The ids that answer, each asked up to `tries` times."""
-    return [each for each in ids if packets.ask(each, packets.packets.probe, tries=tries) is not None]
 
 
 def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
@@ -192,7 +187,7 @@ def _look_at(
     listener: Listener, driver: str, protocol: int, servo_id: int, found: dict[int, FoundServo]
 ) -> None:
     def look() -> bool | None:
-        if not answering_ids(listener.packets, [servo_id]):
+        if not listener.packets.ping(servo_id):
             return None
         found[servo_id] = servo_with(listener.packets, driver, protocol, servo_id).look()
         return found[servo_id].position is not None  # pings of two servos may be alike, and positions are not
@@ -205,8 +200,7 @@ def variant_notes(found: Sequence[FoundServo]) -> list[str]:
     """Firmware and type of servos that report them, one line for each kind."""
     kinds: dict[str, list[int]] = {}
     for each in found:
-        firmware = f"firmware {each.firmware}" if each.firmware else ""
-        if words := ", ".join(filter(None, (firmware, each.variant))):
+        if words := firmware_and_variant(each.firmware, each.variant):
             kinds.setdefault(words, []).append(each.servo_id)
     if len(kinds) == 1 and len(found) > 1:
         return [f"{next(iter(kinds))}: all"]
@@ -215,19 +209,33 @@ def variant_notes(found: Sequence[FoundServo]) -> list[str]:
 
 def other_bauds(path: str, driver: str, bauds: Collection[int]) -> list[int]:
     """Other usual baud rates at which servos answer, by a few questions at each."""
+    return [baud for baud in USUAL_BAUDS[driver] if baud not in bauds and _first_found(path, driver, baud)]
+
+
+def other_drivers(path: str, driver: str, bauds: Collection[int]) -> list[str]:
+    """Other drivers to which servos answer, with a known model if they report one."""
     return [
-        baud
-        for baud in USUAL_BAUDS[driver]
-        if baud not in bauds and any(_answers_at(path, driver, baud, each) for each in PROTOCOLS_OF[driver])
+        each
+        for each in PROTOCOLS_OF
+        if each != driver
+        and any(
+            found is not None and (each == "lx16a" or found.model is not None)
+            for found in (_first_found(path, each, baud) for baud in bauds)
+        )
     ]
 
 
-def _answers_at(path: str, driver: str, baud: int, protocol: int) -> bool:
+def _first_found(path: str, driver: str, baud: int) -> FoundServo | None:
+    """Servo with the lowest of a few ids, in the first protocol with an answer."""
     try:
         with opened_line(path, baud) as line:
-            return bool(answering_ids(tool_line(line, driver, protocol), FIRST_IDS))
+            for protocol in PROTOCOLS_OF[driver]:
+                packets = tool_line(line, driver, protocol)
+                for servo_id in filter(packets.ping, FIRST_IDS):
+                    return servo_with(packets, driver, protocol, servo_id).look()
     except RobotFaultError:
-        return False  # a rate that the adapter does not have
+        pass  # a rate that the adapter does not have
+    return None
 
 
 def baud_advice(path: str, driver: str, bauds: Collection[int]) -> str:
@@ -247,6 +255,8 @@ def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
     tried = " or ".join(str(baud) for baud in bauds)
     others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
     usual = f"; --baud all also asks at {', '.join(others)}" if others else ""
+    if drivers := " or ".join(other_drivers(path, driver, bauds)):
+        return f"no {driver} servo answers on {path} at {tried} baud; --driver {drivers} finds servos"
     return (
         f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?"
         f"{baud_advice(path, driver, bauds)}{usual}"
@@ -303,7 +313,7 @@ def _ids_by_broadcast(path: str, baud: int) -> list[int]:
         if not ids and packets.garbled:
             damage = Damage(baud=baud, noisy=Listener(packets).is_noisy())
             raise InputError(
-                "servos that answer: got several at once, or damaged answers; allowed: exactly one on the bus"
+                "servos that answer: got several or damaged answers; allowed: exactly one on the bus"
                 f"{f'; {damage.description(path)}' if damage else ''}"
             )
     return sorted(ids)
@@ -381,7 +391,10 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
         joint = servos.names(servos.ids == FACTORY_ID)
         raise RobotFaultError(f"id {FACTORY_ID} belongs to a joint of the robot file ({joint}): none is lost")
     with opened_line(port, baud) as line:
-        found = np.array([find_servo(line, servos.driver, each) is not None for each in servos.ids.tolist()])
+        listener = Listener(tool_line(line, servos.driver, servos.protocol))
+        found = np.array([listener.answers(each, tries=TRIES) for each in servos.ids.tolist()])
+        if damage := listener.damage():
+            raise RobotFaultError(damage.description(port))
         joint_index = _adoptable(servos, found)
         if joint_index is None:
             names = servos.names(~found) or "none"
@@ -389,7 +402,7 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
         servo, seen = _lost_servo(line, servos, joint_index)
         angle_deg = _angle_deg(robot, servos, joint_index, seen)
         if not servo.set_torque(on=False):
-            raise RobotFaultError(f"the servo with id {FACTORY_ID} does not let go")
+            raise RobotFaultError(f"the servo with id {FACTORY_ID} keeps its torque")
         adopted = _give_id(servo, int(servos.ids[joint_index]))
         servo.reboot()
         if servos.driver == "dynamixel" and servos.protocol == 2:
@@ -431,7 +444,7 @@ def _angle_deg(robot: Robot, servos: BusMap, joint: int, seen: FoundServo) -> fl
     if not ends[0] - TOLERANCE_DEG <= angle_deg <= ends[1] + TOLERANCE_DEG:
         name = servos.names(np.arange(N_JOINTS) == joint)
         raise RobotFaultError(
-            f"the servo with id {FACTORY_ID} stands at {angle_deg:.0f} degrees, where {name} cannot "
-            f"({ends[0]:.0f} to {ends[1]:.0f}): it may be another servo; try `hexctl servos identify`"
+            f"angle of the servo with id {FACTORY_ID}: got {angle_deg:.0f} degrees; allowed for {name}: "
+            f"{ends[0]:.0f} to {ends[1]:.0f}; it may be another servo: try `hexctl servos identify`"
         )
     return round(angle_deg, 1)

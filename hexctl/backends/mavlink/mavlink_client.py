@@ -123,7 +123,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
             raise RobotFaultError(self._gone(self._receiver.error))
 
     def _gone(self, error: OSError) -> str:
-        return f"the port {self._port_text} is gone ({error.strerror or error}); is the cable still in?"
+        return f"the port {self._port_text} was lost ({error.strerror or error}); is the cable still in?"
 
     def _await_peer(self) -> Peer:
         def peer() -> Peer | None:

@@ -12,7 +12,9 @@ from typing import Any, Literal
 
 from hexctl.backends.bus.serial_line import open_device
 from hexctl.backends.mavlink.codec import Codec, Frame
+from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.robot.servos.servo_models import BAUD
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.waiting import wait_ready
 
@@ -23,9 +25,11 @@ DEFAULT_BOARD_PORT = "udpin:127.0.0.1:14550"
 DEFAULT_PORT = "udpout:127.0.0.1:14550"
 
 DEFAULT_BAUD = 115_200
-MAX_BAUD = 4_000_000
 
-ALLOWED = "udpin:HOST:PORT, udpout:HOST:PORT, or a serial device such as /dev/ttyACM0 or /dev/ttyACM0:115200"
+ALLOWED = (
+    "udpin:HOST:PORT, udpout:HOST:PORT, or a serial device such as /dev/ttyACM0 or /dev/ttyACM0:115200, at "
+    f"{BAUD.low:.0f} to {BAUD.high:.0f} baud"
+)
 
 #: Address of a sender; None on a stream, which has one other end.
 Address = Any
@@ -74,15 +78,10 @@ def parse_port(text: str) -> PortAddress:
     if udp and 0 < int(udp[3]) < 65536:
         kind: Literal["udpin", "udpout"] = "udpin" if udp[1] == "udpin" else "udpout"
         return PortAddress(kind, udp[2].strip("[]"), int(udp[3]))
-    serial = re.fullmatch(r"(?:serial:)?(/[^:\0\n]+)(?::([0-9]{1,7}))?", text)
-    if serial:
-        baud = int(serial[2] or DEFAULT_BAUD)
-        if not 1200 <= baud <= MAX_BAUD:
-            raise InputError(
-                f"{argument('connect')}: got {baud} baud in {text!r}; allowed: 1200 to {MAX_BAUD}"
-            )
-        return PortAddress("serial", serial[1], baud)
-    raise InputError(f"{argument('connect')}: got {text!r}; allowed: {ALLOWED}")
+    if not re.match(r"(serial:)?/", text):
+        raise InputError(f"{argument('connect')}: got {text!r}; allowed: {ALLOWED}")
+    serial = SerialAddress.parse(text.removeprefix("serial:"), DEFAULT_BAUD, allowed=ALLOWED)
+    return PortAddress("serial", serial.path, serial.baud)
 
 
 def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool, insecure: bool) -> None:

@@ -325,7 +325,7 @@ class Pca9685:
 class Pca9685Servos(PwmServos):
     """Eighteen hobby servos on two PCA9685 boards.
 
-    `place` is the I2C bus's number, its device, or the socket of simulated boards; a given `i2c` stays open.
+    `port` is the I2C bus's number, its device, or the socket of simulated boards; a given `i2c` stays open.
     """
 
     def __init__(
@@ -333,11 +333,11 @@ class Pca9685Servos(PwmServos):
         robot: Robot | str | Path,
         *,
         pwm_map: PwmMap,
-        place: str,
+        port: str,
         i2c: I2cBus | None = None,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(robot, pwm_map=pwm_map, place=place, clock=clock)
+        super().__init__(robot, pwm_map=pwm_map, port=port, clock=clock)
         self._i2c, self._known = i2c, False
 
     @property
@@ -358,7 +358,7 @@ class Pca9685Servos(PwmServos):
         return thread
 
     def _open(self) -> Pca9685:
-        bus = open_i2c(self._place) if self._i2c is None else self._i2c
+        bus = open_i2c(self._port) if self._i2c is None else self._i2c
         try:
             return Pca9685(bus, self._map, self._clock.time, known=self._known, owned=self._i2c is None)
         except BaseException:
@@ -368,12 +368,12 @@ class Pca9685Servos(PwmServos):
 
     def _gone(self, reason: str) -> str:
         return (
-            f"the servo boards on I2C bus {self._place} do not answer ({reason}); are the cables in, have "
+            f"the servo boards on I2C bus {self._port} do not answer ({reason}); are the cables in, have "
             "they power, and are the addresses those of the robot file?"
         )
 
 
-def open_i2c(place: str) -> I2cBus:
+def open_i2c(port: str) -> I2cBus:
     """Open the I2C bus of a number, a device or the socket of simulated boards.
 
     Raises MissingExtraError without smbus2, RobotFaultError for a bus that cannot be opened.
@@ -383,18 +383,18 @@ def open_i2c(place: str) -> I2cBus:
     except ModuleNotFoundError as error:
         raise MissingExtraError("the backend pca9685", "i2c") from error
     try:
-        if Path(place).is_socket():
-            return I2cSocket(place)
-        bus: I2cBus = smbus2.SMBus(int(place) if place.isdecimal() else place)
+        if Path(port).is_socket():
+            return I2cSocket(port)
+        bus: I2cBus = smbus2.SMBus(int(port) if port.isdecimal() else port)
     except OSError as error:
         raise RobotFaultError(
-            f"the I2C bus {place} cannot be opened ({reason_of(error)}); is I2C enabled, and may you use "
+            f"the I2C bus {port} cannot be opened ({reason_of(error)}); is I2C enabled, and may you use "
             "it (group i2c)?"
         ) from error
     return bus
 
 
-def parse_i2c_place(text: str | None) -> str:
+def parse_i2c_port(text: str | None) -> str:
     """I2C bus of a text such as `1` or `/dev/i2c-1`; raises InputError without one."""
     if not text or not (text.isdecimal() or "/" in text):
         got = "none" if not text else repr(text)

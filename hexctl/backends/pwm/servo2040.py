@@ -15,6 +15,7 @@ import numpy as np
 
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.pwm.servos import BoardReport, PwmServos
+from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray
@@ -202,7 +203,7 @@ class Servo2040Servos(PwmServos):
     """Eighteen hobby servos on a servo2040 at a serial device, with foot contacts."""
 
     def _open(self) -> Servo2040:
-        line = SerialLine(self._place, BAUD, time=self._clock.time)
+        line = SerialLine(self._port, BAUD, time=self._clock.time)
         try:
             return Servo2040(line, self._map)
         except BaseException:
@@ -211,14 +212,15 @@ class Servo2040Servos(PwmServos):
 
 
 def parse_servo2040_port(text: str | None) -> str:
-    """Serial device of a text such as `/dev/ttyACM0`; raises InputError without one."""
-    if not text or ":" in text:
-        got = "none" if not text else repr(text)
-        raise InputError(
-            f"{argument('connect')}: got {got}; allowed: the serial device of the servo2040, such as "
-            "/dev/ttyACM0, here or as `port` in the section `servos` of the robot file"
-        )
-    return text
+    """Serial device of a text such as `/dev/ttyACM0`; raises InputError without one, and with a baud rate."""
+    allowed = (
+        "the serial device of the servo2040 without a baud rate, such as /dev/ttyACM0, here or as `port` in "
+        "the section `servos` of the robot file"
+    )
+    address = SerialAddress.parse(text, allowed=allowed)
+    if address.baud:
+        raise InputError(f"{argument('connect')}: got {text!r}; allowed: {allowed}")
+    return address.path
 
 
 def _trip(status: int) -> str | None:

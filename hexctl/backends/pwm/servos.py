@@ -170,9 +170,9 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
     what = "the servo board"
 
     def __init__(
-        self, robot: Robot | str | Path, *, pwm_map: PwmMap, place: str, clock: Clock | None = None
+        self, robot: Robot | str | Path, *, pwm_map: PwmMap, port: str, clock: Clock | None = None
     ) -> None:
-        super().__init__(robot, servo_map=pwm_map, place=place, counters=PwmCounters(), clock=clock)
+        super().__init__(robot, servo_map=pwm_map, port=port, counters=PwmCounters(), clock=clock)
 
     @abstractmethod
     def _open(self) -> PwmBoard:
@@ -217,5 +217,5 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         if gone is not None:
             return self._gone(gone)
         if self._clock.time.now() - report.at_s > MUTE_S:
-            return f"the board on {self._place} does not answer any more"
+            return f"the board on {self._port} does not answer any more"
         return report.fault

@@ -12,7 +12,7 @@ import numpy as np
 from hexctl.backends.sim.dm import mjcf
 from hexctl.backends.sim.gear_friction import GearFriction
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailedLegs, check_stuck_angle
-from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
+from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failures, each_failure
@@ -62,7 +62,7 @@ def make_simulation(
     """Simulation of a robot that stands in a world, with initial yaw `facing_rad` and failed legs, if any."""
     floor = make_floor(world, seed)
     missing = tuple(one.leg for one in each_failure(failure) if one.kind == "missing")
-    bumps_seed = seed if world.roughness_m else 0
+    bumps_seed = 0 if world.even_floor else seed
     physics = mjcf.Physics.from_xml_string(_model_xml(robot, world, bumps_seed, missing))
     # The plain mj_step order, which mujoco.batch also takes: results are then equal to the last bit.
     physics.legacy_step = False
@@ -224,8 +224,8 @@ def _make_world(world: World, floor: Floor) -> Any:
         root.asset.add(
             "hfield",
             name="bumps",
-            nrow=ROUGH_CELLS,
-            ncol=ROUGH_CELLS,
+            nrow=len(floor.heights_m),
+            ncol=len(floor.heights_m),
             size=[ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, high - low, 0.1],
         )
         root.worldbody.add(

@@ -73,6 +73,11 @@ class World(Section):
         slope_direction_deg: uphill direction, counter-clockwise from the x axis.
         roughness_m: standard deviation of the floor's height; 0 is an even floor.
         roughness_length_m: typical width of a bump.
+        step_height_m: the floor is square blocks of random heights, up to this much apart; 0 without.
+        pit_depth_m: depth of the pits, each a sunken block; 0 without.
+        block_m: side of a block or pit.
+        ramp_deg: inclination of ramps that go up and down in turn along the floor's x axis; 0 without.
+        ramp_length_m: horizontal length of a ramp.
         on_stand: whether the trunk is held above the floor, so that the legs move freely.
         payload_kg: mass carried on the body.
         payload_position_m: its position in the body frame.
@@ -111,6 +116,11 @@ class World(Section):
     slope_direction_deg: Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)] = 0.0
     roughness_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False), DRAWN] = 0.0
     roughness_length_m: Annotated[Number, Field(ge=0.02, le=2, allow_inf_nan=False)] = 0.1
+    step_height_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False), DRAWN] = 0.0
+    pit_depth_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False), DRAWN] = 0.0
+    block_m: Annotated[Number, Field(ge=0.05, le=2, allow_inf_nan=False)] = 0.25
+    ramp_deg: Annotated[Number, Field(ge=0, le=40, allow_inf_nan=False)] = 0.0
+    ramp_length_m: Annotated[Number, Field(ge=0.1, le=4, allow_inf_nan=False)] = 0.5
     on_stand: bool = False
     payload_kg: Annotated[Number, Field(ge=0, le=1000, allow_inf_nan=False)] = 0.0
     payload_position_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
@@ -137,6 +147,11 @@ class World(Section):
     sensor_faults: SensorFaults = SensorFaults()
     failures: tuple[str, ...] = ()
     healings: tuple[str, ...] = ()
+
+    @property
+    def even_floor(self) -> bool:
+        """Whether the floor is a plane, level or sloping."""
+        return not (self.roughness_m or self.step_height_m or self.pit_depth_m or self.ramp_deg)
 
     @property
     def seeded(self) -> bool:

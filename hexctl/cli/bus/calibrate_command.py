@@ -21,8 +21,9 @@ def calibrate(
     others are moved one at a time, slowly. Every joint is saved when it is done; Ctrl-C ends it, and --joints
     does the rest.
     """
-    from hexctl.cli.prompts import CalibrationPrompt
+    from hexctl.cli.prompts import CalibrationPrompt, check_answerable
 
+    check_answerable("calibrate")
     with StopOnInterrupt(plain=True) as interrupt:
         result = calibrate_servos(
             robot,

@@ -56,7 +56,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     with ScanProgress() as progress:
         damages: list[Damage] = []
         found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show, on_damage=damages.append)
-    _note_models(bus.driver, found)
+    _note_models(bus, found)
     for note in variant_notes(found):
         print_note(note)
     for damage in damages:
@@ -67,12 +67,20 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     raise typer.Exit(DONE if found and not damages else FAULT)
 
 
-def _note_models(driver: str, found: "Sequence[FoundServo]") -> None:
-    unknown = [each.servo_id for each in found if each.model is None]
-    if unknown and driver == "lx16a":
+def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
+    """Note servos without a model; raises InputError if none has one with this driver, but with another."""
+    from hexctl.backends.bus.tools import other_drivers
+
+    unknown = [each for each in found if each.model is None]
+    if unknown and bus.driver == "lx16a":
         print_note("these servos do not report their model")
-    elif unknown:
-        print_note(f"{len(unknown)} servos are of an unknown model: is {driver} the right driver?")
+        return
+    bauds = {each.baud for each in found}
+    if len(unknown) == len(found) and (fitting := other_drivers(bus.path, bus.driver, bauds)):
+        allowed = " or ".join(fitting)
+        raise InputError(f"--driver: got {bus.driver}; allowed: {allowed}, with which the model is known")
+    if unknown:
+        print_note(f"{len(unknown)} servos are of an unknown model: is {bus.driver} the right driver?")
 
 
 def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:

@@ -9,11 +9,7 @@ from hexctl.adapt.optimizer import TRIM_DIGITS
 from hexctl.adapt.runner import LegFailedError
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.walk_records import (
-    BaselineRecord,
-    TrialRecord,
-    WalkRecord,
-)
+from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord, WalkRecord
 from hexctl.cli.console import FAULT, code_of_stop
 from hexctl.errors import HexctlError
 from hexctl.gait.gait import NAMED_SLOTS

@@ -8,19 +8,10 @@ from rich.text import Text
 from hexctl.adapt.optimizers.bayes import SURE
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.sessions.comparison import scores_without_search
-from hexctl.adapt.sessions.recommendation import (
-    Contender,
-    contenders,
-    recommended,
-    straightest_baseline,
-)
+from hexctl.adapt.sessions.recommendation import Contender, contenders, recommended, straightest_baseline
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.walk_records import (
-    BaselineRecord,
-    ConfirmationRecord,
-    TrialRecord,
-)
+from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.adapt.trial_loop import NOT_WORTH
 from hexctl.cli.render.adapt_commands import gait_option, resume_command, stricter_command, walk_command
 from hexctl.cli.render.adapt_table import in_cm, side_text, status_text, table_lines
@@ -31,6 +22,7 @@ def session_lines(session: Session) -> list[RenderableType]:
     return [*table_lines(session), *closing_parts(session, session.ended)]
 
 
+#: Why a search ended, in words.
 ENDS = {
     "budget": "its budget is spent",
     "target": "its target is reached",

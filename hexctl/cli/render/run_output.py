@@ -30,7 +30,7 @@ ONE_M = 1.0
 STATUS_STYLES = {"ok": "bold green", "no_progress": "bold yellow"}
 
 
-def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[RenderableType]:
+def summary(outcome: dict[str, Any], clear: str | None = CLEAR_COMMAND) -> list[RenderableType]:
     """Outcome of a run (`hexctl run --json`) as a table of about ten rows, and the next command."""
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
@@ -47,7 +47,7 @@ def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[Rendera
     return [f"{outcome['robot']} {where}{failed}", label_table(rows), *_next_command(outcome, clear)]
 
 
-def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
+def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
     if clearing := clearing_in_words(outcome["stopped"], clear=clear):
         return [f"next: {clearing}"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
@@ -61,7 +61,10 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
         return [
             "next: hexctl adapt with the same leg, robot and world, which finds a gait that ends on the line"
         ]
-    return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []
+    if outcome["recording"]:
+        return [f"next: hexctl view {shlex.quote(outcome['recording'])}"]
+    robot = shlex.quote(str(outcome.get("options", {}).get("robot", outcome["robot"])))
+    return [f"next: hexctl check {robot}"] if outcome["status"] == "no_progress" else []
 
 
 def _is_slow(outcome: dict[str, Any]) -> bool:
@@ -125,13 +128,13 @@ def _event_text(event: str) -> str:
     return f"leg {what.replace(':', ' ', 1)} at {at_s} s"
 
 
-def _status(outcome: dict[str, Any], clear: str) -> Text:
+def _status(outcome: dict[str, Any], clear: str | None) -> Text:
     status, stopped = outcome["status"], outcome["stopped"]
     if (status, stopped) == ("aborted", "requested"):
         return Text("stopped by Ctrl-C", style="bold red")
     why = (
         f" ({stopped})"
-        if clearing_in_words(stopped)
+        if clearing_in_words(stopped, clear=clear)
         else why_in_words(stopped, outcome.get("standstill_s"), clear=clear)
     )
     text = Text(status.replace("_", " "), style=STATUS_STYLES.get(status, "bold red"))

@@ -20,25 +20,30 @@ HINTS = {
 
 
 def why_in_words(
-    stopped: str | None, standstill_s: float | None = None, *, clear: str = CLEAR_COMMAND
+    stopped: str | None, standstill_s: float | None = None, *, clear: str | None = CLEAR_COMMAND
 ) -> str:
-    """Reason of a stop and where to look, as an appendix; empty for None."""
+    """Reason of a stop and where to look, as an appendix; empty for None.
+
+    `clear` is None if no `hexctl serve` keeps the stop.
+    """
     if stopped is None:
         return ""
     if standstill_s is not None:
         return f" ({stopped}): {Standstill(standstill_s)}"
     hint = _hint(stopped)
-    return f" ({stopped})" if hint is None else f" ({stopped}): {hint.format(clear)}"
+    if clear is None:
+        hint = hint.partition("{}")[0].removesuffix(", then ")
+    return f" ({stopped}): {hint.format(clear)}" if hint else f" ({stopped})"
 
 
-def clearing_in_words(stopped: str | None, *, clear: str = CLEAR_COMMAND) -> str:
+def clearing_in_words(stopped: str | None, *, clear: str | None = CLEAR_COMMAND) -> str:
     """Text of the command `clear`; empty if nothing has to be cleared."""
-    hint = "" if stopped is None else _hint(stopped) or ""
-    return hint.format(clear) if "{}" in hint else ""
+    hint = "" if stopped is None else _hint(stopped)
+    return hint.format(clear) if clear is not None and "{}" in hint else ""
 
 
-def _hint(stopped: str) -> str | None:
-    return HINTS.get(stopped, HINTS.get(stopped.partition(":")[0]))
+def _hint(stopped: str) -> str:
+    return HINTS.get(stopped, HINTS.get(stopped.partition(":")[0], ""))
 
 
 def in_words(counts: Mapping[str, int]) -> str:

@@ -22,7 +22,7 @@ from hexctl.cli.progress import WithBar
 from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
-from hexctl.cli.walk.connected_run import check_commanded, connected
+from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.errors import InputError
 from hexctl.identify.options import IdentifyOptions
 
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 #: Error of the result above that of the robot file from which a warning is printed.
 WORSE_DEG = 0.02
+
+#: Left error above which a warning is printed: free legs leave 0.1 to 0.2 degrees, feet on a floor 0.8.
+POOR_DEG = 0.5
 
 CONSENT = "The legs of a robot on a stand move for {:.0f} s, at up to 90 % of their speed limits."
 
@@ -61,6 +64,8 @@ def identify(
 
     options = IdentifyOptions(**given)
     options.check_output()
+    # A recording without --robot is of a robot that is not the default one.
+    next_time = options if is_said(context, "robot") or not logs else replace(options, robot="ROBOT")
     paths = list(logs or ())
     if not paths:
         paths = [_moved(given, yes=yes)]
@@ -74,11 +79,16 @@ def identify(
     try:
         found = _identified(paths, own_robot, options)
     except KeyboardInterrupt:
-        print_note(f"hexctl: interrupted; the logs are kept; continue with: {_again(paths, options)}")
+        print_note(f"hexctl: interrupted; the logs are kept; continue with: {_again(paths, next_time)}")
         raise typer.Exit(INTERRUPTED) from None
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         print_note("hexctl: the result fits no better than the robot file: has a leg failed in these logs?")
+    elif (left_deg := _left_deg(found)) > POOR_DEG:
+        print_note(
+            f"hexctl: a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
+            "foot may touch anything, and the robot file must have the right masses and lengths"
+        )
     if not as_json:
         print_result(*_report(found))
     try:
@@ -92,6 +102,8 @@ def identify(
         print_result(json.dumps(found.to_dict() | {"output": written}))
     elif written is not None:
         print_result("", f"wrote {written}")
+    else:
+        print_result("", f"next: {_again(paths, replace(next_time, output='FILE.yaml'))}")
 
 
 def _again(paths: list[Path], options: IdentifyOptions) -> str:
@@ -111,14 +123,16 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     run = IdentificationRun(
         RunSpec(**where, record_folder=None if where["record"] is not None else runs_folder())
     )
+    clear = clear_command(run.spec)
     ask_consent(CONSENT.format(run.motions_s), yes=yes or run.spec.simulated)
     with connected(run) as interrupt:
         print_note(f"hexctl: the legs move for {run.motions_s:.0f} s; Ctrl-C stops")
         done = run.walk(stop_requested=interrupt.requested)
         check_commanded(done.outcome)
         if interrupt.requested() or done.trial.status != "ok":
-            why = " by Ctrl-C" if interrupt.requested() else why_in_words(done.trial.stopped)
-            print_note(f"hexctl: stopped{why}; nothing was identified; the same command begins again")
+            why = " by Ctrl-C" if interrupt.requested() else why_in_words(done.trial.stopped, clear=clear)
+            again = "the same command" if run.spec.record is None else "another --record"
+            print_note(f"hexctl: stopped{why}; nothing was identified; {again} begins again")
             raise typer.Exit(INTERRUPTED if interrupt.requested() else code_of(done.trial))
     if done.recording_error is not None:
         raise done.recording_error
@@ -152,6 +166,12 @@ class _SearchProgress(WithBar):
         if self._bar.disable:
             print_note(text)
         self._bar.update(self._task, description=text, visible=True)
+
+
+def _left_deg(found: "Identification") -> float:
+    """Largest error of the logs of a robot on a stand; 0 without one."""
+    of_stand = [found.fit.after_rad[one.name] for one in found.replays if getattr(one, "on_stand", False)]
+    return math.degrees(max(of_stand, default=0.0))
 
 
 def _write(found: "Identification", options: IdentifyOptions, paths: list[Path]) -> str | None:

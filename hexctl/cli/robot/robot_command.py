@@ -87,11 +87,14 @@ def import_robot(
 ) -> None:
     """Make a robot file of a URDF or MJCF with six legs of three hinges."""
     from hexctl.control.assessment.default_gait import walkable
+    from hexctl.robot.configs import config_names
     from hexctl.robot.formats.importing.robot_import import import_robot as imported_robot
 
     _check_yaml(output, "--output")
     imported = walkable(imported_robot(urdf, name=name, foot_m=_point(foot), forward=forward))
     _write_new(output, imported.text, "--output")
+    if name in config_names("robots"):
+        print_note(f"hexctl: {name} is also a shipped robot; --robot {name} is that one, not this file")
     for note in imported.notes:
         print_note(f"hexctl: {printable(note)}")
     lines = [f"{output}"]

@@ -30,7 +30,7 @@ def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
             guarded = "signed frames only" if service.signed else "not signed"
             print_note(f"board of {robot} at {started.place}, {guarded}; Ctrl-C ends it")
         else:
-            line = f"{started.place}, {service.bits_per_s} baud"
+            line = started.place + (f", {service.bits_per_s} baud" if service.bits_per_s else "")
             print_note(f"bus of {robot} with {bus} servos at {line}; Ctrl-C ends it")
 
     with StopOnInterrupt() as interrupt:

@@ -12,6 +12,7 @@ from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_typed
+from hexctl.errors import InputError
 from hexctl.study.priors.prior_options import OF_PRIOR, PriorOptions
 
 prior = Commands(
@@ -54,7 +55,10 @@ def show(
     Damaged files are named on stderr, with exit code 3; the others are shown.
     """
     left_out = LeftOut()
-    shown = (_repertoires if repertoire else _priors)(file, left_out)
+    try:
+        shown = (_repertoires if repertoire else _priors)(file, left_out)
+    except InputError as error:
+        raise InputError(error.worded(lambda _: "FILE")) from error
     line, none = (repertoire_line, "no repertoires yet") if repertoire else (prior_line, "no priors yet")
     print_result(json.dumps(shown) if as_json else "\n".join(map(line, shown)) or none)
     raise typer.Exit(left_out.code())

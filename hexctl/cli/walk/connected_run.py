@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -11,6 +12,7 @@ from hexctl.errors import RobotFaultError
 
 if TYPE_CHECKING:
     from hexctl.runs.run import Run
+    from hexctl.runs.run_spec import RunSpec
 
 
 @contextmanager
@@ -38,3 +40,16 @@ def check_commanded(outcome: Mapping[str, Any]) -> None:
 def _never_commanded() -> typer.Exit:
     print_note("hexctl: interrupted before the robot was commanded")
     return typer.Exit(INTERRUPTED)
+
+
+def clear_command(spec: "RunSpec") -> str | None:
+    """Command that clears a stop of the served robot, None if this process moves it.
+
+    It is read before a walk, which may outlast a link file.
+    """
+    from hexctl.wire.links import load_link
+
+    if spec.backend != "zenoh":
+        return None
+    keys = None if spec.credentials is None else Path(spec.credentials)
+    return load_link(spec.link, endpoint=spec.connect, credentials=keys, insecure=spec.insecure).clear_command

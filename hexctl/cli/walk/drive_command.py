@@ -67,6 +67,8 @@ def drive(
             body_raise=options.body_raise or None,
             policy=options.policy,
             hold=options.hold,
+            level=options.level,
+            feet=options.feet,
             failure=(*failures, *events),
             recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
             **where,
@@ -92,13 +94,12 @@ def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
 
 def _why(drive: "Drive", stopped: str) -> str:
     from hexctl.cli.render.stop_reasons import why_in_words
-    from hexctl.wire.links import Link
 
     standstill, remote = drive.guard.standstill, drive.guard.remote
     return why_in_words(
         stopped,
         None if standstill is None else standstill.duration_s,
-        clear=(Link() if remote is None else remote.link).clear_command,
+        clear=None if remote is None else remote.link.clear_command,
     )
 
 

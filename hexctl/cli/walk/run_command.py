@@ -23,7 +23,7 @@ from hexctl.cli.progress import WithBar
 from hexctl.cli.see.arena_command import WalkArenaOption, geofence
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
-from hexctl.cli.walk.connected_run import check_commanded, connected
+from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.cli.walk.diagnose_command import Found, found_failure
 from hexctl.cli.walk.recovery_option import RecoverOption, recovery_policy
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError
@@ -108,7 +108,7 @@ def _walk(
 ) -> int:
     from hexctl.cli.render.run_output import summary
 
-    run, clear = _checked(spec), _clear_command(spec)
+    run, clear = _checked(spec), clear_command(spec)
     if found is not None:
         run.broken = found.broken
     with progress, connected(run) as interrupt, ExitStack() as stack:
@@ -184,16 +184,6 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
             open_viewer([recording])
         except RecordingError as error:
             print_note(f"hexctl: {error}")
-
-
-def _clear_command(spec: RunSpec) -> str:
-    """Read before a walk, which may outlast a link file."""
-    from hexctl.wire.links import CLEAR_COMMAND, load_link
-
-    if spec.backend != "zenoh":
-        return CLEAR_COMMAND
-    keys = None if spec.credentials is None else Path(spec.credentials)
-    return load_link(spec.link, endpoint=spec.connect, credentials=keys, insecure=spec.insecure).clear_command
 
 
 def _turn_note(run: "Run") -> str:

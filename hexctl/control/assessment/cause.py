@@ -1,4 +1,4 @@
-"""The likely cause of a walk without progress: clipped commands, saturated servos, sag or slip."""
+"""The likely cause of a walk without progress: clipped commands, saturated servos, sag, trunk or slip."""
 
 import math
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ CAUSES = {
     "clipping": "commands were clipped: joints too slow for this pace, or at the ends of their ranges",
     "saturation": "servos at their torque limit",
     "sag": "joints stay far behind their targets: soft servos under the weight, or late commands",
+    "trunk": "the trunk lies on the floor: see to body.size_m and stance.up_m with hexctl check",
     "slip": "feet slide over the floor",
 }
 
@@ -32,6 +33,10 @@ MOST_CLIPPED, LEAST_MOTION = 0.5, 0.75
 MOST_SATURATED = 0.5
 MOST_TRACKING_ERROR = 0.42
 MOST_SLIP = 0.4
+MOST_GROUNDED = 0.5
+
+#: Nearer to the lowest foot, the trunk is on the floor.
+TOUCH_M = 0.003
 
 #: Below this share of the step height, a foot is meant to be on the floor.
 ON_THE_FLOOR = 0.1
@@ -97,6 +102,7 @@ class Symptoms:
         slip: speed of stance feet over the floor, as a share of the ideal walking speed.
         clipped: time share of commands that a limit changed.
         motion: RMS motion of the targets over that of the gait.
+        grounded: time share with the trunk on the floor.
     """
 
     saturated: float
@@ -104,6 +110,7 @@ class Symptoms:
     slip: float
     clipped: float = 0.0
     motion: float = 1.0
+    grounded: float = 0.0
 
     @property
     def cause(self) -> str | None:
@@ -114,6 +121,8 @@ class Symptoms:
             return "saturation"
         if self.tracking_error > MOST_TRACKING_ERROR:
             return "sag"
+        if self.grounded > MOST_GROUNDED:
+            return "trunk"
         return "slip" if self.slip > MOST_SLIP else None
 
 
@@ -139,11 +148,12 @@ def symptoms(
     legs = [leg for leg in range(N_LEGS) if leg + 1 not in plan.failed_legs]
     up_m = foot_heights_body(robot, sent) - robot.stance_feet_body[:, 2]
     down = samples.contacts[first:] & (up_m < ON_THE_FLOOR * plan.gait.height * robot.size_m)
-    feet = to_world(
-        link_points_body(robot, measured)[..., -1, :],
-        positions_world[::SAMPLE_TICKS][first : first + len(measured)],
-        quaternions_world[::SAMPLE_TICKS][first : first + len(measured)],
+    poses = tuple(
+        rows[::SAMPLE_TICKS][first : first + len(measured)] for rows in (positions_world, quaternions_world)
     )
+    feet = to_world(link_points_body(robot, measured)[..., -1, :], *poses)
+    corners = to_world(np.broadcast_to(_underside(robot), (len(measured), 4, 3)), *poses)
+    heights_m = corners[..., 2].min(axis=-1) - (feet[..., 2].min(axis=-1) - robot.foot_radius_m)
     speeds_m_s = np.linalg.norm(np.diff(feet[..., :2], axis=0), axis=-1) / (SAMPLE_TICKS * PERIOD_S)
     held = np.abs(sent - measured) * robot.stiffness_nm_per_rad >= robot.joint_max_torque_nm
     saturated = _by_leg(held)[..., 1:].any(axis=-1)
@@ -155,7 +165,14 @@ def symptoms(
         / ideal_m_s,
         clipped=clipped,
         motion=math.sqrt(float((motion**2).mean()) / max(_gait_motion(robot, plan, legs), 1e-12)),
+        grounded=float((heights_m < TOUCH_M).mean()),
     )
+
+
+def _underside(robot: Robot) -> FloatArray:
+    """Lower corners of the trunk in the body frame, (4, 3)."""
+    half_m = np.array(robot.body.size_m) / 2
+    return half_m * [[x, y, -1] for x in (-1, 1) for y in (-1, 1)]
 
 
 def _gait_motion(robot: Robot, plan: TrialPlan, legs: list[int]) -> float:

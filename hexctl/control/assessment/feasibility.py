@@ -110,14 +110,27 @@ class RobotCheck:
     def verdict(self) -> LoadVerdict:
         """Verdict on load, joint speeds, distances of the feet and limits of the servos."""
         load, share = load_verdict(self.load), self.demand.speed_share
-        obstacles = (*load.obstacles, *filter(None, [_slow(share) if share < LEAST_SPEED else ""]))
+        too_slow = _slow(share) if share < LEAST_SPEED else ""
+        clearance_m = self.robot.trunk_clearance_m
+        low = self._trunk_is_low() if clearance_m <= self.load.typical_sag_m else ""
+        obstacles = (*load.obstacles, *filter(None, (too_slow, low if clearance_m <= 0 else "")))
         slow = _slow(share) if LEAST_SPEED <= share < GOOD_SPEED else ""
-        doubts = tuple(filter(None, (slow, self._feet_touch(), self._clipped_by_servos())))
+        doubts = tuple(
+            filter(
+                None, (slow, low if clearance_m > 0 else "", self._feet_touch(), self._clipped_by_servos())
+            )
+        )
         return LoadVerdict(
             obstacles=obstacles,
             warnings=(*doubts, *load.warnings),
             doubtful=not obstacles and (load.doubtful or bool(doubts)),
         )
+
+    def _trunk_is_low(self) -> str:
+        clearance_m, sag_m = self.robot.trunk_clearance_m, self.load.typical_sag_m
+        where = f"{1000 * abs(clearance_m):.3g} mm {'above' if clearance_m > 0 else 'below'} the floor"
+        sinks = f" and sinks by {1000 * sag_m:.3g} mm" if clearance_m > 0 else ""
+        return f"trunk: its underside is {where}{sinks}; see to `body.size_m` and a lower `stance.up_m`"
 
     def _feet_touch(self) -> str:
         least_m, spacing_m = 2 * self.robot.foot_radius_m, self.demand.least_foot_spacing_m

@@ -61,7 +61,9 @@ class LoadVerdict:
 def load_verdict(load: GaitLoad) -> LoadVerdict:
     """Verdict on the load of a gait."""
     obstacles = tuple(filter(None, (_tips_over(load) or _too_weak(load), _too_soft(load))))
-    telling = tuple(filter(None, (_unsteady(load), _weak(load), _soft(load), _cross(load))))
+    telling = tuple(
+        filter(None, (_unsteady(load), _weak(load) or _overloaded(load), _soft(load), _cross(load)))
+    )
     return LoadVerdict(
         obstacles=obstacles,
         warnings=(*telling, *filter(None, (_touch(load), _hot(load)))),
@@ -104,6 +106,18 @@ def _weak(load: GaitLoad) -> str:
         f"of {WEAK_WALKS[1]} robots below {GOOD_CAPACITY:g} that were simulated, "
         f"{WEAK_WALKS[0]} made half of their way"
     )
+
+
+def _overloaded(load: GaitLoad) -> str:
+    shares = load.torques_nm / load.max_torques_nm
+    if shares.max() <= 1 or not _carries(load):
+        return ""
+    names = ", ".join(JOINT_NAMES[joint] for joint in np.flatnonzero(shares > 1))
+    return f"overloaded: {names} would need up to {100 * shares.max():.0f} % of their torque"
+
+
+def _carries(load: GaitLoad) -> bool:
+    return not (_tips_over(load) or _too_weak(load))
 
 
 def _soft(load: GaitLoad) -> str:

@@ -1,7 +1,5 @@
 """The score of a walk: its result, from the measured poses."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from hexctl.control.assessment.cause import Samples, symptoms
@@ -40,6 +38,7 @@ def score(
     samples: Samples | None = None,
     hold: str = "none",
     limited_ticks: int = 0,
+    true_frame: TrialFrame | None = None,
     true_positions_world: FloatArray | None = None,
     energy_j: float | None = None,
     noticed: tuple[NoticedFailure, ...] = (),
@@ -58,7 +57,7 @@ def score(
     yaw_change_rad = None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world)
     if status == "ok" and _lacks_progress(robot, plan, duration_s, distance_m, never_moved=never_moved):
         status = "no_progress"
-    true_path_m = _true_path_m(frame, true_positions_world)
+    true_path_m = _true_path_m(true_frame, true_positions_world)
     clipped = min(1.0, clipped_ticks / max(1, len(positions_world)))
     cause = _cause(robot, plan, status, samples, duration_s, positions_world, quaternions_world, clipped)
     return TrialResult(
@@ -168,8 +167,6 @@ def _true_path_m(frame: TrialFrame | None, positions_world: FloatArray | None) -
         return None
     if not np.isfinite(positions_world).all():
         return None
-    if not np.isfinite(frame.origin_world).all():
-        frame = replace(frame, origin_world=positions_world[0])
     return frame.path(positions_world)
 
 

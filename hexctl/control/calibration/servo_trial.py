@@ -69,7 +69,7 @@ def held(servo: Servo) -> Iterator[float]:
         raise RobotFaultError(f"{name}: {refusal}")
     before = servo.torque()
     if before is None or not servo.set_torque(on=False):
-        raise RobotFaultError(f"{name} does not say whether it holds, or does not let go; is its cable good?")
+        raise RobotFaultError(f"{name} does not report its torque, or keeps it; is its cable good?")
     try:
         if said := servo.soften():
             raise RobotFaultError(f"{name} does not take a limit of its torque and speed ({said})")

@@ -1,8 +1,10 @@
-"""Arbiter of velocity commands from several sources.
+"""Arbiter of commands of velocity and body pose from several sources.
 
 Each source, such as a gamepad or ROS's `cmd_vel`, repeats its command before that expires. The arbiter
 follows the source of the highest priority with a valid command. A released source commands zero, which holds
 like any other command: the robot stops before it follows a lower source.
+
+A body pose is commanded once, and held. A source may command one only while it is followed.
 
     arbiter = Arbiter()
     stick = arbiter.source("gamepad")
@@ -15,12 +17,13 @@ Sources may be used from any thread, `decide` only from the control loop.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
 
 import numpy as np
 
 from hexctl.errors import InputError, check_type
+from hexctl.gait.body_pose import BodyPose
 from hexctl.time_source import WALL_TIME
 from hexctl.types import FloatArray
 
@@ -58,11 +61,18 @@ ZERO = Velocity()
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Decision of the arbiter; source is None without a valid command, stopped a reason or None."""
+    """Decision of the arbiter.
+
+    Attributes:
+        source: None without a valid command.
+        stopped: a reason, or None.
+        pose: a new body pose since the last decision, or None.
+    """
 
     velocity: Velocity = ZERO
     source: str | None = None
     stopped: str | None = None
+    pose: BodyPose | None = None
 
 
 class VelocitySource:
@@ -116,6 +126,7 @@ class Arbiter:
             name: VelocitySource(name, now_s, None if name == "motion" else expiry_s) for name in SOURCES
         }
         self._stopped: str | None = None
+        self._pose: BodyPose | None = None
         self._latch = Lock()
 
     def source(self, name: str) -> VelocitySource:
@@ -140,12 +151,24 @@ class Arbiter:
         with self._latch:
             for source in self._sources.values():
                 source.forget()
-            self._stopped = None
+            self._stopped = self._pose = None
+
+    def pose(self, pose: BodyPose, source: str | None = None) -> None:
+        """Command a body pose; ignored while stopped, and from a source that is not followed."""
+        check_type(pose, BodyPose, "body pose", "a BodyPose")
+        if source is None or self._followed().source == source:
+            with self._latch:
+                self._pose = pose if self._stopped is None else None
 
     def decide(self) -> Decision:
-        """The command of the highest source with a valid one."""
+        """The command of the highest source with a valid one, and a new body pose."""
+        with self._latch:
+            pose, self._pose = self._pose, None
         if self._stopped is not None:
             return Decision(stopped=self._stopped)
+        return replace(self._followed(), pose=pose)
+
+    def _followed(self) -> Decision:
         now_s = self._now_s()
         for name in reversed(SOURCES):
             velocity = self._sources[name].wanted(now_s)

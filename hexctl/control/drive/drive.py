@@ -22,7 +22,10 @@ from hexctl.control.loop import TickObserver, run_step
 from hexctl.control.monitor.recovery import RecoveryPolicy, default_policy, make_policy
 from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import FEET
+from hexctl.control.walks.ground_contact import contact_notes, step_height
 from hexctl.errors import EStopError, InputError, check_type
+from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.options import check_names
 from hexctl.robot.failure import Failure, NoticedFailure
@@ -59,6 +62,9 @@ class Drive:
         policy: for a failed leg: `glide`, `stop`, `walk-on`, `package.module:Class` or a policy; None is
             `glide` in a simulation and `stop` elsewhere.
         hold: `auto` corrects slip by the measured pose or yaw; `none` does not.
+        level: keep the body level by its measured roll and pitch.
+        feet: `planned`, or `adaptive` for uneven ground: feet lift higher and, with foot contacts, search the
+            ground below.
         failure: of legs, as in `RunSpec`; a simulation breaks them.
         told: False if the walk has to detect simulated failures.
         recorders: take every tick, as in `run_trial`.
@@ -77,6 +83,8 @@ class Drive:
         body_raise: float | None = None,
         policy: str | RecoveryPolicy | None = None,
         hold: str = "auto",
+        level: bool = False,
+        feet: str = "planned",
         failure: AskedFailures = (),
         told: bool = True,
         arbiter: Arbiter | None = None,
@@ -90,7 +98,10 @@ class Drive:
         self._told = told
         if hold not in DRIVE_HOLDS:
             raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
-        self._hold = hold
+        check_type(level, bool, "level")
+        if feet not in FEET:
+            raise InputError(f"feet: got {feet}; allowed: {', '.join(FEET)}")
+        self._hold, self._level, self._feet = hold, level, feet
         self._robot_file: RobotFile | None = None
         check_type(servos, (LegServos, NoneType), "servos", "LegServos, as SimServos('ant') gives, or None")
         if servos is None:
@@ -106,7 +117,7 @@ class Drive:
         self._policy = make_policy(policy) if isinstance(policy, str) else policy
         self._gait = self._gait_of(gait)
         if body_raise is not None:
-            self._gait = _raised(self._gait, body_raise)
+            self._gait = replace(self._gait, posture=replace(self._gait.posture, body_raise=body_raise))
         self._recorders = recorders
         self._observers: list[TickObserver] = [] if recorders is None else [_EventNotes(self), recorders]
         self._controller: DriveController | None = None
@@ -119,7 +130,10 @@ class Drive:
         """Connect the robot, which stands up with the first step; raises RobotFaultError."""
         with ExitStack() as stack:
             stack.enter_context(self._guard)
-            self.notes = tuple(connection_notes(self._guard.unwrapped, self._known))
+            self.notes = (
+                *connection_notes(self._guard.unwrapped, self._known),
+                *contact_notes(self._feet, self._guard.peek()),
+            )
             self._begin()
             self._stack = stack.pop_all()
         return self
@@ -188,6 +202,13 @@ class Drive:
         """Walk with a velocity in the body frame, counter-clockwise; raises InputError unless finite."""
         self.arbiter.source("motion").command(Velocity(forward_m_s, left_m_s, turn_rad_s))
 
+    def pose_body(self, pose: BodyPose = LEVEL) -> None:
+        """Move the body over its feet, and stay there; without a pose the body is level. Thread-safe.
+
+        A pose beyond the legs' reach is scaled down (`pose_share`). A stop stops the body too.
+        """
+        self.arbiter.pose(pose)
+
     def share(self, forward: float = 0.0, left: float = 0.0, turn: float = 0.0) -> Velocity:
         """The velocity for shares -1 to 1 of the maximum with the intact legs. Thread-safe."""
         shares = (forward, left, turn)
@@ -224,14 +245,35 @@ class Drive:
         self._use(new)
 
     @property
-    def body_raise(self) -> float:
-        """Body height above the stance, -0.2 to 0.2 of the robot's size; may be set."""
-        return self._gait.posture.body_raise
+    def level(self) -> bool:
+        """Whether the body is kept level by its measured roll and pitch; may be set."""
+        return self._level
 
-    @body_raise.setter
-    def body_raise(self, share: float) -> None:
-        """Change the body height in stride; raises InputError beyond -0.2 to 0.2 of the robot's size."""
-        self._use(_raised(self._gait, share))
+    @level.setter
+    def level(self, level: bool) -> None:
+        check_type(level, bool, "level")
+        self._level = level
+        if self._controller is not None:
+            self._controller.level = level
+
+    @property
+    def body_pose(self) -> BodyPose:
+        """The pose of the body over its feet now, without levelling."""
+        return self._connected.body_pose
+
+    @property
+    def body_goal(self) -> BodyPose:
+        """The commanded pose, as far as the legs reach it."""
+        return self._connected.body_goal
+
+    @property
+    def pose_share(self) -> float:
+        """Share of the commanded body pose that the legs reach."""
+        return self._connected.pose_share
+
+    def reach(self, pose: BodyPose) -> float:
+        """Share of a body pose that the legs would reach."""
+        return self._connected.reach(pose)
 
     @property
     def gait_now(self) -> Gait:
@@ -303,7 +345,9 @@ class Drive:
             arbiter=self.arbiter,
             policy=self._policy,
             hold=self._hold == "auto",
+            level=self._level,
             failures=self._known,
+            feet=self._feet,
         )
         if self._recorders is not None:
             self._recorders.log.controller = self._controller
@@ -314,7 +358,9 @@ class Drive:
         self._gait = gait
 
     def _gait_of(self, gait: str | int | Sequence[int] | Gait) -> Gait:
-        return gait if isinstance(gait, Gait) else make_gait(self.robot, gait)
+        if isinstance(gait, Gait):
+            return gait
+        return make_gait(self.robot, gait, height=step_height(self.robot, self._feet))
 
     def _made_servos(self, robot: str | Path | Robot, backend: str, options: dict[str, Any]) -> LegServos:
         """Servos of a backend; raises InputError for options that it would ignore."""
@@ -368,7 +414,7 @@ class _EventNotes(TickObserver):
         self._told = {
             "stop": "stop cleared" if drive.stopped is None else f"stopped: {drive.stopped}",
             "mode": drive.mode,
-            "gait": f"told: slots {gait}, body at {drive.body_raise:+.3f}",
+            "gait": f"told: slots {gait}, body at {drive.gait.posture.body_raise:+.3f}",
         }
         return [text for name, text in self._told.items() if before.get(name, text) != text]
 
@@ -378,7 +424,3 @@ def _frame_of(state: RobotState) -> TrialFrame:
     position, quaternion = state.base_position_world, state.base_quaternion_world
     yaw = 0.0 if quaternion is None else float(yaw_rad(quaternion))
     return TrialFrame(np.full(3, np.nan) if position is None else position, yaw, yaw)
-
-
-def _raised(gait: Gait, share: float) -> Gait:
-    return replace(gait, posture=replace(gait.posture, body_raise=share))

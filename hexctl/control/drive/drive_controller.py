@@ -17,6 +17,7 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.telemetry_watch import Temperatures, pace
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import check_type
+from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.gait.gait import Gait
 from hexctl.gait.posture import STANCE
 from hexctl.robot.failure import Failure, NoticedFailure
@@ -27,7 +28,7 @@ MODES = ("standing up", "driving", "sitting down", "sitting")
 
 
 class DriveController(Controller):
-    """Follows an arbiter's velocity within the limits of the gait; stands up first, and sits on request.
+    """Follows an arbiter's velocity and body pose within limits; stands up first, and sits on request.
 
     With warm servos the velocity is reduced before the guard stops the robot. If the policy stops the robot
     after a failure, the arbiter is stopped until it is cleared.
@@ -47,13 +48,17 @@ class DriveController(Controller):
         arbiter: Arbiter,
         policy: RecoveryPolicy,
         hold: bool = True,
+        level: bool = False,
         failures: Sequence[Failure] = (),
+        feet: str = "planned",
     ) -> None:
         check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
         self._robot, self._gait, self._period_s = robot, gait, period_s
         self._arbiter, self._policy = arbiter, policy
-        self._known = tuple(failures)
+        self._known, self._feet = tuple(failures), feet
         self._hold = VelocityHold() if hold else None
+        self._level = level
+        self._asked_pose: BodyPose | None = None
         self._asked: FloatArray = np.zeros(3)
         self._news: tuple[str, ...] = ()
         self._moving_steps = max(1, round(SITTING_S / period_s))
@@ -98,12 +103,46 @@ class DriveController(Controller):
         rows = [one.leg for one in self.believed_failures()] or [0]
         speeds = self._limits.speeds_m_s[rows].min(axis=0)
         turn_rad_s = float(self._limits.turn_rates_rad_s[rows].min())
-        return float(min(speeds[0], speeds[4])), float(min(speeds[2], speeds[6])), turn_rad_s
+        share = float(self._walk.poser.stroke_share)
+        return (
+            share * float(min(speeds[0], speeds[4])),
+            share * float(min(speeds[2], speeds[6])),
+            share * turn_rad_s,
+        )
+
+    @property
+    def level(self) -> bool:
+        """Whether the body is kept level; may be set."""
+        return self._level
+
+    @level.setter
+    def level(self, level: bool) -> None:
+        self._level = self._walk.poser.level = level
+
+    @property
+    def body_pose(self) -> BodyPose:
+        """The pose of the body over its feet now, without levelling."""
+        return BodyPose.of(self._walk.poser.commanded)
+
+    @property
+    def body_goal(self) -> BodyPose:
+        """The commanded pose, as far as the legs reach it."""
+        return BodyPose.of(self._walk.poser.goals)
+
+    @property
+    def pose_share(self) -> float:
+        """Share of the commanded body pose that the legs reach."""
+        return self._walk.poser.pose_share
+
+    def reach(self, pose: BodyPose) -> float:
+        """Share of a body pose that the legs would reach."""
+        return self._walk.reach(pose)
 
     @property
     def at_rest(self) -> bool:
         """Whether it stands or sits, and no target moves."""
-        return self.mode == "sitting" or (self.mode == "driving" and self._walk.at_rest)
+        stands = self.mode == "driving" and self._walk.at_rest and self._asked_pose is None
+        return self.mode == "sitting" or stands
 
     def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
         """Given and detected failures, by leg."""
@@ -142,17 +181,20 @@ class DriveController(Controller):
             self._new_walk()
         elif self.mode == "driving":
             self._walk.go_home()
+            self._pose(LEVEL)
 
     def sit(self) -> None:
         """Come to a stand, step the feet to their places, lower the body and stay down."""
         self._sit_asked = True
         self._walk.go_home()
+        self._pose(LEVEL)
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (18,)."""
         self._step = step
         self._take_pace(state, step)
         self.decision = self._arbiter.decide()
+        self._follow_pose()
         if self.mode == "driving":
             self._asked = self._corrected(step, state)
             targets_rad = self._monitored.targets_rad(step - self._began, state)
@@ -168,19 +210,38 @@ class DriveController(Controller):
         self._sent_rad = targets_rad
         return targets_rad
 
+    def _follow_pose(self) -> None:
+        """Move to a new pose, once it stands; a stop also stops the body."""
+        stopped = self._walk.poser.frozen = self.decision.stopped is not None
+        if stopped or self._sit_asked:
+            self._asked_pose = None
+        elif self.decision.pose is not None:
+            self._asked_pose = self.decision.pose
+        if self.mode == "driving" and self._asked_pose is not None:
+            self._pose(self._asked_pose)
+
+    def _pose(self, pose: BodyPose) -> None:
+        self._asked_pose = None
+        self._walk.pose_body(pose)
+        if self.pose_share < 1:
+            self._news = (*self._news, f"body pose: the legs reach {self.pose_share:.0%} of it")
+
     def _corrected(self, step: int, state: RobotState) -> FloatArray:
         wanted = self._wanted()
         dt_s = (step - self._held_step) * self._period_s
         self._held_step = step
         if self._hold is None:
             return wanted
-        return self._hold.update(dt_s, state, wanted, self._walk.velocity_body, np.array(self.most))
+        yaw_rad = float(self._walk.poser.poses[2])
+        most = np.array(self.most)
+        return self._hold.update(dt_s, state, wanted, self._walk.velocity_body, most, body_yaw_rad=yaw_rad)
 
     def _wanted(self) -> FloatArray:
         if self._sit_asked or self.decision.stopped is not None:
             return np.zeros(3)
         legs = [one.leg for one in self.believed_failures()]
-        return self._pace * self._limits.limited(self.decision.velocity.array, legs)
+        share = self._walk.poser.stroke_share
+        return self._pace * share * self._limits.limited(self.decision.velocity.array / share, legs)
 
     def _take_pace(self, state: RobotState, step: int) -> None:
         """Walk slower with warm servos, and report it once."""
@@ -207,7 +268,13 @@ class DriveController(Controller):
         gait = self._suited(self._gait)
         plain = replace(gait, posture=STANCE)
         first = next(iter(self._known), None)
-        plan = TrialPlan(gait=plain, belief=first, further_failures=self._known[1:])
+        plan = TrialPlan(
+            gait=plain,
+            belief=first,
+            further_failures=self._known[1:],
+            level=self._level,
+            feet=self._feet,
+        )
         start = WalkStart(
             robot=self._robot,
             plans=(plan,),

@@ -19,6 +19,7 @@ from hexctl.control.controllers import joints_of_feet, soft_stop_steps
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk
 from hexctl.errors import InputError, check_type
+from hexctl.gait.body_pose import BodyPose
 from hexctl.gait.foot_trajectory import SWING_END, SWING_START, lift_offset, part_of_cycle
 from hexctl.gait.gait import Gait
 from hexctl.types import FloatArray, RobotState
@@ -54,8 +55,8 @@ class DriveWalk(VelocityWalk):
 
     @property
     def at_rest(self) -> bool:
-        """Whether it stands on all feet, and none moves."""
-        return self._lifted == 0 and not self.velocity_body.any()
+        """Whether it stands on all feet, and none moves, apart from levelling."""
+        return self._lifted == 0 and not self.velocity_body.any() and self.poser.at_rest
 
     @property
     def home(self) -> bool:
@@ -72,13 +73,21 @@ class DriveWalk(VelocityWalk):
         """Step in place until all feet are at their stance positions, once no velocity is commanded."""
         self._going_home = not self.home
 
+    def pose_body(self, pose: BodyPose) -> None:
+        """Move the body to a pose over its feet, as far as the legs reach."""
+        self.poser.move_to(pose, self._pattern)
+
+    def reach(self, pose: BodyPose) -> float:
+        """Share of a body pose that the legs reach."""
+        return self.poser.reach(pose, self._pattern)
+
     def change_gait(self, gait: Gait) -> None:
         """Glide to a gait, or to the one that suits the failed legs: phases, heights and posture."""
         self.glide_to(self.suited([gait]))
 
     def stop(self, step: int) -> int:
         """Come to a stand within the steps of a soft stop, and ignore commands."""
-        self._halted = True
+        self._halted = self.poser.frozen = True
         return soft_stop_steps(self._period_s)
 
     def done(self, step: int, state: RobotState) -> bool:
@@ -92,12 +101,15 @@ class DriveWalk(VelocityWalk):
         wanted = np.zeros(3) if self._halted else np.asarray(self._wanted(), dtype=float)
         stepping = bool(wanted.any()) or (self._going_home and not self._halted)
         if dt_s > 0:
+            self.poser.update(dt_s, state, self._pattern)
             self._accelerate(dt_s, wanted, stepping)
             self._advance(step, dt_s, wanted, stepping)
-        return joints_of_feet(self._robot, self._feet(), self._held)
+        feet = self.poser.feet(self._feet())
+        self._meet_ground(dt_s, self._u(), feet, self._lifted, state)
+        return joints_of_feet(self._robot, feet, self._held)
 
     def _feet(self) -> FloatArray:
-        pattern = self._pattern
+        pattern = self.poser.lowered(self._pattern)
         feet = self._robot.stance_feet_body.copy()
         if pattern.posture_m is not None:
             feet += pattern.posture_m
@@ -123,7 +135,7 @@ class DriveWalk(VelocityWalk):
         return 0.5 - half, 0.5 + half
 
     def _most_stroke(self) -> float:
-        return OVERDRIVE * float(self._pattern.amplitude_m)
+        return OVERDRIVE * float(self._pattern.amplitude_m * self.poser.stroke_share)
 
     def _over_floor(self, velocity: FloatArray) -> FloatArray:
         """Velocities of stance feet in the body frame, (6, 2) in m/s."""

@@ -46,13 +46,22 @@ class VelocityHold:
         self.correction = np.zeros(3)
 
     def update(
-        self, dt_s: float, state: RobotState, wanted: FloatArray, commanded: FloatArray, most: FloatArray
+        self,
+        dt_s: float,
+        state: RobotState,
+        wanted: FloatArray,
+        commanded: FloatArray,
+        most: FloatArray,
+        *,
+        body_yaw_rad: float = 0.0,
     ) -> FloatArray:
         """Velocity to command, (3,): forward and left in m/s, turn in rad/s, as are all velocities here.
 
         `commanded` is what the legs walk now, `most` the maximum; a `wanted` of 0 resets the reference.
+        `body_yaw_rad` is that of the body over the feet, which carry the frame of the velocities.
         """
         yaw, position = self._measured(dt_s, state)
+        yaw = None if yaw is None else yaw - body_yaw_rad
         if not wanted.any() or yaw is None:
             self.forget()
             self._yaw_rad, self._position = yaw, position

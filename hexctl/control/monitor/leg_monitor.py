@@ -48,8 +48,8 @@ MOST_CYCLES, FIRST_MISSING, FIRST_IDLE = 6.0, 0.6, 0.1
 #: that is added to the threshold, and its time constant in cycles.
 MANY, TIMES_MANY, MANY_CYCLES = 3, 6.0, 3.0
 
-#: Consecutive ticks of an alarm.
-ALARM_TICKS = 3
+#: Consecutive ticks of an alarm, and cycles on uneven ground, which may block a leg for a step.
+ALARM_TICKS, UNEVEN_CYCLES = 3, 1.0
 
 #: Ticks between updates of the usual evidence.
 LEARNING_TICKS = 4
@@ -108,6 +108,8 @@ class LegMonitor:
     Args:
         believed: known failed legs; they are not watched.
         signatures_of: signatures of a leg for `BodyBalance`; None leaves it out.
+        uneven: whether the ground may block legs: alarms need a cycle, and joints are not checked for
+            weakness.
 
     Attributes:
         failed: legs that it assumes to have failed.
@@ -124,9 +126,13 @@ class LegMonitor:
         pace_hz: FloatArray,
         believed: BoolArray | None = None,
         signatures_of: Callable[[int], FloatArray] | None = None,
+        *,
+        uneven: bool = False,
     ) -> None:
         legs = (*shape, N_LEGS)
         cycles = np.asarray(pace_hz * period_s)
+        patience_ticks = np.rint(uneven * UNEVEN_CYCLES / cycles)[..., np.newaxis]
+        self._uneven, self._alarm_needs = uneven, np.maximum(ALARM_TICKS, patience_ticks)
         self._none_nm = NO_TORQUE_SHARE * robot.joint_max_torque_nm
         self._wild_rad = WILD_TIMES * robot.joint_max_speed_rad_s * period_s + WILD_RAD
         self._before_rad: FloatArray | None = None
@@ -308,14 +314,17 @@ class LegMonitor:
         self._ratios[_SILENCE] = few * self._silent_s / SILENT_S
 
     def _compare_stiffness(self, state: RobotState) -> None:
-        if state.measured and state.joint_torques_nm is not None and self._all_heard:
+        known = state.measured and state.joint_torques_nm is not None and self._all_heard
+        if known and not self._uneven:
             self._stiffness.update(self._motion, round(state.age_s / self._period_s), ~self.failed)
             self.weakened = bool(np.count_nonzero(self._stiffness.new))
         self._all_heard = True
 
     def _learn_usual(self) -> None:
         rho = self._evidence[0] * self._watched
-        self._usual_rho += self._usual_shares * (rho - self._usual_rho)
+        change = self._usual_shares * (rho - self._usual_rho)
+        # A leg must not raise its own threshold during a long alarm.
+        self._usual_rho += change * (self._alarm_ticks == 0) if self._uneven else change
         self._learn_overload()
         self._most_seen = np.maximum(self._most_seen * self._kept, self._evidence[1:]) * self._watched
         self._compared[1:] = np.maximum.reduce(self._most_seen.take(self._others))
@@ -339,7 +348,7 @@ class LegMonitor:
         if not (before or self._suspected):
             return
         self._alarm_ticks = (self._alarm_ticks + 1) * over
-        self.new = self._alarm_ticks >= ALARM_TICKS
+        self.new = self._alarm_ticks >= self._alarm_needs
         if self.new.any():
             # One leg at a time: consequences of its failure must not be blamed on another.
             self.new &= self.ratio >= self.ratio.max(axis=-1, keepdims=True)

@@ -82,6 +82,7 @@ class MonitoredWalk(Controller):
             self._each([plan.gait.pace_hz for plan in start.plans]),
             self._each([np.isin(LEGS, plan.failed_legs) for plan in start.plans]),
             self._signatures_of if _steady(walk) else None,
+            uneven=start.plans[0].feet == "adaptive",
         )
 
     def _each(self, values: Sequence[Any]) -> Any:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from hexctl.control.preparation import WalkStart
+from hexctl.control.walks.dead_reckoning import DeadReckoning
 from hexctl.control.walks.steering import Course, CourseHold, SteeringGains
 from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import InputError, check_type
@@ -27,6 +28,7 @@ class SteeredWalk(VelocityWalk):
             **self._pace_of([plan.gait for plan in start.plans]),
             hold=hold,
             trim_rad=self._each([plan.trim_rad for plan in start.plans]),
+            dead_reckoning=DeadReckoning(start.robot, self._shape, start.period_s),
             gains=gains,
         )
         self.velocity_body = self._law.velocity_body

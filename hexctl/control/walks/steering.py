@@ -20,6 +20,7 @@ import numpy as np
 
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.walks.dead_reckoning import DeadReckoning
 from hexctl.errors import InputError, check_type
 from hexctl.robot.rotations import components, yaw_rad
 from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen, within
@@ -199,6 +200,7 @@ class CourseHold:
         cycle_s: T.
         stride_m: L, distance of a cycle at full stride.
         hold: `line`, or `heading`, which ignores positions, and adds the trim.
+        dead_reckoning: of the deviation under `heading`, or None to hold only the yaw.
 
     Attributes:
         velocity_body: forward and left in m/s and turn in rad/s, leading shape + (3,).
@@ -214,6 +216,7 @@ class CourseHold:
         most_turn_rad_s: FloatArray,
         hold: str = "line",
         trim_rad: FloatArray | float = 0.0,
+        dead_reckoning: DeadReckoning | None = None,
         gains: SteeringGains | None = None,
     ) -> None:
         check_type(course, Course, "course", "a Course")
@@ -221,6 +224,7 @@ class CourseHold:
             raise InputError(f"hold: got {hold}; allowed: line, heading")
         self._shape = np.shape(speed_m_s)
         self._trim_rad = trim_rad if hold == "heading" else 0.0
+        self._dead_reckoning = dead_reckoning if hold == "heading" else None
         self._all: BoolArray = np.ones(self._shape, dtype=bool)[()]
         self._over_ground: CourseOverGround | None = None
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
@@ -238,6 +242,8 @@ class CourseHold:
         error_rad = self._error_rad + self._course.yaw_rad - course.yaw_rad
         self._course, self._left = course, _left_of(course)
         deviation_m = np.zeros(self._shape)[()]
+        if self._dead_reckoning is not None:
+            self._dead_reckoning.restart()
         if self._frozen_position.last:
             deviation_m = self._left_of_line_m(*self._frozen_position.last)
         self._begin(deviation_m, error_rad - math.tau * np.rint(error_rad / math.tau))
@@ -271,8 +277,8 @@ class CourseHold:
             self._dt_s, self._cycles = dt_s, dt_s / self._cycle_s
             self._share = 1 - np.exp(-self._cycles / self._gains.mean_cycles)
         self._walked_cycles = self._walked_cycles + self._cycles
-        self._aside.update(self._measured_deviation_m(dt_s, state), dt_s)
         self._yaw.update(self._measured_error_rad(dt_s, state), dt_s)
+        self._aside.update(self._measured_deviation_m(dt_s, state), dt_s)
         self._average()
         self._integrate()
         self.velocity_body = self._velocity()
@@ -288,6 +294,9 @@ class CourseHold:
         self._error_rad = self._error_rad * (1 - share * (aside.lost & yaw.lost))
 
     def _measured_deviation_m(self, dt_s: float, state: RobotState) -> FloatArray:
+        if self._dead_reckoning is not None:
+            line_rad = self._course.heading_rad + self._trim_rad
+            return self._dead_reckoning.update(state, self._course.yaw_rad + self._yaw.value - line_rad)
         position = state.base_position_world
         if position is None or self._hold != "line":
             return self._unknown

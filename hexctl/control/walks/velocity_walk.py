@@ -9,11 +9,14 @@ from numpy.typing import ArrayLike
 
 from hexctl.control.controllers import Controller, held_joints, joints_of_feet, soft_stop_steps
 from hexctl.control.preparation import WalkStart
+from hexctl.control.walks.body_poser import BodyPoser
+from hexctl.control.walks.ground_contact import GroundContact
 from hexctl.errors import InputError, check_callable, check_type
 from hexctl.gait.foot_trajectory import (
     RAMP_DURATION_S,
     StepPattern,
     feet_at_phases,
+    lift_offset,
     part_of_cycle,
     ramp,
 )
@@ -51,6 +54,7 @@ class VelocityWalk(Controller):
     Attributes:
         foot_offsets_m: added to the feet in the body frame, leading shape + (6, 3), or None.
         suited: maps the gaits of a plan's change to those to use instead.
+        poser: moves the bodies over the feet; for levelling, or a commanded pose.
     """
 
     def __init__(self, start: WalkStart, command: Command | None = None, *, speed_by: str = "stride") -> None:
@@ -74,7 +78,10 @@ class VelocityWalk(Controller):
         self.velocity_body: FloatArray = np.zeros((*self._shape, 3))
         self.limited_steps = np.zeros(self._shape, dtype=int)[()]
         self.foot_offsets_m: FloatArray | None = None
+        self.poser = BodyPoser(start.robot, start.batch_shape, OVERDRIVE, level=start.plans[0].level)
         self.suited: Callable[[list[Gait]], list[Gait]] = list
+        adaptive = start.plans[0].feet == "adaptive"
+        self._ground = GroundContact(start.robot, start.batch_shape) if adaptive else None
         self._last_step = 0
         self._stop_step: int | None = None
 
@@ -96,14 +103,30 @@ class VelocityWalk(Controller):
             self.velocity_body = self.wanted(dt_s, step, state)  # the ramp makes the start soft
         strokes, pace_hz = self._paced(self._strokes())
         if dt_s > 0:
+            self.poser.update(dt_s, state, self._pattern)
             cycles = dt_s * pace_hz
             self._cycles = self._cycles + cycles
             self._change(step, cycles)
         u = self.leg_phases
-        feet = feet_at_phases(self._robot, self._pattern, u, strokes, self._envelope(step))
+        envelope, pattern = self._envelope(step), self.poser.lowered(self._pattern)
+        feet = feet_at_phases(self._robot, pattern, u, strokes, envelope)
         if self.foot_offsets_m is not None:
             feet = feet + self.foot_offsets_m
+        feet = self.poser.feet(feet)
+        self._meet_ground(dt_s, u, feet, envelope, state)
         return joints_of_feet(self._robot, feet, self._held)
+
+    def _meet_ground(
+        self, dt_s: float, u: FloatArray, feet: FloatArray, lifted: float, state: RobotState
+    ) -> None:
+        """Move feet, in place, to the ground that they meet; `lifted` is the share of the step height."""
+        if self._ground is not None:
+            pattern = self.poser.lowered(self._pattern)
+            lift_m = lifted * lift_offset(u, pattern.swing_share) * pattern.height_m
+            if pattern.stepping is not None:
+                lift_m = lift_m * pattern.stepping
+            top_m = lifted * pattern.height_m
+            feet[..., 2] += self._ground.update(dt_s, feet, lift_m, top_m, state, pattern.stepping)
 
     def _envelope(self, step: int) -> float:
         """Share of strokes and heights at a step: 1 except in the soft start and stop."""
@@ -193,10 +216,11 @@ class VelocityWalk(Controller):
         strokes = way[..., 2, np.newaxis, np.newaxis] * self._turning_m - way[..., np.newaxis, :2]
         squares = strokes * strokes
         longest = np.maximum.reduce(squares[..., 0] + squares[..., 1], axis=-1)
-        too_long: BoolArray = longest > self._most_stroke_m2
+        most_m2 = self._most_stroke_m2 * self.poser.stroke_share**2
+        too_long: BoolArray = longest > most_m2
         if any_of(too_long):
             self.limited_steps = self.limited_steps + too_long
-            scale = np.sqrt(self._most_stroke_m2 / np.maximum(longest, self._most_stroke_m2))
+            scale = np.sqrt(most_m2 / np.maximum(longest, most_m2))
             strokes = strokes * scale[..., np.newaxis, np.newaxis]
             self.velocity_body = self.velocity_body * np.where(too_long, scale, 1.0)[..., np.newaxis]
         return np.asarray(strokes)

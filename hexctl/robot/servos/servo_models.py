@@ -72,7 +72,7 @@ def _arc(name: str, driver: str, number: int | None, protocol: int, least_v: flo
     )
 
 
-def _lx(name: str) -> ServoType:
+def _lx(name: str, least_v: float) -> ServoType:
     """A servo with 1000 counts over 240 degrees, which reports no model."""
     return ServoType(
         name=name,
@@ -83,7 +83,7 @@ def _lx(name: str) -> ServoType:
         least=0,
         most=1000,
         centre=500,
-        least_v=6.0,
+        least_v=least_v,
     )
 
 
@@ -102,9 +102,9 @@ SERVO_TYPES: dict[str, ServoType] = {
         _turn("sts3215", "feetech", 777, 1, 4.0),
         _turn("sts3032", "feetech", None, 1, 4.0),
         _arc("scs0009", "feetech", 1284, 1, 4.8),
-        _lx("lx16a"),
-        _lx("lx224"),
-        _lx("hts35h"),
+        _lx("lx16a", 6.0),
+        _lx("lx224", 6.0),
+        _lx("hts35h", 9.0),
     )
 }
 

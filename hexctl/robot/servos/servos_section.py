@@ -21,7 +21,7 @@ def check_writable(path: Path) -> None:
         copy = f"my-{path.name}"
         raise InputError(
             f"calibrate: got the shipped robot {path.stem}; allowed: a file of your own: "
-            f"cp {path} {copy}, then hexctl calibrate {copy}"
+            f"hexctl robot copy {path.stem} {copy}, then hexctl calibrate {copy}"
         )
     if not os.access(path, os.W_OK) or not os.access(path.resolve().parent, os.W_OK):
         raise InputError(f"{path}: cannot be written; allowed: a file, in a folder, that is yours to change")

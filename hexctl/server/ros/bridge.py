@@ -20,6 +20,7 @@ from hexctl.server.ros.ros_commands import (
     Service,
     Stopped,
     WantedJoints,
+    WantedPose,
     WantedVelocity,
 )
 from hexctl.server.ros.settings import LiveSettings, RosSettings
@@ -28,6 +29,7 @@ from hexctl.server.ros.topics import RobotMessages, RobotTopics
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
 from hexctl.wire.links import Endpoint
+from hexctl.wire.ros.body_pose import POSE, decode_body_pose
 from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
 from hexctl.wire.ros.ros_session import RouterWatch, check_router, open_ros_session
@@ -47,6 +49,7 @@ SILENT_S = 1.0
 #: Topics that move the robot, only with `drive`; a topic has one subscription per type.
 VELOCITIES = (TWIST, TWIST_STAMPED)
 JOINTS_TOPIC = "robot_joint_command"
+POSE_TOPIC = "body_pose"
 STOP_TOPIC = "~/estop"
 STOP_MESSAGE = "std_msgs/msg/Empty"
 TRIGGER = "std_srvs/srv/Trigger"
@@ -199,7 +202,8 @@ class _Commands:
         self._bridge, self._counters = bridge, bridge.counters
         wanted = [(STOP_TOPIC, STOP_MESSAGE)]
         if bridge.drive:
-            wanted += [("cmd_vel", kind) for kind in VELOCITIES] + [(JOINTS_TOPIC, ros_cdr.JOINT_STATE)]
+            wanted += [("cmd_vel", kind) for kind in VELOCITIES]
+            wanted += [(JOINTS_TOPIC, ros_cdr.JOINT_STATE), (POSE_TOPIC, POSE)]
         self._subscriptions = {
             (topic, kind): RosSubscription(
                 session, RosEndpoint(node, Kind.SUBSCRIPTION, topic, kind, _FIRST_SUBSCRIPTION + number)
@@ -236,6 +240,8 @@ class _Commands:
                 raise MessageError(f"{topic}: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES}")
             if topic == JOINTS_TOPIC:
                 command: RosCommand = WantedJoints(decode_positions(payload))
+            elif topic == POSE_TOPIC:
+                command = WantedPose(decode_body_pose(payload))
             else:
                 command = WantedVelocity(decode_velocity(kind, payload))
         except MessageError:

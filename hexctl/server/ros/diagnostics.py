@@ -3,9 +3,8 @@
 import math
 
 from hexctl.control.stop_reason import reason_in_words
-from hexctl.control.telemetry_watch import TOO_HOT_C, WARM_C
 from hexctl.server.ros.snapshot import RobotSnapshot
-from hexctl.types import JOINT_NAMES, RobotState, ServoReadings
+from hexctl.types import JOINT_NAMES, TOO_HOT_C, WARM_C, RobotState, ServoReadings
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 
 #: Name of the node of a robot without a namespace.

@@ -9,10 +9,19 @@ from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.guard import Guard
 from hexctl.control.monitor.recovery import default_policy, make_policy
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, RobotFaultError
+from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.server.idle import IdleSupervisor
 from hexctl.server.leases import Lease
 from hexctl.server.requests import RequestHandler
-from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.server.ros.ros_commands import (
+    Called,
+    RosCommand,
+    Service,
+    Stopped,
+    WantedJoints,
+    WantedPose,
+    WantedVelocity,
+)
 from hexctl.server.ros.settings import LiveSettings
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire.stop import OVER_ROS
@@ -31,12 +40,12 @@ Write = Callable[[FloatArray, float], None]
 
 
 class RosDriver:
-    """Follows velocities and joint angles from ROS, stands up and sits down.
+    """Follows velocities, body poses and joint angles from ROS, stands up and sits down.
 
-    A velocity makes the robot stand up, if necessary, and walk. After `EXPIRY_OF_ROS_S` without one it stops
-    walking and gives its lease back; a zero velocity stops it sooner. Joint angles are passed on; while they
-    come, velocities are refused. Another controller's lease, and a stop, refuse both. Changed settings hold
-    from the next control period on.
+    A velocity or a new body pose makes the robot stand up, if necessary, and walk or lean. After
+    `EXPIRY_OF_ROS_S` without a velocity it stops walking and gives its lease back; a zero velocity stops it
+    sooner. Joint angles are passed on; while they come, the others are refused. Another controller's lease,
+    and a stop, refuse them all. Changed settings hold from the next control period on.
     """
 
     def __init__(
@@ -55,6 +64,7 @@ class RosDriver:
         self._next_step = 0
         self._joints_until_s = -EXPIRY_OF_ROS_S
         self._sits = False
+        self._pose = LEVEL
         self.refused = 0
         self._new_pilot(guard.robot.stance_angles_rad)  # limits of its gait take a second, once
         self._pilot = None
@@ -65,6 +75,11 @@ class RosDriver:
         if self._pilot is not None and self._lease is not None:
             return self._pilot.mode
         return "joints" if self._time.now() <= self._joints_until_s else "none"
+
+    @property
+    def pose_share(self) -> float:
+        """Share of the commanded body pose that the legs reach."""
+        return 1.0 if self._pilot is None else self._pilot.pose_share
 
     def obey(self, command: RosCommand, at_s: float) -> None:
         """Take a command that arrived at `at_s` by the robot's time source."""
@@ -77,6 +92,8 @@ class RosDriver:
             try:
                 if isinstance(command, WantedVelocity):
                     self._follow(command.velocity, at_s)
+                elif isinstance(command, WantedPose):
+                    self._lean(command.pose, at_s)
                 else:
                     self._pass(command, at_s)
             except HexctlError:
@@ -118,6 +135,7 @@ class RosDriver:
         self._gait = settings.gait_of(self._guard.robot)
         if self._pilot is not None:
             self._pilot.change_gait(self._gait)
+            self._pilot.level = settings.level
 
     def _follow(self, velocity: FloatArray, at_s: float) -> None:
         if at_s <= self._joints_until_s:
@@ -132,6 +150,19 @@ class RosDriver:
             pilot.stand()
         forward, left, turn = velocity.tolist()
         self._source.command(Velocity(forward, left, turn))
+
+    def _lean(self, pose: BodyPose, at_s: float) -> None:
+        if at_s <= self._joints_until_s:
+            raise CommandRefusedError("body_pose: got it while joint commands come; allowed: one of both")
+        if pose == self._pose and (self._pilot is not None or pose == LEVEL):
+            return  # a node that repeats its pose must not hold the robot
+        self._hold(at_s)
+        pilot = self._drive()
+        if self._sits:
+            self._sits = False
+            pilot.stand()
+        self._pose = pose
+        self._arbiter.pose(pose)
 
     def _pass(self, command: WantedJoints, at_s: float) -> None:
         if self._lease is not None and self._pilot is not None:
@@ -169,10 +200,12 @@ class RosDriver:
         pilot = self._drive()
         self._sits = False
         self._source.release()
+        self._pose = LEVEL
         pilot.stand()
         return "standing up"
 
     def _sit(self) -> str:
+        self._pose = LEVEL
         if self._pilot is not None:
             self._sits = True
             self._source.release()
@@ -205,6 +238,7 @@ class RosDriver:
     def _new_pilot(self, start_rad: FloatArray) -> DriveController:
         guard = self._guard
         self._sits = False
+        self._pose = LEVEL
         self._source.forget()
         self._arbiter.clear()
         self._sent_rad = start_rad.copy()
@@ -216,6 +250,7 @@ class RosDriver:
             period_s=guard.clock.period_s,
             arbiter=self._arbiter,
             policy=make_policy(default_policy(simulated=guard.simulation is not None)),
+            level=self._applied.level,
         )
         return self._pilot
 

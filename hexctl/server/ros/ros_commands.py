@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
+from hexctl.gait.body_pose import BodyPose
 from hexctl.types import FloatArray
 
 #: Answer of a service while driving is off.
@@ -37,6 +38,13 @@ class WantedVelocity:
     velocity: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class WantedPose:
+    """A pose of the body over its feet."""
+
+    pose: BodyPose
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class WantedJoints:
     """Joint angles, (18,), leg-major order."""
@@ -52,4 +60,4 @@ class Called:
     call: Call
 
 
-RosCommand = Stopped | WantedVelocity | WantedJoints | Called
+RosCommand = Stopped | WantedVelocity | WantedPose | WantedJoints | Called

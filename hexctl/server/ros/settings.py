@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.errors import HexctlError, InputError
 from hexctl.gait.gait import DEFAULT_GAIT, Gait, gait_text, make_gait
-from hexctl.gait.posture import POSTURE, Posture
 from hexctl.options import Option, Typed, check_fields, options_of
 from hexctl.robot.model import Robot
 from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
@@ -39,8 +37,8 @@ class RosSettings:
     changes in stride.
     """
 
-    body_raise: Annotated[float, POSTURE] = 0.0
-    """How much higher the body stands while it walks, as a fraction of the robot's size, {}."""
+    level: bool = False
+    """Whether the body is kept level on slopes, by its measured roll and pitch."""
 
     ros_drive: bool = False
     """Whether ROS may move the robot, and set parameters."""
@@ -53,17 +51,8 @@ class RosSettings:
         object.__setattr__(self, "gait", gait_text(self.gait))
 
     def gait_of(self, robot: Robot) -> Gait:
-        """Gait and posture of the walk; raises InputError unless it is a gait of the robot."""
-        return replace(make_gait(robot, self.gait), posture=Posture(body_raise=self.body_raise))
-
-    def check_walk(self, robot: Robot) -> None:
-        """Raise InputError unless the robot can walk like this; caches the velocity limits, in 0.1 s."""
-        limits = VelocityLimits.of(robot, self.gait_of(robot))
-        if min(limits.speeds_m_s[0].min(), limits.turn_rates_rad_s[0]) <= 0:
-            raise InputError(
-                f"body_raise: got {self.body_raise:g}; allowed: a height at which {robot.name} can walk, "
-                "such as 0.0"
-            )
+        """Gait of the walk; raises InputError unless it is a gait of the robot."""
+        return make_gait(robot, self.gait)
 
 
 class LiveSettings:
@@ -114,8 +103,7 @@ class LiveSettings:
                 option.range.check(wish.name, float(wish.value or 0))
             changes[option.name] = wish.value
         changed = replace(self.now, **changes)
-        if changed.gait_of(self._robot) != self.now.gait_of(self._robot):
-            changed.check_walk(self._robot)
+        changed.gait_of(self._robot)
         return changed
 
     def _checked(self, wish: Assignment) -> Option:

@@ -15,10 +15,14 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
+from hexctl.learning.policy import KIND as POLICY
+from hexctl.learning.policy import policy_file
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.study.held_out import HeldOutPlace, stable_gait_of
 from hexctl.study.recovery.methods import METHODS, Alarm, method_of
+from hexctl.study.recovery.trial_and_error import KIND as BEHAVIOURS
+from hexctl.study.recovery.trial_and_error import behaviours_file
 from hexctl.study.walk_cache import ENDED
 from hexctl.types import ArrayFields, FloatArray
 
@@ -227,11 +231,16 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         return f"{self.robot.name}, {self.protocol}, {self.family}:{self.number} ({self.kind})"
 
     def settings(self) -> dict[str, Any]:
-        """Settings that decide a walk, the repertoire of the robot included."""
+        """Settings that decide a walk, with what was learned before for the robot."""
         plan = TrialPlan(gait=make_gait(self.robot, "tripod"), hold="line")
         repertoire = find_repertoire(self.robot, plan)
         digest = None if repertoire is None else repertoire.digest()
-        return super().settings() | {"duration_s": self.duration_s, "repertoire": digest}
+        learned = {
+            "repertoire": digest,
+            "policy": POLICY.digest(policy_file(self.robot)),
+            "behaviours": BEHAVIOURS.digest(behaviours_file(self.robot)),
+        }
+        return super().settings() | {"duration_s": self.duration_s} | learned
 
     def columns(self) -> dict[str, Any]:
         """Values of each row of this place."""

@@ -18,11 +18,22 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
+from hexctl.learning.learned_walk import LearnedWalk
+from hexctl.learning.policy import policy_of
 from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure, in_words
 from hexctl.robot.plugins import made_of
 from hexctl.study.recovery.decentralised import DecentralisedWalk
+from hexctl.study.recovery.evolution import EvolutionSearch
 from hexctl.study.recovery.open_loop import TRIES, OpenLoopFromFailure, Rehearsal, rehearse
+from hexctl.study.recovery.shaped_walk import (
+    FoundShape,
+    ShapeSearch,
+    search_shapes,
+    shape_of,
+    shaped_walk,
+)
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
+from hexctl.study.recovery.trial_and_error import TrialAndErrorSearch, behaviours_of
 from hexctl.types import BoolArray, FloatArray, RobotState
 
 
@@ -219,7 +230,7 @@ class OpenLoopBest(RecoveryMethod):
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
         """Walks with knowledge of the future failures and their next gaits."""
-        told_s = [min([event.at_s for event in events], default=math.inf) for events in to_come]
+        told_s = first_times_s(to_come)
         known = [self._found.get(id(plan)) for plan in start.plans]
         gaits = {index: each.gait for index, each in enumerate(known) if each is not None}
         return OpenLoopFromFailure(start, hold=held(start.plans[0], start.frame), told_s=told_s, gaits=gaits)
@@ -233,6 +244,66 @@ class Decentralised(RecoveryMethod):
         return DecentralisedWalk(start, hold=held(start.plans[0], start.frame))
 
 
+class Learned(RecoveryMethod):
+    """A policy, trained in simulation with failing legs, moves the feet of the gait; it knows no failures."""
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Walks led by the shipped policy of their robot."""
+        return LearnedWalk(start, policy_of(start.robot), hold=held(start.plans[0], start.frame))
+
+
+class Shaped(RecoveryMethod):
+    """After the failure it continues in open loop with the shape that a search by trials has found.
+
+    Args:
+        found: what trials have found, by the `id` of the walk's plan.
+    """
+
+    makes_trials = True
+
+    def __init__(self, found: Mapping[int, FoundShape] | None = None) -> None:
+        self._found = dict(found or {})
+
+    @abstractmethod
+    def search(self, trial: SimTrial) -> ShapeSearch:
+        """A search for the walk of a trial."""
+
+    def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> RecoveryMethod:
+        """The method with the shapes that trials of these walks have found."""
+        failing = [trial for trial in trials if trial.events]
+        found = search_shapes(failing, [self.search(trial) for trial in failing], threads)
+        return type(self)({id(trial.plan): one for trial, one in zip(failing, found, strict=True)})
+
+    def trials_before(self, plan: TrialPlan) -> int:
+        """How many shapes were tried for a walk."""
+        return self._found[id(plan)].trials if id(plan) in self._found else 0
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Walks with knowledge of the future failures and their next shapes."""
+        return shaped_walk(start, held(start.plans[0], start.frame), first_times_s(to_come), self._found)
+
+
+class TrialAndError(Shaped):
+    """Intelligent trial and error: searches in an archive of gaits of the intact robot."""
+
+    def search(self, trial: SimTrial) -> ShapeSearch:
+        """A search in the archive, whose gaits all walk towards leg 1."""
+        return TrialAndErrorSearch(behaviours_of(trial.robot).towards(trial.plan.heading_rad))
+
+
+class Evolution(Shaped):
+    """CMA-ES, which begins with the gait of the walk."""
+
+    def search(self, trial: SimTrial) -> ShapeSearch:
+        """A search from the walk's gait."""
+        return EvolutionSearch(shape_of(trial.plan.gait), trial.seed)
+
+
+def first_times_s(to_come: Sequence[Sequence[FailureEvent]]) -> list[float]:
+    """Time of the first failure of each robot; infinity for none."""
+    return [min((event.at_s for event in events), default=math.inf) for events in to_come]
+
+
 #: Methods by name.
 METHODS: dict[str, Callable[[], RecoveryMethod]] = {
     "nothing": lambda: Monitored(WalkOn()),
@@ -241,6 +312,9 @@ METHODS: dict[str, Callable[[], RecoveryMethod]] = {
     "stop-diagnose": StopDiagnose,
     "decentralised": Decentralised,
     "open-loop-best": OpenLoopBest,
+    "ppo": Learned,
+    "trial-and-error": TrialAndError,
+    "cma-es": Evolution,
 }
 
 #: Methods compared by default.

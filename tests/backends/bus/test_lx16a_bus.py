@@ -74,7 +74,7 @@ def test_servos_are_found_read_and_moved() -> None:
     assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
     assert bus.servos[3].set_up() == []
     reports = bus.poll_all()
-    assert [report.place for report in reports] == list(range(18))
+    assert [report.index for report in reports] == list(range(18))
     assert [report.position for report in reports] == stance_counts(MAP).tolist()
     assert reports[5].voltage_v == pytest.approx(7.4)
     assert reports[5].temperature_c == 35
@@ -219,7 +219,7 @@ def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
     said: dict[int, str] = {}
 
     def limp() -> bool:
-        said.update((report.place, report.error) for report in bus.poll())
+        said.update((report.index, report.error) for report in bus.poll())
         return said.get(7) == "limp"
 
     assert _within(limp)

@@ -18,7 +18,7 @@ from tests.backends.fake_time import FakeTime
 
 def _report(at_s: float, position: float, *, joint: int = 4, temperature_c: float = 40.0) -> Report:
     return Report(
-        place=joint,
+        index=joint,
         at_s=at_s,
         position=position,
         effort=0.1,
@@ -177,7 +177,7 @@ def test_a_sag_of_several_servos_is_a_brown_out_and_that_of_one_is_not() -> None
     assert not any("brown-out" in each for each in condition.warnings(one, NONE, NONE))
     clock.now_s = 1.0
     (warning,) = condition.warnings(_servos(9.2), NONE, NONE)
-    assert re.match("brown-out: .* 9 V, .* 12 V", warning)
+    assert re.match("brown-out: .* fell from 12 V to 9 V", warning)
     clock.now_s = 3.0
     (warning,) = condition.warnings(_servos(), _joints(0, 1, 2, 3), _joints(8))
     assert re.search(r"restarted without torque; .*leg 3 tibia \(id 9\)", warning)
@@ -185,14 +185,9 @@ def test_a_sag_of_several_servos_is_a_brown_out_and_that_of_one_is_not() -> None
     assert not any("brown-out" in each for each in condition.warnings(_servos(), NONE, NONE))
 
 
-def test_servos_below_what_their_model_needs_are_told_at_connect() -> None:
-    condition, _, _ = _condition("ax12a")
-    assert re.match("brown-out: .* 8 V", condition.warnings(_servos(8.4), NONE, NONE)[0])
-
-
 def test_a_battery_that_drains_is_no_brown_out() -> None:
     condition, _, clock = _condition("xl430-w250")
-    for second in range(0, 2400, 5):
+    for second in range(0, 4000, 5):  # to 6 V: the servos need 6.5
         clock.now_s = second
         assert condition.warnings(_servos(12.6 - 0.1 * (second // 60)), NONE, NONE) == []
 

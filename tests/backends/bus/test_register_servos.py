@@ -32,7 +32,7 @@ def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
     assert bus.servos[3].model_number() == bus_map.models[3].number
     assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
     assert [servo.set_up() for servo in bus.servos] == [[]] * 18
-    reports = {report.place: report for report in bus.poll_all()}
+    reports = {report.index: report for report in bus.poll_all()}
     assert len(reports) == 18
     positions = np.array([reports[joint].position for joint in range(18)])
     np.testing.assert_array_equal(positions, stance_counts(bus_map))
@@ -45,7 +45,7 @@ def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
     bus.hold(positions, EVERY)
     bus.write_goals(goals)
     line.pass_time(0.5)
-    assert sorted((each.place, each.position) for each in bus.poll_all()) == list(enumerate(goals))
+    assert sorted((each.index, each.position) for each in bus.poll_all()) == list(enumerate(goals))
 
 
 @pytest.mark.parametrize(("driver", "model"), [("dynamixel", "xl430-w250"), ("feetech", "sts3215")])
@@ -69,10 +69,10 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
     assert not fourth.holds
     assert fourth.number(bus.table.goal) == before
     assert fifth.holds
-    error = {report.place: report.error for report in bus.poll_all()}[4]
+    error = {report.index: report.error for report in bus.poll_all()}[4]
     assert error.startswith("stands beyond the limits ")
     bus.set_torque(False)
-    assert {report.place: report.error for report in bus.poll_all()}[4] == ""
+    assert {report.index: report.error for report in bus.poll_all()}[4] == ""
 
 
 def _servo(driver: str, model: str, *faults: str) -> tuple[RegisterServo, BusServo]:

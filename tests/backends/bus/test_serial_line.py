@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.bus.serial_line import SerialLine, holder_of
 from hexctl.errors import RobotFaultError
 
 HOLDS = """
@@ -53,6 +53,15 @@ def test_who_has_a_port_is_named(device: str, words: tuple[str, ...], name: str)
     SerialLine(device, 1_000_000).close()
     with pytest.raises(RobotFaultError, match="there is no port /dev/nothing"):
         SerialLine("/dev/nothing", 1_000_000)
+
+
+def test_a_simulated_bus_does_not_use_its_own_port() -> None:
+    makes = "import os, pty\nprint(os.ttyname(pty.openpty()[1]), flush=True)\ninput()"
+    maker = subprocess.Popen([sys.executable, "-c", makes], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert maker.stdout is not None
+    path = maker.stdout.readline().decode().strip()
+    assert holder_of(path) is None
+    maker.communicate(b"\n")
 
 
 class _EchoingLine:

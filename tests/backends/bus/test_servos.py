@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.bus_options import BusAddress, BusOptions
 from hexctl.backends.bus.registers import Register, table_of
 from hexctl.backends.bus.servo_bus import Report
-from hexctl.backends.bus.servos import BusServos, parse_bus_port
+from hexctl.backends.bus.servos import BusServos
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
@@ -268,7 +269,7 @@ def test_a_servo_whose_positions_jump_is_stale_and_named_and_not_mute(
             nonlocal polls
             polls += 1
             wild = 500.0 * (1 + polls % 2)
-            return [replace(each, position=wild) if each.place == 13 else each for each in poll(until)]
+            return [replace(each, position=wild) if each.index == 13 else each for each in poll(until)]
 
         monkeypatch.setattr(thread._device, "poll", jumping)
         (warning,) = _until(servos, _said("jump")).warnings
@@ -359,17 +360,18 @@ def test_targets_beyond_the_limits_of_a_servo_end_there() -> None:
         ("/dev/x:1200", None, "feetech", ("/dev/x", 1200)),
         ("/dev/x:4500000", None, "feetech", ("/dev/x", 4_500_000)),
         ("/dev/by-path/pci-0:2:1.0-port0", 57_600, "feetech", ("/dev/by-path/pci-0:2:1.0-port0", 57_600)),
+        ("/dev/by-path/pci-0:2:1.0", None, "feetech", ("/dev/by-path/pci-0:2:1.0", 1_000_000)),
         ("/dev/by-path/pci-0:2:1.0-port0:9600", None, "feetech", ("/dev/by-path/pci-0:2:1.0-port0", 9600)),
     ],
 )
-def test_a_port_has_a_baud(text: str, baud: int | None, driver: str, expected: tuple[str, int]) -> None:
-    assert parse_bus_port(text, baud, driver=driver) == expected
+def test_a_port_has_a_baud(text: str, baud: int | None, driver: Any, expected: tuple[str, int]) -> None:
+    assert BusOptions(driver=driver, connect=text, baud=baud).address() == BusAddress(driver, *expected)
 
 
 @pytest.mark.parametrize("text", [None, "", ":9600", "/dev/x:fast", "/dev/x:1199", "/dev/x:4500001"])
 def test_a_port_that_is_none_is_refused(text: str | None) -> None:
     with pytest.raises(InputError, match="connect: "):
-        parse_bus_port(text)
+        BusOptions(driver="feetech", connect=text).address()
 
 
 # What is stored in servos, at connect: set up, refused or told; and what an overload leaves.

@@ -35,7 +35,7 @@ ALL_BUT_ONE = [
 @pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", "lx16a")])
 def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
     bus_map, baud = a_map(driver, model), DEFAULT_BAUDS[driver]
-    old = driver == "lx16a"
+    old = driver == "lx16a"  # reports no model
     with memory_bus(bus_map, "mute:1:femur", "hot:1:tibia:72") as bus:
         found = scan_bus(bus.path, driver, baud, ids=range(6))
     assert [each.servo_id for each in found] == [1, 3, 4, 5]
@@ -44,6 +44,14 @@ def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
     assert found[0].voltage_v == (7.4 if old else 12.0)
     assert [each.temperature_c for each in found[:2]] == [35.0, 72.0]
     assert old or "hot" in found[1].error
+
+
+@pytest.mark.parametrize(("model", "volts"), [("lx224", 7.4), ("hts35h", 11.1)])
+def test_simulated_servos_have_the_supply_that_their_model_needs(model: str, volts: float) -> None:
+    bus_map = a_map("lx16a", model)
+    with memory_bus(bus_map) as bus:
+        (found,) = scan_bus(bus.path, "lx16a", 115_200, ids=(1,))
+    assert found.voltage_v == volts > bus_map.low_battery_v
 
 
 @pytest.mark.parametrize("driver", ["feetech", "lx16a"])
@@ -157,7 +165,8 @@ def test_a_servo_of_another_model_or_place_is_left_alone(other: str) -> None:
         else:
             bus.robot._positions_rad[8] -= 3.2
             bus.time.sleep(0.2)
-        with pytest.raises(RobotFaultError, match="model number" if other == "model" else f"where {LOST}"):
+        message = "model number" if other == "model" else f"allowed for {LOST}"
+        with pytest.raises(RobotFaultError, match=message):
             adopt(shipped("phantomx"), _from_21(), bus.path, 1_000_000)
         assert servo.servo_id == 1
 

@@ -168,9 +168,9 @@ def servos_on(board: MemoryServo2040 | Servo2040Board, pwm_map: PwmMap | None = 
     used, clock = a_map() if pwm_map is None else pwm_map, None
     if isinstance(board, MemoryServo2040):
         clock = WallClock(time=board.time)
-    return Servo2040Servos(shipped(), pwm_map=used, place=board.path, clock=clock)
+    return Servo2040Servos(shipped(), pwm_map=used, port=board.path, clock=clock)
 
 
 def i2c_servos_on(board: Pca9685Board) -> Pca9685Servos:
     """Servos of the controller's end, not connected."""
-    return Pca9685Servos(shipped(), pwm_map=a_map("pca9685"), place=board.path)
+    return Pca9685Servos(shipped(), pwm_map=a_map("pca9685"), port=board.path)

@@ -37,7 +37,7 @@ COUNT_US = 122 / 25
 
 def _servos(bus: I2cBus, pwm_map: PwmMap | None = None) -> Pca9685Servos:
     used = a_map("pca9685") if pwm_map is None else pwm_map
-    return Pca9685Servos(shipped(), pwm_map=used, place="1", i2c=bus, clock=FakeTime().clock())
+    return Pca9685Servos(shipped(), pwm_map=used, port="1", i2c=bus, clock=FakeTime().clock())
 
 
 def _until(

@@ -139,7 +139,7 @@ def test_a_board_on_a_pseudo_terminal_is_driven_and_found_again(tmp_path: Path) 
     device = tmp_path / "ttyACM0"
     with servo2040_board() as board:
         device.symlink_to(board.path)
-        servos = Servo2040Servos(shipped(), pwm_map=a_map(), place=str(device))
+        servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=str(device))
         servos.connect()
         _until(servos, lambda _: board.enabled.all())
         assert board.report()["torn"] == 0
@@ -291,7 +291,7 @@ def test_a_board_that_falls_mute_is_a_fault_while_it_is(faults: tuple[str, ...])
 def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
-    servos = Servo2040Servos(shipped(), pwm_map=a_map(), place=os.ttyname(slave))
+    servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=os.ttyname(slave))
     os.write(master, noise)
     with pytest.raises(RobotFaultError, match="no servo2040 answers"):
         servos.connect()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, make_simulation
-from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, make_floor
-from hexctl.backends.sim.world import World
+from hexctl.backends.sim.terrain import PIT_SHARE, ROUGH_CELLS, ROUGH_HALF_SIZE_M, START_M, make_floor
+from hexctl.backends.sim.world import World, load_world
 from hexctl.types import FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 
@@ -107,3 +107,51 @@ def test_no_foot_starts_inside_a_rough_floor(name: str, seed: int) -> None:
     physics = make_simulation(shipped(name), World(roughness_m=0.02), seed=seed).physics
     assert physics.data.ncon == 0 or physics.data.contact.dist.min() > -1e-3
     np.testing.assert_array_equal(physics.data.qpos[FIRST_JOINT:], shipped(name).stance_angles_rad)
+
+
+UNEVEN = {name: load_world(name) for name in ("steps", "pits", "ramps")}
+
+
+def _middle(name: str, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+    """Coordinates of the cells within 4 m, (N,), and their heights, (N, N)."""
+    heights = make_floor(UNEVEN[name], seed).heights_m
+    assert heights is not None
+    axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, len(heights))
+    near = np.abs(axis) <= 4
+    return axis[near], heights[np.ix_(near, near)]
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_the_start_of_an_uneven_world_is_even_and_no_foot_starts_inside_the_floor(name: str) -> None:
+    axis, heights = _middle(name)
+    start = np.abs(axis) <= START_M
+    np.testing.assert_allclose(heights[np.ix_(start, start)], 0, atol=1e-12)
+    assert heights.std() > 1e-3
+    physics = make_simulation(shipped(), UNEVEN[name]).physics
+    assert physics.data.ncon == 0 or physics.data.contact.dist.min() > -1e-3
+
+
+def test_blocks_have_random_heights_up_to_the_step_height_apart_and_steep_sides() -> None:
+    axis, heights = _middle("steps")
+    assert np.abs(heights).max() <= 0.015
+    np.testing.assert_allclose([heights.min(), heights.max()], [-0.015, 0.015], atol=5e-4)
+    changes = np.flatnonzero(np.abs(np.diff(heights[0])) > 1e-9)
+    assert np.diff(axis[changes]).min() >= UNEVEN["steps"].block_m - 0.011, "one cell wide"
+    assert make_floor(UNEVEN["steps"], 1) != make_floor(UNEVEN["steps"], 2)
+
+
+def test_a_quarter_of_the_floor_is_pits_of_one_depth() -> None:
+    _, heights = _middle("pits")
+    np.testing.assert_allclose(np.unique(heights), [-0.02, 0.0], atol=1e-9)
+    assert (heights < -0.01).mean() == pytest.approx(PIT_SHARE, abs=0.04)
+
+
+def test_ramps_go_up_and_down_at_their_inclination() -> None:
+    axis, heights = _middle("ramps")
+    world, slope = UNEVEN["ramps"], np.gradient(heights[0], axis)
+    np.testing.assert_allclose(np.ptp(heights, axis=0), 0, atol=1e-12)
+    tangent = np.tan(np.radians(world.ramp_deg))
+    steep = np.abs(np.abs(slope) - tangent) < 1e-6
+    assert steep[np.abs(axis) > START_M + 0.1].mean() > 0.8, "all but the crests and valleys"
+    assert heights.max() == pytest.approx(tangent * world.ramp_length_m, rel=0.1)
+    assert heights.min() == pytest.approx(0, abs=1e-12)

@@ -44,6 +44,25 @@ def test_an_impossible_gait_is_a_result_and_a_bad_value_an_error() -> None:
     assert CheckOptions(physics=True, world="slope", duration_s=5.0).duration_s == 5.0
 
 
+@pytest.mark.parametrize(("height_m", "verdict"), [(0.2, "can"), (0.245, "doubtful"), (0.26, "cannot")])
+def test_a_trunk_that_reaches_to_the_floor_is_noticed(height_m: float, verdict: str) -> None:
+    checked = check_robot("makeyourpet")
+    stands_m = checked.robot.standing_height_m
+    height_m *= stands_m / 0.125
+    body = replace(checked.robot.body, size_m=(*checked.robot.body.size_m[:2], height_m))
+    found = replace(checked, robot=replace(checked.robot, body=body)).verdict
+    assert (found.possible, found.doubtful) == (verdict != "cannot", verdict == "doubtful")
+    assert any(text.startswith("trunk") for text in (*found.obstacles, *found.warnings)) == (verdict != "can")
+
+
+def test_a_joint_above_its_torque_makes_a_gait_doubtful() -> None:
+    load = load_of(changed("phantomx"))
+    torques_nm = load.max_torques_nm * np.where(np.arange(18) == 7, 1.02, 0.3)
+    verdict = load_verdict(replace(load, torques_nm=torques_nm, capacity=3.5))
+    assert verdict.doubtful
+    assert verdict.warnings[0].startswith("overloaded: leg3_femur would need up to 102 %")
+
+
 def test_legs_that_are_nearer_together_touch_then_cross_then_cross_longer() -> None:
     apart, touching, crossing, longer = (load_of(moved_together(share)) for share in (0.5, 0.4, 0.2, 0.05))
     assert apart.least_clearance_m > 0

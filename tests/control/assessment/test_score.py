@@ -94,7 +94,7 @@ def test_the_ideal_distance_is_the_papers_and_one_that_never_set_out_has_none() 
     json.dumps(result.to_dict(), allow_nan=False)
 
 
-def test_the_true_path_is_from_the_same_line_by_where_the_robot_was() -> None:
+def test_the_true_path_is_from_the_true_line_by_where_the_robot_was() -> None:
     measured_world = np.array([[1.0, 2.0, 0.0], [1.1, 3.9, 0.0]])
     result = score(
         shipped(),
@@ -103,9 +103,10 @@ def test_the_true_path_is_from_the_same_line_by_where_the_robot_was() -> None:
         duration_s=0.04,
         turned_rad=0.0,
         clipped_ticks=0,
-        frame=TrialFrame(measured_world[0], math.pi / 2, 0.0),
+        frame=TrialFrame(measured_world[0], 1.5, 0.0),
         positions_world=measured_world,
         quaternions_world=np.tile(UPRIGHT, (2, 1)),
+        true_frame=TrialFrame(np.array([1.0, 2.0, 0.0]), math.pi / 2, 0.0),
         true_positions_world=np.array([[1.0, 2.0, 0.0], [0.7, 4.0, 0.0]]),
     )
     assert result.true_path_m is not None
@@ -294,9 +295,11 @@ def test_a_batch_costs_what_its_trials_cost_alone(world: World, hold: str) -> No
 # Why a walk made no progress
 
 
-def changed(name: str, *, stiffness: float = 1.0, torque: float = 1.0) -> Robot:
-    """A shipped robot with multiples of its servos' stiffness and torque."""
+def changed(name: str, *, stiffness: float = 1.0, torque: float = 1.0, trunk_m: float | None = None) -> Robot:
+    """A shipped robot with multiples of its servos' stiffness and torque, and another height of its trunk."""
     robot = shipped(name)
+    if trunk_m is not None:
+        robot = replace(robot, body=replace(robot.body, size_m=(*robot.body.size_m[:2], trunk_m)))
     servo = replace(robot.servo, stiffness_nm_per_rad=stiffness * robot.servo.stiffness_nm_per_rad)
     return replace(robot, servo=servo, joint_max_torque_nm=torque * robot.joint_max_torque_nm)
 
@@ -312,6 +315,7 @@ def trial_of(robot: Robot, world: World, failure: Failure | None = None) -> SimT
     [
         ("saturation", "ant", {"torque": 0.025}, World(), None),
         ("sag", "pexod", {"stiffness": 0.05}, World(), Failure(leg=5)),
+        ("trunk", "pexod", {"trunk_m": 0.4}, World(), None),
         ("slip", "ant", {}, World(friction=0.19, slope_deg=10), Failure(leg=5)),
         (None, "ant", {}, World(), None),
     ],
@@ -339,9 +343,11 @@ def test_joints_that_are_not_measured_tell_nothing() -> None:
         (0.49, 0.43, 3.0, "sag"),
         (0.0, 0.41, 0.41, "slip"),
         (0.49, 0.41, 0.39, None),
+        (0.49, 0.41, 3.0, "trunk"),
     ],
 )
 def test_a_cause_begins_at_its_bound(
     saturated: float, tracking_error: float, slip: float, cause: str | None
 ) -> None:
-    assert Symptoms(saturated, tracking_error, slip).cause == cause
+    grounded = 0.51 if cause == "trunk" else 0.49
+    assert Symptoms(saturated, tracking_error, slip, grounded=grounded).cause == cause

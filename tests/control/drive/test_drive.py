@@ -1,5 +1,7 @@
 """`hexctl.Drive` in simulation, on simulated time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,8 @@ from hexctl.backends.base import ServosWrapper, simulation_of
 from hexctl.backends.mock import MockServos
 from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.monitor.recovery import StopWalking
+from hexctl.gait.body_pose import BodyPose
+from hexctl.gait.posture import STANCE
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray
@@ -148,7 +152,7 @@ def test_gait_and_height_change_in_stride() -> None:
         drive.reset()
         walked(drive, 2.5)
         raised = drive.step().base_position_world
-        drive.body_raise = 0.0
+        drive.gait = replace(drive.gait, posture=STANCE)
         walked(drive, 2.5)
         lowered = drive.step().base_position_world
         assert raised is not None
@@ -161,6 +165,54 @@ def test_gait_and_height_change_in_stride() -> None:
         assert walked(drive, 3.0)[0] > 0.15
         with pytest.raises(InputError, match="gait"):
             drive.gait = "trot"
+
+
+def test_the_body_moves_over_its_feet_a_stop_stops_it_and_a_clear_moves_nothing() -> None:
+    with Drive("ant") as drive:
+        drive.reset()
+        drive.pose_body(BodyPose(roll_rad=0.1, up_m=0.02))
+        walked(drive, 1.0)
+        body = drive.step().base_quaternion_world
+        assert body is not None
+        assert 2 * body[1] == pytest.approx(0.1, abs=0.005)
+        drive.command(forward_m_s=0.08)
+        assert walked(drive, 3.0)[0] > 0.15
+        drive.arbiter.source("gamepad").command(Velocity())
+        drive.arbiter.pose(BodyPose(roll_rad=0.2), "keyboard")  # which is not followed
+        drive.step()
+        assert drive.body_goal == BodyPose(roll_rad=0.1, up_m=0.02)
+        drive.pose_body(BodyPose(pitch_rad=1.0))
+        for _ in range(5):
+            drive.step()
+        assert 0 < drive.pose_share < 1
+        drive.stop()
+        drive.step()
+        there = drive.body_pose
+        drive.pose_body()
+        walked(drive, 1.0)
+        drive.arbiter.clear()
+        walked(drive, 0.5)
+        assert drive.body_pose == there
+        assert there.pitch_rad > 0.01
+        drive.stand()
+        walked(drive, 1.0)
+        assert drive.body_pose == BodyPose()
+        with pytest.raises(InputError, match="body pose: got "):
+            drive.pose_body(0.1)  # type: ignore[arg-type]
+
+
+def test_levelling_is_one_switch() -> None:
+    with Drive("ant", world="slope", level=True) as drive:
+        drive.reset()
+        walked(drive, 4.0)
+        level = drive.step().base_quaternion_world
+        drive.level = False
+        walked(drive, 6.0)
+        floor = drive.step().base_quaternion_world
+    assert level is not None
+    assert floor is not None
+    assert np.abs(level[1:3]).max() < 0.005
+    assert 2 * floor[2] == pytest.approx(-np.radians(5), abs=0.01)
 
 
 def test_sources_outweigh_the_program_a_stop_outweighs_them_and_ticks_are_recorded() -> None:

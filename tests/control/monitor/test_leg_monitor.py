@@ -41,11 +41,14 @@ def _walk(
     efforts: bool = True,
     noise_deg: float = 0.3,
     offset_deg: float = 0.0,
+    until_cycle: float = 99.0,
+    uneven: bool = False,
     silent: Callable[[float], Sequence[int]] = lambda _cycles: (),
 ) -> list[tuple[float, Suspicion]]:
     """What a monitor notices, and how many cycles after the failure; silent joints keep their values."""
     robot, rng = shipped(), np.random.default_rng(1)
-    monitor = LegMonitor(robot, (), PERIOD_S, np.float64(PACE_HZ))  # type: ignore[arg-type]
+    pace = np.float64(PACE_HZ)
+    monitor = LegMonitor(robot, (), PERIOD_S, pace, uneven=uneven)  # type: ignore[arg-type]
     joints, noticed = robot.stance_angles_rad.copy(), []
     heard, heard_nm = joints.copy(), np.zeros(18)
     offsets = np.radians(offset_deg) * np.array([1, -1, 1] * 6)
@@ -55,7 +58,7 @@ def _walk(
         phases, standing = _tripod(now)
         torques = np.where(np.repeat(standing, 3), 0.5, 0.05) + 0.01 * rng.standard_normal(18)
         seen, contacts = joints.copy(), standing.copy()
-        if breaks is not None and now >= at_cycle:
+        if breaks is not None and at_cycle <= now < until_cycle:
             breaks(seen, torques)
             contacts &= np.abs(torques.reshape(6, 3)).max(axis=-1) > 0
         seen += offsets + np.radians(noise_deg) * rng.standard_normal(18)
@@ -93,6 +96,15 @@ def _without_load(leg: int) -> Breaks:
         torques[leg_slice(leg)] = 0.0
 
     return breaks
+
+
+def test_on_uneven_ground_a_leg_that_is_blocked_for_a_step_is_left_alone_and_a_locked_one_found() -> None:
+    locked = _held((6, 7, 8), torque_nm=1.0)
+    assert _walk(locked, until_cycle=6.6)[0][1].leg == 3
+    assert _walk(locked, until_cycle=6.6, uneven=True) == []
+    [(cycles, suspicion)] = _walk(locked, uneven=True)
+    assert suspicion.leg == 3
+    assert 1.0 < cycles < 2.0
 
 
 @pytest.mark.parametrize(("leg", "at_cycle"), [(1, 6.0), (4, 6.3), (6, 6.6)])

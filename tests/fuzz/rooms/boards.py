@@ -136,7 +136,7 @@ def _servo2040_frames(data: bytes) -> None:
         board._serve(0.0)
         board._serve(0.0)
         assert len(board.pulses_us) == N_JOINTS
-        powered, angles_rad = board._told()
+        powered, angles_rad = board._servo_targets()
         assert powered.shape == angles_rad.shape == (N_JOINTS,)
 
 

@@ -5,10 +5,10 @@ from contextlib import suppress
 
 import typer
 
-from hexctl.backends.bus.servos import parse_bus_port
 from hexctl.backends.mavlink.mavlink_transport import parse_port
-from hexctl.backends.pwm.pca9685 import parse_i2c_place
+from hexctl.backends.pwm.pca9685 import parse_i2c_port
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
+from hexctl.backends.serial_ports import SerialAddress
 from hexctl.backends.sim.world import load_world
 from hexctl.cli.see.arena_command import arena_of
 from hexctl.cli.values import checked
@@ -183,9 +183,8 @@ TARGETS = (
                 _endpoint,
                 _page,
                 parse_port,
-                parse_bus_port,
-                lambda text: parse_bus_port(text, driver="lx16a"),
-                parse_i2c_place,
+                SerialAddress.parse,
+                parse_i2c_port,
                 parse_servo2040_port,
             )
         ),

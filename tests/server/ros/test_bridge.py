@@ -17,6 +17,7 @@ from hexctl.server.ros.parameter_services import parameter_endpoint
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
+from hexctl.wire.ros.body_pose import POSE
 from hexctl.wire.ros.endpoints import SIZE, Attachment
 from hexctl.wire.ros.parameters import ParameterService
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode, type_hash
@@ -43,6 +44,7 @@ TOPICS = {
     "/hexctl/estop": ["std_msgs/msg/Empty"],
     "/cmd_vel": [TWIST, TWIST_STAMPED],
     "/robot_joint_command": [ros_cdr.JOINT_STATE],
+    "/body_pose": [POSE],
 }
 
 
@@ -238,12 +240,13 @@ def test_garbage_on_every_topic_moves_nothing(network: tuple[Served, Peer]) -> N
         ("cmd_vel", TWIST),
         ("cmd_vel", TWIST_STAMPED),
         ("robot_joint_command", ros_cdr.JOINT_STATE),
+        ("body_pose", POSE),
     ):
         key = RosEndpoint(RosNode(), Kind.PUBLISHER, topic, kind, 0).key
         for _ in range(1000):
             node.session.put(key, b"\0\1\0\0" + chance.bytes(int(chance.integers(0, 40))))
         node.session.put(key, bytes(200_000))
-    wait_until(lambda: robot.status()["ros"]["malformed"] > 2, "the count")
+    wait_until(lambda: robot.status()["ros"]["malformed"] > 3, "the count")
     status = robot.status()
     assert status["controller"] is None
     assert status["ros"]["commands"] > 0

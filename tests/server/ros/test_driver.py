@@ -1,5 +1,6 @@
 """Driving by ROS, tick by tick, with the network left out: lease, guard, expiry, stops and hostile input."""
 
+import math
 import random
 from typing import Any
 
@@ -7,15 +8,27 @@ import numpy as np
 import pytest
 
 from hexctl.errors import MessageError
+from hexctl.gait.body_pose import BodyPose, feet_from_body
 from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.ik.legs import solve_legs
 from hexctl.robot.loader import load_robot
 from hexctl.server.inbox import Arrival
-from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.server.ros.ros_commands import (
+    Called,
+    RosCommand,
+    Service,
+    Stopped,
+    WantedJoints,
+    WantedPose,
+    WantedVelocity,
+)
 from hexctl.server.ros.settings import LiveSettings, RosSettings
 from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
 from hexctl.types import FloatArray
+from hexctl.wire import ros_cdr
 from hexctl.wire.links import Link
+from hexctl.wire.ros.body_pose import POSE, decode_body_pose
 from hexctl.wire.ros.parameters import Assignment, ParameterType
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 from hexctl.wire.stop import OVER_ROS
@@ -26,6 +39,13 @@ from tests.wire.ros.test_telemetry import twist
 
 FORWARD = np.array([0.05, 0.0, 0.0])
 STANDING_UP_TICKS = 110
+
+
+def pose_message(roll_rad: float, *, up_m: float = 0.0, length: float = 1.0) -> bytes:
+    half = roll_rad / 2
+    turn = length * np.array([math.sin(half), 0.0, 0.0, math.cos(half)])
+    at = ros_cdr.point(np.array([0.0, 0.0, up_m]))
+    return ros_cdr.encode(ros_cdr.make(POSE, position=at, orientation=ros_cdr.quaternion(turn)))
 
 
 class Node:
@@ -235,6 +255,41 @@ def test_joints_and_velocities_exclude_each_other(bench: Bench) -> None:
     assert bench.status()["ros"]["refused"] == 2
 
 
+def test_a_body_pose_makes_the_robot_stand_up_and_lean_and_its_repetition_holds_nothing(bench: Bench) -> None:
+    bench.send(WantedPose(BodyPose()))
+    assert bench.status()["controller"] is None
+    wanted = decode_body_pose(pose_message(0.1, up_m=0.02))
+    assert wanted.roll_rad == pytest.approx(0.1)
+    bench.send(WantedPose(wanted))
+    assert bench.status()["controller"] == "ROS 2"
+    bench.ticks(STANDING_UP_TICKS + 60)
+    robot = bench.servos.robot
+    expected = solve_legs(robot, feet_from_body(robot.stance_feet_body, wanted.array)).joint_positions_rad
+    np.testing.assert_allclose(bench.joints(), expected, atol=1e-9)
+    bench.send(WantedPose(wanted))
+    assert bench.status()["controller"] is None, "it is there already"
+    bench.ticks(60, FORWARD)
+    assert bench.moved(50, FORWARD) > 0.05
+    bench.send(WantedPose(BodyPose(roll_rad=1.0)))
+    bench.ticks(2)
+    assert 0.1 < bench.status()["ros"]["pose_share"] < 1
+    bench.send(WantedPose(BodyPose()))
+    bench.call(Service.SIT)
+    bench.ticks(400)
+    assert bench.status()["posture"] in ("sitting", "limp")
+    bench.send(WantedJoints(robot.stance_angles_rad))
+    bench.send(WantedPose(wanted))
+    assert bench.status()["ros"]["refused"] == 1
+
+
+@pytest.mark.parametrize("changed", [{"length": 1.1}, {"up_m": math.nan}, {"up_m": 2.0}, {"length": 1e300}])
+def test_poses_that_are_none_are_refused_in_one_line(changed: dict[str, float]) -> None:
+    with pytest.raises(MessageError, match=r"body_pose: .*got .*; allowed: .*") as caught:
+        decode_body_pose(pose_message(0.1, **changed))
+    assert "\n" not in str(caught.value)
+    assert decode_body_pose(pose_message(0.1, length=0.0)) == BodyPose(), "zeros are no rotation"
+
+
 #: Messages of each type in the ordinary tests.
 TIMES = 2000
 
@@ -242,7 +297,18 @@ GOOD = {
     TWIST: twist(TWIST, FORWARD),
     TWIST_STAMPED: twist(TWIST_STAMPED, FORWARD),
     "joints": encode_positions(np.zeros(18)),
+    POSE: pose_message(0.1, up_m=0.02),
 }
+
+
+def command_of(kind: str, payload: bytes) -> RosCommand:
+    if kind == POSE:
+        return WantedPose(decode_body_pose(payload))
+    return (
+        WantedJoints(decode_positions(payload))
+        if kind == "joints"
+        else WantedVelocity(decode_velocity(kind, payload))
+    )
 
 
 @pytest.mark.parametrize("kind", list(GOOD))
@@ -255,11 +321,11 @@ def test_spoiled_messages_never_leave_the_limits(bench: Bench, kind: str, times:
     for index in range(times):
         payload = spoiled(GOOD[kind], chance)
         try:
-            wanted = decode_positions(payload) if kind == "joints" else decode_velocity(kind, payload)
+            command = command_of(kind, payload)
         except MessageError:
             refused += 1
         else:
-            bench.send(WantedJoints(wanted) if kind == "joints" else WantedVelocity(wanted))
+            bench.send(command)
         if index % 4 == 0:
             bench.ticks(1)
             if bench.servos.sent:
@@ -278,7 +344,7 @@ def test_settings_hold_from_the_next_control_period_on_and_the_gait_changes_in_s
     for name, kind, value in (
         ("gait", ParameterType.STRING, "wave"),
         ("sit_after", ParameterType.DOUBLE, 2.0),
-        ("body_raise", ParameterType.DOUBLE, 0.05),
+        ("level", ParameterType.BOOL, True),
     ):
         assert bench.live.set([Assignment(name, kind, value)]).successful
     steps = [bench.joints()]
@@ -287,7 +353,7 @@ def test_settings_hold_from_the_next_control_period_on_and_the_gait_changes_in_s
         steps.append(bench.joints())
     driver: Any = bench.server._driver
     assert driver._pilot.gait_now.slots == NAMED_SLOTS["wave"]
-    assert driver._pilot.gait_now.posture.body_raise == 0.05
+    assert driver._pilot.level
     assert np.abs(np.diff(steps, axis=0)).max() < 0.15, "no jump"
     bench.ticks(50 * 4)
     assert bench.status()["posture"] in ("sitting", "limp")

@@ -4,7 +4,6 @@ import random
 from dataclasses import fields
 from typing import Any
 
-import numpy as np
 import pytest
 from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -21,7 +20,7 @@ from hexctl.wire.ros import parameters
 from hexctl.wire.ros.parameters import DEFINITIONS, ParameterService, ParameterType, request_and_answer
 from tests.server.test_hostile_input import spoiled
 
-NAMES = ["body_raise", "gait", "ros_drive", "sit_after", "use_sim_time"]
+NAMES = ["gait", "level", "ros_drive", "sit_after", "use_sim_time"]
 SET, ATOMICALLY = ParameterService.SET, ParameterService.SET_ATOMICALLY
 
 
@@ -79,7 +78,7 @@ def test_settings_are_listed_read_and_described(live: LiveSettings) -> None:
         (4, 0.0, "tripod"),
     ]
     types = ask(live, ParameterService.GET_TYPES, request(ParameterService.GET_TYPES, **named(*NAMES)))
-    assert list(types) == [3, 4, 1, 3, 1]
+    assert list(types) == [4, 1, 1, 3, 1]
     described = ask(live, ParameterService.DESCRIBE, request(ParameterService.DESCRIBE, **named(*NAMES)))
     assert [one.read_only for one in described] == [False, False, True, False, True]
     (allowed,) = described[3].floating_point_range
@@ -105,15 +104,15 @@ def test_ranges_are_those_of_the_command_line() -> None:
 
 
 def test_values_are_set(live: LiveSettings) -> None:
-    results = ask(live, SET, request(SET, **wishes(sit_after=30.0, gait="5,1,2,4,3,6", body_raise=-0.05)))
+    results = ask(live, SET, request(SET, **wishes(sit_after=30.0, gait="5,1,2,4,3,6", level=True)))
     assert [(one.successful, one.reason) for one in results] == 3 * [(True, "")]
-    assert (live.now.sit_after_s, live.now.gait, live.now.body_raise) == (30.0, "5,1,2,4,3,6", -0.05)
+    assert (live.now.sit_after_s, live.now.gait, live.now.level) == (30.0, "5,1,2,4,3,6", True)
     assert ask(live, ATOMICALLY, request(ATOMICALLY, **wishes(gait=" Wave ", sit_after=1.0))).successful
     assert (live.now.sit_after_s, live.now.gait) == (1.0, "wave")
 
 
 REFUSED = [
-    ("speed", 1.0, "was not declared; allowed: body_raise"),
+    ("speed", 1.0, "was not declared; allowed: gait"),
     ("use_sim_time", True, "read-only"),
     ("ros_drive", False, "read-only"),
     ("sit_after", 30, r"of type {double}, setting it to {integer} is not allowed. Write a point"),
@@ -123,7 +122,6 @@ REFUSED = [
     ("sit_after", 0.5, "sit_after: got 0.5; allowed: 1 to 3600 s"),
     ("sit_after", float("nan"), "sit_after: got nan"),
     ("sit_after", float("inf"), "sit_after: got inf"),
-    ("body_raise", 0.3, "body_raise: got 0.3; allowed: -0.2 to 0.2"),
     ("gait", "gallop", "gait: got 'gallop'; allowed: demo, tripod"),
     ("gait", "best", "gait: got 'best'; allowed: demo, tripod"),
     ("gait", "721", "gait"),
@@ -158,16 +156,6 @@ def test_without_drive_all_is_read_only() -> None:
     assert "read-only" in result.reason
     assert "--ros-drive" in result.reason
     assert all(getattr(live.descriptor(name), "read_only") for name in NAMES)  # noqa: B009  may be None
-
-
-def test_a_height_at_which_no_speed_is_possible_is_refused(
-    live: LiveSettings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from hexctl.control.drive.velocity_limits import VelocityLimits
-
-    monkeypatch.setattr(VelocityLimits, "of", lambda *_: VelocityLimits(np.zeros((7, 8)), np.zeros(7)))
-    (result,) = ask(live, SET, request(SET, **wishes(body_raise=0.2)))
-    assert "a height at which ant can walk" in result.reason
 
 
 @pytest.mark.parametrize("service", ParameterService)

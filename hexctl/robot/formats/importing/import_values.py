@@ -5,18 +5,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hexctl.types import FloatArray
+from hexctl.errors import InputError
+from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
 
-# Used for missing or implausible numbers, and listed as unknown: a typical robot of this kind.
+# Used for missing or implausible numbers, and listed as unknown: a typical robot of this kind, with legs of
+# this length. Lengths and masses of smaller and larger robots follow from it.
+USUAL_LEG_M = 0.25
 USUAL_MASS_KG = {"body": 1.0, "coxa": 0.03, "femur": 0.07, "tibia": 0.08}
 USUAL_TORQUE_NM, USUAL_SPEED_DEG_S, USUAL_RANGE_DEG = 1.5, 200.0, 90.0
-USUAL_RADIUS_M, USUAL_FOOT_M = 0.010, 0.008
+USUAL_RADIUS_M, USUAL_FOOT_M, USUAL_HEIGHT_M = 0.010, 0.008, 0.05
 #: Torque of a femur joint per mass of the robot and length of femur and tibia: twice what carries it on three
 #: legs that reach out by half their length.
 NM_PER_KG_M = 2 * 9.81 / 3 / 2
 #: Torques and speeds of servos, from the smallest hobby servo to the largest actuator of a leg.
-TORQUES_NM, SPEEDS_RAD_S = (0.03, 60.0), (0.2, 60.0)
-#: A lighter part is a placeholder, as is one of more than this density.
+TORQUES_NM, SPEEDS_DEG_S = (0.03, 60.0), (math.degrees(0.2), math.degrees(60.0))
+#: A lighter part of a usual robot is a placeholder, as is one of more than this density.
 LEAST_MASS_KG, MOST_KG_M3 = 0.001, 4000.0
 #: Minimum density of a trunk's box; a lighter one is a placeholder. The lightest shipped robot has 165.
 LEAST_TRUNK_KG_M3 = 20.0
@@ -24,6 +27,8 @@ LEAST_TRUNK_KG_M3 = 20.0
 MARGIN_M = 0.05
 #: A wider range is that of a motor, and a narrower one of no joint of a leg.
 RANGES_DEG = (5.0, 340.0)
+#: A file with longer legs, or heavier parts, counts in other units.
+MOST_LEG_M, MOST_MASS_KG = 10.0, 1000.0
 #: Radius of gyration as shares of a part's length: less and more is no body of that size.
 GYRATION_SHARES = (0.02, 1.0)
 
@@ -49,19 +54,52 @@ def rounded(value: float) -> float:
     return float(f"{float(value):.9g}") + 0.0 if abs(value) > 1e-12 else 0.0
 
 
+def check_units(what: str, value: float, most: float, unit: str) -> None:
+    """Raise InputError for legs or parts so large that the file seems to have other units."""
+    if value > most:
+        raise InputError(
+            f"robot description: got {what} of {value:.4g} {unit}; allowed: up to {most:g} {unit}; if the "
+            "file counts in mm, cm or grams, convert it to metres and kilograms"
+        )
+
+
+def least_mass_kg(leg_m: float) -> float:
+    """Mass below which a part is a placeholder."""
+    return LEAST_MASS_KG * min(1.0, leg_m / USUAL_LEG_M) ** 3
+
+
+def usual_masses_kg(leg_m: float, moving_m: float, torque_nm: float | None) -> dict[str, float]:
+    """Masses of trunk, coxa, femur and tibia by size, and at most what the femur joints carry.
+
+    Args:
+        leg_m: length from coxa to foot.
+        moving_m: length of femur and tibia.
+        torque_nm: of the femur joints; None takes the largest of an actuator.
+    """
+    whole_kg = USUAL_MASS_KG["body"] + N_LEGS * sum(USUAL_MASS_KG[kind] for kind in JOINT_KINDS)
+    carried_kg = (torque_nm or TORQUES_NM[1]) / (NM_PER_KG_M * moving_m)
+    share = min((leg_m / USUAL_LEG_M) ** 3, carried_kg / whole_kg)
+    return {part: float(f"{share * mass_kg:.3g}") for part, mass_kg in USUAL_MASS_KG.items()}
+
+
+def placeholder(mass_kg: float, usual_kg: float) -> str:
+    """Reason of a replaced mass."""
+    return f"got {mass_kg:g} kg, which is a placeholder; {usual_kg:g} kg, for its size, were assumed"
+
+
 def too_dense(mass_kg: float, size_m: list[float]) -> bool:
     """Whether a part is heavier than any robot's of its size."""
     return mass_kg > MOST_KG_M3 * float(np.prod(np.array(size_m) + MARGIN_M))
 
 
-def plausible(values: list[float | None], bounds: tuple[float, float]) -> tuple[float | None, str]:
+def plausible(values: list[float | None], bounds: tuple[float, float], unit: str) -> tuple[float | None, str]:
     """Smallest plausible value of six joints or None, and a problem with one of them or an empty text."""
     low, high = bounds
     good = [value for value in values if value is not None and low <= value <= high]
     bad = next((value for value in values if value is None or not low <= value <= high), 0.0)
     problem = ""
     if len(good) < len(values):
-        problem = "is missing" if bad is None else f"got {bad:g}; plausible: {low:g} to {high:g}"
+        problem = "is missing" if bad is None else f"got {bad:.4g}; plausible: {low:.4g} to {high:.4g} {unit}"
     return min(good, default=None), problem
 
 

@@ -8,23 +8,27 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.formats.importing.import_values import (
-    LEAST_MASS_KG,
     MARGIN_M,
     MOST_KG_M3,
+    MOST_MASS_KG,
     NM_PER_KG_M,
     RANGES_DEG,
-    SPEEDS_RAD_S,
+    SPEEDS_DEG_S,
     TORQUES_NM,
     USUAL_FOOT_M,
-    USUAL_MASS_KG,
+    USUAL_LEG_M,
     USUAL_RADIUS_M,
     USUAL_RANGE_DEG,
     USUAL_SPEED_DEG_S,
     USUAL_TORQUE_NM,
     Findings,
+    check_units,
+    least_mass_kg,
+    placeholder,
     plausible,
     possible_tensor,
     rounded,
+    usual_masses_kg,
 )
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.importing.tree_legs import TreeLeg
@@ -39,6 +43,10 @@ USUAL_ERROR_RAD = 0.085
 
 _NOT_HELD = "descriptions do not hold it"
 
+#: A wider range, more than two turns, is in other units.
+MOST_RANGE_DEG = 720.0
+_UNITS = "; descriptions count in radians: are these degrees?"
+
 #: A foot sphere is at most this large.
 MOST_FOOT_M = 0.03
 
@@ -50,6 +58,11 @@ class LegImport:
         self._tree, self._legs, self._facing, self._findings = tree, legs, facing, findings
         #: Coxa, femur and tibia at angle zero, (3, 2) as (outward, up).
         self.vectors_m = np.mean([leg.vectors_m for leg in legs], axis=0)
+        lengths_m = np.linalg.norm(self.vectors_m, axis=-1)
+        self.leg_m, self._moving_m = float(lengths_m.sum()), float(lengths_m[1:].sum())
+        torque_nm, _ = plausible([leg.joints[1].torque_nm for leg in legs], TORQUES_NM, "N m")
+        self.usual_masses_kg = usual_masses_kg(self.leg_m, self._moving_m, torque_nm)
+        self.least_mass_kg = least_mass_kg(self.leg_m)
         self._usual_torque_nm = self._weight_torque_nm()
 
     def links(self) -> dict[str, dict[str, Any]]:
@@ -68,8 +81,7 @@ class LegImport:
     def _weight_torque_nm(self) -> float:
         """Assumed torque limit: the usual one, or what a heavy robot needs."""
         mass_kg = sum(link.mass_kg or 0.0 for link in self._tree.links.values())
-        leg_m = float(np.linalg.norm(self.vectors_m[1:], axis=-1).sum())
-        return float(np.clip(NM_PER_KG_M * mass_kg * leg_m, USUAL_TORQUE_NM, TORQUES_NM[1]))
+        return float(np.clip(NM_PER_KG_M * mass_kg * self._moving_m, USUAL_TORQUE_NM, TORQUES_NM[1]))
 
     def _link(self, index: int) -> dict[str, Any]:
         kind, end_m = JOINT_KINDS[index], self.vectors_m[index]
@@ -77,10 +89,11 @@ class LegImport:
         masses_kg, coms_m, _ = self._masses(index)
         mass_kg, key = float(masses_kg.mean()), f"links.{kind}.mass_kg"
         heavy = masses_kg.max() > MOST_KG_M3 * (length_m + MARGIN_M) * MARGIN_M**2
-        if masses_kg.min() < LEAST_MASS_KG:
-            self._findings.unknown(key, f"got {masses_kg.min():g} kg, which is a placeholder")
-            mass_kg = USUAL_MASS_KG[kind]
+        if masses_kg.min() < self.least_mass_kg:
+            mass_kg = self.usual_masses_kg[kind]
+            self._findings.unknown(key, placeholder(masses_kg.min(), mass_kg))
         elif heavy:
+            check_units(f"a {kind}", mass_kg, MOST_MASS_KG, "kg")
             self._findings.unknown(key, f"got {masses_kg.max():g} kg, denser than links are; it is kept")
         link: dict[str, Any] = {"end_m": [rounded(part) for part in end_m], "mass_kg": rounded(mass_kg)}
         link["radius_m"] = self._radius_m(index, length_m)
@@ -157,9 +170,13 @@ class LegImport:
         round_ones = [solid for solid in solids if solid.kind in ("cylinder", "capsule")]
         if not round_ones:
             self._findings.unknown(f"links.{JOINT_KINDS[index]}.radius_m", "no cylinder shows it")
-            return rounded(min(USUAL_RADIUS_M, 0.45 * length_m))
+            return rounded(min(self._usual_m(USUAL_RADIUS_M), 0.45 * length_m))
         best = min(round_ones, key=lambda solid: abs(solid.size_m[1] - length_m))
         return rounded(min(best.size_m[0], 0.45 * length_m))
+
+    def _usual_m(self, length_m: float) -> float:
+        """A length of a usual robot, in proportion; larger robots have the same."""
+        return length_m * min(1.0, self.leg_m / USUAL_LEG_M)
 
     def foot_radius_m(self) -> float:
         """Radius of the sphere at the foot, the smallest of the legs."""
@@ -167,7 +184,7 @@ class LegImport:
         known = [radius for radius in radii_m if radius is not None]
         if len(known) < len(radii_m):
             self._findings.unknown("foot_radius_m", "no sphere at the foot shows it")
-        return rounded(min(known, default=USUAL_FOOT_M))
+        return rounded(min(known, default=self._usual_m(USUAL_FOOT_M)))
 
     def _sphere_m(self, leg: TreeLeg) -> float | None:
         found = []
@@ -184,12 +201,12 @@ class LegImport:
         kind = JOINT_KINDS[index]
         joints = [leg.joints[index] for leg in self._legs]
         low_deg, high_deg = self._range_deg(index)
-        torque_nm, problem = plausible([one.torque_nm for one in joints], TORQUES_NM)
-        if problem:
-            guess = f"; {self._usual_torque_nm:.2g} N m, for its weight, were assumed"
-            problem += "" if torque_nm or self._usual_torque_nm <= USUAL_TORQUE_NM else guess
-            self._findings.unknown(f"joints.{kind}.max_torque_nm", problem)
+        torque_nm, problem = plausible([one.torque_nm for one in joints], TORQUES_NM, "N m")
+        why = ", for its weight," if not torque_nm and self._usual_torque_nm > USUAL_TORQUE_NM else ""
         torque_nm = torque_nm or self._usual_torque_nm
+        if problem:
+            problem += f"; {torque_nm:.2g} N m{why} were assumed"
+            self._findings.unknown(f"joints.{kind}.max_torque_nm", problem)
         section: dict[str, Any] = {
             "min_deg": low_deg,
             "max_deg": high_deg,
@@ -208,11 +225,14 @@ class LegImport:
         known = self._tree.numbers.get(SPEED_KEY, ())
         if len(known) == len(JOINT_KINDS):
             return rounded(math.degrees(known[index]))
-        speeds = [leg.joints[index].speed_rad_s for leg in self._legs]
-        speed_rad_s, problem = plausible(speeds, SPEEDS_RAD_S)
+        speeds_rad_s = [leg.joints[index].speed_rad_s for leg in self._legs]
+        speeds_deg_s = [None if speed is None else math.degrees(speed) for speed in speeds_rad_s]
+        speed_deg_s, problem = plausible(speeds_deg_s, SPEEDS_DEG_S, "deg/s")
+        speed_deg_s = USUAL_SPEED_DEG_S if speed_deg_s is None else speed_deg_s
         if problem:
+            problem += f"; {speed_deg_s:.4g} deg/s were assumed"
             self._findings.unknown(f"joints.{JOINT_KINDS[index]}.max_speed_deg_s", problem)
-        return rounded(USUAL_SPEED_DEG_S if speed_rad_s is None else math.degrees(speed_rad_s))
+        return rounded(speed_deg_s)
 
     def _add_no_load_speeds(self, joints: dict[str, dict[str, Any]]) -> None:
         """Add the speeds at which damping takes all torque; all kinds have one, or none has."""
@@ -220,7 +240,7 @@ class LegImport:
         for index, (kind, section) in enumerate(joints.items()):
             damping = max(leg.joints[index].damping_nm_s_per_rad or 0.0 for leg in self._legs)
             speed_rad_s = section["max_torque_nm"] / damping if damping > 0 else math.inf
-            if speed_rad_s > SPEEDS_RAD_S[1]:
+            if math.degrees(speed_rad_s) > SPEEDS_DEG_S[1]:
                 continue
             if math.degrees(speed_rad_s) < section["max_speed_deg_s"] * (1 - 1e-6):
                 reason = f"got a damping of {damping:g} N m s/rad, too much for its speed; none was assumed"
@@ -241,6 +261,10 @@ class LegImport:
             joint, sign, zero_deg = leg.joints[index], leg.signs[index], math.degrees(leg.zeros_rad[index])
             limits = joint.limits_rad if joint.kind == "revolute" else None
             if limits is not None and limits[0] != limits[1]:
+                if limits[0] > limits[1]:
+                    self._findings.note(
+                        f"the limits of {joint.name} were swapped: its lower one is above its upper one"
+                    )
                 ranges.append(sorted(math.degrees(sign * end) + zero_deg for end in limits))
         lows, highs = [low for low, _ in ranges], [high for _, high in ranges]
         low, high = max(lows, default=-180.0), min(highs, default=180.0)
@@ -255,6 +279,8 @@ class LegImport:
             )
         if len(ranges) < len(self._legs) or not RANGES_DEG[0] <= high - low < RANGES_DEG[1]:
             reason = f"got {low:.4g} to {high:.4g} deg" if len(ranges) == len(self._legs) else "it is missing"
+            reason += _UNITS if ranges and high - low > MOST_RANGE_DEG else ""
+            reason += f"; {-USUAL_RANGE_DEG:g} to {USUAL_RANGE_DEG:g} deg were assumed"
             for end in ("min_deg", "max_deg"):
                 self._findings.unknown(f"joints.{kind}.{end}", reason)
             return -USUAL_RANGE_DEG, USUAL_RANGE_DEG
@@ -309,7 +335,7 @@ class LegImport:
         known = _known([joint.rotor_inertia_kg_m2 for joint in self._knees])
         if known is None:
             self._findings.unknown("servo.rotor_inertia_kg_m2", _NOT_HELD)
-            return 0.002 * max(1.0, torque_nm / 1.5)
+            return 0.002 * torque_nm / USUAL_TORQUE_NM
         return known
 
 

@@ -1,5 +1,6 @@
 """A robot description of another tool as a tree of links and joints, whatever its file format."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -240,6 +241,10 @@ def tree_of(
         for end in (joint.parent, joint.child):
             if end not in by_name:
                 raise ValueError(f"joint {joint.name} names the link {end!r}, which is not there")
+    if len(by_name) < len(links):
+        counts = Counter(link.name for link in links)
+        twice, count = counts.most_common(1)[0]
+        raise ValueError(f"got {count} links named {twice!r}; allowed: a name each")
     roots = [link for link in by_name if link not in by_child]
     if len(roots) != 1:
         names = ", ".join(roots[:5]) or "none"

@@ -42,6 +42,11 @@ def read_mjcf(path: Path) -> LinkTree:
         model = spec.compile()
         if model.nbody > MOST_LINKS:
             raise ValueError(f"got {model.nbody} bodies; allowed: a robot of up to {MOST_LINKS}")
+        if spec.compiler.degree and _seem_radians(model):
+            raise ValueError(
+                "most hinges turn by less than 6.3 deg: if their ranges are radians, the file needs "
+                '<compiler angle="radian"/>'
+            )
         return _Reader(model, unread).tree(spec.modelname)
     except (OSError, ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
@@ -71,8 +76,15 @@ def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
     for mesh in missing.values():
         spec.delete(mesh)
     if missing:  # without a mesh a body may have no mass, and MuJoCo compiles none of these
-        spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS_KG / 100, LEAST_MASS_KG * 1e-6
+        spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS_KG * 1e-6, LEAST_MASS_KG * 1e-9
     return unread
+
+
+def _seem_radians(model: Any) -> bool:
+    """Whether most hinges turn by less degrees than a circle has radians."""
+    limited = (model.jnt_type == 3) & (model.jnt_limited == 1)
+    narrow = np.degrees(np.ptp(model.jnt_range[limited], axis=-1)) < math.tau
+    return bool(narrow.sum() > limited.sum() / 2)
 
 
 def _is_there(spec: Any, folder: Path, file: str) -> bool:

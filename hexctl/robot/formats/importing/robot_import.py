@@ -13,7 +13,7 @@ import yaml
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
 from hexctl.robot.formats.importing.foot_projection import FootProjection
-from hexctl.robot.formats.importing.import_values import Findings, rounded
+from hexctl.robot.formats.importing.import_values import MOST_LEG_M, Findings, check_units, rounded
 from hexctl.robot.formats.importing.leg_chains import (
     AXIS_TOLERANCE_RAD,
     HeldHinge,
@@ -25,9 +25,10 @@ from hexctl.robot.formats.importing.leg_import import LegImport
 from hexctl.robot.formats.importing.link_tree import MOST_BYTES, LinkTree
 from hexctl.robot.formats.importing.mjcf_tree import read_mjcf
 from hexctl.robot.formats.importing.tree_legs import (
-    PLANE_TOLERANCE_M,
+    PLANE_TOLERANCE,
     TreeLeg,
     find_legs,
+    length_notes,
     with_middle_coxae,
     with_one_zero,
 )
@@ -47,6 +48,9 @@ USUAL_PACE_HZ, USUAL_STRIDE, USUAL_STEP = 0.5, 0.45, 0.15
 
 #: Legs that span so many times more from side to side than ahead hint at another front.
 ALONG_Y = 1.3
+
+#: Minimum distances of the feet outward and below the coxa axes in a stance, as a share of the legs.
+LEAST_FOOT = 0.08
 
 #: A stance with a nearly level femur and a steep tibia, and the room that its joints are to have.
 WANTED_SLOPES_RAD, WANTED_ROOM_RAD = (math.radians(20), math.radians(-75)), math.radians(15)
@@ -216,11 +220,13 @@ class _Import:
                 "description"
             )
         self._parts = LegImport(tree, legs, facing, self._findings)
+        check_units("legs", self._parts.leg_m, MOST_LEG_M, "m")
         self._links, self._joints = self._parts.links(), self._parts.joints()
+        self._findings.notes.extend(length_notes(legs))
         mounts_m = np.array([leg.mount_m for leg in legs])
         #: Height of the feet above the coxae at angle zero.
         self.feet_up_m = float(np.mean([leg.foot_m[2] - leg.mount_m[2] for leg in legs]))
-        self._box = trunk_box(tree, facing, mounts_m)
+        self._box = trunk_box(tree, facing, mounts_m, self._parts.leg_m)
         self._origin_m = body_origin(self._box, mounts_m)
         length_m, width_m = np.ptp(mounts_m[:, :2], axis=0).tolist()
         if width_m > ALONG_Y * length_m:
@@ -234,7 +240,15 @@ class _Import:
     def robot(self, name: str, source: str) -> ImportedRobot:
         """The robot file; raises InputError if it is none."""
         servo = self._parts.servo(self._joints)
-        body = body_section(self._tree, self._facing, self._box, self._origin_m, self._findings)
+        body = body_section(
+            self._tree,
+            self._facing,
+            self._box,
+            self._origin_m,
+            self._findings,
+            least_kg=self._parts.least_mass_kg,
+            usual_kg=self._parts.usual_masses_kg["body"],
+        )
         projection = self._projection()
         outward_m = self.stances[0][0]
         if projection is not None:
@@ -311,7 +325,7 @@ class _Import:
     def _projection(self) -> FootProjection | None:
         offsets_m = [leg.foot_offset_m for leg in self._legs]
         size_m = float(np.mean(np.abs(offsets_m)))
-        if size_m <= PLANE_TOLERANCE_M:
+        if size_m <= PLANE_TOLERANCE * self._parts.leg_m:
             return None
         outward_m, up_m = self._parts.vectors_m[0].tolist()
         yaws_rad = tuple(leg.yaw_rad for leg in self._legs)
@@ -324,11 +338,11 @@ class _Import:
         """
         coxa, femur, tibia = self._vectors()
         grid = np.radians(np.meshgrid(np.arange(-40, 81, 5), np.arange(-110, -29, 5), indexing="ij"))
-        places = []
+        places, least_m = [], LEAST_FOOT * self._parts.leg_m
         for femur_rad, tibia_rad in grid.reshape(2, -1).T.tolist():
             foot = _place((coxa, femur, tibia), femur_rad, tibia_rad)
             room_rad = self._room_rad((coxa, femur, tibia), foot)
-            if room_rad <= 0 or foot[0] < 0.02 or foot[1] > -0.02:
+            if room_rad <= 0 or min(foot[0], -foot[1]) < least_m:
                 continue
             off = math.hypot(femur_rad - WANTED_SLOPES_RAD[0], tibia_rad - WANTED_SLOPES_RAD[1])
             places.append((off + max(0.0, WANTED_ROOM_RAD - room_rad) * 4, foot))
@@ -352,7 +366,7 @@ class _Import:
         if not np.isfinite(feet).all() or np.ptp(feet, axis=0).max() > 0.005:
             return None
         outward, up = np.mean(feet, axis=0).tolist()
-        fits = outward > 0.02 and up < -0.02 and self._room_rad(links, (outward, up)) > 0
+        fits = min(outward, -up) > LEAST_FOOT * self._parts.leg_m and self._room_rad(links, (outward, up)) > 0
         return (outward, up) if fits else None
 
     def _room_rad(self, links: tuple[Vector2, Vector2, Vector2], foot: Vector2) -> float:
@@ -378,7 +392,10 @@ class _Import:
         )
         _, femur, tibia = self._vectors()
         least_m, most_m = leg_reach_m(femur, tibia)
-        return f"got {ranges}; feet {least_m:.3f} to {most_m:.3f} m from the femur joints"
+        return (
+            f"got {ranges}; feet {least_m:.4g} to {most_m:.4g} m from the femur joints; see to these ranges "
+            "and to --foot"
+        )
 
 
 def _place(links: Sequence[Vector2], femur_rad: float, tibia_rad: float) -> Vector2:

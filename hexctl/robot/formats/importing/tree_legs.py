@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, argument
 from hexctl.robot.formats.importing.leg_chains import FOOT_TOLERANCE_M, axis_problem, leg_chains
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
 from hexctl.robot.rotations import placed_points
@@ -14,10 +14,11 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 
 #: Shorter coxae do not show the direction of a leg.
 SHORTEST_COXA_M = 0.005
-#: Distance of a foot from the plane of its leg: what needs no word, and what a projection allows.
-PLANE_TOLERANCE_M, MOST_FOOT_OFFSET_M = 0.006, 0.06
-#: Tolerance of differences between legs.
-LEG_TOLERANCE_M = 0.006
+#: Distance of a foot from the plane of its leg: as a share of the leg what needs no word, and what a
+#: projection allows.
+PLANE_TOLERANCE, MOST_FOOT_OFFSET_M = 0.025, 0.06
+#: Tolerance of differences between legs, as a share of the leg, and the noted part of it.
+LEG_TOLERANCE, NOTED_DIFFERENCE = 0.025, 0.004
 #: A frame or the centre of a sphere this near to the far end of the tibia is the foot, as a share of it.
 FOOT_TOLERANCE_SHARE = 0.08
 #: Lengths of a tibia as shares of coxa and femur together; shorter and longer ones are no tibiae.
@@ -89,6 +90,8 @@ def _leg(
     # Joints beyond the tibia move no foot, or let it turn on the floor.
     tips = tree.carried(chain[-1].child)
     tip_m, guess = (foot_m, "") if foot_m is not None else _foot(tree, tips, frames, axes[2])
+    if foot_m is not None:
+        _check_foot(foot_m, frames)
     foot = (frames[-1] @ [*tip_m, 1.0])[:3]
     level = axes[1] * [1, 1, 0] / np.linalg.norm(axes[1][:2])
     outward = np.cross(level, [0.0, 0.0, 1.0])
@@ -134,10 +137,9 @@ def _foot(
         axis: of the last hinge in axes of the body, (3,).
     """
     knee = np.asarray(np.linalg.inv(tree.frame_in_root(tips[0])), dtype=float)
-    upper_m = sum(float(np.linalg.norm(end[:3, 3] - start[:3, 3])) for start, end in pairwise(frames))
     foot_m, marked = _far_end(tree, tips, knee)
     far_m = _length_m(foot_m)
-    least_m, most_m = (share * upper_m for share in TIBIA_SHARES)
+    least_m, most_m = _tibia_bounds_m(frames)
     unread = tree.unread_meshes(tips)
     seen = f"its parts end {far_m:.3g} m from the knee" if far_m > 0 else "no frame or solid shows it"
     if unread:
@@ -149,6 +151,21 @@ def _foot(
         return 2 * com_m, f"{seen}; taken as twice as far as the centre of mass"
     guess_m = _usual_foot(frames, axis)
     return guess_m, f"{seen}; a usual length is assumed; --foot gives the real place"
+
+
+def _check_foot(foot_m: FloatArray, frames: list[FloatArray]) -> None:
+    (least_m, most_m), far_m = _tibia_bounds_m(frames), _length_m(foot_m)
+    if not least_m < far_m < most_m:
+        raise InputError(
+            f"{argument('foot')}: got a foot {far_m:.3g} m from the knee; allowed: {least_m:.2g} to "
+            f"{most_m:.2g} m, by the length of coxa and femur"
+        )
+
+
+def _tibia_bounds_m(frames: list[FloatArray]) -> tuple[float, float]:
+    """Minimum and maximum length of a tibia, by the frames of the three links."""
+    upper_m = sum(_length_m(end[:3, 3] - start[:3, 3]) for start, end in pairwise(frames))
+    return TIBIA_SHARES[0] * upper_m, TIBIA_SHARES[1] * upper_m
 
 
 def _far_end(tree: LinkTree, tips: list[str], knee: FloatArray) -> tuple[FloatArray, bool]:
@@ -202,15 +219,30 @@ def with_one_zero(legs: list[TreeLeg]) -> list[TreeLeg]:
 
     Raises InputError for legs with different link lengths.
     """
-    lengths_m = np.array([np.linalg.norm(leg.vectors_m, axis=-1) for leg in legs])
-    for index, kind in enumerate(JOINT_KINDS):
-        spread_m = float(np.ptp(lengths_m[:, index]))
-        if spread_m > LEG_TOLERANCE_M:
+    lengths_m, tolerance_m = _lengths_m(legs), LEG_TOLERANCE * _lengths_m(legs)[0].sum()
+    for kind, spread_m in zip(JOINT_KINDS, np.ptp(lengths_m, axis=0).tolist(), strict=True):
+        if spread_m > tolerance_m:
             raise InputError(
-                f"robot description: the {kind} links of the legs differ by {1000 * spread_m:.0f} mm; "
-                f"allowed: {1000 * LEG_TOLERANCE_M:g} mm"
+                f"robot description: the {kind} links of the legs differ by {1000 * spread_m:.2g} mm; "
+                f"allowed: {1000 * tolerance_m:.2g} mm"
             )
-    return [_turned(leg, legs[0].vectors_m) for leg in legs]
+    return [_turned(leg, legs[0].vectors_m, tolerance_m) for leg in legs]
+
+
+def length_notes(legs: list[TreeLeg]) -> list[str]:
+    """Notes on link lengths that differ between legs, whose mean an import takes."""
+    lengths_m = _lengths_m(legs)
+    least_m = NOTED_DIFFERENCE * lengths_m[0].sum()
+    return [
+        f"the {kind} links of the legs differ by {1000 * spread_m:.2g} mm; their mean was taken"
+        for kind, spread_m in zip(JOINT_KINDS, np.ptp(lengths_m, axis=0).tolist(), strict=True)
+        if spread_m > least_m
+    ]
+
+
+def _lengths_m(legs: list[TreeLeg]) -> FloatArray:
+    """Lengths of coxa, femur and tibia of each leg, (6, 3)."""
+    return np.array([np.linalg.norm(leg.vectors_m, axis=-1) for leg in legs])
 
 
 def with_middle_coxae(legs: list[TreeLeg]) -> list[TreeLeg]:
@@ -244,14 +276,14 @@ def _with_zero(leg: TreeLeg, angle_rad: float) -> TreeLeg:
     return replace(leg, yaw_rad=leg.yaw_rad + angle_rad, zeros_rad=zeros_rad)
 
 
-def _turned(leg: TreeLeg, wanted_m: FloatArray) -> TreeLeg:
+def _turned(leg: TreeLeg, wanted_m: FloatArray, tolerance_m: float) -> TreeLeg:
     """A leg with other zeros of femur and tibia, if its links point elsewhere than those of another leg."""
-    if np.abs(leg.vectors_m - wanted_m).max() <= LEG_TOLERANCE_M:
+    if np.abs(leg.vectors_m - wanted_m).max() <= tolerance_m:
         return leg
-    if np.abs(leg.vectors_m[0] - wanted_m[0]).max() > LEG_TOLERANCE_M:
+    if np.abs(leg.vectors_m[0] - wanted_m[0]).max() > tolerance_m:
         raise InputError(
             f"robot description: the coxa of {leg.joints[0].name} ends at another height than that of other "
-            f"legs; allowed: a difference of {1000 * LEG_TOLERANCE_M:g} mm"
+            f"legs; allowed: a difference of {1000 * tolerance_m:.2g} mm"
         )
     slopes = [np.arctan2(vectors[1:, 1], vectors[1:, 0]) for vectors in (leg.vectors_m, wanted_m)]
     femur_rad, both_rad = (slopes[0] - slopes[1]).tolist()

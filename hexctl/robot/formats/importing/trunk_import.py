@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 
 from hexctl.robot.formats.importing.import_values import (
-    LEAST_MASS_KG,
     LEAST_TRUNK_KG_M3,
-    USUAL_MASS_KG,
+    MOST_MASS_KG,
+    USUAL_HEIGHT_M,
+    USUAL_LEG_M,
     Findings,
+    check_units,
+    placeholder,
     possible_tensor,
     rounded,
     too_dense,
@@ -20,7 +23,8 @@ from hexctl.robot.formats.link_masses import trunk_mass
 from hexctl.robot.schema import Body
 from hexctl.types import FloatArray
 
-USUAL_HEIGHT_M, LEAST_SIDE_M = 0.05, 0.05
+#: Minimum side of an assumed trunk, of a usual robot.
+LEAST_SIDE_M = 0.05
 
 #: A solid is the trunk if it covers this share of the area between the mounts, in both directions, and is no
 #: larger than this multiple of it.
@@ -41,13 +45,14 @@ class TrunkBox:
     guess: str
 
 
-def trunk_box(tree: LinkTree, facing: FloatArray, mounts_m: FloatArray) -> TrunkBox:
+def trunk_box(tree: LinkTree, facing: FloatArray, mounts_m: FloatArray, leg_m: float) -> TrunkBox:
     """The box around the solids that cover the area between the mounts, (6, 3); else that area.
 
-    Smaller solids are servos, bars and markers; larger ones are floors.
+    Smaller solids are servos, bars and markers; larger ones are floors. Legs of `leg_m` show the size.
     """
     low_m, high_m = mounts_m[:, :2].min(axis=0), mounts_m[:, :2].max(axis=0)
-    sides_m = np.maximum(high_m - low_m, LEAST_SIDE_M)
+    scale = leg_m / USUAL_LEG_M
+    sides_m = np.maximum(high_m - low_m, LEAST_SIDE_M * scale)
     found: list[tuple[Solid, FloatArray, FloatArray, FloatArray]] = []
     for name in tree.rigid(tree.root):
         frame = facing @ tree.frame_in_root(name)
@@ -58,7 +63,7 @@ def trunk_box(tree: LinkTree, facing: FloatArray, mounts_m: FloatArray) -> Trunk
             if (covered_m > LEAST_COVER * sides_m).all() and (size_m[:2] < MOST_COVER * sides_m).all():
                 found.append((solid, least_m, most_m, frame))
     if not found:
-        return _between_mounts(tree, mounts_m, sides_m)
+        return _between_mounts(tree, mounts_m, np.array([*sides_m, USUAL_HEIGHT_M * scale]))
     least_m, most_m = np.min([one[1] for one in found], axis=0), np.max([one[2] for one in found], axis=0)
     shape = "cylinder" if all(_is_upright(solid, frame) for solid, *_, frame in found) else "box"
     size_m = np.maximum(most_m - least_m, 1e-3)
@@ -81,13 +86,13 @@ def _is_upright(solid: Solid, frame: FloatArray) -> bool:
     return solid.kind == "cylinder" and abs((frame @ solid.frame)[2, 2]) > 0.999
 
 
-def _between_mounts(tree: LinkTree, mounts_m: FloatArray, sides_m: FloatArray) -> TrunkBox:
+def _between_mounts(tree: LinkTree, mounts_m: FloatArray, size_m: FloatArray) -> TrunkBox:
     links = tree.rigid(tree.root)
     reason = "no solid covers the area between the mounts, which was taken"
     if unread := tree.unread_meshes(links):
         reason += f"; not read: {', '.join(unread[:3])}{' ...' if len(unread) > 3 else ''}"
     centre_m = mounts_m.mean(axis=0)
-    return TrunkBox(np.array([*sides_m, USUAL_HEIGHT_M]), centre_m, "box", reason)
+    return TrunkBox(size_m, centre_m, "box", reason)
 
 
 def body_origin(box: TrunkBox, mounts_m: FloatArray) -> FloatArray:
@@ -106,9 +111,19 @@ def body_origin(box: TrunkBox, mounts_m: FloatArray) -> FloatArray:
 
 
 def body_section(
-    tree: LinkTree, facing: FloatArray, box: TrunkBox, origin_m: FloatArray, findings: Findings
+    tree: LinkTree,
+    facing: FloatArray,
+    box: TrunkBox,
+    origin_m: FloatArray,
+    findings: Findings,
+    *,
+    least_kg: float,
+    usual_kg: float,
 ) -> dict[str, Any]:
-    """The section `body` of a robot file: the trunk is all that no leg carries."""
+    """The section `body` of a robot file: the trunk is all that no leg carries.
+
+    A mass below the least one, or implausible for the box, is replaced by the usual one.
+    """
     size_m = [rounded(side) for side in box.size_m]
     if box.guess:
         findings.unknown("body.size_m", box.guess)
@@ -116,10 +131,10 @@ def body_section(
     joined = joined_mass(links, [facing @ tree.frame_in_root(link.name) for link in links])
     mass_kg = joined.mass_kg
     body: dict[str, Any] = {"shape": box.shape, "size_m": size_m, "mass_kg": rounded(mass_kg)}
-    least_kg = max(LEAST_MASS_KG, LEAST_TRUNK_KG_M3 * math.prod(size_m))
-    if mass_kg < least_kg or too_dense(mass_kg, size_m):
-        findings.unknown("body.mass_kg", f"got {mass_kg:g} kg, which is a placeholder")
-        return body | {"mass_kg": USUAL_MASS_KG["body"]}
+    if mass_kg < max(least_kg, LEAST_TRUNK_KG_M3 * math.prod(size_m)) or too_dense(mass_kg, size_m):
+        findings.unknown("body.mass_kg", placeholder(mass_kg, usual_kg))
+        return body | {"mass_kg": usual_kg}
+    check_units("a trunk", mass_kg, MOST_MASS_KG, "kg")
     com_m = joined.com_m - origin_m
     in_origins = all(np.abs(link.com_m).max() < 1e-9 for link in links if link.mass_kg)
     if in_origins and float(np.hypot(*com_m[:2])) > NEAR_CENTRE * max(size_m):

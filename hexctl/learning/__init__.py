@@ -1,0 +1,1 @@
+"""Learned walks: the hexapod as a Gymnasium environment, and policies trained in it."""

@@ -1,0 +1,43 @@
+"""Body poses of ROS 2: geometry_msgs/Pose, as champ's topic `body_pose`."""
+
+import math
+
+import numpy as np
+
+from hexctl.errors import InputError, MessageError
+from hexctl.gait.body_pose import BodyPose
+from hexctl.types import all_finite
+from hexctl.wire import ros_cdr
+
+POSE = "geometry_msgs/msg/Pose"
+
+#: Allowed error of the length of a quaternion.
+LENGTH_ERROR = 0.01
+
+
+def decode_body_pose(payload: bytes) -> BodyPose:
+    """Pose of the body relative to where its gait carries it.
+
+    A quaternion of zeros, as of a message without an orientation, is no rotation. Raises MessageError for
+    anything else than a finite pose within the ranges of `BodyPose`.
+    """
+    message = ros_cdr.decode(POSE, payload)
+    at, turn = message.position, message.orientation
+    numbers = np.array([turn.x, turn.y, turn.z, turn.w, at.x, at.y, at.z])
+    if not all_finite(numbers):
+        raise MessageError(f"body_pose: got {numbers.tolist()}; allowed: finite m and a quaternion")
+    x, y, z, w = (numbers[:4] if numbers[:4].any() else np.array([0.0, 0.0, 0.0, 1.0])).tolist()
+    length = math.hypot(x, y, z, w)
+    if abs(length - 1) > LENGTH_ERROR:
+        raise MessageError(f"body_pose: got a quaternion of length {length:.3g}; allowed: 1")
+    try:
+        return BodyPose(
+            roll_rad=math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+            pitch_rad=math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+            yaw_rad=math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+            forward_m=float(at.x),
+            left_m=float(at.y),
+            up_m=float(at.z),
+        )
+    except InputError as error:
+        raise MessageError(f"body_pose: {error}") from error

@@ -1,0 +1,105 @@
+"""The Gymnasium environment: its contract, its seeds, and that it is the walk of a trial."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.preparation import WalkStart
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.gait.gait import make_gait
+from hexctl.learning.environment import HexapodEnvironment, Observation
+from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, LearnedWalk
+from hexctl.learning.policy import NetworkPolicy
+from hexctl.robot.loader import load_robot
+
+ANT = load_robot("ant")
+
+SHORT: dict[str, Any] = {"duration_s": 0.5, "failure_s": (0.1, 0.3)}
+
+
+def made_up_policy() -> NetworkPolicy:
+    """A network with drawn weights."""
+    random = np.random.default_rng(3)
+    sizes = ((OBSERVATION_SIZE, 16), (16, ACTION_SIZE))
+    layers = tuple((0.3 * random.normal(size=size), random.normal(size=size[1])) for size in sizes)
+    return NetworkPolicy(layers=layers, robot_fingerprint=ANT.fingerprint, origin={})
+
+
+def learned(start: WalkStart) -> LearnedWalk:
+    return LearnedWalk(start, made_up_policy())
+
+
+def course(environment: HexapodEnvironment, seed: int) -> tuple[list[Observation], list[float]]:
+    """Observations and rewards of an episode under drawn actions."""
+    observation, _ = environment.reset(seed=seed)
+    random, seen, rewards, over = np.random.default_rng(0), [observation], [], False
+    while not over:
+        observation, reward, fell, ended, _ = environment.step(random.uniform(-1, 1, ACTION_SIZE))
+        seen.append(observation)
+        rewards.append(reward)
+        over = fell or ended
+    return seen, rewards
+
+
+@pytest.mark.slow
+def test_it_keeps_the_contract_of_gymnasium() -> None:
+    environment = gymnasium.make("hexctl/Hexapod-v0", worlds=("slippery",), **SHORT)
+    check_env(environment.unwrapped, skip_render_check=True)
+    environment.close()
+
+
+@pytest.mark.slow
+def test_episodes_of_one_seed_are_alike_and_of_another_are_not() -> None:
+    environment = HexapodEnvironment(worlds=("slope", "real:7000"), **SHORT)
+    first, again, other = (course(environment, seed) for seed in (4, 4, 5))
+    assert len(first[0]) == 26
+    assert first[1] == again[1]
+    np.testing.assert_array_equal(first[0], again[0])
+    assert first[1] != other[1]
+
+
+def test_an_episode_is_the_walk_of_a_trial_to_the_last_bit() -> None:
+    environment = HexapodEnvironment(failing=0, duration_s=2.0)
+    policy = made_up_policy()
+    observation, info = environment.reset(seed=1)
+    ended = False
+    while not ended:
+        before = info
+        observation, _, _, ended, info = environment.step(policy(observation))
+    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=2.0, self_rotation="none", hold="line")
+    result = run_sim_trial(SimTrial(robot=ANT, plan=plan, failure=None), learned)
+    assert result.true_path_m is not None
+    assert result.true_path_m[-1].tolist() == list(before.values()), (
+        "the trial ends before its last targets act"
+    )
+
+
+def test_a_fall_ends_an_episode() -> None:
+    environment = HexapodEnvironment(failing=0)
+    environment.reset(seed=0)
+    episode = environment._episode
+    assert episode is not None
+    episode.servos.compiled.physics.data.qpos[3:7] = (0.0, 1.0, 0.0, 0.0)  # on its back
+    for _ in range(20):
+        _, reward, fell, _, _ = environment.step(np.zeros(ACTION_SIZE))
+        if fell:
+            break
+    assert fell
+    assert reward < -5
+
+
+def test_a_batch_of_learned_walks_equals_single_ones() -> None:
+    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.5, self_rotation="none", hold="line")
+    trials = [SimTrial(robot=ANT, plan=plan, failure=None, world=world) for world in ("flat", "slope")]
+    together = run_sim_trials(trials, 1, learned, apart=True)
+    assert together == [run_sim_trial(trial, learned) for trial in trials]
+
+
+@pytest.mark.parametrize("failures", [("limp:knee",), ("melted",)])
+def test_a_failure_that_cannot_come_is_refused(failures: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match="failure"):
+        HexapodEnvironment(failures=failures)
