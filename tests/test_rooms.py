@@ -16,7 +16,7 @@ CEILINGS = {
     "doctor": 570,
     "export": 1_900,
     "gait": 730,
-    "identify": 1_350,
+    "identify": 1_520,
     "ik": 1_190,
     "learning": 380,
     "recording": 4_460,

@@ -4,14 +4,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.identify.fit import Fit, OnStep, fit_values
+from hexctl.identify.fit import ROUGH_GAIN, Fit, OnStep, fit_values
 from hexctl.identify.parameters import OF_SERVO, PARAMETERS, ServoValues
 from hexctl.identify.powered_servos import PoweredServos
 from hexctl.types import ArrayFields, BoolArray, FloatArray
@@ -69,6 +69,7 @@ class BenchRun(ArrayFields):
     goal_rad: FloatArray
     measured_rad: FloatArray
     powered: BoolArray
+    units: ClassVar[int] = 1
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -167,7 +168,7 @@ def plain_start(runs: Sequence[BenchRun]) -> ServoValues:
 def fit_bench(runs: Sequence[BenchRun], on_step: OnStep = lambda _step, _error_rad: None) -> Fit[ServoValues]:
     """Values of a servo that explain runs; its friction grows with the load only where they show it."""
     without = [name for name in OF_SERVO if name != LOAD_FRICTION]
-    rough = [fit_values(runs, one, without, rough=True, on_step=on_step) for one in _starts(runs)]
+    rough = [fit_values(runs, one, without, enough_gain=ROUGH_GAIN, on_step=on_step) for one in _starts(runs)]
     plain = fit_values(runs, min(rough, key=_error_rad).values, without, on_step=on_step)
     start = replace(plain.values, load_friction=FIRST_SHARE)
     loaded = fit_values(runs, start, OF_SERVO, on_step=on_step)

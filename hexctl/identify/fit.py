@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hexctl.identify.parameters import PARAMETERS, SCALE, Estimate, ServoValues
 from hexctl.threads import simulation_threads
-from hexctl.types import ArrayFields, BoolArray, FloatArray
+from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 ValuesT = TypeVar("ValuesT", bound=ServoValues)
 ReplayedT = TypeVar("ReplayedT", bound=ServoValues, contravariant=True)
@@ -33,7 +33,7 @@ MOST_STEPS = 40
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-4, 1e3
 
 #: The search ends where a step gains less than this share, or the error is below what any sensor shows.
-ENOUGH_GAIN, ROUGH_GAIN, SMALL_RAD = 1e-3, 5e-2, np.radians(0.003)
+ENOUGH_GAIN, ROUGH_GAIN, NEAR_GAIN, SMALL_RAD = 1e-3, 5e-2, 2e-2, np.radians(0.003)
 
 #: Called with the number of a step and the error in rad, a root of the mean robust square.
 OnStep = Callable[[int, float], None]
@@ -49,6 +49,10 @@ class Replay(Protocol[ReplayedT]):
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters on which the motion depends."""
+
+    @property
+    def units(self) -> int:
+        """Number of equal blocks of columns of the errors, such as legs, whose true values may differ."""
 
     def errors_rad(self, values: ReplayedT) -> FloatArray:
         """Simulated less measured angles, of any shape, the same for all values."""
@@ -81,7 +85,7 @@ def fit_values(
     start: ValuesT,
     names: Sequence[str],
     *,
-    rough: bool = False,
+    enough_gain: float = ENOUGH_GAIN,
     on_step: OnStep = lambda _step, _error_rad: None,
 ) -> Fit[ValuesT]:
     """Values of the named parameters with the smallest robust squared error over all replays.
@@ -92,7 +96,7 @@ def fit_values(
 
     Args:
         names: of `PARAMETERS`; the others keep their values.
-        rough: end early, at a place near the solution.
+        enough_gain: share of the cost; a step that gains less is the last.
         on_step: follows the search.
     """
     search = _Search(replays, start, names)
@@ -100,23 +104,48 @@ def fit_values(
     damping = FIRST_DAMPING
     for step in range(MOST_STEPS):
         on_step(step, at.root_mean_rad)
-        slopes, weights = search.slopes(at), at.weights
-        square = slopes.T @ (weights[:, None] * slopes)
-        down = slopes.T @ (weights * at.errors)
-        free, better = search.free(at, down), None
-        while better is None and damping < MOST_DAMPING:
-            # A parameter without any effect stays where it is.
-            damped, change = square + np.diag(damping * np.diag(square) + 1e-12), np.zeros_like(down)
-            change[free] = np.linalg.solve(damped[np.ix_(free, free)], down[free])
-            tried = search.errors_at(search.inside(at.place - change))
-            better = tried if tried.cost < at.cost else None
-            damping = damping / 30 if better else max(LEAST_DAMPING, damping * 10)
+        slopes = search.slopes(at)
+        better, damping = search.step(at, slopes, damping)
         if better is None:
             break
         gain, at = 1 - better.cost / at.cost, better
-        if gain < (ROUGH_GAIN if rough else ENOUGH_GAIN) or at.root_mean_rad < SMALL_RAD:
+        if gain < enough_gain or at.root_mean_rad < SMALL_RAD:
             break
     return search.result(at, slopes)
+
+
+def near_values(
+    replays: Sequence[Replay[ValuesT]],
+    start: ValuesT,
+    names: Sequence[str],
+    on_step: OnStep = lambda _step, _error_rad: None,
+) -> tuple[float, ValuesT]:
+    """Error in rad and values at a place near a minimum, by few replays, for a start far from it.
+
+    Slopes are measured to one side and updated by secants (Broyden 1965) while these help.
+    """
+    search = _Search(replays, start, names)
+    at = search.errors_at(search.start)
+    damping, slopes, fresh = FIRST_DAMPING, search.slopes(at, one_sided=True), True
+    for step in range(MOST_STEPS):
+        on_step(step, at.root_mean_rad)
+        better, damping = search.step(at, slopes, damping, careful=True)
+        gain = 0.0 if better is None else 1 - better.cost / at.cost
+        if fresh and gain < NEAR_GAIN:
+            break
+        fresh = gain < ROUGH_GAIN
+        if better is not None and not fresh:
+            slopes = _secant_slopes(slopes, better.errors - at.errors, better.place - at.place)
+        at = better or at
+        if fresh:
+            damping, slopes = FIRST_DAMPING, search.slopes(at, one_sided=True)
+    return at.root_mean_rad, search.values(at.place)
+
+
+def _secant_slopes(slopes: FloatArray, change: FloatArray, moved: FloatArray) -> FloatArray:
+    """The slopes nearest to the last ones that explain how a step changed the errors."""
+    scaled = (slopes**2).sum(axis=0) * moved
+    return np.asarray(slopes + np.outer(change - slopes @ moved, scaled / (scaled @ moved)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,8 +185,8 @@ class _Search(Generic[ValuesT]):
         self._scale_at = names.index(SCALE) if SCALE in names else None
         plain = np.array([getattr(start, name) for name in names], dtype=float)
         self.start = self.inside(np.where(self._scaled, plain / getattr(start, SCALE), plain))
-        relative = np.array([not one.absolute for one in self._free])
-        self._least = np.where(relative, LEAST_SHARE * np.abs(self.start), 0.0)
+        self._relative = np.array([not one.absolute for one in self._free])
+        self._least = np.where(self._relative, LEAST_SHARE * np.abs(self.start), 0.0)
 
     def _anywhere(self, at: FloatArray) -> FloatArray:
         """Values of the parameters, also beyond their bounds."""
@@ -169,7 +198,7 @@ class _Search(Generic[ValuesT]):
         low, high = np.array([(one.low, one.high) for one in self._free]).T
         return np.clip(self._anywhere(at), low, high)
 
-    def free(self, at: _Place, down: FloatArray) -> BoolArray:
+    def _free_at(self, at: _Place, down: FloatArray) -> BoolArray:
         """Parameters that a step down does not move out of their bounds, at which they are."""
         low, high = np.array([(one.low, one.high) for one in self._free]).T
         plain = self._plain(at.place)
@@ -185,7 +214,27 @@ class _Search(Generic[ValuesT]):
         with simulation_threads() as workers:
             return _Place(at, list(workers.map(lambda replay: self._errors(replay, at), self._replays)))
 
-    def slopes(self, at: _Place) -> FloatArray:
+    def step(
+        self, at: _Place, slopes: FloatArray, damping: float, *, careful: bool = False
+    ) -> tuple[_Place | None, float]:
+        """A better place, or None if there is none, and the next damping."""
+        square = slopes.T @ (at.weights[:, None] * slopes)
+        down = slopes.T @ (at.weights * at.errors)
+        free, better = self._free_at(at, down), None
+        while better is None and damping < MOST_DAMPING:
+            # A parameter without any effect stays where it is.
+            damped, change = square + np.diag(damping * np.diag(square) + 1e-12), np.zeros_like(down)
+            change[free] = np.linalg.solve(damped[np.ix_(free, free)], down[free])
+            if careful:
+                # No value above 0 becomes less than a third or more than three times as large.
+                most = np.where(self._relative, np.maximum(np.abs(at.place), self._least), np.inf)
+                change = np.clip(change, -2 * most, 2 / 3 * most)
+            tried = self.errors_at(self.inside(at.place - change))
+            better = tried if tried.cost < at.cost else None
+            damping = damping / 30 if better else max(LEAST_DAMPING, damping * 10)
+        return better, damping
+
+    def slopes(self, at: _Place, *, one_sided: bool = False) -> FloatArray:
         """Slopes of the errors, (samples, parameters)."""
         seen = [
             (row, column)
@@ -195,38 +244,38 @@ class _Search(Generic[ValuesT]):
         ]
         found = [np.zeros((len(errors), len(self._free))) for errors in at.parts]
         with simulation_threads() as workers:
-            slopes = workers.map(lambda place: self._slope(at, *place), seen)
+            slopes = workers.map(lambda place: self._slope(at, *place, one_sided=one_sided), seen)
             for (row, column), slope in zip(seen, slopes, strict=True):
                 found[row][:, column] = slope
         return np.concatenate(found)
 
-    def _slope(self, at: _Place, row: int, column: int) -> FloatArray:
+    def _slope(self, at: _Place, row: int, column: int, *, one_sided: bool) -> FloatArray:
         one = self._free[column]
         size = 1.0 if one.absolute else max(abs(at.place[column]), self._least[column])
         step = np.zeros(len(self._free))
         step[column] = one.step * size
         both = at.place + step, at.place - step
         ends = [place for place in both if np.allclose(self.inside(place), place)] or both
-        high, low = ends if len(ends) > 1 else (ends[0], at.place)
+        high, low = ends if len(ends) > 1 and not one_sided else (ends[0], at.place)
         errors = [
             at.parts[row] if place is at.place else self._errors(self._replays[row], place)
             for place in (high, low)
         ]
         return np.asarray((errors[0] - errors[1]) / (high - low)[column])
 
-    def _values(self, at: FloatArray) -> ValuesT:
+    def values(self, at: FloatArray) -> ValuesT:
         names = [one.name for one in self._free]
         return replace(self._first, **dict(zip(names, self._plain(at).tolist(), strict=True)))
 
     def _errors(self, replay: Replay[ValuesT], at: FloatArray) -> FloatArray:
-        errors = replay.errors_rad(self._values(at))
+        errors = replay.errors_rad(self.values(at))
         found = errors.reshape(len(errors), -1)[_rows(len(errors))].ravel()
         # A servo that flies off is as wrong as half a turn, not as wrong as infinity.
         return np.clip(np.nan_to_num(found, nan=np.pi), -np.pi, np.pi)
 
     def result(self, at: _Place, slopes: FloatArray) -> Fit[ValuesT]:
         """Result at a place, with the slopes of the last step, which are those here."""
-        values, deviations = self._values(at.place), self._deviations(at, slopes)
+        values, deviations = self.values(at.place), self._deviations(at, slopes)
         estimates = {
             one.name: one.estimate(getattr(values, one.name), deviation)
             for one, deviation in zip(self._free, deviations.tolist(), strict=True)
@@ -239,8 +288,12 @@ class _Search(Generic[ValuesT]):
         )
 
     def _deviations(self, at: _Place, slopes: FloatArray) -> FloatArray:
-        """Standard errors, which bounds do not make smaller: the jackknife over groups, linearised."""
-        weights, errors, groups = at.weights, at.errors, self._groups(at)
+        """Standard errors, which bounds do not make smaller: jackknives over groups, linearised."""
+        variances = [self._variances(at, slopes, groups) for groups in self._groupings(at)]
+        return np.where(slopes.any(axis=0), np.sqrt(np.sum(variances, axis=0)), np.inf)
+
+    def _variances(self, at: _Place, slopes: FloatArray, groups: NDArray[np.int64]) -> FloatArray:
+        weights, errors = at.weights, at.errors
         names, moves = np.unique(groups), []
         for group in names:
             kept = groups != group
@@ -249,18 +302,18 @@ class _Search(Generic[ValuesT]):
             change = np.linalg.lstsq(square, left.T @ (weight * errors[kept]), rcond=None)[0]
             moves.append(self._anywhere(at.place - change))
         moved, n = np.array(moves), len(names)
-        deviations = np.sqrt((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
-        return np.where(slopes.any(axis=0), deviations, np.inf)
+        return np.asarray((n - 1) / n * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
 
-    def _groups(self, at: _Place) -> NDArray[np.int64]:
-        """Group of each error: its replay, or its part of a replay if there are few."""
-        parts = 1 if len(self._replays) >= PARTS else PARTS
-        return np.concatenate(
-            [
-                row * parts + parts * np.arange(len(errors)) // len(errors)
-                for row, errors in enumerate(at.parts)
-            ]
-        )
+    def _groupings(self, at: _Place) -> list[NDArray[np.int64]]:
+        """Group of each error: its replay, or its part of a replay if there are few; and its unit.
+
+        Parts show errors of the model, which no motion shares; units show how far legs differ.
+        """
+        parts, units = 1 if len(self._replays) >= PARTS else PARTS, self._replays[0].units
+        sizes = [len(errors) for errors in at.parts]
+        by_part = [row * parts + parts * np.arange(size) // size for row, size in enumerate(sizes)]
+        by_unit = [np.arange(size) % N_JOINTS * units // N_JOINTS for size in sizes]
+        return [np.concatenate(one) for one in ((by_part, by_unit) if units > 1 else (by_part,))]
 
 
 def _rows(samples: int) -> slice:

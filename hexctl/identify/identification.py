@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,11 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, argument
 from hexctl.identify.bench_run import BenchRun, fit_bench, read_bench_run
-from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad
-from hexctl.identify.parameters import OF_SERVO, OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
+from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad, near_values
+from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
 from hexctl.identify.robot_log import OF_JOINTS, ON_STAND, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
+from hexctl.identify.starts import starts_of
 from hexctl.options import check_names
 from hexctl.robot.model import Robot
 from hexctl.runs.run import Run, RunResult
@@ -24,8 +27,14 @@ from hexctl.runs.run_spec import RunSpec
 from hexctl.types import ArrayFields
 from hexctl.waiting import StopRequested, never
 
-#: Friction from which a search starts at least, as a share of the torque.
-LEAST_FRICTION = 0.02
+#: Gain below which a search ends: legs differ, and no values explain all of them.
+ROBOT_GAIN = 5e-3
+
+#: Number of starts near whose values a first search looks for a minimum.
+BEST_STARTS = 3
+
+#: Error at which no other start can be better.
+CLEAR_RAD = np.radians(0.1)
 
 #: Least number of bench runs of which every other one is kept to judge the result.
 ENOUGH_TO_JUDGE = 4
@@ -63,8 +72,8 @@ class Identification(ArrayFields):
     def to_dict(self) -> dict[str, Any]:
         """The object that `hexctl identify --json` prints: angles in degrees."""
         return {
-            "servo": {name: one.to_dict() for name, one in self.estimates.items() if name in OF_SERVO},
-            "trunk": {name: one.to_dict() for name, one in self.estimates.items() if name not in OF_SERVO},
+            "servo": {name: one.to_dict() for name, one in self.estimates.items() if name not in OF_TRUNK},
+            "trunk": {name: one.to_dict() for name, one in self.estimates.items() if name in OF_TRUNK},
             "error_deg": {
                 "before": _mean_deg(self.fit.before_rad),
                 "after": _mean_deg(self.fit.after_rad),
@@ -110,23 +119,23 @@ def identify(
 
 
 def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]:
-    """Values of servos and trunk: roughly those of the servos first, on a stand if there is a log of one."""
-    near = fit_values(
-        [one for one in replays if one.on_stand] or replays,
-        _start(replays[0].robot),
-        OF_JOINTS,
-        rough=True,
-        on_step=on_step,
-    ).values
+    """Values of servos and trunk: roughly those of the servos first, from several starts."""
+    coarse = [one.coarse() for one in replays]
+    ranked = [one for one in coarse if one.on_stand] or coarse
+    near: list[tuple[float, RobotValues]] = []
+    for start in sorted(starts_of(replays[0].robot), key=partial(_error_rad, ranked))[:BEST_STARTS]:
+        near.append(near_values(coarse, start, OF_JOINTS, on_step))
+        if near[-1][0] < CLEAR_RAD:
+            break
+    _, best = min(near, key=itemgetter(0))
     searched = [name for name in PARAMETERS if any(name in one.parameters for one in replays)]
-    found = fit_values(replays, near, searched, on_step=on_step)
+    _, best = near_values(replays, best, searched, on_step)
+    found = fit_values(replays, best, searched, enough_gain=ROBOT_GAIN, on_step=on_step)
     return replace(found, before_rad=mean_errors_rad(replays, RobotValues.of(replays[0].robot)))
 
 
-def _start(robot: Robot) -> RobotValues:
-    """Values of a robot file, with some friction: the effect of none cannot be measured."""
-    values = RobotValues.of(robot)
-    return replace(values, dry_friction_nm=max(values.dry_friction_nm, LEAST_FRICTION * values.max_torque_nm))
+def _error_rad(replays: Sequence[RobotLog], values: RobotValues) -> float:
+    return sum(mean_errors_rad(replays, values).values())
 
 
 def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStep) -> Identification:

@@ -1,6 +1,7 @@
 """Robot files with identified servos and trunk."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ import numpy as np
 from hexctl.errors import InputError
 from hexctl.files import atomic_write
 from hexctl.identify.identification import Identification
-from hexctl.identify.parameters import SCALE
+from hexctl.identify.parameters import SCALE, RobotValues, play_shares
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.model import Robot
 from hexctl.robot.yaml_edit import with_values
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.types import JOINT_KINDS
@@ -21,6 +23,9 @@ DIGITS = 4
 
 #: Parameters that a robot file has in each joint.
 JOINT_KEYS = ("dry_friction_nm", "max_torque_nm")
+
+#: Parameters of which the file has a value for each joint kind.
+RATIOS, PLAY = {"coxa_stiffness_ratio", "femur_stiffness_ratio"}, "play_deg"
 
 #: Parameters that a robot file has in its section `servo`.
 SERVO_KEYS = (
@@ -42,6 +47,7 @@ MEASURED = {
     SCALE: ("servo.stiffness_nm_per_rad",),
     **{name: (f"servo.{name}",) for name in SERVO_KEYS},
     **{name: tuple(f"joints.{kind}.{name}" for kind in JOINT_KINDS) for name in JOINT_KEYS},
+    PLAY: tuple(f"joints.{kind}.{PLAY}" for kind in JOINT_KINDS),
     "no_load_speed_rad_s": tuple(f"joints.{kind}.no_load_speed_deg_s" for kind in JOINT_KINDS),
     "trunk_mass_kg": ("body.mass_kg",),
     "trunk_com_x_m": ("body.com_m",),
@@ -61,11 +67,11 @@ def identified_text(robot_file: str | Path, found: Identification) -> str:
     if not known.keys() >= CENTRE:
         known = {name: value for name, value in known.items() if name not in CENTRE}
     file = load_robot_file(path)
-    # The identified stiffness is the mean of the joints, to which all keep their proportions.
+    # The identified stiffness is the mean of the joints.
     share = known.get(SCALE, 1.0) / file.robot.stiffness_nm_per_rad.mean()
     changed: dict[str, Any] = {
         "body": _body(mapping["body"], known),
-        "joints": _joints(mapping["joints"], known, share),
+        "joints": _joints(mapping["joints"], known, file.robot),
         "servo": _servo(mapping["servo"], known, share * file.content.servo.stiffness_nm_per_rad),
     }
     if "unknown" in mapping:
@@ -119,17 +125,25 @@ def _servo(servo: Mapping[str, Any], known: Mapping[str, float], stiffness: floa
     return {**kept, **new, **{name: known[name] for name in SERVO_KEYS if name in known}}
 
 
-def _joints(joints: Mapping[str, Any], known: Mapping[str, float], share: float) -> dict[str, Any]:
-    """Joints with new friction, torque and speed, and a share of their own stiffnesses."""
+def _joints(joints: Mapping[str, Any], known: Mapping[str, float], robot: Robot) -> dict[str, Any]:
+    """Joints with new friction, torque, speed, play, and stiffnesses if those of the kinds differ."""
+    before = RobotValues.of(robot)
+    now = replace(before, **{name: known[name] for name in (SCALE, *RATIOS) if name in known})
+    # Torque and speed without load are both proportional to the voltage.
+    power = known.get("max_torque_nm", before.max_torque_nm) / before.max_torque_nm
     changed = {kind: dict(joints[kind]) for kind in JOINT_KINDS}
-    for joint in changed.values():
+    for index, joint in enumerate(changed.values()):
         joint.update({name: known[name] for name in JOINT_KEYS if name in known})
+        speed_deg_s = power * joint.get("no_load_speed_deg_s", np.inf)
         if "no_load_speed_rad_s" in known:
-            speed_deg_s = _rounded(float(np.degrees(known["no_load_speed_rad_s"])))
-            joint["no_load_speed_deg_s"] = speed_deg_s
-            joint["max_speed_deg_s"] = min(joint["max_speed_deg_s"], speed_deg_s)
-        if SCALE in known and SCALE in joint:
-            joint[SCALE] = _rounded(share * joint[SCALE])
+            speed_deg_s = float(np.degrees(known["no_load_speed_rad_s"]))
+        if np.isfinite(speed_deg_s):
+            joint["no_load_speed_deg_s"] = _rounded(speed_deg_s)
+            joint["max_speed_deg_s"] = min(joint["max_speed_deg_s"], _rounded(speed_deg_s))
+        if known.keys() & RATIOS or (SCALE in known and SCALE in joint):
+            joint[SCALE] = _rounded(now.kind_stiffnesses_nm_per_rad[index])
+        if PLAY in known:
+            joint[PLAY] = _rounded(known[PLAY] * float(play_shares(robot)[index]))
     return changed
 
 

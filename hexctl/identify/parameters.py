@@ -6,6 +6,7 @@ from typing import Any, Self
 import numpy as np
 
 from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,9 @@ PARAMETERS = {
         Parameter("max_torque_nm", "N m", 1e-2, 50.0, scaled=True),
         Parameter("no_load_speed_rad_s", "rad/s", 0.5, 50.0),
         Parameter("dead_time_s", "s", 0.0, 0.06, step=0.002, absolute=True, known_to=0.005),
+        Parameter("coxa_stiffness_ratio", "times tibia", 0.05, 20.0, step=0.1),
+        Parameter("femur_stiffness_ratio", "times tibia", 0.05, 20.0, step=0.1),
+        Parameter("play_deg", "deg", 0.0, 10.0, step=0.1, absolute=True, known_to=0.2),
         Parameter("trunk_mass_kg", "kg", 1e-3, 100.0, scaled=True, known_to=0.1),
         Parameter("trunk_com_x_m", "m", -0.5, 0.5, step=0.005, absolute=True, known_to=0.005),
         Parameter("trunk_com_y_m", "m", -0.5, 0.5, step=0.005, absolute=True, known_to=0.005),
@@ -113,8 +117,16 @@ class ServoValues:
 
 @dataclass(frozen=True, slots=True)
 class RobotValues(ServoValues):
-    """The servos of a robot, and the mass of its trunk with its centre in the body frame."""
+    """The servos of a robot by joint kind, and the mass of its trunk with its centre in the body frame.
 
+    Attributes:
+        coxa_stiffness_ratio, femur_stiffness_ratio: stiffness as a multiple of the tibia's.
+        play_deg: mean backlash of the joints, from stop to stop.
+    """
+
+    coxa_stiffness_ratio: float
+    femur_stiffness_ratio: float
+    play_deg: float
     trunk_mass_kg: float
     trunk_com_x_m: float
     trunk_com_y_m: float
@@ -123,12 +135,24 @@ class RobotValues(ServoValues):
     def of(cls, robot: Robot) -> Self:
         """Values of a robot file."""
         com_x_m, com_y_m, _ = robot.body.com_m
+        coxa, femur, tibia = robot.stiffness_nm_per_rad[:JOINTS_PER_LEG].tolist()
         return cls(
             **servo_values(robot),
+            coxa_stiffness_ratio=coxa / tibia,
+            femur_stiffness_ratio=femur / tibia,
+            play_deg=float(np.degrees(robot.play_rad.mean())),
             trunk_mass_kg=robot.body.mass_kg,
             trunk_com_x_m=com_x_m,
             trunk_com_y_m=com_y_m,
         )
+
+    @property
+    def kind_stiffnesses_nm_per_rad(self) -> tuple[float, float, float]:
+        """Stiffness of coxa, femur and tibia; their mean is `stiffness_nm_per_rad`."""
+        ratios = self.coxa_stiffness_ratio, self.femur_stiffness_ratio, 1.0
+        tibia = JOINTS_PER_LEG * self.stiffness_nm_per_rad / sum(ratios)
+        coxa, femur, _ = (tibia * ratio for ratio in ratios)
+        return coxa, femur, tibia
 
 
 def servo_values(robot: Robot) -> dict[str, float]:
@@ -147,6 +171,12 @@ def servo_values(robot: Robot) -> dict[str, float]:
     }
 
 
+def play_shares(robot: Robot) -> FloatArray:
+    """Play of each joint, (18,), as a multiple of the mean; alike if the robot file has none."""
+    play_rad = robot.play_rad
+    return play_rad / play_rad.mean() if play_rad.any() else np.ones(N_JOINTS)
+
+
 #: Names of the parameters of servos and of a trunk.
 OF_SERVO = tuple(field.name for field in fields(ServoValues))
-OF_TRUNK = tuple(field.name for field in fields(RobotValues))[len(OF_SERVO) :]
+OF_TRUNK = tuple(field.name for field in fields(RobotValues) if field.name.startswith("trunk_"))

@@ -1,20 +1,20 @@
 """Logs of a robot's joints, replayed in a simulation on the stand or on the floor."""
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from threading import local
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from hexctl.backends.sim.actuators import behind_play
 from hexctl.errors import InputError
-from hexctl.identify.parameters import OF_TRUNK, RobotValues
+from hexctl.identify.parameters import OF_TRUNK, RobotValues, play_shares
 from hexctl.identify.powered_servos import PoweredServos
 from hexctl.robot.model import Robot
-from hexctl.types import ArrayFields, FloatArray
+from hexctl.types import N_LEGS, ArrayFields, FloatArray
 
 #: Parameters that the joints of a robot determine. Maximum torque and speed come from a bench or data sheet.
 OF_JOINTS = (
@@ -22,11 +22,18 @@ OF_JOINTS = (
     "damping_nm_s_per_rad",
     "rotor_inertia_kg_m2",
     "dry_friction_nm",
+    "max_torque_nm",
     "dead_time_s",
+    "coxa_stiffness_ratio",
+    "femur_stiffness_ratio",
+    "play_deg",
 )
 
 #: Longest dead time of a search, for which the simulation keeps commands.
 MOST_DEAD_S = 0.062
+
+#: Length of the part of a log and step of the physics in a first search.
+COARSE_LOG_S, COARSE_STEP_S = 12.0, 0.004
 
 #: Last word of the titles of recordings on a stand.
 ON_STAND = "identification"
@@ -56,18 +63,20 @@ class RobotLog(ArrayFields):
     time_s: FloatArray
     commanded_rad: FloatArray
     measured_rad: FloatArray
+    step_s: float = 0.002
+    units: ClassVar[int] = N_LEGS
 
     @cached_property
     def _simulation(self) -> Any:
         from hexctl.backends.sim.simulation_model import make_simulation
         from hexctl.backends.sim.world import World
 
-        return make_simulation(self.robot, World(on_stand=self.on_stand, servo_delay_s=MOST_DEAD_S))
+        world = World(on_stand=self.on_stand, servo_delay_s=MOST_DEAD_S, time_step_s=self.step_s)
+        return make_simulation(self.robot, world)
 
-    @cached_property
-    def _asked_rad(self) -> FloatArray:
-        """Commands behind the play of the joints, (T, 18)."""
-        half_rad, asked_rad = self.robot.play_rad / 2, self.commanded_rad.copy()
+    def _asked_rad(self, play_deg: float) -> FloatArray:
+        """Commands behind a mean play of the joints, (T, 18)."""
+        half_rad, asked_rad = play_shares(self.robot) * np.radians(play_deg) / 2, self.commanded_rad.copy()
         for row in range(1, len(asked_rad)):
             asked_rad[row] = behind_play(asked_rad[row - 1], self.commanded_rad[row], half_rad)
         return asked_rad
@@ -92,11 +101,13 @@ class RobotLog(ArrayFields):
         if not hasattr(self._own, "model"):
             self._own.model = copy.copy(self._simulation.physics.model.ptr)
         model, data = self._own.model, mujoco.MjData(self._own.model)
-        share = values.stiffness_nm_per_rad / self.robot.stiffness_nm_per_rad.mean()
         self._set_trunk(model, values)
-        stiffness = share * self.robot.stiffness_nm_per_rad
+        # A low voltage lowers torque and speed, and leaves the back-EMF.
+        power = values.max_torque_nm / self.robot.joint_max_torque_nm.mean()
+        values = replace(values, no_load_speed_rad_s=power * values.no_load_speed_rad_s)
+        stiffness = np.tile(values.kind_stiffnesses_nm_per_rad, N_LEGS)
         servos = PoweredServos(model, slice(FIRST_SPEED, None), values, stiffness)
-        start, asked_rad = self._simulation.physics.data, self._asked_rad
+        start, asked_rad = self._simulation.physics.data, self._asked_rad(values.play_deg)
         data.qpos[:FIRST_JOINT] = start.qpos[:FIRST_JOINT]
         data.qpos[FIRST_JOINT:] = self.measured_rad[0]
         data.ctrl[:] = asked_rad[0]
@@ -109,6 +120,21 @@ class RobotLog(ArrayFields):
             data.ctrl[:] = asked_rad[row]
             servos.step(data, steps)
         return found_rad - self.measured_rad
+
+    def coarse(self) -> Self:
+        """The part with the fastest commands, simulated with larger steps, for a first search."""
+        rows = round(COARSE_LOG_S / float(np.diff(self.time_s).mean()))
+        speeds = np.abs(np.diff(self.commanded_rad, axis=0)).sum(axis=1)
+        passed = np.concatenate([[0.0], np.cumsum(speeds)])
+        first = int(np.argmax(passed[rows:] - passed[:-rows])) if rows < len(passed) else 0
+        part = slice(first, first + rows)
+        return replace(
+            self,
+            time_s=self.time_s[part],
+            commanded_rad=self.commanded_rad[part],
+            measured_rad=self.measured_rad[part],
+            step_s=COARSE_STEP_S,
+        )
 
     def _set_trunk(self, model: Any, values: RobotValues) -> None:
         """Change mass and centre of the trunk; its moments of inertia are proportional to the mass."""

@@ -13,7 +13,7 @@ from hexctl.identify.bench_run import BenchRun, fit_bench, plain_start, read_ben
 from hexctl.identify.fit import fit_values
 from hexctl.identify.identification import identify
 from hexctl.identify.parameters import ServoValues
-from hexctl.types import FloatArray
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 
 TRUTH = ServoValues(
     stiffness_nm_per_rad=0.8,
@@ -152,7 +152,7 @@ def test_logs_of_other_kinds_are_refused(names: list[str]) -> None:
 class _Line:
     """A motion on which the dry friction has no effect, and the stiffness a linear one."""
 
-    name, parameters = "line", ("stiffness_nm_per_rad", "dry_friction_nm")
+    name, parameters, units = "line", ("stiffness_nm_per_rad", "dry_friction_nm"), 1
 
     def errors_rad(self, values: ServoValues) -> FloatArray:
         return 0.01 * (values.stiffness_nm_per_rad - 2.0) * np.linspace(0.1, 1.0, 100)
@@ -169,7 +169,7 @@ def test_a_parameter_without_effect_is_not_known() -> None:
 class _Noisy:
     """Motions that would be explained best by a friction below its bound, read with errors."""
 
-    parameters = ("dry_friction_nm",)
+    parameters, units = ("dry_friction_nm",), 1
 
     def __init__(self, seed: int, best_nm: float) -> None:
         self.name, self._best_nm = str(seed), best_nm
@@ -187,6 +187,24 @@ def test_a_value_at_its_bound_is_as_uncertain_as_one_within() -> None:
         assert found.deviation == pytest.approx(0.1 / np.sqrt(500), rel=0.5)
         assert (found.value == 1e-4) == at_bound
         assert found.known != at_bound
+
+
+class _Legs:
+    """Six legs with other frictions, read without errors."""
+
+    name, parameters, units = "legs", ("dry_friction_nm",), N_LEGS
+    best_nm = np.repeat([0.1, 0.2, 0.2, 0.3, 0.3, 0.4], JOINTS_PER_LEG)
+
+    def errors_rad(self, values: ServoValues) -> FloatArray:
+        return np.tile(0.01 * (values.dry_friction_nm - self.best_nm), (50, 1))
+
+
+def test_legs_that_differ_are_in_the_standard_error() -> None:
+    found = fit_values([_Legs()], TRUTH, _Legs.parameters).estimates["dry_friction_nm"]
+    assert found.value == pytest.approx(0.25, rel=0.01)
+    assert found.deviation == pytest.approx(
+        np.std(_Legs.best_nm[::JOINTS_PER_LEG], ddof=1) / np.sqrt(6), rel=0.05
+    )
 
 
 def test_a_dead_time_may_lie_between_steps() -> None:

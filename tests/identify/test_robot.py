@@ -203,6 +203,25 @@ def test_joints_keep_the_proportions_of_their_stiffnesses(tmp_path: Path) -> Non
     np.testing.assert_allclose(after, 1.5 * before, rtol=1e-3)
 
 
+def test_joint_kinds_get_their_stiffness_and_play(tmp_path: Path) -> None:
+    ratios = {"coxa_stiffness_ratio": (2.5, 0.1), "femur_stiffness_ratio": (1.5, 0.1)}
+    result = found("ant", stiffness_nm_per_rad=(30.0, 1.0), play_deg=(0.6, 0.1), **ratios)
+    write_identified("ant", result, tmp_path / "identified.yaml")
+    robot = load_robot(tmp_path / "identified.yaml")
+    np.testing.assert_allclose(robot.stiffness_nm_per_rad[:3], (45.0, 27.0, 18.0))
+    np.testing.assert_allclose(np.degrees(robot.play_rad), 0.6)
+    assert RobotValues.of(robot).kind_stiffnesses_nm_per_rad == pytest.approx((45.0, 27.0, 18.0))
+
+
+def test_weak_servos_lose_speed_and_keep_their_back_emf(tmp_path: Path) -> None:
+    before = RobotValues.of(shipped("lukas"))
+    result = found(stiffness_nm_per_rad=(30.0, 1.0), max_torque_nm=(0.4 * before.max_torque_nm, 0.05))
+    write_identified("lukas", result, tmp_path / "identified.yaml")
+    after = RobotValues.of(load_robot(tmp_path / "identified.yaml"))
+    assert after.max_torque_nm == pytest.approx(0.4 * before.max_torque_nm, rel=1e-3)
+    assert after.back_emf_nm_s_per_rad == pytest.approx(before.back_emf_nm_s_per_rad, rel=1e-3)
+
+
 def test_motions_that_did_not_end_and_recordings_of_others_are_refused(tmp_path: Path) -> None:
     ticks = itertools.count()
     move_on_stand(robot="pexod", record=tmp_path / "part.rrd", stop_requested=lambda: next(ticks) > 150)

@@ -55,7 +55,7 @@ def identify(
 ) -> None:
     """Identify the servos and the trunk of a robot from its motions.
 
-    The command finds stiffness, damping, rotor inertia, dry friction and dead time: simulated servos are
+    The command finds stiffness, damping, inertia, friction, torque, play and dead time: simulated servos are
     changed until their joints move as those of the log did. Mass and centre of the trunk need a log of a
     walk. The geometry and the masses of the legs are those of the robot file. A simulated robot is in the
     world stand. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4 stopped, 130 interrupted.
