@@ -154,8 +154,8 @@ class _Episode:
         servos.connect()
         self.servos, self._guard = servos, Guard(servos)
         start = prepare(self._guard, plan)
-        assert start.frame is not None  # noqa: S101  a simulation knows its pose
-        self._frame, self._ticks = start.frame, ticks_of(servos, plan.duration_s)
+        assert start.true_frame is not None  # noqa: S101  a simulation knows its pose
+        self._frame, self._ticks = start.true_frame, ticks_of(servos, plan.duration_s)
         self._walk, self._effort, self._energy_j = LearnedWalk(start), WalkEffort(), 0.0
         self._ideal_m = ideal_speed_m_s(servos.robot, plan.gait, plan.motion(0.0)) * start.period_s
         servos.walk_begins()
