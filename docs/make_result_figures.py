@@ -24,7 +24,7 @@ IMAGES = Path(__file__).parent / "images"
 #: Rows of the table `line`, their labels and colours.
 HOLDS = (
     ("open_loop", "open loop", "#999999"),
-    ("yaw", "yaw only", "#E69F00"),
+    ("yaw", "yaw, no contacts", "#E69F00"),
     ("pose", "position and yaw", "#0072B2"),
 )
 

@@ -194,11 +194,11 @@ class Shell:
                 return
         served = name in ("status", "estop") or "zenoh" in arguments or arguments[:2] == ["see", "latency"]
         if served:
-            arguments += [*SHORTER_SERVED.get(name, "").split(), *self._robot]
+            arguments = _replaced(arguments, [*SHORTER_SERVED.get(name, "").split(), *self._robot])
         else:
-            arguments += SHORTER.get(name, "").split()
+            arguments = _replaced(arguments, SHORTER.get(name, "").split())
         if "mavlink" in arguments:
-            arguments += ["--connect", self._board]
+            arguments = _replaced(arguments, ["--connect", self._board])
         if arguments[0] == "servos":
             arguments[arguments.index("--connect") + 1] = self._board
         on_bus = bool(ON_A_PORT & set(arguments)) and "--connect" in arguments
@@ -234,7 +234,7 @@ class Shell:
         self._robot = ["--connect", endpoint]
         if "--keys" in arguments:
             self._robot += ["--keys", arguments[arguments.index("--keys") + 1]]
-        self._start([*arguments, "--listen", endpoint], "serving ")
+        self._start(_replaced(arguments, ["--listen", endpoint]), "serving ")
 
     def _start_board(self, arguments: list[str]) -> None:
         self._boards.close()
@@ -248,7 +248,7 @@ class Shell:
         if "--http-port" in arguments:
             at = arguments.index("--http-port")
             del arguments[at : at + 2]
-        said = self._start([*arguments, *SMALLER_PICTURES.split(), *self._robot], "camera over ")
+        said = self._start(_replaced(arguments, [*SMALLER_PICTURES.split(), *self._robot]), "camera over ")
         found = re.search(r" at (http://\S+)", said)
         assert found, said
         self._camera = found[1]
@@ -257,7 +257,7 @@ class Shell:
         """Look with the rendered camera from now on, at a free port."""
         if "--page" in arguments:
             arguments[arguments.index("--page") + 1] = "0"
-        self._start([*arguments, *self._robot], "tag in ")
+        self._start(_replaced(arguments, self._robot), "tag in ")
 
     def _start(self, arguments: list[str], ready: str, programs: ExitStack | None = None) -> str:
         """Start a program that is ended with the shell, by its id, and return what it said once ready."""
@@ -315,6 +315,15 @@ class Shell:
         """Copy a file of the repository into the folder."""
         source, target = words
         (self._folder / target).write_bytes((ROOT / source).read_bytes())
+
+
+def _replaced(arguments: list[str], options: list[str]) -> list[str]:
+    """The command with these options, instead of its own values of them: each counts once."""
+    names = {
+        word for word, after in pairwise(options) if word.startswith("--") and not after.startswith("--")
+    }
+    own = [word for before, word in pairwise(["", *arguments]) if not names & {before, word}]
+    return [*own, *options]
 
 
 def _stay_here(arguments: list[str]) -> None:

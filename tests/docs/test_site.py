@@ -166,7 +166,7 @@ def test_the_names_of_modules_and_files_exist(page: Path) -> None:
     text = re.sub(r"\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
     for name in set(re.findall(r"\bhexctl(?:\.\w+)+", text)) - {SETTINGS_FILE}:
         assert exists(name.split(".")) or name.endswith(TO_BE_WRITTEN), name
-    for path in re.findall(r"(?<![/\w])(?:hexctl|tests|benchmarks|configs|examples)/[\w/.-]*\w", text):
+    for path in re.findall(r"(?<![/:\w])(?:hexctl|tests|benchmarks|configs|examples)/[\w/.-]*\w", text):
         there = any((ROOT / path).parent.glob(f"{Path(path).name}*"))
         assert there or Path(path).stem.endswith(TO_BE_WRITTEN), path
 
