@@ -258,7 +258,7 @@ class DriveSession:
             "battery_share": state.battery_share,
             "legs": self._legs(state),
             "failures": [f"leg {one.leg} {in_words(one)}" for one in drive.failures],
-            "said": state.fault or (robot_stop and robot_stop.trouble) or self._lack(state) or self.said,
+            "said": state.fault or (robot_stop and robot_stop.trouble) or self.said or self._lack(state),
         }
 
     def _legs(self, state: RobotState) -> list[dict[str, Any]]:

@@ -4,7 +4,7 @@ Each source, such as a gamepad or ROS's `cmd_vel`, repeats its command before th
 follows the source of the highest priority with a valid command. A released source commands zero, which holds
 like any other command: the robot stops before it follows a lower source.
 
-A body pose is commanded once, and held. A source may command one only while it is followed.
+A body pose is commanded once, and held. A named source may command one only while it is followed.
 
     arbiter = Arbiter()
     stick = arbiter.source("gamepad")
@@ -153,12 +153,17 @@ class Arbiter:
                 source.forget()
             self._stopped = self._pose = None
 
-    def pose(self, pose: BodyPose, source: str | None = None) -> None:
-        """Command a body pose; ignored while stopped, and from a source that is not followed."""
+    def pose(self, pose: BodyPose, source: str | None = None) -> bool:
+        """Command a body pose, and return whether it is taken.
+
+        It is ignored while stopped, and from a named source that is not followed.
+        """
         check_type(pose, BodyPose, "body pose", "a BodyPose")
-        if source is None or self._followed().source == source:
-            with self._latch:
-                self._pose = pose if self._stopped is None else None
+        if source is not None and self._followed().source != source:
+            return False
+        with self._latch:
+            self._pose = pose if self._stopped is None else None
+            return self._pose is not None
 
     def decide(self) -> Decision:
         """The command of the highest source with a valid one, and a new body pose."""

@@ -60,5 +60,5 @@ class DeadReckoning:
         # A running sum, whose order is that of a single robot in a batch as well.
         self._deviation_m = self._deviation_m + np.cumsum(left_m, axis=0)[-1]
         for block in (self._joints_rad, self._contacts, yaw_rad):
-            block[:2] = block[-2:]
-        self._ticks = 2
+            block[:3] = block[-3:]  # the yaw is a mean of three ticks
+        self._ticks = 3

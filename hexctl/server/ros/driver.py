@@ -161,8 +161,8 @@ class RosDriver:
         if self._sits:
             self._sits = False
             pilot.stand()
-        self._pose = pose
-        self._arbiter.pose(pose)
+        if self._arbiter.pose(pose):
+            self._pose = pose
 
     def _pass(self, command: WantedJoints, at_s: float) -> None:
         if self._lease is not None and self._pilot is not None:
@@ -201,6 +201,7 @@ class RosDriver:
         self._sits = False
         self._source.release()
         self._pose = LEVEL
+        self._arbiter.clear()  # a stop by the policy
         pilot.stand()
         return "standing up"
 

@@ -27,10 +27,11 @@ def reckoned(
     *,
     measured: bool = True,
     lifted: int = BLOCK_TICKS // 2,
+    first: int = 0,
     ticks: int = BLOCK_TICKS + 3,
 ) -> FloatArray:
     """The deviation after a block, in which the body moves and its feet stay, but for one that lifts."""
-    for tick in range(ticks):
+    for tick in range(first, first + ticks):
         feet_body = ROBOT.stance_feet_body - (tick - BLOCK_TICKS / 2) * STEP_M
         joints_rad = solve_legs(ROBOT, feet_body).joint_positions_rad
         touching = None if contacts is None else contacts & (np.arange(6) != 0 if tick >= lifted else True)
@@ -46,6 +47,13 @@ def test_a_body_that_moves_over_its_feet_is_off_by_its_motion_across_the_line() 
     assert reckoned(reckoning) == pytest.approx(ACROSS_M, rel=1e-6)
     reckoning.restart()
     assert reckoned(reckoning) == pytest.approx(ACROSS_M, rel=1e-6)
+
+
+def test_no_motion_is_lost_between_blocks() -> None:
+    reckoning = DeadReckoning(ROBOT, (), 0.02)
+    reckoned(reckoning)
+    deviation_m = reckoned(reckoning, lifted=BLOCK_TICKS + 9, first=BLOCK_TICKS + 3, ticks=BLOCK_TICKS)
+    assert deviation_m == pytest.approx(2 * ACROSS_M, rel=1e-6)
 
 
 def test_without_contacts_or_measured_angles_it_is_unknown() -> None:
