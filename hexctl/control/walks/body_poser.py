@@ -5,8 +5,10 @@ turns it slowly against the measured roll and pitch (phi, theta), until they are
 
     c' = (command - (phi, theta)) / LEVEL_S
 
+A measurement that repeats for `FROZEN_AFTER_S` is frozen: c stays as it is until another one comes.
+
 A pose leaves less room for strokes, which become shorter. Levelling ends where they would be shorter than
-`LEVEL_STROKE`.
+`LEVEL_STROKE`: c stays at its last value that fits, until there is more room or it turned back.
 """
 
 import math
@@ -14,12 +16,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from hexctl.control.walks.steering import FrozenSensor
 from hexctl.gait.body_pose import LEVEL, BodyPose, feet_from_body
 from hexctl.gait.foot_trajectory import StepPattern
 from hexctl.ik.legs import legs_that_reach, solve_legs
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import components
-from hexctl.types import FloatArray, RobotState, any_of
+from hexctl.types import BoolArray, FloatArray, RobotState, any_of
 
 #: Share of the servos' maximum speed with which a joint moves for a pose.
 SPEED_SHARE = 0.25
@@ -69,6 +72,8 @@ class BodyPoser:
         self.goals, self.commanded, self._checked = self.poses, self.poses, self.poses
         self._correction: FloatArray = np.zeros((*shape, 2))
         self._fitting = self._correction  # at the last measurement of the room
+        self._least, self._most = self._correction - MOST_LEVEL_RAD, self._correction + MOST_LEVEL_RAD
+        self._frozen_imu = FrozenSensor()
         self._pattern: StepPattern | None = None
         self._level_room: FloatArray = np.ones(shape)[()]
         self.stroke_share: FloatArray = np.ones(shape)[()]
@@ -104,6 +109,7 @@ class BodyPoser:
             needed_s = np.add.reduce(np.abs(change) / self._speeds, axis=-1)[..., np.newaxis]
             going = self.commanded + dt_s / np.maximum(needed_s, dt_s) * change
             self.commanded = np.where(needed_s > dt_s, going, self.goals)
+            self._free_levelling(np.asarray(True))
         levels = self.level or bool(self._correction.any())
         if levels:
             self._level(dt_s, state)
@@ -131,11 +137,25 @@ class BodyPoser:
         if quaternion is None or not self.level:
             return
         w, x, y, z = components(quaternion)
+        unseen = np.asarray(self._frozen_imu.update(dt_s, w, x, y, z))[..., np.newaxis]
         roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
         pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
         error = self.commanded[..., :2] - np.stack([roll, pitch], axis=-1)
-        correction = self._correction + dt_s / LEVEL_S * np.where(np.isfinite(error), error, 0.0)
-        self._correction = np.clip(correction, -MOST_LEVEL_RAD, MOST_LEVEL_RAD)
+        correction = self._correction + dt_s / LEVEL_S * np.where(np.isfinite(error) & ~unseen, error, 0.0)
+        self._correction = np.clip(correction, self._least, self._most)
+
+    def _end_levelling(self, rows: BoolArray) -> None:
+        """Undo what did not fit in `rows`, leading shape; the angle that grew most, in rad, ends there."""
+        grown = np.abs(self._correction) - np.abs(self._fitting)
+        ends = rows[..., np.newaxis] & (grown == grown.max(axis=-1, keepdims=True))
+        self._most = np.where(ends & (self._correction > 0), self._fitting, self._most)
+        self._least = np.where(ends & (self._correction < 0), self._fitting, self._least)
+        self._correction = np.where(rows[..., np.newaxis], self._fitting, self._correction)
+
+    def _free_levelling(self, rows: BoolArray) -> None:
+        """Level up to the maximum again in `rows`, leading shape."""
+        self._least = np.where(rows[..., np.newaxis], -MOST_LEVEL_RAD, self._least)
+        self._most = np.where(rows[..., np.newaxis], MOST_LEVEL_RAD, self._most)
 
     def _level_poses(self) -> FloatArray:
         """Poses of only levelling, leading shape + (6,)."""
@@ -148,6 +168,7 @@ class BodyPoser:
         moved = np.asarray((np.abs(self.poses - self._checked) > SAME_POSE * self._units).any(axis=-1))
         if self._pattern is not pattern:
             self._pattern, moved = pattern, np.ones_like(moved)
+            self._free_levelling(moved)
             self._level_room = self._room(np.zeros_like(self.poses), pattern, STROKES)
             if self._asked != LEVEL:
                 self.move_to(self._asked, pattern)  # another gait reaches more or less
@@ -157,9 +178,12 @@ class BodyPoser:
         levelled = (self._correction != self._fitting).any(axis=-1)
         too_far = np.asarray(moved & levelled & (share < np.minimum(self.stroke_share, LEVEL_STROKE)))
         if any_of(too_far):
-            self._correction = np.where(too_far[..., np.newaxis], self._fitting, self._correction)
+            self._end_levelling(too_far)
             self.poses = self.commanded + self._level_poses()
             share = self._share(pattern)
+        away = np.minimum(self._correction - self._least, self._most - self._correction)
+        turned_back = (away > SAME_POSE).all(axis=-1)
+        self._free_levelling(np.asarray(moved & ~too_far & (turned_back | (share > self.stroke_share))))
         self._fitting = np.where(moved[..., np.newaxis], self._correction, self._fitting)
         self._checked = np.where(moved[..., np.newaxis], self.poses, self._checked)
         self.stroke_share = np.where(moved, share, self.stroke_share)[()]

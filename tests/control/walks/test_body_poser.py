@@ -91,6 +91,47 @@ def test_level_bodies_turn_against_the_floor_and_a_batch_equals_single_ones() ->
     assert not together.poses[3].any()
 
 
+def test_levelling_holds_while_the_orientation_is_frozen() -> None:
+    robot = shipped("ant")
+    gait = make_gait(robot, "tripod")
+    patterns = [StepPattern.of(robot, gait), StepPattern.of(robot, [gait] * 2)]
+    together, one = (BodyPoser(robot, shape, OVERDRIVE, level=True) for shape in ((2,), ()))
+    rolls_rad: list[float] = []
+    for tick in range(600):
+        frozen, moving = tilted(0.01), tilted(0.01 + 1e-6 * (tick % 2))
+        if tick == 599:
+            frozen = tilted(0.02)
+        together.update(DT_S, state(np.array([frozen, moving])), patterns[1])
+        one.update(DT_S, state(frozen), patterns[0])
+        rolls_rad.append(float(one.poses[0]))
+        assert (together.poses[0] == one.poses).all()
+    at_4_s, at_5_s, at_end = rolls_rad[190], rolls_rad[250], rolls_rad[598]
+    assert 0 > at_4_s > at_5_s == at_end > together.poses[1, 0]
+    assert rolls_rad[599] < at_end, "it levels again"
+
+
+@pytest.mark.parametrize("name", ["ant", "pexod", "phantomx"])
+def test_levelling_stays_at_its_limit_and_turns_back_from_it(name: str) -> None:
+    robot = shipped(name)
+    gait = make_gait(robot, "tripod")
+    patterns = [StepPattern.of(robot, gait), StepPattern.of(robot, [gait] * 2)]
+    together, one = (BodyPoser(robot, shape, OVERDRIVE, level=True) for shape in ((2,), ()))
+    pitches_rad: list[float] = []
+    for tick in range(1600):
+        slope_rad = 0.5 if tick < 1000 else 0.02 if tick < 1300 else 0.5
+        noise_rad = 0.01 * math.sin(tick)
+        leans = [slope_rad + noise_rad + float(one.poses[1]), noise_rad]
+        seen = np.array([tilted(0.0, lean) for lean in leans])
+        together.update(DT_S, state(seen), patterns[1])
+        one.update(DT_S, state(seen[0]), patterns[0])
+        pitches_rad.append(float(one.poses[1]))
+        assert (together.poses[0] == one.poses).all()
+    assert np.ptp(pitches_rad[500:1000]) == 0
+    assert pitches_rad[500] < -0.05
+    assert abs(pitches_rad[1299] + 0.02) < 0.01
+    assert abs(pitches_rad[1599] - pitches_rad[500]) < 0.01, "it reaches its limit again"
+
+
 def test_another_gait_scales_the_pose_again() -> None:
     robot = shipped("pexod")
     gait, poser = make_gait(robot, "tripod"), BodyPoser(robot, (), OVERDRIVE)
