@@ -3,12 +3,15 @@
 Each foot has a height d over the trajectory of its gait:
 
     rising    d falls to 0 at the top, so that the next step is as high as the others
-    falling   d = 0
+    falling   d = 0; after a rise that was stopped, d moves to 0 at the speed V
     standing  d moves to g at the speed V
 
 The goal g is as deep as the leg reaches, at most `DEPTH`, until the foot meets the ground; then it is
 min(d + G, 0). By the gap G a foot hangs over an even floor, too, until the robot leans on it: there d stays
 near 0.
+
+A foot that searched in its last `MISSES` stances and met nothing may have a dead sensor: its d moves to 0 at
+the speed V and stays there, until its contact closes.
 """
 
 import numpy as np
@@ -27,6 +30,9 @@ SPEED_PER_S = 1.0
 #: heights: servos are late.
 WAIT_S, ARRIVED = 0.08, 0.03
 
+#: Stances of a foot in a row with a search but no contact, after which it searches no more.
+MISSES = 3
+
 #: Share of its length to which a leg stretches.
 STRETCH = 0.97
 
@@ -34,6 +40,9 @@ STRETCH = 0.97
 UNEVEN_HEIGHT = 0.04
 
 _UNKNOWN = -np.inf
+
+#: Steps lower than this do not count as a rise.
+_LEAST_TOP_M = 1e-6
 
 
 def step_height(robot: Robot, feet: str) -> float:
@@ -61,7 +70,10 @@ class GroundContact:
         self.height_m: FloatArray = np.zeros(legs)
         self._goal_m: FloatArray = np.full(legs, _UNKNOWN)
         self._lift_m: FloatArray = np.zeros(legs)
+        self._risen: FloatArray = np.zeros(legs)
         self._stood_s: FloatArray = np.zeros(legs)
+        self._searched: BoolArray = np.zeros(legs, dtype=bool)
+        self._misses = np.zeros(legs, dtype=int)
 
     def update(
         self,
@@ -87,19 +99,31 @@ class GroundContact:
         meets = state.foot_contacts & (self._goal_m == _UNKNOWN)
         found_m = np.minimum(self.height_m + GAP * self._standing_m, 0.0)
         self._goal_m = np.where(stands, np.where(meets, found_m, self._goal_m), _UNKNOWN)
+        known = self._goal_m > _UNKNOWN
         searches = (self._stood_s > WAIT_S) & self._arrived(feet_body[..., 2] - lift_m, state)
-        moves = stands & (searches | (self._goal_m > _UNKNOWN))
-        most_m = SPEED_PER_S * self._standing_m * dt_s * moves
-        way_m = np.maximum(self._goal_m, self._deepest_m(feet_body)) - self.height_m
+        given_up = self._gives_up(stands, searches & ~known, state.foot_contacts)
+        goal_m = np.where(given_up & ~known, 0.0, np.maximum(self._goal_m, self._deepest_m(feet_body)))
+        most_m = SPEED_PER_S * self._standing_m * dt_s
+        way_m = (goal_m - self.height_m) * (searches | known | given_up)
         moved_m = self.height_m + np.minimum(np.maximum(way_m, -most_m), most_m)
-        self.height_m = np.where(stands, moved_m, self._share_left(lift_m, top_m) * self.height_m)
-        self._lift_m = lift_m
+        # A soft stop lowers the top, too: the share still rises as in any other step.
+        risen = lift_m / np.maximum(top_m, _LEAST_TOP_M)
+        self.height_m = np.where(stands, moved_m, self._in_air_m(risen, most_m))
+        self._lift_m, self._risen = lift_m, risen
         return self.height_m
 
-    def _share_left(self, lift_m: FloatArray, top_m: FloatArray) -> FloatArray:
-        """Share of their heights that feet in the air keep: none once they fall."""
-        left_m, left_then_m = np.maximum(top_m - lift_m, 0.0), np.maximum(top_m - self._lift_m, 1e-9)
-        return np.where(lift_m > self._lift_m, np.minimum(left_m / left_then_m, 1.0), 0.0)
+    def _gives_up(self, stands: BoolArray, searches: BoolArray, contacts: BoolArray) -> BoolArray:
+        """Whether feet no longer search, because their contacts may be dead, leading shape + (6,)."""
+        self._misses = np.where(contacts, 0, self._misses + (self._searched & ~stands))
+        given_up = np.asarray(self._misses >= MISSES)
+        self._searched = stands & (self._searched | (searches & ~given_up)) & ~contacts
+        return given_up
+
+    def _in_air_m(self, risen: FloatArray, most_m: float) -> FloatArray:
+        """Heights d of feet in the air, in m: 0 at the top; once they fall, `most_m` nearer to 0."""
+        share = (1.0 - risen) / np.maximum(1.0 - self._risen, 1e-9)
+        falling_m = np.minimum(self.height_m + most_m, 0.0)
+        return np.where(risen > self._risen, np.clip(share, 0.0, 1.0) * self.height_m, falling_m)
 
     def _arrived(self, level_m: FloatArray, state: RobotState) -> BoolArray:
         """Whether the feet are at their targets of the last tick, leading shape + (6,)."""

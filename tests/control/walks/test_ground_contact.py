@@ -10,7 +10,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.drive.drive_walk import DriveWalk
 from hexctl.control.preparation import WalkStart
-from hexctl.control.walks.ground_contact import DEPTH, GAP, UNEVEN_HEIGHT, step_height
+from hexctl.control.walks.ground_contact import DEPTH, GAP, MISSES, UNEVEN_HEIGHT, step_height
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.ik.legs import foot_positions_body, legs_that_reach
 from hexctl.types import FloatArray
@@ -114,6 +114,31 @@ def test_a_driven_walk_meets_the_ground_in_the_same_way() -> None:
     wanted[:] = 0.0
     heights(walk, ground_m, CYCLE, first=6 * CYCLE)
     assert walk.at_rest
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_a_foot_in_a_pit_that_is_stopped_in_mid_rise_does_not_jump(driven: bool) -> None:
+    """At any time of a cycle: no foot moves 1.2 cm in a tick, where the fastest swing moves 1.0 cm."""
+    ground_m, wanted = np.array([0.0, -0.04, 0.0, 0.0, 0.0, 0.0]), np.array([0.05, 0.0, 0.0])
+    for ticks in range(STEADY, STEADY + CYCLE):
+        walk = DriveWalk(start(plan()), lambda: wanted) if driven else MotionWalk(start(plan()))
+        walked_m, _ = heights(walk, ground_m, ticks)
+        walk.stop(ticks)
+        stopped_m, _ = heights(walk, ground_m, 2 * CYCLE, first=ticks)
+        assert np.abs(np.diff(np.vstack([walked_m[-1:], stopped_m]), axis=0)).max() < 0.012, ticks
+
+
+def test_a_foot_whose_contact_never_closes_gives_up_until_it_does() -> None:
+    walk = MotionWalk(start(plan()))
+    dead_m = np.array([0.0, -1.0, 0.0, 0.0, 0.0, 0.0])
+    first = (MISSES + 1) * CYCLE
+    searched_m, _ = heights(walk, dead_m, first)
+    assert searched_m[:, 1].min() < -0.02
+    given_up_m, _ = heights(walk, dead_m, 3 * CYCLE, first)
+    np.testing.assert_allclose(given_up_m.min(axis=0), 0.0, atol=1e-9)
+    heights(walk, np.zeros(6), CYCLE, first + 3 * CYCLE)
+    again_m, _ = heights(walk, dead_m, 2 * CYCLE, first + 4 * CYCLE)
+    assert again_m[:, 1].min() < -0.02
 
 
 #: Bumps as high as steps, on a coarser grid than blocks have.
