@@ -62,8 +62,10 @@ class LearnedWalk(SteeredWalk):
         return self.act(step, state, self._policy(self.observe(state)))
 
     def observe(self, state: RobotState) -> FloatArray:
-        """Observation of a state, leading shape + (OBSERVATION_SIZE,); unknown contacts count as floor, unknown
-        angles as the commanded ones."""
+        """Observation of a state, leading shape + (OBSERVATION_SIZE,).
+
+        Unknown contacts count as floor, unknown angles as the commanded ones.
+        """
         asked_rad = state.joint_positions_rad if self._asked_rad is None else self._asked_rad
         error = (state.joint_positions_rad - asked_rad) / ERROR_RAD
         error = np.where(np.isnan(error), 0.0, error)

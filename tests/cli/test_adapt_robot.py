@@ -33,10 +33,8 @@ ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 
 #: Trials whose times are known: no self-rotation, one second of walk.
-SHORT = [
-    *("--self-rotation", "none", "--duration", "1", "--no-record", "--no-baseline", "--budget", "3"),
-    *("--trim", "off"),
-]
+USUAL = {"--self-rotation": "none", "--duration": "1", "--budget": "3", "--trim": "off"}
+SHORT = ["--no-record", "--no-baseline", *(word for pair in USUAL.items() for word in pair)]
 
 
 @pytest.fixture(autouse=True)
@@ -46,7 +44,9 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def adapt(kit: str, *more: str) -> int:
-    return exit_code(["adapt", "--failed-leg", "5", "--backend", f"{KITS}:{kit}", *SHORT, *more])
+    usual = [word for pair in USUAL.items() if pair[0] not in more for word in pair]
+    fixed = ["--failed-leg", "5", "--backend", f"{KITS}:{kit}", "--no-record", "--no-baseline"]
+    return exit_code(["adapt", *fixed, *usual, *more])
 
 
 def sessions() -> list[str]:

@@ -188,7 +188,8 @@ def test_a_search_of_steered_walks_believes_a_prior_of_their_scores(
     leg: int, raised: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     save_prior(made_up_score_prior(legs=(3, 4, 5)), Path("s.npz"))
-    words = [*STEERED, "--failed-leg", str(leg), "--prior", "s.npz"]
+    words = [*STEERED, "--prior", "s.npz"]
+    words[words.index("--failed-leg") + 1] = str(leg)
     outcome, err = run(capsys, *words, "--budget", "2", "--worth", "0")
     assert err == ""
     assert (outcome["optimizer"], outcome["prior"], outcome["hold"]) == ("bayes", "s.npz", "auto")

@@ -13,7 +13,7 @@ from hexctl.control.drive.arbiter import Arbiter, Velocity
 from hexctl.teleop.drive_page import SOCKET_PATH, TOKEN_PREFIX, VIEW_PATH, DrivePage
 from hexctl.teleop.event_file import EVENT, EventFiles
 from hexctl.teleop.gamepad import GamepadEvents, _bits
-from hexctl.teleop.keyboard import Keyboard
+from hexctl.teleop.keyboard import REQUEST_KEYS, Keyboard
 from hexctl.teleop.stop_button import StopButton
 from hexctl.vision.video.mjpeg import _Handler
 from hexctl.wire.page_address import PageAddress
@@ -43,7 +43,7 @@ def _keys(data: bytes) -> None:
             os.write(writing, part)
         keyboard.poll()
         _bounded(arbiter.decide().velocity)
-    assert set(asked) <= {"quit", "gait", "up", "down", "stand", "sit", "stop"}
+    assert set(asked) <= set(REQUEST_KEYS.values())
 
 
 def _gamepad(data: bytes) -> None:
