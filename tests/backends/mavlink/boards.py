@@ -76,7 +76,7 @@ class BoardProcess:
             env={**os.environ, "MUJOCO_GL": "disable"},
         )
         greeting = self._greeting()
-        found = re.search(r"(?<= at )/\S+(?=,)", greeting)
+        found = re.search(r"(?<= at )/[^\s,;]+", greeting)
         self.port = found[0] if found else f"udpout:127.0.0.1:{number}"
 
     def end(self) -> dict[str, Any]:

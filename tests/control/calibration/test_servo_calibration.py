@@ -101,6 +101,7 @@ def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
         # A PCA9685 makes pulses in steps of half a degree.
         watcher = Watcher(true_deg, good_deg=0.5, patience=9, upper=["20", "ok"], lower=["ok"])
         monkeypatch.setattr("hexctl.cli.prompts.CalibrationPrompt", lambda: watcher)
+        monkeypatch.setattr("hexctl.cli.prompts.can_answer", lambda: True)
         assert exit_code(["calibrate", str(file), "--joints", "leg1_coxa"]) == 0
     assert f"saved leg1_coxa in {file}" in capsys.readouterr().err
     assert any("output 7" in line for line in watcher.screen)
