@@ -87,6 +87,20 @@ class ArchiveKind:
             raise self.refused(path, "it was altered after it was built")
         return made
 
+    def load_of_robot(
+        self,
+        path: Path,
+        name: str,
+        fingerprint: str,
+        make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], Content],
+    ) -> Content:
+        """Content of a robot's file; raises InputError without one, or for a file of another robot."""
+        if not path.is_file() or self.read_head(path).get("robot_fingerprint") != fingerprint:
+            raise InputError(
+                f"{self.name}: got robot {name}, which has none; allowed: ant, or {self.command}"
+            )
+        return self.load(path, make)
+
     def described(
         self, paths: Iterable[Path], describe: Callable[[Path], dict[str, Any]], on_damage: OnDamage
     ) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_140,
+    "": 2_160,
     "adapt": 8_450,
     "backends": 10_390,
     "cli": 7_190,
@@ -24,7 +24,7 @@ CEILINGS = {
     "runs": 1_120,
     "server": 4_410,
     "simulators": 2_300,
-    "study": 8_740,
+    "study": 8_730,
     "teleop": 1_990,
     "testing": 560,
     "vision": 6_530,

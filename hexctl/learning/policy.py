@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.archive import ArchiveKind
-from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
@@ -75,11 +74,4 @@ def policy_file(robot: Robot) -> Path:
 
 def policy_of(robot: Robot) -> NetworkPolicy:
     """The shipped policy of a robot; raises InputError for a robot without one."""
-    path = policy_file(robot)
-    found = load_policy(path) if path.is_file() else None
-    if found is None or found.robot_fingerprint != robot.fingerprint:
-        raise InputError(
-            f"policy: got robot {robot.name}, for which none was trained; allowed: ant, "
-            f"or train one with {KIND.command}"
-        )
-    return found
+    return KIND.load_of_robot(policy_file(robot), robot.name, robot.fingerprint, _made)

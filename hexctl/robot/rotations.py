@@ -17,6 +17,13 @@ def yaw_rad(quaternion: FloatArray) -> FloatArray:
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
+def roll_pitch_rad(quaternion: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Roll and pitch of quaternions (REP 103: turns about x, then y, then z), leading shape each in rad."""
+    w, x, y, z = components(quaternion)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return roll, np.arcsin(np.minimum(np.maximum(2 * (w * y - z * x), -1.0), 1.0))
+
+
 def components(quaternion: FloatArray) -> tuple[FloatArray, ...]:
     """The four components of quaternions, leading shape each; scalars, which are faster, for a single one."""
     w, x, y, z = quaternion[..., 0], quaternion[..., 1], quaternion[..., 2], quaternion[..., 3]

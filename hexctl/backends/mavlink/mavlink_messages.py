@@ -14,7 +14,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import MessageError
-from hexctl.robot.rotations import quaternion_of_euler
+from hexctl.robot.rotations import quaternion_of_euler, roll_pitch_rad, yaw_rad
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 #: Identifiers of the controller: a ground system, as overrides come from one, and an onboard computer.
@@ -209,8 +209,5 @@ def flipped_quaternion(quaternion: FloatArray) -> FloatArray:
 
 def euler_of_quaternion(quaternion: FloatArray) -> tuple[float, float, float]:
     """Roll, pitch and yaw in rad of an orientation (w, x, y, z)."""
-    w, x, y, z = quaternion.tolist()
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, pitch, yaw
+    roll, pitch = roll_pitch_rad(quaternion)
+    return float(roll), float(pitch), float(yaw_rad(quaternion))

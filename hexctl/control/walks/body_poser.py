@@ -21,7 +21,7 @@ from hexctl.gait.body_pose import LEVEL, BodyPose, feet_from_body
 from hexctl.gait.foot_trajectory import StepPattern
 from hexctl.ik.legs import legs_that_reach, solve_legs
 from hexctl.robot.model import Robot
-from hexctl.robot.rotations import components
+from hexctl.robot.rotations import components, roll_pitch_rad
 from hexctl.types import BoolArray, FloatArray, RobotState, any_of
 
 #: Share of the servos' maximum speed with which a joint moves for a pose.
@@ -75,6 +75,7 @@ class BodyPoser:
         self._least, self._most = self._correction - MOST_LEVEL_RAD, self._correction + MOST_LEVEL_RAD
         self._frozen_imu = FrozenSensor()
         self._pattern: StepPattern | None = None
+        self._posed = False
         self._level_room: FloatArray = np.ones(shape)[()]
         self.stroke_share: FloatArray = np.ones(shape)[()]
         self._asked, self.pose_share, self.frozen = LEVEL, 1.0, False
@@ -104,6 +105,8 @@ class BodyPoser:
             self.goals, self._asked = self.commanded, BodyPose.of(self.commanded.reshape(-1, 6)[0])
             return
         moves = not self.at_rest
+        if not (moves or self.level or self._posed or self._asked != LEVEL):
+            return
         if moves:
             change = self.goals - self.commanded
             needed_s = np.add.reduce(np.abs(change) / self._speeds, axis=-1)[..., np.newaxis]
@@ -117,10 +120,11 @@ class BodyPoser:
             return
         self.poses = self.commanded + self._level_poses()
         self._take_room(pattern)
+        self._posed = bool(self.poses.any())
 
     def feet(self, feet_m: FloatArray) -> FloatArray:
         """Feet in the frames of the posed bodies, of feet of level ones, leading shape + (6, 3) in m."""
-        return feet_from_body(feet_m, self.poses) if self.poses.any() else feet_m
+        return feet_from_body(feet_m, self.poses) if self._posed else feet_m
 
     def lowered(self, pattern: StepPattern) -> StepPattern:
         """Pattern with the step heights that the poses leave."""
@@ -138,9 +142,7 @@ class BodyPoser:
             return
         w, x, y, z = components(quaternion)
         unseen = np.asarray(self._frozen_imu.update(dt_s, w, x, y, z))[..., np.newaxis]
-        roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-        error = self.commanded[..., :2] - np.stack([roll, pitch], axis=-1)
+        error = self.commanded[..., :2] - np.stack(roll_pitch_rad(quaternion), axis=-1)
         correction = self._correction + dt_s / LEVEL_S * np.where(np.isfinite(error) & ~unseen, error, 0.0)
         self._correction = np.clip(correction, self._least, self._most)
 

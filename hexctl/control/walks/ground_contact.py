@@ -16,6 +16,7 @@ the speed V and stays there, until its contact closes.
 
 import numpy as np
 
+from hexctl.errors import argument
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
@@ -54,7 +55,7 @@ def contact_notes(feet: str, state: RobotState) -> list[str]:
     """A note if `adaptive` feet have no effect, because the robot reports no contacts."""
     if feet != "adaptive" or state.foot_contacts is not None:
         return []
-    return ["--feet adaptive changes only the step height: the robot reports no foot contacts"]
+    return [f"{argument('feet')} adaptive changes only the step height: the robot reports no foot contacts"]
 
 
 class GroundContact:

@@ -28,7 +28,9 @@ class SteeredWalk(VelocityWalk):
             **self._pace_of([plan.gait for plan in start.plans]),
             hold=hold,
             trim_rad=self._each([plan.trim_rad for plan in start.plans]),
-            dead_reckoning=DeadReckoning(start.robot, self._shape, start.period_s),
+            dead_reckoning=(
+                DeadReckoning(start.robot, self._shape, start.period_s) if hold == "heading" else None
+            ),
             gains=gains,
         )
         self.velocity_body = self._law.velocity_body

@@ -224,7 +224,7 @@ class CourseHold:
             raise InputError(f"hold: got {hold}; allowed: line, heading")
         self._shape = np.shape(speed_m_s)
         self._trim_rad = trim_rad if hold == "heading" else 0.0
-        self._dead_reckoning = dead_reckoning if hold == "heading" else None
+        self._dead_reckoning = dead_reckoning
         self._all: BoolArray = np.ones(self._shape, dtype=bool)[()]
         self._over_ground: CourseOverGround | None = None
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()

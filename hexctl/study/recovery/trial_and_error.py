@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.archive import ArchiveKind
-from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 from hexctl.study.recovery.shaped_walk import ShapeSearch
@@ -72,15 +71,12 @@ class Behaviours:
 
 def load_behaviours(path: Path | str) -> Behaviours:
     """Archive of a file; raises InputError for a wrong, damaged or altered file, or another version."""
+    return KIND.load(path, _made)
 
-    def made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Behaviours:
-        shapes, duties, speeds = (arrays[name].astype(float) for name in ("shapes", "duties", "speeds"))
-        fingerprint, origin = head["robot_fingerprint"], head["origin"]
-        return Behaviours(
-            shapes=shapes, duties=duties, speeds=speeds, robot_fingerprint=fingerprint, origin=origin
-        )
 
-    return KIND.load(path, made)
+def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Behaviours:
+    parts = {name: arrays[name].astype(float) for name in ("shapes", "duties", "speeds")}
+    return Behaviours(**parts, robot_fingerprint=head["robot_fingerprint"], origin=head["origin"])
 
 
 def behaviours_file(robot: Robot) -> Path:
@@ -90,14 +86,7 @@ def behaviours_file(robot: Robot) -> Path:
 
 def behaviours_of(robot: Robot) -> Behaviours:
     """The shipped archive of a robot; raises InputError for a robot without one."""
-    path = behaviours_file(robot)
-    found = load_behaviours(path) if path.is_file() else None
-    if found is None or found.robot_fingerprint != robot.fingerprint:
-        raise InputError(
-            f"behaviours: got robot {robot.name}, which has no archive; allowed: ant, "
-            f"or build one with {KIND.command}"
-        )
-    return found
+    return KIND.load_of_robot(behaviours_file(robot), robot.name, robot.fingerprint, _made)
 
 
 class TrialAndErrorSearch(ShapeSearch):

@@ -6,6 +6,7 @@ import numpy as np
 
 from hexctl.errors import InputError, MessageError
 from hexctl.gait.body_pose import BodyPose
+from hexctl.robot.rotations import roll_pitch_rad, yaw_rad
 from hexctl.types import all_finite
 from hexctl.wire import ros_cdr
 
@@ -30,11 +31,13 @@ def decode_body_pose(payload: bytes) -> BodyPose:
     length = math.hypot(x, y, z, w)
     if abs(length - 1) > LENGTH_ERROR:
         raise MessageError(f"body_pose: got a quaternion of length {length:.3g}; allowed: 1")
+    quaternion = np.array([w, x, y, z])
+    roll_rad, pitch_rad = roll_pitch_rad(quaternion)
     try:
         return BodyPose(
-            roll_rad=math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-            pitch_rad=math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-            yaw_rad=math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+            roll_rad=float(roll_rad),
+            pitch_rad=float(pitch_rad),
+            yaw_rad=float(yaw_rad(quaternion)),
             forward_m=float(at.x),
             left_m=float(at.y),
             up_m=float(at.z),
