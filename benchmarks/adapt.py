@@ -63,7 +63,7 @@ def _choices_ms(prior: Prior, world: int) -> "np.ndarray[tuple[int], np.dtype[np
 
 
 def _session_s(scale: Scale) -> tuple[float, int]:
-    """Run `hexctl adapt` in a process of its own, in an empty folder; return its wall time and its trials.
+    """Run `hexctl adapt` in its own process, in an empty folder; return its wall time and its trials.
 
     The target is one that is never reached, so that it walks its whole budget.
     """

@@ -27,7 +27,7 @@ from hexctl.robot.configs import find_config
 from hexctl.robot.loader import load_robot_file
 from hexctl.types import FloatArray, JointTargets, RobotState
 
-#: Families: driver, model, and the greatest age of a joint's angle in 99 of 100 periods, in s.
+#: Families: driver, model, and the largest age of a joint's angle in 99 of 100 periods, in s.
 FAMILIES = {
     "x": ("dynamixel", "xl430-w250", 0.020),
     "sts": ("feetech", "sts3215", 0.020),
@@ -141,7 +141,7 @@ def _counts(servos: TimedServos) -> str:
 
 
 def _walked(driver: str, model: str, duration_s: float, *faults: str) -> tuple[TrialResult, TimedServos]:
-    """Walk `phantomx` on a simulated bus, which is a process of its own; joints go where they are told."""
+    """Walk `phantomx` on a simulated bus, which is its own process; joints follow their targets."""
     with TemporaryDirectory() as folder, _board(Path(folder), driver, model, *faults) as (file, port):
         robot_file = load_robot_file(file)
         options = BackendOptions(robot=robot_file.robot, robot_file=robot_file, connect=port)

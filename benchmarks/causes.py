@@ -2,7 +2,7 @@
 
 A defect is too little torque, soft servos or a slippery slope, each drawn from hardly noticed to hopeless.
 Robots are drawn until enough of each defect make no progress. The cause that is named is counted, and the
-range of each symptom stands beside it.
+range of each symptom stands next to it.
 """
 
 from collections import Counter

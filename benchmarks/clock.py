@@ -34,7 +34,7 @@ DRIFT_US = 1000.0
 
 
 def clock_rows(scale: Scale) -> Iterator[Row]:
-    """Ticks, drift and lateness of hexctl's loop on the wall clock beside a bare deadline loop."""
+    """Ticks, drift and lateness of hexctl's loop on the wall clock, and of a bare deadline loop."""
     expected = round(scale.clock_s / PERIOD_S)
     loops = run_together(("hexctl", "bare") * PAIRS, expected)
     ours = loops["hexctl"]
@@ -43,7 +43,7 @@ def clock_rows(scale: Scale) -> Iterator[Row]:
     count = min(len(loop.time_s) for loop in ours)
     note = f"in {scale.clock_s:g} s, the fewest of {PAIRS} loops; {priority}"
     yield Row("clock.ticks", count, "ticks", Bar(expected - 1, expected + 1), note)
-    note = "last fifth of the ticks against the first, median lateness on a clock of its own"
+    note = "last fifth of the ticks against the first, median lateness on its own clock"
     yield Row("clock.drift", max(abs(_drift_us(loop)) for loop in ours), "us", Bar(high=DRIFT_US), note)
     for percent in (50, 99):
         name = f"clock.lateness_p{percent}"

@@ -35,11 +35,11 @@ BEFORE_S, REST_S = 2.0, 0.002
 
 
 def flood_rows(scale: Scale) -> Iterator[Row]:
-    """What gets through of a client's commands, and how long a stop takes, beside each flood."""
+    """What gets through of a client's commands, and how long a stop takes, during each flood."""
     prepare_codec()
     for rate_hz in RATES_HZ:
         share, foreign_hz, stop_s = _beside(rate_hz, scale.flood_s)
-        note = f"beside {foreign_hz:.0f} foreign ones a second that were read"
+        note = f"during {foreign_hz:.0f} foreign ones a second that were read"
         yield Row(f"flood.{rate_hz}.through", share, "share", Bar(low=0.99), note)
         yield Row(f"flood.{rate_hz}.estop", 1000 * stop_s, "ms", None, "until it was confirmed")
 

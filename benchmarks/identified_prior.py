@@ -1,4 +1,4 @@
-"""Adaptation with a prior for an identified robot, beside the shipped prior and random codes.
+"""Adaptation with a prior for an identified robot, compared with the shipped prior and random codes.
 
 `python -m benchmarks.identified_prior real 9960 6 [FOLDER]`: in each world `ant` is identified on a stand and
 on a walk, 120 gaits of its robot file walk in worlds of `randomised`, and the search starts from this prior.

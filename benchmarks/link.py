@@ -1,4 +1,4 @@
-"""The link: how long a command takes to come back as a state, beside a bare Zenoh echo; and a long walk."""
+"""The link: how long a command takes to come back as a state, and a bare Zenoh echo; and a long walk."""
 
 import socket
 import subprocess
@@ -167,7 +167,7 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
 
 @contextmanager
 def served(port: int, backend: str) -> Iterator["subprocess.Popen[str]"]:
-    """Serve a robot in a process of its own until the block ends."""
+    """Serve a robot in its own process until the block ends."""
     command = [sys.executable, "-u", "-m", "hexctl", "serve", "--backend", backend]
     with _process([*command, "--listen", f"tcp/127.0.0.1:{port}"], "serving") as server:
         yield server

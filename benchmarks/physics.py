@@ -19,7 +19,7 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """A simulation at one moment: a model of its own and the whole state."""
+    """A simulation at one moment: its own model and the whole state."""
 
     model: Any
     state: FloatArray

@@ -211,7 +211,7 @@ class RobotBatches(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 may be mi
         raise NotImplementedError
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Refused: a robot has no methods of its own."""
+        """Refused: a robot has no own methods."""
         raise NotImplementedError
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:

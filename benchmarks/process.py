@@ -1,4 +1,4 @@
-"""The command as a process of its own, in an empty folder."""
+"""The command as its own process, in an empty folder."""
 
 import json
 import subprocess

@@ -1,6 +1,6 @@
 """The ledger of reality: published measurements against hexctl's values; `python -m benchmarks.reality`.
 
-Measured files are read from ../shared/data beside the checkout, or from $HEXCTL_REALITY; items without their
+Measured files are read from ../shared/data next to the checkout, or from $HEXCTL_REALITY; items without their
 file are skipped. Held or not: an item may be red.
 """
 

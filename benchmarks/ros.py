@@ -1,4 +1,4 @@
-"""ROS beside the robot's own link: what `hexctl serve --ros` costs a core, and the robot's own round trip."""
+"""ROS and the robot's own link: what `hexctl serve --ros` costs a core, and the robot's own round trip."""
 
 import json
 import os
@@ -34,7 +34,7 @@ def ros_rows(scale: Scale) -> Iterator[Row]:
     """Two simulations in real time, one of them a node whose topics are all subscribed to, in turn."""
     times = round(scale.link_s / PERIOD_S)
     (plain_us, with_us), (plain, with_ros), messages = _measured(times)
-    note = f"beside a simulation, all topics subscribed to ({messages} messages); a core is 100"
+    note = f"next to a simulation, all topics subscribed to ({messages} messages); a core is 100"
     yield Row("ros.cpu.extra", 100 * (with_ros - plain), "% of a core", Bar(high=10), note)
     note = f"command to state of a served simulation, with over without ROS, {times} of each in turn"
     for percent, bar in ((50, Bar(high=1.1)), (99, None)):

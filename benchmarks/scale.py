@@ -16,7 +16,7 @@ class Scale:
         ticks: control ticks per round of the tick benchmark.
         clock_s: how long the wall clock is watched.
         link_s: how long round trips over the link are measured.
-        flood_s: how long commands are counted beside a flood of foreign ones.
+        flood_s: how long commands are counted during a flood of foreign ones.
         twin_s: how long a robot at the other end of the link walks.
         bus_s: how long each of the robots on a bus walks.
         memory_s: how long a simulated robot walks while its memory is watched.

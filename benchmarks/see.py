@@ -58,4 +58,4 @@ def _held_rows(scale: Scale) -> Iterator[Row]:
         steps_m.append(errors.greatest_step_m)
     note = f"{len(cases)} walks of {scale.see_walk_s:g} s, a leg locked or missing, world transfer:{WORLD}"
     yield Row("see.held", 100 * float(np.mean(farther_m)), "cm", Bar(high=HELD_CM), note)
-    yield Row("see.step", 100 * max(steps_m, default=np.nan), "cm", Bar(high=2.0), "greatest in 20 ms")
+    yield Row("see.step", 100 * max(steps_m, default=np.nan), "cm", Bar(high=2.0), "largest in 20 ms")

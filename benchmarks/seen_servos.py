@@ -32,7 +32,7 @@ FPS, LATENCY_S, DROPPED = 30.0, 0.08, 0.02
 CAMERA = Camera.looking(WEBCAM, np.array([1.0, -1.63, 1.63]), np.array([1.0, 0.0, 0.0]))
 WALK_S = 15.0
 
-#: Tags beside the walk.
+#: Tags next to the walk.
 TAGS = {
     number: PlacedTag(
         number, tag.edge_m, PlanarPose(0.6 * tag.pose.x_m + 1.0, 0.6 * tag.pose.y_m + 0.25, tag.pose.yaw_rad)
@@ -60,7 +60,7 @@ class PoseErrors:
 
     @property
     def greatest_step_m(self) -> float:
-        """Greatest change of the error between two ticks."""
+        """Largest change of the error between two ticks."""
         steps = np.diff(np.array(self.off_m), axis=0)
         return float(np.hypot(*steps.T).max())
 

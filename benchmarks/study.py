@@ -38,7 +38,7 @@ def study_rows(scale: Scale) -> Iterator[Row]:
 
 
 def _run_study(legs: int, scale: Scale) -> float:
-    """Run the study in a process of its own, in an empty folder, and return its wall time in s."""
+    """Run the study in its own process, in an empty folder, and return its wall time in s."""
     arguments = ["study", "--duration", f"{scale.walk_s:g}"]
     if legs < N_LEGS:
         arguments += ["--legs", str(LEG), "--runs", "2", "--budget", "10", "--optimizers", "random"]

@@ -23,11 +23,11 @@ def alternate(
 
 
 def median_ratio(pairs: Sequence[tuple[float, float]]) -> float:
-    """Return the median over the rounds of ours divided by the reference."""
+    """Return the median over the rounds of our times divided by the reference."""
     return median(ours / bare for ours, bare in pairs)
 
 
 def spread(pairs: Sequence[tuple[float, float]]) -> str:
-    """Return the least and the greatest ratio of any round, as text for a note."""
+    """Return the smallest and the largest ratio of any round, as text for a note."""
     ratios = [ours / bare for ours, bare in pairs]
     return f"{min(ratios):.3f}..{max(ratios):.3f} over {len(ratios)} rounds"

@@ -1,4 +1,4 @@
-"""What a live view costs a robot: the lateness of loops that are shown beside loops that are not.
+"""What a live view costs a robot: the lateness of loops that are shown, and of loops that are not.
 
 All run at the same time, as in the clock benchmark. The viewers save what they are sent, because a benchmark
 has no screen: what drawing takes of the machine is not in it, what talking to a viewer takes is.
@@ -19,7 +19,7 @@ HEAD_START_S = 8.0
 
 
 def view_rows(scale: Scale) -> Iterator[Row]:
-    """Ticks and lateness of hexctl's loop on the wall clock with a live view, beside loops without."""
+    """Ticks and lateness of hexctl's loop on the wall clock with a live view, and of loops without."""
     expected = round(scale.clock_s / PERIOD_S)
     loops = run_together(("viewed", "hexctl") * PAIRS, expected, HEAD_START_S)
     count = min(len(loop.time_s) for loop in loops["viewed"])

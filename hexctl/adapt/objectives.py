@@ -95,9 +95,7 @@ _SHIPPED = (
         measure=lambda result: _deviation(result).final,  # the paper's F
     ),
     Objective(name="mean", label="mean deviation", unit="m", measure=lambda result: _deviation(result).mean),
-    Objective(
-        name="max", label="greatest deviation", unit="m", measure=lambda result: _deviation(result).max
-    ),
+    Objective(name="max", label="maximum deviation", unit="m", measure=lambda result: _deviation(result).max),
     Objective(
         name="progress",
         label="deviation at the end per share of the ideal distance",

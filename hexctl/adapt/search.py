@@ -258,21 +258,21 @@ def _contradictions(spec: SessionSpec, objective: Objective) -> Iterator[tuple[b
     short = objective.name in ("tilt", "steadiness") and spec.duration_s < LEAST_S
     got = f"{argument('duration_s')}: got {spec.duration_s:g} with {named} {objective.name}"
     yield short, f"{got}, which is measured after the soft start", f"{LEAST_S:g} or more"
-    got = f"{staying}: got it with {sim}, where each trial begins at the same place"
+    got = f"{staying}: used with {sim}, where each trial begins at the same place"
     yield spec.simulated and stays, got, "with a robot that stays where a walk ends"
     home, nowhere = spec.home_m, "with it, whose middle it is"
     yield home is not None and spec.arena_m is None, f"home_m: got {home} without arena_m", nowhere
     point = home is None or (len(home) == 2 and all(map(math.isfinite, home)))
     yield not point, f"home_m: got {home}", "x and y in m"
-    got = f"{argument('cool_down_c')}: got it with {sim}, whose servos do not heat up"
+    got = f"{argument('cool_down_c')}: used with {sim}, whose servos do not heat up"
     yield spec.cool_down_c is not None and spec.simulated, got, "with a real robot"
     aimed = stays and bool(spec.heading_rad) and spec.self_rotation != "none"
     got = f"{argument('heading_rad')}: got {math.degrees(spec.heading_rad):g} with {staying}"
     seen = f"with {argument('self_rotation')} none, as seen from the body"
     yield aimed, f"{got}, where the line is wherever it fits", seen
     located = "with a robot that knows where it is"
-    yield spec.ask and spec.arena_m is not None, f"{argument('arena_m')}: got it with {ask}", located
-    yield spec.ask and spec.early_stop, f"{argument('early_stop')}: got it with {ask}", located
+    yield spec.ask and spec.arena_m is not None, f"{argument('arena_m')}: used with {ask}", located
+    yield spec.ask and spec.early_stop, f"{argument('early_stop')}: used with {ask}", located
     got = f"{argument('hold')}: got line with {ask}, where the robot does not know its position"
     yield spec.ask and spec.hold == "line", got, "auto, heading, none"
     usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_course]

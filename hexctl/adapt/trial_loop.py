@@ -293,7 +293,7 @@ class AdaptLoop:
             reason = str(error) if isinstance(error, HexctlError) else f"{type(error).__name__}: {error}"
             raise InputError(
                 f"objective {self._objective.name}: failed on {what} "
-                f"({' '.join(reason.split())}); the trials before it are stored: once it is mended, "
+                f"({' '.join(reason.split())}); the trials before it are stored: once that is corrected, "
                 f"{argument('resume')} {self._session.name} walks it again"
             ) from error
 

@@ -155,8 +155,7 @@ class TrialPlan:
         if self.hold != "none" or not self.straight:
             turned = "" if self.straight else " and a walk that is not straight"
             raise InputError(
-                f"turn trim: got it with hold {self.hold}{turned}; "
-                "allowed: with hold none and a straight walk"
+                f"turn trim: used with hold {self.hold}{turned}; allowed: with hold none and a straight walk"
             )
         if not abs(trim_rad_s) <= MAX_TURN_TRIM_RAD_S:
             raise InputError(

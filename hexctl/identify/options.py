@@ -16,7 +16,7 @@ class IdentifyOptions(RecordedOptions):
     PANEL: ClassVar = "Result"
 
     output: Annotated[str | Path | None, Typed(short="o")] = None
-    """Robot file to write, new, .yaml: the robot's with the servos found, and a picture beside it. (default:
+    """Robot file to write, new, .yaml: the robot's with the servos found, and a picture next to it. (default:
     none)
     """
 

@@ -74,9 +74,7 @@ class DriveOptions(RobotOptions, GroundOptions):
         if self.page is None:
             for name in ("page_keys", "page_view"):
                 if getattr(self, name) is not None:
-                    raise InputError(
-                        f"{argument(name)}: got it without --page; allowed: with --page HOST:PORT"
-                    )
+                    raise InputError(f"{argument(name)}: used without --page; allowed: with --page HOST:PORT")
         self._check_devices()
 
     def _check_devices(self) -> None:

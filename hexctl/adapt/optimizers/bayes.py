@@ -191,7 +191,7 @@ class Bayes(Optimizer):
         choose = most_useful if ahead else most_promising
         row = choose(self.forecast(), self._chance_valid(), tried, self._best_m())
         gain = "this trial and the next one together" if ahead else "one trial"
-        return Choice(row + 1, f"the greatest expected gain of {gain}")
+        return Choice(row + 1, f"the largest expected gain of {gain}")
 
     def _worth_repeating(self, code: int) -> bool:
         """Whether a walked gait is the best candidate, and its end not known to `uncertainty_m`."""

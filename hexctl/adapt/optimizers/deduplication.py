@@ -23,7 +23,7 @@ class Deduplication(Optimizer):
 
     1. A repeated code is answered from memory, does not count, and the search is asked again. 2. After
     `patience` repeated codes in a row the search is stuck, as a converged population repeats itself. Then
-       random untried codes are handed out, until the search has a fresh code of its own; it is asked before
+       random untried codes are handed out, until the search has its own new code; it is asked before
        each.
     3. The search gets only scores of codes that it asked for, in its order: others would corrupt a
     population. The

@@ -175,7 +175,7 @@ class SpeciatedSwarm(ParticleSwarm):
     """A swarm whose particles follow the seed of their species instead of one global best.
 
     Every generation the particles are sorted by their best scores, best first. Each joins the first seed
-    within radius r of its own best position, else it becomes a seed itself. Then
+    within radius r of the best position that it had, else it becomes a seed itself. Then
 
         v ← ω v + c1 r1 (p - x) + c2 r2 (s - x),   x ← x + v
 

@@ -100,7 +100,7 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
             )
         if spec.early_stop and ":" not in spec.optimizer:
             raise InputError(
-                f"{argument('early_stop')}: got it without a prior; allowed: with bayes and a prior"
+                f"{argument('early_stop')}: used without a prior; allowed: with bayes and a prior"
             )
         if spec.worth_m is not None:
             raise InputError(
@@ -110,7 +110,7 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
         return False
     if spec.count_repeats:
         raise InputError(
-            f"{argument('count_repeats')}: got it with bayes; allowed: without, bayes repeats a gait when "
+            f"{argument('count_repeats')}: used with bayes; allowed: without, bayes repeats a gait when "
             "that tells most"
         )
     return True
@@ -139,7 +139,7 @@ def _with_prior(spec: SessionSpec, path: Path) -> SessionSpec:
 def _check_scored(spec: SessionSpec) -> None:
     if spec.early_stop:
         raise InputError(
-            f"{argument('early_stop')}: got it with {argument('objective')} {spec.objective}; allowed: with "
+            f"{argument('early_stop')}: used with {argument('objective')} {spec.objective}; allowed: with "
             "final, which the course of a walk tells before its end"
         )
     if spec.worth_m:

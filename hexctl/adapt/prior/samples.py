@@ -47,7 +47,7 @@ class Samples:
 
 
 def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
-    """Samples for a failed leg: of its own worlds, and of symmetric legs.
+    """Samples for a failed leg: of its worlds, and of symmetric legs.
 
     A turned or mirrored gait begins at another phase: it is a plausible walk of this leg, not the same one.
     Raises InputError if the prior has neither.

@@ -269,10 +269,10 @@ class RegisterServo(Servo):
 
     def renew_torque_limit(self) -> None:
         """Set a torque limit of 0 to the maximum; AX servos have 0 after an overload."""
-        limit, greatest = self.table.torque_limit, self.table.max_torque
-        if limit is None or greatest is None or self.read_twice(limit) != 0:
+        limit, stored = self.table.torque_limit, self.table.max_torque
+        if limit is None or stored is None or self.read_twice(limit) != 0:
             return
-        if most := self.value_twice(greatest):
+        if most := self.value_twice(stored):
             self.change(limit, most)
 
     def soften(self) -> str:
@@ -349,12 +349,12 @@ class RegisterServo(Servo):
         if shutdown is not None and (missing := bit_words(table.protections, ~shutdown)):
             notes.append(f"it does not protect itself from {missing}")
         notes += self._overload_notes()
-        greatest, now = self.value_twice(table.max_torque), self.value_twice(table.soft_torque)
-        if greatest == 0:
+        stored, now = self.value_twice(table.max_torque), self.value_twice(table.soft_torque)
+        if stored == 0:
             notes.append("its maximum torque is set to 0")
-        elif greatest is not None and greatest < 1 - TORQUE_SHARE:
-            notes.append(f"its stored maximum torque is {100 * greatest:.0f} %, from the factory 100 %")
-        if greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
+        elif stored is not None and stored < 1 - TORQUE_SHARE:
+            notes.append(f"its stored maximum torque is {100 * stored:.0f} %, from the factory 100 %")
+        if stored is not None and now is not None and 0 < now < stored - TORQUE_SHARE:
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
         if speed := self.value_twice(table.speed):
             notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")

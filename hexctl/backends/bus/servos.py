@@ -117,7 +117,7 @@ class BusThread(PortThread[ServoBus]):
             return
         self._asked = (self._asked + 1) % len(self.limp)
         torque = self._device.torque(self._asked, tries=1)
-        if torque is False:  # a wrong answer is rare, two of them never come
+        if torque is False:  # one wrong answer is rare, and two in a row are not wrong
             torque = self._device.torque(self._asked, tries=1)
         if torque is False:
             self.limp[self._asked], self._held[self._asked] = True, False

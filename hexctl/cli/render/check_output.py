@@ -49,7 +49,7 @@ def _heading(report: dict[str, Any]) -> list[str]:
 
 #: Rows of the envelope's table.
 ENVELOPE = (
-    "envelope: greatest velocity commands, by which steered walks and VelocityWalk go, and smallest static",
+    "envelope: largest velocity commands, by which steered walks and VelocityWalk go, and smallest static",
     "margin of the most stable gait there. Strokes are 1.2 amplitudes at most, every foot in reach, every",
     "joint in its range; how fast joints turn is not part of it: where `speed` is not kept, the guard clips.",
 )

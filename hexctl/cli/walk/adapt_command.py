@@ -105,7 +105,7 @@ def adapt(
             _resume(resume, given(context).get("--budget"), trust, record=not no_record, **shown)
         )
     if trust:
-        raise InputError("--trust: got it without --resume; allowed: with --resume SESSION")
+        raise InputError("--trust: used without --resume; allowed: with --resume SESSION")
     if search["failed_leg"] is None and not search["failure"]:
         raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
     if search["failed_leg"] == AUTO_LEG:

@@ -14,7 +14,7 @@ from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
 from hexctl.ik.legs import legs_that_reach
-from hexctl.robot.formats.importing.robot_import import ImportedRobot
+from hexctl.robot.formats.importing.robot_import import USUAL_STRIDE, ImportedRobot
 from hexctl.robot.servos.servo_map import servo_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 
@@ -30,11 +30,14 @@ POINTS, LOOK_RAD = 40, HEADINGS_RAD[::3]
 #: Number of stances per stride with a calculated load, and the used share of the possible pace.
 LOADS, PACE_SHARE = 2, 0.9
 
-#: A slower default gait is none.
+#: The slowest default gait.
 LEAST_PACE_HZ = 0.05
 
 #: Reason if the legs reach no gait.
-OUT_OF_REACH = "no stride of a tenth of its reach stays within the ranges of its joints"
+OUT_OF_REACH = (
+    f"no stride of {SHARES[-1] * USUAL_STRIDE:.0%} of the distance from hip to foot stays within the "
+    "ranges of its joints"
+)
 
 
 def walkable(imported: ImportedRobot) -> ImportedRobot:

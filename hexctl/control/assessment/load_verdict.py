@@ -87,7 +87,7 @@ def _too_soft(load: GaitLoad) -> str:
     if load.typical_sag_m < MOST_SAG * load.step_height_m:
         return ""
     return (
-        f"too soft: its body sinks {1000 * load.typical_sag_m:.0f} mm where a step is "
+        f"too soft: its body sinks {1000 * load.typical_sag_m:.0f} mm and a step is "
         f"{1000 * load.step_height_m:.0f} mm high, so no foot leaves the floor"
     )
 
@@ -104,7 +104,7 @@ def _weak(load: GaitLoad) -> str:
     return (
         f"weak: its servos carry {load.capacity:.2f} times its weight while it walks; "
         f"of {WEAK_WALKS[1]} robots below {GOOD_CAPACITY:g} that were simulated, "
-        f"{WEAK_WALKS[0]} made half of their way"
+        f"{WEAK_WALKS[0]} walked half of the distance"
     )
 
 
@@ -134,7 +134,7 @@ def _soft(load: GaitLoad) -> str:
     sag_deg = float(np.degrees(load.deflections_rad.max()))
     return (
         f"soft: joints give way by up to {sag_deg:.1f} deg under the weight; {left}; of {of} such "
-        f"robots that were simulated, {walked} made half of their way"
+        f"robots that were simulated, {walked} walked half of the distance"
     )
 
 
@@ -144,7 +144,7 @@ def _cross(load: GaitLoad) -> str:
     walked, of = next((walked, of) for most, walked, of in CROSSING_WALKS if load.crossing_share <= most)
     return (
         f"{_nearest(load)} cross for {100 * load.crossing_share:.0f} % of the cycle: of {of} such "
-        f"robots that were simulated with solid legs, {walked} made half of their way"
+        f"robots that were simulated with solid legs, {walked} walked half of the distance"
     )
 
 

@@ -126,7 +126,7 @@ class BackdrivenCalibration:
         if reference is not None and not min(low, high) < reference < max(low, high):
             self._operator.tell(
                 f"  got counts {low:.0f} and {high:.0f}, and {reference:.0f} in the pose; allowed: the pose "
-                "between both ends. Was it moved the other way? Else its counts begin anew within its "
+                "between both ends. Was it moved the other way? Else its counts start again within its "
                 "travel: take the horn off, turn the servo by a quarter, and pose the leg again"
             )
             return False

@@ -102,7 +102,7 @@ def _calibrated(backend: str, options: BackendOptions) -> Any:
     if not isinstance(servos, CalibratedServos):
         raise InputError(
             f"{argument('backend')}: got {backend}, whose servos have no servo map; allowed: mavlink, a "
-            "driver of servos, or servos of your own with `servo_map` and `remap`"
+            "driver of servos, or custom servos with `servo_map` and `remap`"
         )
     return servos
 

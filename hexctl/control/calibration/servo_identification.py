@@ -76,7 +76,7 @@ class Identification:
             )
         if not self.output.parent.is_dir():
             raise InputError(
-                f"{argument('output')}: got {self.output}; allowed: a file in a folder that there is"
+                f"{argument('output')}: got {self.output}; allowed: a file in an existing folder"
             )
         if self.draft.is_file():
             self._take_over(self.draft)

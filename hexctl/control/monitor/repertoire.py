@@ -23,7 +23,7 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, FloatArray
 
-#: A repertoire covers gaits with pace, amplitude and height within this share of its own.
+#: A repertoire covers gaits with pace, amplitude and height within this share of those of its robot.
 NEAR = 0.15
 
 #: Minimum gain of a better candidate, as a share of the commanded speed, and in standard errors.

@@ -20,7 +20,7 @@ def check_writable(path: Path) -> None:
     if path.resolve().is_relative_to(config_root().resolve()):
         copy = f"my-{path.name}"
         raise InputError(
-            f"calibrate: got the shipped robot {path.stem}; allowed: a file of your own: "
+            f"calibrate: got the shipped robot {path.stem}; allowed: your own file: "
             f"hexctl robot copy {path.stem} {copy}, then hexctl calibrate {copy}"
         )
     if not os.access(path, os.W_OK) or not os.access(path.resolve().parent, os.W_OK):

@@ -161,7 +161,7 @@ def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Itera
     values = [(name, str(value)) for name, value in world.items() if name != "sensor_noise"]
     parameters = Fold("Parameters of the world", Table(("parameter", "value"), values))
     yield Section("", [summary(findings), _settings(findings), findings.uncertainty.sentence, parameters])
-    header = ("claim of the paper", "holds here if", "measured here", "beside it", "verdict")
+    header = ("claim of the paper", "holds here if", "measured here", "for comparison", "verdict")
     rows = [(one.claim, one.rule, one.measured, _beside(one), one.verdict) for one in findings.claims]
     yield Section("Claims of the paper", [Table(header, rows)])
     ranks = {"early": expected_best_rank(EARLY), "late": expected_best_rank(LATE)}
@@ -181,8 +181,7 @@ def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Itera
     title = "Means of each leg over its runs, with standard deviation, by the paper's count"
     yield Section(title, [_leg_means(findings)])
     distinct = (
-        "Mean over runs: codes of its own until the search is stuck / different codes that the paper's "
-        "count buys."
+        "Mean over runs: new codes until the search is stuck / different codes that the paper's count buys."
     )
     yield Section("Distinct codes", [distinct, _distinct(findings)])
 
@@ -242,7 +241,7 @@ def _bar_blocks(findings: Findings) -> list[Block]:
     late = limit_text(LATE_M)
     bar = (
         f"{limit_text(EARLY_M)} within {EARLY} evaluations; within {LATE}, {late}, or, for a leg whose best "
-        f"gait of all is above {late}, {limit_text(LATE_ABOVE_BEST_M)} more than that gait. Beside it the "
+        f"gait of all is above {late}, {limit_text(LATE_ABOVE_BEST_M)} more than that gait. Next to it the "
         "random baseline, which has to hold it too."
     )
     bars = bars_of(findings)

@@ -126,7 +126,7 @@ def test_a_soft_robot_is_told_how_many_like_it_walked(stiffness: float, walked: 
     verdict = verdict_of(changed("phantomx", stiffness=stiffness))
     soft = [warning for warning in verdict.warnings if warning.startswith("soft")]
     assert verdict.doubtful == bool(soft) == (walked is not None)
-    assert all(f"of 20 such robots that were simulated, {walked} made half" in warning for warning in soft)
+    assert all(f"of 20 such robots that were simulated, {walked} walked half" in warning for warning in soft)
 
 
 def test_legs_that_touch_or_cross_are_warned_of() -> None:

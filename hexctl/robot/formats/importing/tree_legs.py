@@ -14,8 +14,7 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 
 #: Shorter coxae do not show the direction of a leg.
 SHORTEST_COXA_M = 0.005
-#: Distance of a foot from the plane of its leg: as a share of the leg what needs no word, and what a
-#: projection allows.
+#: Distance of a foot from the plane of its leg: ignored up to this share of the leg, projected up to that.
 PLANE_TOLERANCE, MOST_FOOT_OFFSET_M = 0.025, 0.06
 #: Tolerance of differences between legs, as a share of the leg, and the noted part of it.
 LEG_TOLERANCE, NOTED_DIFFERENCE = 0.025, 0.004
