@@ -52,6 +52,10 @@ def even_box_m(mass_kg: float, moments_kg_m2: tuple[float, float, float]) -> tup
     return x, y, z
 
 
+#: Names of robots: lower case letters, digits, hyphens and underscores.
+NAME = r"^[a-z0-9][a-z0-9_-]{0,39}$"
+
+
 @file_part("body")
 class Body:
     """The trunk: a box or an upright cylinder, centred on the body frame.
@@ -376,7 +380,7 @@ class RobotSchema(Section):
         unknown: keys whose values were not measured, such as `body.mass_kg`.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")]
+    name: Annotated[str, Field(pattern=NAME)]
     description: str = ""
     size_m: Length
     body: Body

@@ -38,6 +38,7 @@ from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.formats.mjcf import GAIT_KEY, SIZE_KEY
 from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
+from hexctl.robot.schema import NAME
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: The robot's front in the frame of the root, and its axis there.
@@ -144,8 +145,11 @@ def import_robot(
     """
     if forward not in FORWARD:
         raise InputError(f"{argument('forward')}: got {forward}; allowed: {', '.join(FORWARD)}")
-    if name is not None and name != _short_name(name):
-        raise InputError(f"{argument('name')}: got {name}; allowed: small letters, figures and dashes")
+    if name is not None and not re.fullmatch(NAME, name):
+        raise InputError(
+            f"{argument('name')}: got {name}; allowed: up to 40 lower case letters, digits, hyphens and "
+            "underscores, first a letter or digit"
+        )
     tree, held = with_three_hinges(_read(Path(path)))
     made = _imports(tree, held, forward, None if foot_m is None else np.array(foot_m))
     chosen = next((one for one in made if one.stances), None)
