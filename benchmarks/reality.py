@@ -21,7 +21,7 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.telemetry_watch import BatteryWatch, Temperatures
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
-from hexctl.identify.bench_run import BenchRun, fit_bench, read_bench_run
+from hexctl.identify.bench_run import BenchRun, fit_bench, hinge_model, read_bench_run
 from hexctl.identify.fit import mean_errors_rad
 from hexctl.identify.parameters import ServoValues
 from hexctl.identify.powered_servos import PoweredServos
@@ -122,16 +122,8 @@ def _no_load_deg_s(values: ServoValues) -> float:
 
 def ax12a_overshoot_deg(bar_kg_m2: float) -> float:
     """Overshoot of a step of 500 counts (146.6 degrees) with a balanced bar."""
-    values, step_s = ServoValues.of(load_robot("phantomx-ax")), 0.002
-    moments = " ".join([str(bar_kg_m2 + 1e-6)] * 3)
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 0"/><worldbody><body>'
-        '<joint name="servo" type="hinge" axis="0 0 1" frictionloss="0.1" '
-        'solimpfriction="0.999 0.999 0.001"/>'
-        f'<inertial pos="0 0 0" mass="0.1" diaginertia="{moments}"/></body></worldbody>'
-        '<actuator><position joint="servo" kp="1" kv="0.1" forcelimited="true" forcerange="-1 1"/></actuator>'
-        "</mujoco>"
-    )
+    values = ServoValues.of(load_robot("phantomx-ax"))
+    model = hinge_model(0.1, 0.0, bar_kg_m2 + 1e-6)
     data, goal_rad, angles = mujoco.MjData(model), np.radians(500 * 300 / 1023), []
     at_once = replace(values, dead_time_s=0.0)
     servos = PoweredServos(model, slice(0, 1), at_once, values.stiffness_nm_per_rad)
