@@ -1,7 +1,7 @@
 """The ledger of reality: published measurements against hexctl's values; `python -m benchmarks.reality`.
 
-With --save it writes the table of docs/results/reality.md. Measured files are read from ../shared/data beside
-the checkout, or from $HEXCTL_REALITY; items without their file are skipped. An item may be red.
+With --save it writes the table of docs/results/reality.md. Measured files are read from ../shared/data next
+to the checkout, or from $HEXCTL_REALITY; items without their file are skipped. An item may be red.
 """
 
 import json
