@@ -2,13 +2,13 @@
 
 `python -m benchmarks.identified_prior real 9960 6 [FOLDER]`: in each world `ant` is identified on a stand and
 on a walk, 120 gaits of its robot file walk in worlds of `randomised`, and the search starts from this prior.
-The folder keeps the priors.
 """
 
 import sys
 from functools import partial
 from pathlib import Path
 
+from benchmarks.identify import stand_and_walk
 from benchmarks.search_gain import (
     OPEN_LOOP_PRIOR,
     Knowledge,
@@ -20,15 +20,17 @@ from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import DriftSamples, drift_samples_of
 from hexctl.backends.sim.world import World, load_randomization
-from hexctl.identify.identification import identify, move_on_stand
-from hexctl.identify.identified_file import identified_text
+from hexctl.identify.identification import identify
+from hexctl.identify.identified_file import write_identified
 from hexctl.robot.loader import load_robot
-from hexctl.runs.run import run
 from hexctl.study.priors.prior_building import PriorPlan, build_prior
 from hexctl.study.walking import Work
 
-#: Duration of the walk that the trunk is identified from, and number of walks of each search.
-WALK_S, WALKS = 10.0, 10
+#: Keeps logs, robot files and priors: the same command continues.
+FOLDER = Path("runs/identified")
+
+#: Number of walks of each search.
+WALKS = 10
 
 
 def identified_knowledge(folder: Path, world: World, number: int, leg: int) -> DriftSamples:
@@ -46,12 +48,10 @@ def identified_knowledge(folder: Path, world: World, number: int, leg: int) -> D
 
 def _identified(folder: Path, world: World, number: int) -> Path:
     """Robot file of `ant` as it is in a world."""
-    file, stand, walk = (folder / f"{number}{end}" for end in (".yaml", "-stand.rrd", "-walk.rrd"))
+    file = folder / f"{number}.yaml"
     if not file.exists():
-        on_stand = world.model_copy(update={"on_stand": True})
-        move_on_stand(world=on_stand, record=stand, seed=number)
-        run(world=world, record=walk, seed=number, duration_s=WALK_S, hold="none")
-        file.write_text(identified_text("ant", identify([stand, walk])))
+        logs = stand_and_walk(load_robot("ant"), world, number, folder)
+        write_identified("ant", identify(logs), file)
     return file
 
 
@@ -64,7 +64,7 @@ def one_leg_knowledge(_world: World, _number: int, leg: int) -> DriftSamples:
     return drift_samples_of(alone, load_robot("ant"), leg)
 
 
-def main(family: str, first: int, worlds: int, folder: Path) -> None:
+def main(family: str, first: int, worlds: int, folder: Path = FOLDER) -> None:
     """Print the figures of each search."""
     folder.mkdir(parents=True, exist_ok=True)
     searches: dict[str, tuple[str, Knowledge]] = {
@@ -80,4 +80,4 @@ def main(family: str, first: int, worlds: int, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path((*sys.argv, "runs/identified")[4]))
+    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), *map(Path, sys.argv[4:]))

@@ -19,7 +19,7 @@ from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.backends.sim.simulation_model import delay_steps
 from hexctl.backends.sim.world import World, load_world, per_joint
 from hexctl.identify.identification import identify, move_on_stand
-from hexctl.identify.identified_file import identified_text
+from hexctl.identify.identified_file import write_identified
 from hexctl.identify.parameters import RobotValues
 from hexctl.identify.robot_log import read_robot_log
 from hexctl.robot.loader import load_robot
@@ -48,12 +48,11 @@ ROBOTS = ("ant", "lukas", "pexod", "jethexa")
 
 
 def drawn_world(robot: Robot, seed: int) -> World:
-    """A stand with servos drawn as far apart as published ones are, and a trunk with a load."""
+    """Servos drawn as far apart as published ones are, and a trunk with a load."""
     draw, trunk = np.random.default_rng([42, seed]), np.random.default_rng([42, seed, 1])
     shift_m = 0.1 * np.array(robot.body.size_m) * (*trunk.uniform(-1, 1, 2), 0.0)
     torque_nm = float(robot.joint_max_torque_nm.mean())
     return World(
-        on_stand=True,
         rotor_inertia_kg_m2=float(np.exp(draw.uniform(np.log(0.001), np.log(0.03)))),
         servo_stiffness=float(np.exp(draw.uniform(np.log(0.6), np.log(1.6)))),
         servo_damping=float(np.exp(draw.uniform(np.log(0.5), np.log(2.0)))),
@@ -155,7 +154,7 @@ def identify_in(family: str, worlds: int, name: str, folder: Path) -> None:
         logs, begun_s = stand_and_walk(robot, world, seed, folder), time.process_time()
         found, file = identify(logs), folder / f"{name}-{seed}.yaml"
         print(f"{seed} {name}: CPU of the search {time.process_time() - begun_s:.0f} s")
-        file.write_text(identified_text(name, found))
+        write_identified(name, found, file)
         for key, true in truth_of_joints(robot, world).items():
             one = found.estimates[key]
             misses[one.known].append(abs(one.value - true) / one.deviation)
@@ -175,11 +174,7 @@ def main(draws: int, first: int) -> None:
         robot = load_robot(ROBOTS[seed % len(ROBOTS)])
         world = drawn_world(robot, seed)
         with tempfile.TemporaryDirectory() as folder:
-            stand, walk = Path(folder) / "stand.rrd", Path(folder) / "walk.rrd"
-            move_on_stand(robot=robot, world=world, record=stand, seed=seed)
-            floor = world.model_copy(update={"on_stand": False})
-            run(robot=robot, world=floor, record=walk, seed=seed, duration_s=WALK_S, hold="none")
-            found = identify([stand, walk])
+            found = identify(stand_and_walk(robot, world, seed, Path(folder)))
         true = truth(robot, world)
         errors = {name: error(name, found.estimates[name].value, true[name]) for name in true}
         for name, largest in ALLOWED.items():

@@ -1,34 +1,39 @@
 """The ledger of reality: published measurements against hexctl's values; `python -m benchmarks.reality`.
 
-Measured files are read from ../shared/data next to the checkout, or from $HEXCTL_REALITY; items without their
-file are skipped. Held or not: an item may be red.
+With --save it writes the table of docs/results/reality.md. Measured files are read from ../shared/data next
+to the checkout, or from $HEXCTL_REALITY; items without their file are skipped. An item may be red.
 """
 
 import json
 import os
+import sys
 import tarfile
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from benchmarks.results import put, results
 from benchmarks.rows import Bar
 from hexctl.backends.sim.world import load_randomization, load_world
 from hexctl.control.batch import SimTrial, run_sim_trials
-from hexctl.control.telemetry_watch import BatteryWatch, Temperatures
+from hexctl.control.telemetry_watch import Temperatures
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
-from hexctl.identify.bench_run import BenchRun, fit_bench, read_bench_run
+from hexctl.identify.bench_run import BenchRun, fit_bench, hinge_model, read_bench_run
 from hexctl.identify.fit import mean_errors_rad
 from hexctl.identify.parameters import ServoValues
 from hexctl.identify.powered_servos import PoweredServos
-from hexctl.robot.loader import load_robot, load_robot_file
-from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.loader import load_robot
 
 DATA = Path(os.environ.get("HEXCTL_REALITY", Path(__file__).parents[2] / "shared" / "data"))
+
+#: Table of the documentation.
+TABLE = "reality"
 
 #: P gain at which the STS3215 of lukas is described.
 STS_P_GAIN = 32
@@ -45,17 +50,22 @@ class Item:
     """One published measurement.
 
     Attributes:
-        measured: the published value, as text.
-        value: hexctl's value, in the unit of the bar.
-        bar: in which hexctl's value agrees with the measurement.
+        bar: range around the measurement in which hexctl's value, in the same unit, agrees with it.
     """
 
-    name: str
     source: str
-    measured: str
     unit: str
     bar: Bar
     value: Callable[[], float]
+
+    def cells(self, value: float) -> dict[str, str]:
+        """Return the cells of a value in the table of the documentation."""
+        return {"hexctl": f"{value:.3g}{self.unit}", "agrees": "yes" if self.bar.holds(value) else "**no**"}
+
+
+def near(low: float, high: float) -> Bar:
+    """Return the bar of a measured range: 5 % wider."""
+    return Bar(0.95 * low, 1.05 * high)
 
 
 def _archive(name: str) -> Iterator[tuple[str, bytes]]:
@@ -122,16 +132,8 @@ def _no_load_deg_s(values: ServoValues) -> float:
 
 def ax12a_overshoot_deg(bar_kg_m2: float) -> float:
     """Overshoot of a step of 500 counts (146.6 degrees) with a balanced bar."""
-    values, step_s = ServoValues.of(load_robot("phantomx-ax")), 0.002
-    moments = " ".join([str(bar_kg_m2 + 1e-6)] * 3)
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 0"/><worldbody><body>'
-        '<joint name="servo" type="hinge" axis="0 0 1" frictionloss="0.1" '
-        'solimpfriction="0.999 0.999 0.001"/>'
-        f'<inertial pos="0 0 0" mass="0.1" diaginertia="{moments}"/></body></worldbody>'
-        '<actuator><position joint="servo" kp="1" kv="0.1" forcelimited="true" forcerange="-1 1"/></actuator>'
-        "</mujoco>"
-    )
+    values = ServoValues.of(load_robot("phantomx-ax"))
+    model = hinge_model(0.1, 0.0, bar_kg_m2 + 1e-6)
     data, goal_rad, angles = mujoco.MjData(model), np.radians(500 * 300 / 1023), []
     at_once = replace(values, dead_time_s=0.0)
     servos = PoweredServos(model, slice(0, 1), at_once, values.stiffness_nm_per_rad)
@@ -167,6 +169,7 @@ def settled_error_deg() -> float:
     return float(np.quantile(np.concatenate(errors), 0.9))
 
 
+@cache
 def open_loop_walks() -> list[tuple[float, float]]:
     """Share of the commanded way and turn in degrees of open-loop tripods of lukas, 30 s in each world."""
     robot = load_robot("lukas")
@@ -200,138 +203,46 @@ def believed_c() -> float:
     return float(believed[0])
 
 
-def sits_at_11_1_v() -> float:
-    """1 if a battery that dips to 11.1 V in strides makes the robot sit, else 0."""
-    watch = BatteryWatch()
-    least_v = bus_map_of(load_robot_file("lukas").content.servos, "feetech").low_battery_v
-    return float(any(watch.low(11.1 if tick % 3 else 11.9, least_v, 0.1 * tick) for tick in range(200)))
-
-
-ITEMS = (
-    Item(
-        "STS3215 pendulum",
-        "kscalelabs/sysid, 80 runs not fitted",
-        "angles at 100 Hz",
-        "deg",
-        Bar(high=2.0),
-        sts3215_error_deg,
+#: Items by their rows in docs/results/results.yaml, which have names and measured values.
+ITEMS = {
+    "sts3215_pendulum": Item("kscalelabs/sysid, 80 runs not fitted", "°", Bar(high=2.0), sts3215_error_deg),
+    "xl330_pendulum": Item("Rhoban/bam", "°", Bar(high=1.8), xl330_error_deg),
+    "sts3215_speed": Item("data sheet", " deg/s", near(270, 270), sts3215_no_load_deg_s),
+    "ax12a_speed": Item("treydufrene/meiosis_dev, 6 steps", " deg/s", near(390, 415), ax12a_no_load_deg_s),
+    "ax12a_overshoot": Item(
+        "treydufrene/meiosis_dev, 146°", "°", near(5.6, 6.2), lambda: ax12a_overshoot_deg(0.0)
     ),
-    Item("XL330 pendulum", "Rhoban/bam", "angles; BAM's best: 1.77", "deg", Bar(high=1.8), xl330_error_deg),
-    Item(
-        "STS3215 rotor inertia",
-        "three identifications",
-        "0.022 to 0.033",
-        "kg m2",
-        Bar(0.022, 0.033),
-        lambda: load_robot("lukas").servo.rotor_inertia_kg_m2,
-    ),
-    Item(
-        "STS3215 stall torque",
-        "data sheet, 12 V",
-        "2.94",
-        "N m",
-        Bar(2.8, 3.1),
-        lambda: float(load_robot("lukas").joint_max_torque_nm[0]),
-    ),
-    Item("STS3215 speed without load", "data sheet", "270", "deg/s", Bar(257, 284), sts3215_no_load_deg_s),
-    Item(
-        "AX-12A speed without load",
-        "treydufrene/meiosis_dev, 6 steps",
-        "390 to 415",
-        "deg/s",
-        Bar(390, 415),
-        ax12a_no_load_deg_s,
-    ),
-    Item(
-        "AX-12A overshoot with a bar",
-        "the same, bar of 0.0046 kg m2",
-        "8.7 to 8.9 of 146",
-        "deg",
-        Bar(5, 10),
+    "ax12a_overshoot_bar": Item(
+        "treydufrene/meiosis_dev, 146°, bar of 0.0046 kg m²",
+        "°",
+        near(8.7, 8.9),
         lambda: ax12a_overshoot_deg(0.146 * (0.613**2 + 0.019**2) / 12),
     ),
-    Item(
-        "AX-12A overshoot without load",
-        "the same",
-        "5.6 to 6.2 of 146",
-        "deg",
-        Bar(5, 7),
-        lambda: ax12a_overshoot_deg(0.0),
-    ),
-    Item(
-        "play of hips and knees",
-        "lukas/hexapod, 9 joints",
-        "0.26 to 0.97 deg",
-        "outside real",
-        Bar(high=0),
-        play_outside,
-    ),
-    Item(
-        "settled error",
-        "lukas/hexapod",
-        "0.06 to 0.73; 90 % below",
-        "deg",
-        Bar(0.3, 1.5),
-        settled_error_deg,
-    ),
-    Item(
-        "least travelled way in open loop",
-        "lukas/hexapod, robot 1",
-        "0.29 of the commanded",
-        "share",
-        Bar(high=0.29),
-        lambda: travel_share(0.0),
-    ),
-    Item(
-        "most travelled way in open loop",
-        "lukas/hexapod, robot 2",
-        "0.70 of the commanded",
-        "share",
-        Bar(low=0.70),
-        lambda: travel_share(1.0),
-    ),
-    Item(
-        "greatest turn in open loop",
-        "lukas/hexapod, robot 2",
-        "60 in one walk",
-        "deg",
-        Bar(low=60),
-        greatest_turn_deg,
-    ),
-    Item(
-        "spike of a temperature",
-        "lukas/hexapod",
-        "31, 142, 31 C within a second",
-        "C believed",
-        Bar(high=40),
-        believed_c,
-    ),
-    Item(
-        "voltage dips of a walk",
-        "lukas/hexapod",
-        "11.1 V at least, no brown-out",
-        "sits",
-        Bar(high=0),
-        sits_at_11_1_v,
-    ),
-)
+    "play": Item("lukas/hexapod, 9 joints", "", Bar(high=0), play_outside),
+    "settled": Item("lukas/hexapod", "°", Bar(0.06, 0.73), settled_error_deg),
+    "distance_min": Item("lukas/hexapod, robot 1", "", Bar(high=0.29), lambda: travel_share(0.0)),
+    "distance_max": Item("lukas/hexapod, robot 2", "", Bar(low=0.70), lambda: travel_share(1.0)),
+    "turn": Item("lukas/hexapod, robot 2, one walk", "°", Bar(low=60), greatest_turn_deg),
+    "temperature": Item("lukas/hexapod, 31, 142, 31 °C within a second", " °C", Bar(high=40), believed_c),
+}
 
 
-def main() -> None:
-    """Print the ledger."""
-    held = judged = 0
-    for item in ITEMS:
+def main(*, save: bool) -> None:
+    """Print the ledger, and write it into the documentation if asked to."""
+    rows, cells = results()[TABLE]["rows"], dict[str, str]()
+    for key, item in ITEMS.items():
         try:
             value = item.value()
         except FileNotFoundError:
-            print(f"skipped  {item.name}: no data folder")
+            print(f"skipped  {rows[key]['name']}: no data folder")
             continue
-        judged, held = judged + 1, held + item.bar.holds(value)
+        cells |= {f"{TABLE}.{key}.{column}": text for column, text in item.cells(value).items()}
         verdict = "held" if item.bar.holds(value) else "RED"
-        against = f"measured {item.measured} ({item.source}); hexctl {value:.4g} {item.unit}"
-        print(f"{verdict:8} {item.name}: {against}", flush=True)
-    print(f"{held} of {judged} held")
+        against = f"measured {rows[key]['measured']} ({item.source}); hexctl {value:.4g}{item.unit}"
+        print(f"{verdict:8} {rows[key]['name']}: {against}", flush=True)
+    if save:
+        put(cells)
 
 
 if __name__ == "__main__":
-    main()
+    main(save="--save" in sys.argv)

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial, wraps
 from pathlib import Path
 from types import UnionType
@@ -57,7 +57,7 @@ def _unused(
     spec: type, options: Sequence[Option], values: Mapping[str, Any], said: Container[str]
 ) -> dict[str, Any]:
     """Defaults of unused options that settings give (`said`), by field."""
-    asked = {option.name: _frozen(values[option.name]) for option in options}
+    asked = {one.name: _frozen(values[one.name]) for one in fields(spec) if one.name in values}
     defaults, usual = dict[str, Any](), {option.name: option.default for option in options}
     while True:
         try:

@@ -14,6 +14,8 @@ from hexctl.files import read_file
 from hexctl.identify.fit import ROUGH_GAIN, Fit, OnStep, fit_values
 from hexctl.identify.parameters import OF_SERVO, PARAMETERS, ServoValues
 from hexctl.identify.powered_servos import PoweredServos
+from hexctl.robot.formats.mjcf import STICTION
+from hexctl.robot.formats.xml_text import numbers
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 #: Step of the physics, that of hexctl's simulations, and samples for the longest dead time.
@@ -80,7 +82,7 @@ class BenchRun(ArrayFields):
         """Simulated less measured angles, (T,); `values` have the stiffness per unit of P gain."""
         import mujoco
 
-        model = mujoco.MjModel.from_xml_string(self._xml())
+        model = hinge_model(*self._body)
         data = mujoco.MjData(model)
         servos = PoweredServos(model, slice(0, 1), values, values.stiffness_nm_per_rad * self.p_gain)
         data.qpos[0], data.ctrl[0] = self.measured_rad[0], self.goal_rad[0]
@@ -94,19 +96,6 @@ class BenchRun(ArrayFields):
             servos.step(data, steps)
         return angles_rad - self.measured_rad
 
-    def _xml(self) -> str:
-        """A hinge with the mass and the bar below it; the servo's values are set later."""
-        kg, centre_m, inertia_kg_m2 = self._body
-        return (
-            f'<mujoco><option timestep="{STEP_S}" integrator="implicitfast"/><worldbody><body>'
-            '<joint name="servo" type="hinge" axis="0 1 0" frictionloss="0.1" '
-            'solimpfriction="0.999 0.999 0.001"/>'
-            f'<inertial pos="0 0 {-centre_m}" mass="{kg}" '
-            f'diaginertia="{inertia_kg_m2} {inertia_kg_m2} {1e-6}"/></body></worldbody><actuator>'
-            '<position joint="servo" kp="1" kv="0.1" forcelimited="true" forcerange="-1 1" '
-            f'delay="{(DELAY_SAMPLES - 2) * STEP_S}" nsample="{DELAY_SAMPLES}"/></actuator></mujoco>'
-        )
-
     @property
     def _body(self) -> tuple[float, float, float]:
         """Mass, distance of its centre from the axis, and inertia about the centre."""
@@ -114,6 +103,20 @@ class BenchRun(ArrayFields):
         centre_m = (self.mass_kg + self.bar_kg / 2) * self.length_m / kg
         about_axis = (self.mass_kg + self.bar_kg / 3) * self.length_m**2
         return kg, centre_m, max(about_axis - kg * centre_m**2, 1e-6)
+
+
+def hinge_model(kg: float, centre_m: float, inertia_kg_m2: float) -> Any:
+    """MuJoCo model of a servo: a hinge with a mass, whose centre is below it; its values are set later."""
+    import mujoco
+
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{STEP_S}" integrator="implicitfast"/><worldbody><body>'
+        f'<joint name="servo" type="hinge" axis="0 1 0" frictionloss="0.1" '
+        f'solimpfriction="{numbers(*STICTION)}"/><inertial pos="0 0 {-centre_m}" mass="{kg}" '
+        f'diaginertia="{inertia_kg_m2} {inertia_kg_m2} {1e-6}"/></body></worldbody><actuator>'
+        '<position joint="servo" kp="1" kv="0.1" forcelimited="true" forcerange="-1 1" '
+        f'delay="{(DELAY_SAMPLES - 2) * STEP_S}" nsample="{DELAY_SAMPLES}"/></actuator></mujoco>'
+    )
 
 
 def read_bench_run(path: Path) -> BenchRun:

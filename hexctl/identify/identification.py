@@ -17,7 +17,7 @@ from hexctl.errors import InputError, argument
 from hexctl.identify.bench_run import BenchRun, fit_bench, read_bench_run
 from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad, near_values
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
-from hexctl.identify.robot_log import OF_JOINTS, ON_STAND, RobotLog, read_robot_log
+from hexctl.identify.robot_log import OF_JOINTS, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.identify.starts import starts_of
 from hexctl.options import check_names
@@ -164,7 +164,12 @@ class IdentificationRun(Run):
 
     @property
     def _walk_text(self) -> str:
-        return ON_STAND
+        return "identification"
+
+    @property
+    def on_stand(self) -> bool:
+        """A simulated one in its world, a real one as its operator was asked."""
+        return True
 
     def _make_motions(self, start: WalkStart) -> StandMotions:
         return StandMotions(start.robot, start.period_s)

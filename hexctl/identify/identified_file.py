@@ -11,7 +11,6 @@ from hexctl.errors import InputError
 from hexctl.files import atomic_write
 from hexctl.identify.identification import Identification
 from hexctl.identify.parameters import SCALE, RobotValues, play_shares
-from hexctl.robot.configs import find_config
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.yaml_edit import with_values
@@ -26,6 +25,8 @@ JOINT_KEYS = ("dry_friction_nm", "max_torque_nm")
 
 #: Parameters of which the file has a value for each joint kind.
 RATIOS, PLAY = {"coxa_stiffness_ratio", "femur_stiffness_ratio"}, "play_deg"
+
+JOINT_STIFFNESSES = tuple(f"joints.{kind}.{SCALE}" for kind in JOINT_KINDS)
 
 #: Parameters that a robot file has in its section `servo`.
 SERVO_KEYS = (
@@ -44,7 +45,8 @@ CENTRE = {"trunk_com_x_m", "trunk_com_y_m"}
 
 #: Keys of a robot file that a known parameter replaces.
 MEASURED = {
-    SCALE: ("servo.stiffness_nm_per_rad",),
+    SCALE: ("servo.stiffness_nm_per_rad", *JOINT_STIFFNESSES),
+    **dict.fromkeys(RATIOS, JOINT_STIFFNESSES),
     **{name: (f"servo.{name}",) for name in SERVO_KEYS},
     **{name: tuple(f"joints.{kind}.{name}" for kind in JOINT_KINDS) for name in JOINT_KEYS},
     PLAY: tuple(f"joints.{kind}.{PLAY}" for kind in JOINT_KINDS),
@@ -54,19 +56,18 @@ MEASURED = {
 }
 
 
-def identified_text(robot_file: str | Path, found: Identification) -> str:
-    """Text of a robot file with the identified values; comments stay.
+def identified_text(robot_file: str | Path, found: Identification, folder: Path) -> str:
+    """Text of a robot file with the identified values, for a folder; comments stay.
 
     Parameters that the motions did not determine keep the values of the file. Measured keys are no
     longer `unknown`. Raises InputError for a file that is no robot, or whose ranges the values contradict.
     """
-    path = find_config("robots", str(robot_file))
-    text = path.read_text(encoding="utf-8")
+    file = load_robot_file(robot_file)
+    text = file.text_in(folder)
     mapping: dict[str, Any] = yaml_content(text)
     known = {name: _rounded(one.value) for name, one in found.estimates.items() if one.known}
     if not known.keys() >= CENTRE:
         known = {name: value for name, value in known.items() if name not in CENTRE}
-    file = load_robot_file(path)
     # The identified stiffness is the mean of the joints.
     share = known.get(SCALE, 1.0) / file.robot.stiffness_nm_per_rad.mean()
     changed: dict[str, Any] = {
@@ -81,7 +82,7 @@ def identified_text(robot_file: str | Path, found: Identification) -> str:
 
 def write_identified(robot_file: str | Path, found: Identification, output: Path) -> None:
     """Write `identified_text` to a new file, and check that it is a robot."""
-    atomic_write(output, identified_text(robot_file, found))
+    atomic_write(output, identified_text(robot_file, found, output.parent))
     try:
         load_robot_file(output)
     except InputError:
@@ -112,7 +113,7 @@ def _still_unknown(mapping: Mapping[str, Any], known: Mapping[str, float]) -> li
         for name in path.split("."):
             section = section.get(name, {}) if isinstance(section, dict) else {}
         if any(key.startswith(f"{path}.") for key in measured):
-            keys = [key for key in section if key not in GAIN_KEYS]
+            keys = dict.fromkeys(SCALE if key in GAIN_KEYS else key for key in section)
             left += [inner for key in keys if (inner := f"{path}.{key}") not in measured]
         elif path not in measured:
             left.append(path)

@@ -1,12 +1,17 @@
 """Options of `hexctl identify`."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 from hexctl.backends.robot_options import RecordedOptions
-from hexctl.errors import InputError, argument
-from hexctl.options import Range, Typed, check_fields
+from hexctl.errors import InputError, UnusedError, argument
+from hexctl.files import write_trouble
+from hexctl.options import UNTYPED, Range, Typed, check_fields
+
+#: Why an option of motions is refused.
+WITHOUT_LOGS = "cannot be combined with LOG, with which nothing moves"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,11 +30,26 @@ class IdentifyOptions(RecordedOptions):
     runs)
     """
 
+    logs: Annotated[Sequence[Path] | None, UNTYPED] = None
+    """Recordings, or runs on a bench; None if the robot is to move."""
+
     def __post_init__(self) -> None:
         check_fields(self)
 
+    def check(self) -> None:
+        """Raise UnusedError for options of motions with logs, and of a bench without its runs."""
+        moving = () if not self.logs else (one for one in fields(RecordedOptions) if one.name != "robot")
+        for field in moving:
+            if getattr(self, field.name) != field.default:
+                raise UnusedError(f"{argument(field.name)} {WITHOUT_LOGS}", field=field.name)
+        if not self.logs:
+            RecordedOptions.check(self)
+        if self.p_gain is not None and not any(Path(log).suffix == ".json" for log in self.logs or ()):
+            message = f"{argument('p_gain')} requires runs of a servo on a bench: LOG.json"
+            raise UnusedError(message, field="p_gain")
+
     def check_output(self) -> None:
-        """Raise InputError for an output that exists or is no .yaml."""
+        """Raise InputError for an output that cannot be written, and for a robot file whose meshes fail."""
         if self.output is None:
             return
         path = Path(self.output)
@@ -38,6 +58,11 @@ class IdentifyOptions(RecordedOptions):
         for file in (path, picture_of(path)):
             if file.exists():
                 raise InputError(f"{argument('output')}: {file} exists; allowed: a new file")
+        if not path.parent.is_dir() or write_trouble(path.parent) is not None:
+            raise InputError(f"{argument('output')}: got {path}; allowed: a file in a writable folder")
+        from hexctl.robot.loader import load_robot_file
+
+        _ = load_robot_file(str(self.robot)).meshes
 
 
 def picture_of(output: Path) -> Path:

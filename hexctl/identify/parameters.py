@@ -56,7 +56,8 @@ class Parameter:
         return Estimate(value, deviation, self.unit, deviation < largest)
 
 
-#: In the order of reports. The source of the bounds: published identifications of small servos, twice as far.
+#: In the order of reports. The bounds only keep a search where the simulation works, far from any servo:
+#: rotor inertias of 0.001 to 0.033 kg m2 are published. Simulations keep commands for the longest dead time.
 #: All torques and masses together change a motion little, each of them changes it much: they are searched as
 #: multiples of the stiffness. A motion is nearly linear in these multiples. Steps are
 #: large, because what sticks and slips moves at random on a small scale.

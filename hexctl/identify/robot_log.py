@@ -16,7 +16,7 @@ from hexctl.identify.powered_servos import PoweredServos
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, ArrayFields, FloatArray
 
-#: Parameters that the joints of a robot determine. Maximum torque and speed come from a bench or data sheet.
+#: Parameters that the joints of a robot determine: the torque if they reach it, the speed only on a bench.
 OF_JOINTS = (
     "stiffness_nm_per_rad",
     "damping_nm_s_per_rad",
@@ -34,9 +34,6 @@ MOST_DEAD_S = 0.062
 
 #: Length of the part of a log and step of the physics in a first search.
 COARSE_LOG_S, COARSE_STEP_S = 12.0, 0.004
-
-#: Last word of the titles of recordings on a stand.
-ON_STAND = "identification"
 
 #: Largest difference of mounts and links from those of a recording, as a share of a leg.
 SAME_SHAPE = 0.05
@@ -138,42 +135,42 @@ class RobotLog(ArrayFields):
 
     def _set_trunk(self, model: Any, values: RobotValues) -> None:
         """Change mass and centre of the trunk; its moments of inertia are proportional to the mass."""
-        whole, trunk = self._simulation.physics.model, model.body(f"{self.robot.name}/trunk").id
+        simulated, trunk = self._simulation.physics.model, model.body(f"{self.robot.name}/trunk").id
+        share = values.trunk_mass_kg / simulated.body_mass[trunk]
         model.body_mass[trunk] = values.trunk_mass_kg
-        model.body_inertia[trunk] = whole.body_inertia[trunk] * values.trunk_mass_kg / whole.body_mass[trunk]
+        model.body_inertia[trunk] = share * simulated.body_inertia[trunk]
         model.body_ipos[trunk, :2] = values.trunk_com_x_m, values.trunk_com_y_m
 
 
 def read_robot_log(path: Path, robot: Robot | None = None) -> RobotLog:
     """Log of a recording (.rrd); a robot replaces that of the recording.
 
-    Recordings of `hexctl identify` are of a robot on a stand, others of one on the floor. Rows without a
-    measured angle are left out. Raises InputError for a file that is damaged, too short or no recording,
-    motions on a stand that did not end, and a robot of another shape.
+    Rows without a measured angle are left out. Raises InputError for a file that is damaged, too short or no
+    recording, motions on a stand that did not end, and a robot of another shape.
     """
     from hexctl.recording.recorded_trial import read_trial
 
     trial = read_trial(path)
     robot = robot or trial.robot
     _check_shape(path, trial.robot, robot)
-    on_stand = str(trial.properties.get("title", "")).endswith(ON_STAND)
-    if on_stand and trial.properties.get("status") != "ok":
+    # A walk on a stand makes no progress.
+    if trial.on_stand and trial.properties.get("status") not in ("ok", "no_progress"):
         raise InputError(
             f"{path}: got motions that did not end; allowed: complete ones; hexctl identify without a log "
             "makes them again"
         )
-    whole = np.isfinite(trial.measured_rad).all(axis=-1) & np.isfinite(trial.commanded_rad).all(axis=-1)
-    time_s = trial.time_s[whole]
+    measured = np.isfinite(trial.measured_rad).all(axis=-1) & np.isfinite(trial.commanded_rad).all(axis=-1)
+    time_s = trial.time_s[measured]
     lasted_s = float(time_s[-1] - time_s[0]) if len(time_s) else 0.0
     if lasted_s < LEAST_S:
         raise InputError(f"{path}: got {lasted_s:.1f} s with joint angles; allowed: at least {LEAST_S:g} s")
     return RobotLog(
         path.name,
         robot,
-        on_stand,
+        trial.on_stand,
         time_s,
-        trial.commanded_rad[whole],
-        trial.measured_rad[whole],
+        trial.commanded_rad[measured],
+        trial.measured_rad[measured],
     )
 
 

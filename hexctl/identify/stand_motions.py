@@ -21,7 +21,7 @@ STEPS = (0.3, -0.3, 0.6, -0.6, 1.0, -1.0, 0.0)
 
 
 class StandMotions(Controller):
-    """Waves of growing frequency and steps about the stance; joint kinds one after the other, then together.
+    """Waves of all joints about the stance with growing frequency, then steps of one joint kind at a time.
 
     Args:
         robot: on a stand, with room below its feet.

@@ -46,7 +46,7 @@ def link_centres_of(robot: Robot, link_points: FloatArray) -> FloatArray:
     """Centres of mass of links, ... + (6, 3, 3) in m, from the points of `link_points_body`."""
     starts, along = link_points[..., :-1, :], np.diff(link_points, axis=-2)
     if robot.link_coms_m is None:
-        return np.asarray(starts + (0.5 * solid_shares(robot))[:, np.newaxis] * along)
+        return np.asarray(starts + (0.5 * robot.solid_shares)[:, np.newaxis] * along)
     # A centre is a multiple of its link's vector, and of that vector turned upward by a right angle.
     (outward, up), (com_outward, com_up) = robot.link_vectors_m.T, robot.link_coms_m.T
     square = outward**2 + up**2
@@ -57,12 +57,6 @@ def link_centres_of(robot: Robot, link_points: FloatArray) -> FloatArray:
     across = (along[..., :2] * out).sum(axis=-1, keepdims=True)
     turned = np.concatenate([-along[..., 2:] * out, across], axis=-1)
     return np.asarray(starts + ahead[:, np.newaxis] * along + beside[:, np.newaxis] * turned)
-
-
-def solid_shares(robot: Robot) -> FloatArray:
-    """Solid share of each link's length, (3,): that of the tibia ends at the foot."""
-    length = float(np.hypot(*robot.link_vectors_m[-1]))
-    return np.array([1.0, 1.0, max(0.5, 1 - robot.foot_radius_m / length)])
 
 
 def foot_heights_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:

@@ -77,6 +77,7 @@ class RecordedTrial(ArrayFields):
         servos: 18 wide, at 1 Hz, by attribute of `ServoReadings`.
         events: in order of time.
         floor_quaternion: (4,) as w, x, y, z.
+        on_stand: whether a stand held the trunk.
         course_world: both ends of the line of travel, just above the floor, (2, 3) in m; None without one.
     """
 
@@ -99,6 +100,7 @@ class RecordedTrial(ArrayFields):
     servos: dict[str, Samples] = field(default_factory=dict)
     events: tuple[RecordedEvent, ...] = ()
     floor_quaternion: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    on_stand: bool = False
     course_world: FloatArray | None = None
 
     def __len__(self) -> int:
@@ -164,6 +166,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         servos={name: samples for name, samples in servos.items() if samples.rows.size},
         events=tuple(_events(columns, at)),
         floor_quaternion=columns.static_quaternion(paths.GROUND),
+        on_stand=bool(columns.properties("robot").get("on_stand")),
         course_world=_course(columns),
     )
 

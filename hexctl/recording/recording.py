@@ -64,6 +64,7 @@ class Recording:
         meshes: Meshes | None = None,
         watched: bool = False,
         servos: bool = False,
+        on_stand: bool = False,
     ) -> None:
         """Create the file with scene and layout.
 
@@ -74,6 +75,7 @@ class Recording:
             meshes: of the robot's parts; None draws solids of its geometry.
             watched: whether the walk monitors its legs; adds the evidence to the layout.
             servos: whether the servos may report temperatures and voltages; adds them to the layout.
+            on_stand: whether a stand holds the trunk, and no foot touches anything.
 
         Raises InputError for a file that exists or cannot be written, MissingExtraError without Rerun.
         """
@@ -97,7 +99,8 @@ class Recording:
         save_stream(self._stream, path, blueprint, index=self._indexed)
         self._stream.send_recording_name(title)
         # It allows an export without the robot's file.
-        self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))
+        values = rr.AnyValues(name=robot.name, model=robot_to_json(robot), on_stand=on_stand)
+        self._stream.send_property("robot", values)
         send_scene(self._stream, robot, plan, floor, meshes or {}, servos=servos)
         self._send_summary(None, {})
         flush(self._stream, path)  # a truncated file has its robot and scene all the same

@@ -1,6 +1,7 @@
 """Robot files: one YAML, parsed once, gives a frozen `Robot`, its servo map and its meshes."""
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +21,8 @@ from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
+from hexctl.robot.yaml_edit import with_values
+from hexctl.robot.yaml_text import yaml_content
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 
@@ -66,6 +69,18 @@ class RobotFile:
     def meshes(self) -> Meshes:
         """The meshes of the section `meshes`; raises InputError for a missing or broken one."""
         return read_meshes(self.content.meshes, self.path)
+
+    def text_in(self, folder: Path) -> str:
+        """Text of the file for another folder, where relative paths of meshes begin; comments stay."""
+        text, here = self.path.read_text(encoding="utf-8"), self.path.parent.resolve()
+        mapping = yaml_content(text)
+        meshes = {part: mesh for part, mesh in mapping.get("meshes", {}).items() if mesh is not None}
+        moved = {
+            part: mesh | {"file": os.path.relpath(here / mesh["file"], folder.resolve())}
+            for part, mesh in meshes.items()
+            if not Path(mesh["file"]).is_absolute()
+        }
+        return with_values(text, mapping | {"meshes": mapping["meshes"] | moved}) if moved else text
 
 
 def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:

@@ -166,6 +166,11 @@ class Robot(ArrayFields):
         return lengths_m
 
     @cached_property
+    def solid_shares(self) -> FloatArray:
+        """Solid share of each link's length, (3,): the tibia ends before the foot, which touches first."""
+        return np.array([1.0, 1.0, max(0.5, 1 - self.foot_radius_m / self.link_lengths_m[-1])])
+
+    @cached_property
     def link_slopes_rad(self) -> FloatArray:
         """Slopes of coxa, femur and tibia at joint angle zero, (3,)."""
         return np.arctan2(self.link_vectors_m[:, 1], self.link_vectors_m[:, 0])

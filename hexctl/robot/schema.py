@@ -122,13 +122,18 @@ class MountSection(Section):
         return radius_m * math.cos(self.yaw_rad), radius_m * math.sin(self.yaw_rad), 0.0
 
 
+def principal_moments(moments: tuple[float, float, float, float]) -> tuple[float, float, float]:
+    """Principal moments of a link, the second about y, from its moments and product as in `LinkSection`."""
+    xx, yy, zz, xz = moments
+    half = math.hypot((xx - zz) / 2, xz)
+    return (xx + zz) / 2 - half, yy, (xx + zz) / 2 + half
+
+
 def _possible_link_inertia(
     moments: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float]:
     """The moments and the product of a link, as in `LinkSection`; raises ValueError for those of no body."""
-    xx, yy, zz, xz = moments
-    half = math.hypot((xx - zz) / 2, xz)
-    principal = ((xx + zz) / 2 - half, yy, (xx + zz) / 2 + half)
+    principal = principal_moments(moments)
     if min(principal) <= 0 or not all(one < sum(principal) - one for one in principal):
         raise ValueError(
             f"got {', '.join(f'{moment:g}' for moment in moments)}; allowed: moments and a product "

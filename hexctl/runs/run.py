@@ -185,6 +185,11 @@ class Run:
         """Floor of the world of a simulation in this process, or None."""
         return make_floor(self._world, self.spec.seed) if self.spec.simulated else None
 
+    @property
+    def on_stand(self) -> bool:
+        """Whether a stand holds the trunk, as far as is known."""
+        return self.spec.simulated and self._world.on_stand
+
     def walk(
         self,
         *,
@@ -292,6 +297,7 @@ class Run:
                 meshes=self._meshes,
                 watched=True,
                 servos=self.spec.backend != "sim",
+                on_stand=self.on_stand,
             )
         except MissingExtraError as error:
             raise MissingExtraError("recording (or walk with --no-record)", "view") from error

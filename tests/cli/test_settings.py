@@ -208,6 +208,11 @@ FOLLOWED: list[tuple[str, str, dict[str, Any]]] = [
     ("[sim.board]\nexpiry = 0.3", "sim board --bus feetech", {}),
     ("[study]\nseed = 3\ngaits = 'demo'\nprior = 'auto'", "study", {"seed": 3}),
     ("[prior.build]\nfailure = 'limp'\nduration = 8\n", "prior build --repertoire", {}),
+    (ON_NETWORK, "identify", {"backend": "zenoh", **LINKED}),
+    (ON_NETWORK, "identify walk.rrd", {}),
+    ("[identify]\np-gain = 16", "identify", {}),
+    ("[identify]\np-gain = 16", "identify walk.rrd", {}),
+    ("[identify]\np-gain = 16", "identify run.json", {"p_gain": 16.0}),
 ]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import results
+from benchmarks import reality, results
 from tests.docs.pages import ROOT
 
 TABLES = results.results()
@@ -34,6 +34,10 @@ def test_each_table_says_how_it_was_measured() -> None:
         assert table["command"], name
         extra = {key for row in table["rows"].values() for key in row} - {*table["columns"], "name", "unit"}
         assert not extra, name
+
+
+def test_the_table_of_reality_has_every_item() -> None:
+    assert list(TABLES[reality.TABLE]["rows"]) == list(reality.ITEMS)
 
 
 def test_every_table_stands_on_a_page() -> None:

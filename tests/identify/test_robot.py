@@ -14,6 +14,7 @@ from hexctl.errors import InputError
 from hexctl.identify.fit import Fit, OnStep, fit_values
 from hexctl.identify.identification import Identification, IdentificationRun, move_on_stand
 from hexctl.identify.identified_file import write_identified
+from hexctl.identify.options import IdentifyOptions
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
 from hexctl.identify.robot_log import read_robot_log
 from hexctl.identify.stand_motions import StandMotions
@@ -22,7 +23,11 @@ from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.runs.run import run
 from hexctl.runs.run_spec import RunSpec
 from hexctl.types import RobotState
-from tests.robots import shipped
+from tests.robot.meshmaking import stl_box
+from tests.robots import edited_file, put, shipped
+
+#: A change of the text of lukas: its femurs are less stiff than the other joints.
+OTHER_FEMUR = ("femur: {min", "femur: {stiffness_nm_per_rad: 20, min")
 
 
 @pytest.mark.parametrize("name", config_names("robots"))
@@ -85,6 +90,11 @@ def test_drawn_servos_are_found_on_the_stand(tmp_path: Path) -> None:
 def test_a_world_without_a_stand_is_refused() -> None:
     with pytest.raises(InputError, match="world"):
         IdentificationRun(RunSpec(world="slope"))
+
+
+def test_a_walk_in_the_world_stand_is_one_on_a_stand(tmp_path: Path) -> None:
+    run(robot="pexod", world="stand", record=tmp_path / "walk.rrd", duration_s=5.1, hold="none")
+    assert read_robot_log(tmp_path / "walk.rrd").on_stand
 
 
 @pytest.mark.slow
@@ -158,17 +168,32 @@ def test_a_centre_of_which_one_part_is_known_stays_unknown(tmp_path: Path) -> No
     assert "body.com_m" in file.content.unknown
 
 
-def test_a_p_gain_is_no_unknown_key(tmp_path: Path) -> None:
+@pytest.mark.parametrize("known", [True, False])
+def test_of_a_p_gain_the_stiffness_is_unknown_until_it_is_measured(known: bool, tmp_path: Path) -> None:
     text = find_config("robots", "lukas").read_text().replace("unknown: [", "unknown: [servo, ")
     (tmp_path / "mine.yaml").write_text(text)
-    result = found(stiffness_nm_per_rad=(20.0, 0.5), damping_nm_s_per_rad=(0.5, 0.01))
+    result = found(stiffness_nm_per_rad=(20.0, 0.5 if known else 20.0), damping_nm_s_per_rad=(0.5, 0.01))
     write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
     unknown = load_robot_file(tmp_path / "identified.yaml").content.unknown
-    assert [key for key in unknown if key.startswith("servo.")] == [
+    assert {key for key in unknown if key.startswith("servo.")} == {
+        *(() if known else ("servo.stiffness_nm_per_rad",)),
         "servo.rotor_inertia_kg_m2",
         "servo.gear_damping_nm_s_per_rad",
         "servo.dead_time_s",
-    ]
+    }
+
+
+def test_an_identified_file_has_the_meshes_of_its_robot(tmp_path: Path) -> None:
+    (tmp_path / "box.stl").write_bytes(stl_box())
+    (tmp_path / "there").mkdir()
+    body, coxa = {"file": "box.stl"}, {"file": str(tmp_path / "box.stl")}
+    mine = edited_file(tmp_path, put("meshes", {"body": body, "coxa": coxa}))
+    written, copied = (tmp_path / "there" / name for name in ("identified.yaml", "copied.yaml"))
+    write_identified(mine, found("ant", stiffness_nm_per_rad=(20.0, 0.5)), written)
+    assert exit_code(["robot", "copy", str(mine), str(copied)]) == 0
+    for file in (written, copied):
+        assert load_robot_file(file).meshes["body"].content == stl_box()
+        assert load_robot_file(file).content.meshes.coxa == load_robot_file(mine).content.meshes.coxa
 
 
 def test_a_stand_shows_no_trunk() -> None:
@@ -179,22 +204,28 @@ def test_a_stand_shows_no_trunk() -> None:
     ]
 
 
-@pytest.mark.parametrize("name", ["mine.txt", "there.yaml"])
+@pytest.mark.parametrize("name", ["mine.txt", "there.yaml", "none/mine.yaml", "mine.yaml"])
 def test_an_output_that_cannot_be_is_refused(name: str, tmp_path: Path) -> None:
-    from hexctl.identify.options import IdentifyOptions
-
     (tmp_path / "there.yaml").touch()
-    with pytest.raises(InputError, match="output"):
-        IdentifyOptions(output=tmp_path / name).check_output()
+    robot = edited_file(tmp_path, put("meshes", {"body": {"file": "missing.stl"}}))
+    with pytest.raises(InputError, match="meshes.body" if name == "mine.yaml" else "output"):
+        IdentifyOptions(robot=robot, output=tmp_path / name).check_output()
+
+
+@pytest.mark.parametrize("name", ["stiffness_nm_per_rad", "femur_stiffness_ratio"])
+def test_a_measured_stiffness_of_a_joint_is_no_longer_unknown(name: str, tmp_path: Path) -> None:
+    text = find_config("robots", "lukas").read_text()
+    key = "joints.femur.stiffness_nm_per_rad"
+    text = text.replace("unknown: [", f"unknown: [{key}, ").replace(*OTHER_FEMUR)
+    (tmp_path / "mine.yaml").write_text(text)
+    known = {"stiffness_nm_per_rad": (20.0, 20.0), name: (1.0, 0.1)}
+    write_identified(tmp_path / "mine.yaml", found("lukas", **known), tmp_path / "identified.yaml")
+    assert key not in load_robot_file(tmp_path / "identified.yaml").content.unknown
 
 
 def test_joints_keep_the_proportions_of_their_stiffnesses(tmp_path: Path) -> None:
     """Also those that have the stiffness of the P gain, which is no mean."""
-    text = (
-        find_config("robots", "lukas")
-        .read_text()
-        .replace("femur: {min", "femur: {stiffness_nm_per_rad: 20, min")
-    )
+    text = find_config("robots", "lukas").read_text().replace(*OTHER_FEMUR)
     (tmp_path / "mine.yaml").write_text(text)
     before = load_robot(tmp_path / "mine.yaml").stiffness_nm_per_rad
     result = found(stiffness_nm_per_rad=(1.5 * before.mean(), 0.5))

@@ -122,7 +122,7 @@ class ScanOptions(BusOptions):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class IdentificationOptions(BusOptions):
+class ServoAssignmentOptions(BusOptions):
     """Address of a bus whose servos are to be assigned to joints, and the output file."""
 
     output: str | Path | None = None

@@ -16,7 +16,7 @@ from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failures, each_failure
-from hexctl.robot.formats.link_masses import link_mass
+from hexctl.robot.formats.link_masses import link_capsule, link_mass
 from hexctl.robot.formats.mjcf import STICTION
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import Body, even_box_m
@@ -357,15 +357,15 @@ def _make_leg(robot: Robot, name: str) -> Any:
     for index, kind in enumerate(JOINT_KINDS):
         link = parent.add("body", name=kind, pos=start)
         _add_servo(leg, link, robot, index)
-        outward, up = robot.link_vectors_m[index]
-        start = [outward, 0.0, up]
+        (outward, up), capsule = robot.link_vectors_m[index], link_capsule(robot, index)
+        start, (outward_m, up_m) = [outward, 0.0, up], capsule.end_m
         contact = NO_CONTACT if kind == "coxa" else ROBOT_CONTACT
         link.add(
             "geom",
             name=kind,
             type="capsule",
-            fromto=[0, 0, 0, *_link_end(robot, index)],
-            size=[robot.link_radii_m[index]],
+            fromto=[0, 0, 0, outward_m, 0, up_m],
+            size=[capsule.radius_m],
             mass=robot.link_masses_kg[index],
             **contact,
         )
@@ -397,15 +397,6 @@ def _shift_link_mass(link: Any, robot: Robot, index: int) -> None:
     solid = {"type": "capsule", "fromto": [*start, *end], "size": shape.size}
     _add_mass(link, f"{JOINT_KINDS[index]}_mass", shape.mass, **solid)
     shape.mass = 0
-
-
-def _link_end(robot: Robot, index: int) -> list[float]:
-    """End of the capsule of a link; the tibia ends before the foot, so that the foot touches first."""
-    outward, up = robot.link_vectors_m[index]
-    share = 1.0
-    if JOINT_KINDS[index] == "tibia":
-        share = max(0.5, 1 - robot.foot_radius_m / float((outward**2 + up**2) ** 0.5))
-    return [share * outward, 0.0, share * up]
 
 
 def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.backends.bus.bus_options import BusAddress, BusOptions, IdentificationOptions, ScanOptions
+from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ScanOptions, ServoAssignmentOptions
 from hexctl.cli.console import DONE, FAULT, INTERRUPTED, StopOnInterrupt, print_note, print_result
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import ScanProgress
@@ -21,7 +21,7 @@ from hexctl.options import Range
 if TYPE_CHECKING:
     from hexctl.backends.bus.damage import Damage
     from hexctl.backends.bus.servo import FoundServo
-    from hexctl.control.calibration.servo_identification import Identification
+    from hexctl.control.calibration.servo_assignment import ServoAssignment
     from hexctl.robot.servos.bus_map import BusMap
 
 servos = Commands(
@@ -116,7 +116,7 @@ def set_id(
 
 
 @servos.command()
-@with_options(IdentificationOptions)
+@with_options(ServoAssignmentOptions)
 def identify(
     options: dict[str, Any],
     servo_id: Annotated[
@@ -131,16 +131,16 @@ def identify(
     no robot file is written.
     """
     from hexctl.cli.prompts import CalibrationPrompt, check_answerable
-    from hexctl.control.calibration.servo_identification import identify_servos
+    from hexctl.control.calibration.servo_assignment import assign_servos
 
-    asked = IdentificationOptions(**options)
+    asked = ServoAssignmentOptions(**options)
     bus = asked.address()
-    known = _identification(asked, bus)
+    known = _assignment(asked, bus)
     check_answerable("identify")
     known.resume()
     ids = _answering(bus) if servo_id is None else [int(servo_id)]
     with StopOnInterrupt(plain=True) as interrupt:
-        identify_servos(known, ids, CalibrationPrompt(), consent=yes, stop_requested=interrupt.requested)
+        assign_servos(known, ids, CalibrationPrompt(), consent=yes, stop_requested=interrupt.requested)
         stopped = interrupt.requested()
     print_result(json.dumps(known.ids) if as_json else known.section().rstrip())
     if known.finish():
@@ -152,8 +152,8 @@ def identify(
     raise typer.Exit(INTERRUPTED if stopped else DONE)
 
 
-def _identification(asked: IdentificationOptions, bus: BusAddress) -> "Identification":
-    from hexctl.control.calibration.servo_identification import Identification
+def _assignment(asked: ServoAssignmentOptions, bus: BusAddress) -> "ServoAssignment":
+    from hexctl.control.calibration.servo_assignment import ServoAssignment
     from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 
     model = asked.unreported_model(bus.driver)
@@ -161,7 +161,7 @@ def _identification(asked: IdentificationOptions, bus: BusAddress) -> "Identific
         model = DEFAULT_MODELS[bus.driver]
         print_note(f"these servos do not report their model: {model} is written; --model sets another")
     output = None if asked.output is None else Path(asked.output)
-    return Identification(driver=bus.driver, port=bus.path, baud=bus.baud, output=output, model=model)
+    return ServoAssignment(driver=bus.driver, port=bus.path, baud=bus.baud, output=output, model=model)
 
 
 def _answering(bus: BusAddress) -> list[int]:

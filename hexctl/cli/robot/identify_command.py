@@ -24,7 +24,7 @@ from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.errors import InputError
-from hexctl.identify.options import IdentifyOptions
+from hexctl.identify.options import WITHOUT_LOGS, IdentifyOptions
 
 if TYPE_CHECKING:
     from hexctl.identify.identification import Identification
@@ -35,7 +35,10 @@ WORSE_DEG = 0.02
 #: Left error above which a warning is printed: free legs leave 0.1 to 0.2 degrees, feet on a floor 0.8.
 POOR_DEG = 0.5
 
-CONSENT = "The legs of a robot on a stand move for {:.0f} s, at up to 90 % of their speed limits."
+CONSENT = (
+    "The legs of a robot on a stand move for {:.0f} s, by up to {:.0f} degrees to either side, at up to 90 % "
+    "of their speed limits."
+)
 
 
 @with_options(IdentifyOptions, rare=("record",))
@@ -62,8 +65,11 @@ def identify(
     """
     from hexctl.cli.values import is_said
 
-    options = IdentifyOptions(**given)
+    options = IdentifyOptions(**given, logs=logs)
+    options.check()
     options.check_output()
+    if logs and yes:
+        raise InputError(f"--yes {WITHOUT_LOGS}")
     # A recording without --robot is of a robot that is not the default one.
     next_time = options if is_said(context, "robot") or not logs else replace(options, robot="ROBOT")
     paths = list(logs or ())
@@ -117,6 +123,7 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     """Recording of the motions on the stand."""
     from hexctl.cli.prompts import ask_consent
     from hexctl.identify.identification import IdentificationRun
+    from hexctl.identify.stand_motions import MOST_RAD
     from hexctl.runs.run_spec import RunSpec
 
     where = {field.name: given[field.name] for field in fields(RecordedOptions) if field.name in given}
@@ -124,7 +131,7 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
         RunSpec(**where, record_folder=None if where["record"] is not None else runs_folder())
     )
     clear = clear_command(run.spec)
-    ask_consent(CONSENT.format(run.motions_s), yes=yes or run.spec.simulated)
+    ask_consent(CONSENT.format(run.motions_s, math.degrees(MOST_RAD)), yes=yes or run.spec.simulated)
     with connected(run) as interrupt:
         print_note(f"hexctl: the legs move for {run.motions_s:.0f} s; Ctrl-C stops")
         done = run.walk(stop_requested=interrupt.requested)

@@ -51,9 +51,9 @@ def copy_robot(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="New robot file, .yaml.")],
 ) -> None:
     """Copy a shipped robot file, to change it for your own robot."""
-    from hexctl.robot.configs import find_config
+    from hexctl.robot.loader import load_robot_file
 
-    _write_new(file, find_config("robots", name).read_text(encoding="utf-8"), "FILE")
+    _write_new(file, load_robot_file(name).text_in(file.parent), "FILE")
     print_result(f"{file}", f"next: change its name and values, then hexctl check {shlex.quote(str(file))}")
 
 

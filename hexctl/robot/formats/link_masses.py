@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.robot.model import Robot
-from hexctl.robot.schema import Body
-from hexctl.types import JOINT_KINDS
+from hexctl.robot.schema import Body, principal_moments
 
 Vector3 = tuple[float, float, float]
 
@@ -55,11 +54,8 @@ class Capsule:
 
 def link_capsule(robot: Robot, index: int) -> Capsule:
     """Solid of coxa, femur or tibia, 0..2; the tibia is shortened, and the foot touches first."""
-    outward_m, up_m = robot.link_vectors_m[index].tolist()
-    share = 1.0
-    if JOINT_KINDS[index] == "tibia":
-        share = max(0.5, 1 - robot.foot_radius_m / math.hypot(outward_m, up_m))
-    return Capsule((share * outward_m, share * up_m), float(robot.link_radii_m[index]))
+    outward_m, up_m = (robot.solid_shares[index] * robot.link_vectors_m[index]).tolist()
+    return Capsule((outward_m, up_m), float(robot.link_radii_m[index]))
 
 
 def link_mass(robot: Robot, index: int) -> PartMass:
@@ -91,8 +87,7 @@ def _principal(mass_kg: float, com_m: Vector3, moments_kg_m2: list[float]) -> Pa
     """A part from its moments about the axes of the link, and the product of x and z."""
     xx, yy, zz, xz = moments_kg_m2
     tilt_rad = 0.5 * math.atan2(2 * xz, zz - xx)
-    middle, half = (xx + zz) / 2, math.copysign(math.hypot((zz - xx) / 2, xz), 1.0)
-    return PartMass(mass_kg, com_m, (middle - half, yy, middle + half), tilt_rad)
+    return PartMass(mass_kg, com_m, principal_moments((xx, yy, zz, xz)), tilt_rad)
 
 
 def trunk_mass(body: Body) -> PartMass:

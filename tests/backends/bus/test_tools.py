@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.bus_options import BusAddress, BusOptions, IdentificationOptions, ScanOptions
+from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ScanOptions, ServoAssignmentOptions
 from hexctl.backends.bus.tools import adopt, id_differences, ids_around, joint_of, scan_bus, set_servo_id
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
@@ -241,12 +241,12 @@ def test_a_scan_asks_at_one_baud_rate_or_at_all_that_are_usual(robot: str) -> No
 
 
 def test_only_servos_that_report_no_model_are_given_one(robot: str) -> None:
-    assert IdentificationOptions(robot=robot).unreported_model("lx16a") == "lx224"
-    assert IdentificationOptions(robot=robot, model="hts35h").unreported_model("lx16a") == "hts35h"
-    assert IdentificationOptions().unreported_model("lx16a") is None
-    assert IdentificationOptions(robot=robot).unreported_model("feetech") is None
+    assert ServoAssignmentOptions(robot=robot).unreported_model("lx16a") == "lx224"
+    assert ServoAssignmentOptions(robot=robot, model="hts35h").unreported_model("lx16a") == "hts35h"
+    assert ServoAssignmentOptions().unreported_model("lx16a") is None
+    assert ServoAssignmentOptions(robot=robot).unreported_model("feetech") is None
     with pytest.raises(InputError, match="model: got hts35h"):
-        IdentificationOptions(model="hts35h").unreported_model("feetech")
+        ServoAssignmentOptions(model="hts35h").unreported_model("feetech")
 
 
 @pytest.mark.parametrize(

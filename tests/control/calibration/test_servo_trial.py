@@ -13,7 +13,7 @@ from hexctl.backends.bus.servo import Servo
 from hexctl.backends.bus.tools import opened_line, the_servo
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import EndedError
-from hexctl.control.calibration.servo_identification import Identification, identify_servos, joint_named
+from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos, joint_named
 from hexctl.control.calibration.servo_trial import TEST_DEG, held, try_servo, wiggle
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
@@ -194,17 +194,17 @@ def test_every_joint_is_found_and_written_to_a_new_file(tmp_path: Path) -> None:
     bus_map = bus_map_of(ServosSection.model_validate({"model": "sts3215", **joints}), "feetech")
     moved, output = SeenServos(shipped("phantomx")), tmp_path / "servos.yaml"
     with bus_board(bus_map, servos=moved) as board:
-        known = Identification(driver="feetech", port=board.path, baud=1_000_000, output=output)
+        known = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000, output=output)
         known.resume()
-        identify_servos(known, [31, 32, 33], Watcher(moved, "again", "the knee", ends_after=2))
+        assign_servos(known, [31, 32, 33], Watcher(moved, "again", "the knee", ends_after=2))
         assert sorted(known.ids.values()) == [31, 32]
         assert not known.finish()
         assert not output.exists()
         # On another day.
-        known = Identification(driver="feetech", port=board.path, baud=1_000_000, output=output)
+        known = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000, output=output)
         known.resume()
         watcher = Watcher(moved)
-        identify_servos(known, sorted(ids.tolist()), watcher)
+        assign_servos(known, sorted(ids.tolist()), watcher)
         assert sum("Enter moves it" in each for each in watcher.asked) == 16
         assert known.finish()
         assert not any(servo.holds for servo in board._servos)
@@ -217,9 +217,9 @@ def test_every_joint_is_found_and_written_to_a_new_file(tmp_path: Path) -> None:
 def test_a_joint_has_one_servo_and_a_servo_may_belong_to_none() -> None:
     moved = SeenServos(shipped("phantomx"))
     with bus_board(a_map(), "mute:1:tibia", servos=moved) as board:
-        known = Identification(driver="feetech", port=board.path, baud=1_000_000)
+        known = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000)
         watcher = Watcher(moved, "1 coxa", "1c", "none")
-        identify_servos(known, [1, 2, 3], watcher)
+        assign_servos(known, [1, 2, 3], watcher)
     assert known.ids == {"leg1_coxa": 1}
     assert any(each.startswith("leg1_coxa has id 1 already") for each in watcher.asked)
     assert watcher.told[-1].startswith("id 3: no servo")
@@ -239,14 +239,14 @@ def test_a_servo_moves_by_a_yes_or_with_consent_and_is_left_out_by_a_skip_alone(
 
     moved = SeenServos(shipped("phantomx"))
     with bus_board(a_map(), servos=moved) as board:
-        known = Identification(driver="feetech", port=board.path, baud=1_000_000)
+        known = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000)
         watcher = Hesitant(moved)
-        identify_servos(known, [1, 5, 9], watcher)
+        assign_servos(known, [1, 5, 9], watcher)
         assert known.ids == {"leg1_coxa": 1, "leg3_tibia": 9}
         assert [each[:9] for each in watcher.asked if each.startswith("got")] == ["got 'n'; ", "got 'jes'"]
-        known, trusting = Identification(driver="feetech", port=board.path, baud=1_000_000), Watcher(moved)
+        known, trusting = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000), Watcher(moved)
         moved.farthest = np.zeros(18)
-        identify_servos(known, [5], trusting, consent=True)
+        assign_servos(known, [5], trusting, consent=True)
     assert known.ids == {"leg2_femur": 5}
     assert len(trusting.asked) == 1
 
@@ -254,7 +254,7 @@ def test_a_servo_moves_by_a_yes_or_with_consent_and_is_left_out_by_a_skip_alone(
 def test_a_file_that_there_is_is_never_written(tmp_path: Path) -> None:
     output = tmp_path / "servos.yaml"
     output.write_text("mine\n")
-    known = Identification(driver="feetech", port="/dev/nothing", baud=1_000_000, output=output)
+    known = ServoAssignment(driver="feetech", port="/dev/nothing", baud=1_000_000, output=output)
     with pytest.raises(InputError, match="output"):
         known.resume()
     output.unlink()

@@ -1,4 +1,4 @@
-"""Servo identification: a servo on the bus is wiggled, and the operator names the joint that moved."""
+"""Servo assignment: a servo on the bus is wiggled, and the operator names the joint that moved."""
 
 import re
 import time
@@ -30,7 +30,7 @@ _JOINT = re.compile(r"(?:leg)?([1-6])[ _:]?(coxa|femur|tibia|c|f|t)")
 
 
 @dataclass(slots=True)
-class Identification:
+class ServoAssignment:
     """Servos whose joints are known; `model` is of servos that do not report it.
 
     Attributes:
@@ -119,8 +119,8 @@ def joint_named(text: str) -> str | None:
     return f"leg{found[1]}_{kind}"
 
 
-def identify_servos(
-    known: Identification,
+def assign_servos(
+    known: ServoAssignment,
     ids: Sequence[int],
     operator: Operator,
     *,
@@ -169,7 +169,7 @@ def _may_move(operator: Operator, what: str, stop_requested: Callable[[], bool])
 
 
 def _joint(
-    known: Identification, operator: Operator, what: str, stop_requested: Callable[[], bool]
+    known: ServoAssignment, operator: Operator, what: str, stop_requested: Callable[[], bool]
 ) -> str | None:
     """Joint that moved; None to see it again, empty for a servo of no joint."""
     question = f"{what}: which joint moved? leg3_femur or 3f, again, none, quit:"
