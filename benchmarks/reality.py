@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.results import put, results
 from benchmarks.rows import Bar
-from hexctl.backends.sim.world import load_randomization, load_world
+from hexctl.backends.sim.world import World, load_randomization, load_world
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.telemetry_watch import Temperatures
 from hexctl.control.trial_plan import TrialPlan
@@ -43,6 +43,9 @@ SHUFFLE, FITTED = 42, 80
 
 #: Worlds of `real` in which open-loop walks are compared; of no other use.
 WORLDS = range(7000, 7030)
+
+#: Stiffness of the robots that the multiples of `real` are for, as its file says: 15 to 18.
+NOMINAL_STIFFNESS_NM_PER_RAD = 16.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,14 +156,33 @@ def play_outside() -> float:
     return float(sum(not spread.low <= play <= spread.high for play in plays))
 
 
+def lukas_worlds() -> list[World]:
+    """Worlds of `real` with the stiffnesses and dead times that they have for robots with assumed servos.
+
+    Those of lukas are identified, and are no base for the multiples of the family.
+    """
+    servo = load_robot("lukas").servo
+    share = NOMINAL_STIFFNESS_NM_PER_RAD / servo.stiffness_nm_per_rad
+    drawn = [load_world(f"real:{number}") for number in WORLDS]
+    return [
+        world.model_copy(
+            update={
+                "servo_stiffness": share * world.servo_stiffness,
+                "servo_delay_s": max(world.servo_delay_s - servo.dead_time_s, 0.0),
+            }
+        )
+        for world in drawn
+    ]
+
+
 def settled_error_deg() -> float:
     """90th percentile of the error of lukas's joints after standing for two seconds in worlds of `real`."""
     from hexctl.backends.sim.servos import SimServos
     from hexctl.types import JointTargets
 
     errors = []
-    for number in WORLDS[:10]:
-        with SimServos(load_robot("lukas"), world=f"real:{number}") as servos:
+    for world in lukas_worlds()[:10]:
+        with SimServos(load_robot("lukas"), world=world) as servos:
             target_rad = servos.robot.stance_angles_rad
             for _ in range(100):
                 servos.write(JointTargets(target_rad, servos.clock.now_s))
@@ -174,10 +196,7 @@ def open_loop_walks() -> list[tuple[float, float]]:
     """Share of the commanded way and turn in degrees of open-loop tripods of lukas, 30 s in each world."""
     robot = load_robot("lukas")
     plan = TrialPlan(gait=make_gait(robot, "tripod"), duration_s=30.0, hold="none", self_rotation="none")
-    trials = [
-        SimTrial(robot=robot, plan=plan, failure=None, world=load_world(f"real:{number}"))
-        for number in WORLDS
-    ]
+    trials = [SimTrial(robot=robot, plan=plan, failure=None, world=world) for world in lukas_worlds()]
     return [
         ((one.distance_m or 0.0) / one.ideal_distance_m, float(np.degrees(one.yaw_change_rad or 0.0)))
         for one in run_sim_trials(trials)
