@@ -71,6 +71,9 @@ class JointFollowing:
         self._legs = np.repeat(np.arange(int(np.prod(legs))).reshape(legs), JOINTS_PER_LEG, axis=-1)
         self._twice = np.stack([self._legs, self._legs])
         self._habit = PhaseHabit((2, *joints))  # distance from the targets, and its spread
+        self._parts: NDArray[np.int64] | None = None  # of the legs, then for the habit
+        self._parts_twice = self._twice
+        self._swings: BoolArray = np.zeros(joints, dtype=bool)
         self._unusual: FloatArray = np.zeros((2, *joints))  # deviation of both from the habit
         self._unusual_rad, self._wider_rad = self._unusual
         self._learns = np.stack([RATE_PER_CYCLE * per_tick] * 2)
@@ -100,23 +103,32 @@ class JointFollowing:
         self._rho_of_kinds = tuple(self.rho[..., kind::JOINTS_PER_LEG] for kind in range(JOINTS_PER_LEG))
         self.rho_of_legs: FloatArray = np.zeros(legs)
 
-    def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
-        """Take the state of a tick, and the parts of the cycle that the legs are in, leading shape + (6,)."""
+    def update(
+        self, state: RobotState, parts: NDArray[np.int64], size_nm: FloatArray | None = None
+    ) -> None:
+        """Take a state, the parts of the cycle that the legs are in, (6,), and torques without signs, (18,).
+
+        Both have the leading shape; the torques are None if they are not measured.
+        """
         if self._ring is None:
             return
+        if parts is not self._parts:
+            self._parts, self._parts_twice = parts, parts.take(self._twice)
+            self._swings = SWINGS[parts].take(self._legs)
         if self._at_rest_rad is None:
             # Sag of the joints in the stance, and sensor offsets.
             self._at_rest_rad = state.joint_positions_rad - self._lagged
         measured = state.joint_positions_rad - self._at_rest_rad
         low, high = np.minimum.reduce(self._ring), np.maximum.reduce(self._ring)
         off_rad = measured - np.minimum(np.maximum(measured, low), high)
-        usual = self._habit.at(parts.take(self._twice))
+        usual = self._habit.at(self._parts_twice)
         np.subtract(off_rad, usual[0], out=self._unusual_rad)
         np.subtract(np.abs(self._unusual_rad), usual[1], out=self._wider_rad)
         np.maximum(self._wider_rad, self._none, out=self._residual_rad)
-        if state.joint_torques_nm is not None:
-            swings = SWINGS[parts].take(self._legs)
-            self._residual_rad *= self._overload.tells(state.joint_torques_nm, swings)
+        if size_nm is not None:
+            tells = self._overload.tells(size_nm, self._swings)
+            if np.count_nonzero(tells) < tells.size:
+                self._residual_rad *= tells
         np.subtract(self._lagged, self._target_mean, out=self._away_rad)
         np.square(self._deviations, out=self._squares)
         self._mean += self._shares * (self._now - self._mean)
@@ -201,10 +213,9 @@ class Overload:
         self._all_in_swings: FloatArray = np.zeros_like(cycles)  # share of the swings
         self._can_swing: BoolArray = np.ones(cycles.shape, dtype=bool)
 
-    def tells(self, torques_nm: FloatArray, swings: BoolArray) -> BoolArray:
-        """Take torques of a tick; whether joints that do not follow are evidence, leading shape + (18,)."""
-        size_nm = np.abs(torques_nm)
-        self._greatest_nm = np.maximum(self._greatest_nm, size_nm)
+    def tells(self, size_nm: FloatArray, swings: BoolArray) -> BoolArray:
+        """Take torques without signs; whether joints that do not follow are evidence, both (18,) at the end."""
+        np.maximum(self._greatest_nm, size_nm, out=self._greatest_nm)
         compares = self._ticks % COMPARED_TICKS == 0
         self._ticks += 1
         if compares:
@@ -219,4 +230,4 @@ class Overload:
             spares &= (size_nm <= self._much_nm) | (self._walked_cycles >= KNOWN_AFTER_CYCLES)
             self._walked_cycles += self._cycles
             self._known = bool((self._walked_cycles >= KNOWN_AFTER_CYCLES).all())
-        return (swings & self._can_swing) | spares
+        return spares if np.count_nonzero(spares) == spares.size else (swings & self._can_swing) | spares

@@ -12,6 +12,7 @@ joint changes from push to pull in a tick or two.
 """
 
 import math
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,9 @@ OFF_RAD = math.radians(2.0)
 _LEGS, _FEET = slice(0, N_LEGS), slice(N_LEGS, None)
 
 
+Legs = TypeVar("Legs", BoolArray, NDArray[np.int64])
+
+
 class LegSupport:
     """Share of its usual load that each leg misses, and idle cycles of its joints, tick by tick.
 
@@ -78,6 +82,7 @@ class LegSupport:
         self.idle_cycles: FloatArray = np.zeros(joints)
         self.idle_of_legs: FloatArray = np.zeros(legs)
         self._teaching: BoolArray = np.ones(legs, dtype=bool)
+        self._parts: NDArray[np.int64] | None = None  # of the legs, then for the habit
         self.known, self._idle, self._silent_ticks = False, False, 0
 
     def _begin(self, torques: bool, contacts: bool) -> None:
@@ -120,7 +125,9 @@ class LegSupport:
             self._forget_evidence(np.array(True))
         if load is None:
             return
-        usual = self._habit.at(np.concatenate((parts, parts), axis=-1) if self._feet else parts)
+        if parts is not self._parts:
+            self._parts, self._parts_of_columns = parts, self._columns(parts)
+        usual = self._habit.at(self._parts_of_columns)
         if self._feet and state.foot_contacts is None:
             load[..., _FEET] = (usual * self._carried)[..., _FEET]  # nothing new
         some = np.maximum(usual, self._least)
@@ -165,7 +172,7 @@ class LegSupport:
         self._knows: BoolArray = self._learned_cycles >= KNOWN_AFTER_CYCLES
         self._rate = self._full_rate * self._knows
 
-    def _columns(self, legs: BoolArray) -> BoolArray:
+    def _columns(self, legs: Legs) -> Legs:
         return np.concatenate([legs, legs], axis=-1) if self._feet else legs
 
     def _forget_evidence(self, which: BoolArray) -> None:
