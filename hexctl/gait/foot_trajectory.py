@@ -10,6 +10,7 @@ and the stop of a walk.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +24,7 @@ SWING_START, SWING_TOP, SWING_END = 1 / 3, 1 / 2, 2 / 3
 
 # Constants of the curves. NumPy computes faster with arrays than with numbers, to the same bits.
 _SLOPE, _SWING_SLOPE, _LIFT_SLOPE = np.array(1.5), np.array(3.0), np.array(6.0)
-_BACK, _ZERO, _ONE = np.array(-0.5), np.array(0.0), np.array(1.0)
+_BACK, _ZERO, _HALF, _ONE = np.array(-0.5), np.array(0.0), np.array(0.5), np.array(1.0)
 _TOP, _END = np.array(SWING_TOP), np.array(SWING_END)
 
 
@@ -39,40 +40,55 @@ def part_of_cycle(cycles: FloatArray) -> FloatArray:
     return part
 
 
-def stroke_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
+@dataclass(frozen=True, slots=True, eq=False)
+class Swing(ArrayFields):
+    """Swings of a share s of the cycle, from (1 - s) / 2 to (1 + s) / 2, and their slopes 2 / s of the lift."""
+
+    share: FloatArray
+    standing: FloatArray
+    begins: FloatArray
+    ends: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def of(cls, share: FloatArray) -> "Swing":
+        """Swings of shares in a shape that broadcasts against u."""
+        standing = 1 - share
+        return cls(share, standing, standing / 2, (1 + share) / 2, 2.0 / share)
+
+
+def stroke_offset(u: FloatArray, swing: Swing | None = None) -> FloatArray:
     """Offset in the plane as a fraction of the amplitude, m / A in [-1/2, 1/2] (paper, Eq. 3).
 
     3u/2 in [0, 1/3), 1/2 - 3 (u - 1/3) in [1/3, 2/3), -1/2 (1 - 3 (u - 2/3)) in [2/3, 1). A swing share s
-    other than a third swings from (1 - s) / 2 to (1 + s) / 2, with slopes 1 / (1 - s) and -1 / s.
+    other than a third has the slopes 1 / (1 - s) and -1 / s.
     """
-    if swing_share is not None:
-        standing = 1 - swing_share
-        swinging = 0.5 - (u - standing / 2) / swing_share
-        landed = -0.5 + (u - (1 + swing_share) / 2) / standing
-        later = np.where(u < (1 + swing_share) / 2, swinging, landed)
-        return np.where(u < standing / 2, u / standing, later)
+    if swing is not None:
+        swinging = _HALF - (u - swing.begins) / swing.share
+        landed = _BACK + (u - swing.ends) / swing.standing
+        later = np.where(u < swing.ends, swinging, landed)
+        return np.where(u < swing.begins, u / swing.standing, later)
     # Before the swing its piece is above the first one, after it below the last one: faster than `np.where`.
     swinging = np.maximum(_SLOPE - _SWING_SLOPE * u, _BACK + _SLOPE * (u - _END))
     offset: FloatArray = np.minimum(_SLOPE * u, swinging)
     return offset
 
 
-def lift_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
+def lift_offset(u: FloatArray, swing: Swing | None = None) -> FloatArray:
     """Height as a fraction of the step height, h / H in [0, 1] (paper, Eq. 4).
 
     6 (u - 1/3) in [1/3, 1/2), 1 - 6 (u - 1/2) in [1/2, 2/3), and 0 in the stance; with a swing share s the
     slopes are 2 / s.
     """
-    if swing_share is not None:
-        return np.maximum(1.0 - 2.0 / swing_share * np.abs(u - SWING_TOP), 0.0)
-    height: FloatArray = np.maximum(_ONE - _LIFT_SLOPE * np.abs(u - _TOP), _ZERO)
+    slope = _LIFT_SLOPE if swing is None else swing.slope
+    height: FloatArray = np.maximum(_ONE - slope * np.abs(u - _TOP), _ZERO)
     return height
 
 
-def in_stance(u: FloatArray, swing_share: FloatArray | None = None) -> BoolArray:
+def in_stance(u: FloatArray, swing: Swing | None = None) -> BoolArray:
     """Whether the trajectory has the foot on the floor, in the shape of u."""
-    if swing_share is not None:
-        return (u < (1 - swing_share) / 2) | (u >= (1 + swing_share) / 2)
+    if swing is not None:
+        return (u < swing.begins) | (u >= swing.ends)
     return (u < SWING_START) | (u >= SWING_END)
 
 
@@ -113,7 +129,7 @@ def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
 TUCK_HEIGHT = 0.04
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StepPattern(ArrayFields):
     """Gaits as arrays, for one walk or n computed together: the leading shape is () or (n,).
 
@@ -164,6 +180,22 @@ class StepPattern(ArrayFields):
             return np.full(np.shape(self.pace_hz), STROKES_PER_CYCLE)[()]
         return np.asarray(1 / (1 - self.swing_share[..., 0]))
 
+    @cached_property
+    def swing(self) -> Swing | None:
+        """Swings of the legs, in the shape of the phases; None if all are a third."""
+        share = self.swing_share
+        return None if share is None else Swing.of(np.broadcast_to(share, np.shape(self.phases)).copy())
+
+    @cached_property
+    def moved_m(self) -> FloatArray | None:
+        """`posture_m`, or None if it moves no foot."""
+        return None if self.posture_m is None or not self.posture_m.any() else self.posture_m
+
+    @cached_property
+    def lifted(self) -> FloatArray | None:
+        """`stepping`, or None if all legs step."""
+        return None if self.stepping is None or (self.stepping == 1).all() else self.stepping
+
 
 def posture_offsets_m(robot: Robot, posture: Posture) -> FloatArray:
     """Offsets of the feet of a posture from the stance, in the body frame, (6, 3) in m."""
@@ -186,16 +218,16 @@ def feet_at_phases(
 
     `strokes` are in the body frame, + (2,) in m; `envelope`, 0 to 1, scales strokes, heights and posture.
     """
-    stroke, lift = stroke_offset(u, pattern.swing_share), lift_offset(u, pattern.swing_share)
-    if pattern.stepping is not None:
-        stroke, lift = stroke * pattern.stepping, lift * pattern.stepping
+    stroke, lift = stroke_offset(u, pattern.swing), lift_offset(u, pattern.swing)
+    if pattern.lifted is not None:
+        stroke, lift = stroke * pattern.lifted, lift * pattern.lifted
     if not (isinstance(envelope, float) and envelope == 1.0):
         stroke, lift = envelope * stroke, envelope * lift
     feet = np.empty((*u.shape, 3))
     np.multiply(stroke[..., np.newaxis], strokes, out=feet[..., :2])
     np.multiply(lift, pattern.height_m, out=feet[..., 2])
-    if pattern.posture_m is not None:
-        feet += np.asarray(envelope)[..., np.newaxis] * pattern.posture_m
+    if pattern.moved_m is not None:
+        feet += np.asarray(envelope)[..., np.newaxis] * pattern.moved_m
     feet += robot.stance_feet_body
     return feet
 

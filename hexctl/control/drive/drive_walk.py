@@ -115,7 +115,7 @@ class DriveWalk(VelocityWalk):
             feet += pattern.posture_m
         feet[:, :2] += self.offsets_m * self._steps[:, np.newaxis]
         feet[:, 2] += (
-            self._lifted * self._steps * lift_offset(self._u(), pattern.swing_share) * pattern.height_m
+            self._lifted * self._steps * lift_offset(self._u(), pattern.swing) * pattern.height_m
         )
         return feet if self.foot_offsets_m is None else feet + self.foot_offsets_m
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -122,7 +122,7 @@ class VelocityWalk(Controller):
         """Move feet, in place, to the ground that they meet; `lifted` is the share of the step height."""
         if self._ground is not None:
             pattern = self.poser.lowered(self._pattern)
-            lift_m = lifted * lift_offset(u, pattern.swing_share) * pattern.height_m
+            lift_m = lifted * lift_offset(u, pattern.swing) * pattern.height_m
             if pattern.stepping is not None:
                 lift_m = lift_m * pattern.stepping
             top_m = lifted * pattern.height_m
@@ -277,6 +277,9 @@ def glide_cycles(gait: Gait) -> float:
     return CRAWL_GLIDE_CYCLES if len(gait.posture.tucked_legs) > 1 else GLIDE_CYCLES
 
 
+_PARTS = tuple(field.name for field in fields(StepPattern))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Glide:
     """A change of gait between two patterns, by a share of 0 to 1, over some cycles, leading shapes."""
@@ -296,7 +299,7 @@ class _Glide:
             share = _spread(self.share, later)
             return np.asarray(np.where(share < 1, before + share * (later - before), later))
 
-        return StepPattern(**{name: between(name) for name in StepPattern.__slots__})
+        return StepPattern(**{name: between(name) for name in _PARTS})
 
 
 def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
@@ -306,8 +309,7 @@ def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
 
 def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPattern:
     """Pattern `yes` of walks that meet a condition of leading shape, and `no` of the others."""
-    names = StepPattern.__slots__
-    pairs = {name: (getattr(yes, name), getattr(no, name)) for name in names}
+    pairs = {name: (getattr(yes, name), getattr(no, name)) for name in _PARTS}
     return StepPattern(
         **{name: np.where(_spread(condition, one), one, two) for name, (one, two) in pairs.items()}
     )
