@@ -9,8 +9,7 @@ and the stop of a walk.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -129,7 +128,7 @@ def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
 TUCK_HEIGHT = 0.04
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StepPattern(ArrayFields):
     """Gaits as arrays, for one walk or n computed together: the leading shape is () or (n,).
 
@@ -141,6 +140,8 @@ class StepPattern(ArrayFields):
         posture_m: of the feet relative to the stance, leading shape + (6, 3); None if all are the stance.
         stepping: 1 for legs that step and 0 for tucked ones, leading shape + (6,); None if all step.
         swing_share: leading shape + (1,); None if all are a third.
+        swing: of the legs, in the shape of the phases; None if all are a third.
+        moved_m, lifted: posture and stepping, None if they change no foot.
     """
 
     phases: FloatArray
@@ -150,6 +151,18 @@ class StepPattern(ArrayFields):
     posture_m: FloatArray | None = None
     stepping: FloatArray | None = None
     swing_share: FloatArray | None = None
+    swing: Swing | None = field(init=False, compare=False, default=None)
+    moved_m: FloatArray | None = field(init=False, compare=False, default=None)
+    lifted: FloatArray | None = field(init=False, compare=False, default=None)
+
+    def __post_init__(self) -> None:
+        if self.swing_share is not None:
+            shares = np.broadcast_to(self.swing_share, np.shape(self.phases)).copy()
+            object.__setattr__(self, "swing", Swing.of(shares))
+        if self.posture_m is not None and self.posture_m.any():
+            object.__setattr__(self, "moved_m", self.posture_m)
+        if self.stepping is not None and not (self.stepping == 1).all():
+            object.__setattr__(self, "lifted", self.stepping)
 
     @classmethod
     def of(cls, robot: Robot, gaits: Gait | Sequence[Gait], *, plain: bool = True) -> "StepPattern":
@@ -179,22 +192,6 @@ class StepPattern(ArrayFields):
         if self.swing_share is None:
             return np.full(np.shape(self.pace_hz), STROKES_PER_CYCLE)[()]
         return np.asarray(1 / (1 - self.swing_share[..., 0]))
-
-    @cached_property
-    def swing(self) -> Swing | None:
-        """Swings of the legs, in the shape of the phases; None if all are a third."""
-        share = self.swing_share
-        return None if share is None else Swing.of(np.broadcast_to(share, np.shape(self.phases)).copy())
-
-    @cached_property
-    def moved_m(self) -> FloatArray | None:
-        """`posture_m`, or None if it moves no foot."""
-        return None if self.posture_m is None or not self.posture_m.any() else self.posture_m
-
-    @cached_property
-    def lifted(self) -> FloatArray | None:
-        """`stepping`, or None if all legs step."""
-        return None if self.stepping is None or (self.stepping == 1).all() else self.stepping
 
 
 def posture_offsets_m(robot: Robot, posture: Posture) -> FloatArray:

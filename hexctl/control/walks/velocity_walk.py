@@ -202,7 +202,8 @@ class VelocityWalk(Controller):
     def _follow(self, dt_s: float, wanted: FloatArray) -> None:
         change = (1 - math.exp(-dt_s / RESPONSE_S)) * (wanted - self.velocity_body)
         # A turn moves the feet at the radius of the stance.
-        forward, left, turn = change[..., 0], change[..., 1], change[..., 2] * self._robot.stance_radius_m
+        forward, left, turn = (change[..., axis][()] for axis in range(3))
+        turn = turn * self._robot.stance_radius_m
         size = np.sqrt(forward * forward + left * left + turn * turn)
         most = self._most_change * dt_s
         if any_of(size > most):
@@ -277,7 +278,7 @@ def glide_cycles(gait: Gait) -> float:
     return CRAWL_GLIDE_CYCLES if len(gait.posture.tucked_legs) > 1 else GLIDE_CYCLES
 
 
-_PARTS = tuple(field.name for field in fields(StepPattern))
+_PARTS = tuple(field.name for field in fields(StepPattern) if field.init)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
