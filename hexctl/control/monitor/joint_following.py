@@ -95,6 +95,7 @@ class JointFollowing:
         self._late_share = np.stack([np.minimum(1.0, LATE_TICKS * per_tick / LATE_CYCLES)] * 2)
         self._least_change_rad2 = np.full(joints, (LEAST_SPEED_RAD_S * period_s) ** 2)
         self._most_late_ticks = np.full(joints, MOST_LATE_S / period_s)
+        self._late_ticks: FloatArray = np.zeros(joints)
         self._ticks = 0
         self._ring: FloatArray | None = None
         self._row = 0
@@ -127,7 +128,7 @@ class JointFollowing:
         np.maximum(self._wider_rad, self._none, out=self._residual_rad)
         if size_nm is not None:
             tells = self._overload.tells(size_nm, self._swings)
-            if np.count_nonzero(tells) < tells.size:
+            if tells is not None:
                 self._residual_rad *= tells
         np.subtract(self._lagged, self._target_mean, out=self._away_rad)
         np.square(self._deviations, out=self._squares)
@@ -164,10 +165,8 @@ class JointFollowing:
         """
         if self._at_rest_rad is None:
             return self._none
-        behind, squares = self._late_means
-        late_ticks = np.maximum(behind / (squares + self._least_change_rad2), self._none)
         off_rad = measured_rad - self._lagged
-        off_rad += np.minimum(late_ticks, self._most_late_ticks) * self._change_rad
+        off_rad += self._late_ticks * self._change_rad
         least_rad: FloatArray = np.minimum(np.abs(off_rad), np.abs(off_rad - self._at_rest_rad))
         return least_rad
 
@@ -193,6 +192,9 @@ class JointFollowing:
         if np.count_nonzero(suspicious):
             change *= ~suspicious.take(self._twice)
         self._late_means += change
+        behind, squares = self._late_means
+        late_ticks = np.maximum(behind / (squares + self._least_change_rad2), self._none)
+        self._late_ticks = np.minimum(late_ticks, self._most_late_ticks)
 
 
 class Overload:
@@ -213,8 +215,8 @@ class Overload:
         self._all_in_swings: FloatArray = np.zeros_like(cycles)  # share of the swings
         self._can_swing: BoolArray = np.ones(cycles.shape, dtype=bool)
 
-    def tells(self, size_nm: FloatArray, swings: BoolArray) -> BoolArray:
-        """Take torques without signs; whether joints that do not follow are evidence, both (18,) at the end."""
+    def tells(self, size_nm: FloatArray, swings: BoolArray) -> BoolArray | None:
+        """Take torques without signs, (18,): joints that are evidence if they do not follow; None for all."""
         np.maximum(self._greatest_nm, size_nm, out=self._greatest_nm)
         compares = self._ticks % COMPARED_TICKS == 0
         self._ticks += 1
@@ -222,7 +224,10 @@ class Overload:
             self._greatest_nm *= self._kept
             others_nm = np.maximum.reduce(self._greatest_nm.take(self._others))
             self._all_it_has_nm, self._more_nm = ALL_IT_HAS * others_nm, MORE_THAN_ALL * others_nm
-        spares = (size_nm <= self._all_it_has_nm) | (size_nm >= self._more_nm)
+        strained = size_nm > self._all_it_has_nm
+        if self._known and not (compares or np.count_nonzero(strained)):
+            return None
+        spares = ~strained | (size_nm >= self._more_nm)
         if compares:
             self._all_in_swings += self._swing_rate * swings * (~spares - self._all_in_swings)
             self._can_swing = self._all_in_swings < NEEDS_ALL
@@ -230,4 +235,4 @@ class Overload:
             spares &= (size_nm <= self._much_nm) | (self._walked_cycles >= KNOWN_AFTER_CYCLES)
             self._walked_cycles += self._cycles
             self._known = bool((self._walked_cycles >= KNOWN_AFTER_CYCLES).all())
-        return spares if np.count_nonzero(spares) == spares.size else (swings & self._can_swing) | spares
+        return (swings & self._can_swing) | spares

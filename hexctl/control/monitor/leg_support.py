@@ -149,10 +149,12 @@ class LegSupport:
     def _count_idle(
         self, weight: FloatArray, measured_rad: FloatArray, joints: JointFollowing, idle: BoolArray
     ) -> None:
+        if not (self._idle or np.count_nonzero(idle)):
+            return
+        idle = idle & (joints.off_rad(measured_rad) > self._off_rad)
         before, self._idle = self._idle, bool(np.count_nonzero(idle))
         if not (before or self._idle):
             return
-        idle = idle & (joints.off_rad(measured_rad) > self._off_rad)
         passed = (weight * self._knows)[..., _LEGS].take(self._legs) * self._per_tick
         self.idle_cycles = (self.idle_cycles + passed) * idle
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
