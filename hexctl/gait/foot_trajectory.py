@@ -63,10 +63,10 @@ def stroke_offset(u: FloatArray, swing: Swing | None = None) -> FloatArray:
     other than a third has the slopes 1 / (1 - s) and -1 / s.
     """
     if swing is not None:
-        swinging = _HALF - (u - swing.begins) / swing.share
-        landed = _BACK + (u - swing.ends) / swing.standing
-        later = np.where(u < swing.ends, swinging, landed)
-        return np.where(u < swing.begins, u / swing.standing, later)
+        piecewise = np.asarray(_BACK + (u - swing.ends) / swing.standing)
+        np.copyto(piecewise, _HALF - (u - swing.begins) / swing.share, where=u < swing.ends)
+        np.copyto(piecewise, u / swing.standing, where=u < swing.begins)  # faster than `np.where`
+        return piecewise
     # Before the swing its piece is above the first one, after it below the last one: faster than `np.where`.
     swinging = np.maximum(_SLOPE - _SWING_SLOPE * u, _BACK + _SLOPE * (u - _END))
     offset: FloatArray = np.minimum(_SLOPE * u, swinging)

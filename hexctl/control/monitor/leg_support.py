@@ -102,6 +102,8 @@ class LegSupport:
         self._learned, self._share = False, self._passed
         self._carried: FloatArray = np.ones(columns)
         self._most: FloatArray = np.zeros(columns)
+        self._loads: FloatArray = np.zeros(columns)
+        self._load_of_legs, self._load_of_feet = self._loads[..., _LEGS], self._loads[..., _FEET]
 
     def update(
         self,
@@ -129,7 +131,7 @@ class LegSupport:
             self._parts, self._parts_of_columns = parts, self._columns(parts)
         usual = self._habit.at(self._parts_of_columns)
         if self._feet and state.foot_contacts is None:
-            load[..., _FEET] = (usual * self._carried)[..., _FEET]  # nothing new
+            self._load_of_feet[...] = (usual * self._carried)[..., _FEET]  # nothing new
         some = np.maximum(usual, self._least)
         self._most = np.maximum(self._most * self._kept, some)
         weight = usual / self._most
@@ -203,7 +205,7 @@ class LegSupport:
             return contacts.astype(float)
         if not self._torques or size_nm is None:
             return None
-        legs_nm: FloatArray = size_nm[..., 1::JOINTS_PER_LEG] + size_nm[..., 2::JOINTS_PER_LEG]
-        if not self._feet:
-            return legs_nm
-        return np.concatenate((legs_nm, legs_nm if contacts is None else contacts), axis=-1)
+        np.add(size_nm[..., 1::JOINTS_PER_LEG], size_nm[..., 2::JOINTS_PER_LEG], out=self._load_of_legs)
+        if self._feet and contacts is not None:
+            self._load_of_feet[...] = contacts
+        return self._loads
