@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from hexctl.control.trial_plan import TURN_DEG_S
+from hexctl.control.trial_plan import TURN_DEG_S, Feet
 from hexctl.gait.gait import PACE_HZ, STEP
 from hexctl.options import RARE, Typed
 
@@ -29,3 +29,20 @@ class WalkOptions:
 
     height: Annotated[float | None, STEP, RARE] = None
     """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundOptions:
+    """How a robot walks over uneven ground."""
+
+    PANEL: ClassVar = "Walk"
+
+    level: Annotated[bool, RARE] = False
+    """Keep the body level on slopes, with the roll and pitch that the robot measures."""
+
+    feet: Feet = "planned"
+    """How feet meet the ground: planned, as the gait has them, or adaptive, for uneven ground: they lift
+    higher, by default at least 0.04 of the robot's size, and search the ground below until they touch it.
+
+    The search needs foot contacts.
+    """

@@ -20,7 +20,7 @@ from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.guard import Guard
 from hexctl.control.preparation import prepare, ticks_of
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import MissingExtraError, SimulationDivergedError
+from hexctl.errors import InputError, MissingExtraError, SimulationDivergedError
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, OBSERVED, LearnedWalk
@@ -79,8 +79,9 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         duration_s: float = 15.0,
     ) -> None:
         self._robot, self._worlds = as_robot(robot), [as_world(world) for world in worlds]
-        for kind in failures:
-            parse_coming_kind(1, kind)
+        _check_failures(failures, failing, failure_s, duration_s)
+        if not worlds or not headings_deg:
+            raise InputError("worlds, headings_deg: got none; allowed: one or more of each")
         self._failures, self._failing, self._failure_s = list(failures), failing, failure_s
         self._plans = [
             TrialPlan(
@@ -121,6 +122,22 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         if self._episode is not None:
             self._episode.servos.close()
             self._episode = None
+
+
+def _check_failures(
+    kinds: Sequence[str], failing: float, between_s: tuple[float, float], duration_s: float
+) -> None:
+    for kind in kinds:
+        parse_coming_kind(1, kind)
+    if not 0 <= failing <= 1:
+        raise InputError(f"failing: got {failing:g}; allowed: 0 to 1, as a share of the episodes")
+    if failing and not kinds:
+        raise InputError("failures: got none; allowed: one or more kinds, or failing=0")
+    if failing and not 0 <= between_s[0] <= between_s[1] < duration_s:
+        raise InputError(
+            f"failure_s: got {between_s}; allowed: two times that do not descend, in an episode of "
+            f"{duration_s:g} s"
+        )
 
 
 def drawn_failure(

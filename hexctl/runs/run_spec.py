@@ -20,13 +20,12 @@ from hexctl.control.trial_plan import (
     TRIM_DEG,
     TURN_TRIM_DEG_S,
     AskedRotation,
-    Feet,
     GaitChange,
     Hold,
     TrialPlan,
     suited_rotation,
 )
-from hexctl.control.walk_options import WalkOptions
+from hexctl.control.walk_options import GroundOptions, WalkOptions
 from hexctl.control.walks.ground_contact import step_height
 from hexctl.control.walks.turning import body_heading_rad
 from hexctl.errors import InputError, UnusedError, argument
@@ -68,7 +67,7 @@ def _shift(text: str) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunSpec(RecordedOptions, WalkOptions):
+class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
     """Robot, backend and walk of a run. Its fields are the options of `hexctl run`."""
 
     PANEL: ClassVar = "Walk"
@@ -141,16 +140,6 @@ class RunSpec(RecordedOptions, WalkOptions):
     hold: Hold = "auto"
     """What feedback holds: line (by position and yaw), heading (by yaw), none (open loop), or auto: the best
     that the robot's sensors allow.
-    """
-
-    level: Annotated[bool, RARE] = False
-    """Keep the body level on slopes, with the roll and pitch that the robot measures."""
-
-    feet: Feet = "planned"
-    """How feet meet the ground: planned, as the gait has them, or adaptive, for uneven ground: they lift at
-    least 0.04 of the robot's size, unless --height is given, and search the ground below until they touch it.
-
-    The search needs foot contacts.
     """
 
     trim_rad: Annotated[float | None, TRIM_DEG, RARE] = None
@@ -418,11 +407,11 @@ def _check_found(spec: RunSpec) -> None:
 
 
 def _changes_of(
-    texts: Sequence[str | GaitChange], robot: Robot, plan: TrialPlan, *, stand_up: bool
+    asked: Sequence[str | GaitChange], robot: Robot, plan: TrialPlan, *, stand_up: bool
 ) -> tuple[GaitChange, ...]:
     """Raises InputError for times that do not ascend."""
-    changes = tuple(_change_of(text, robot, plan, stand_up=stand_up) for text in texts)
-    for (first, before), (second, after) in pairwise(zip(texts, changes, strict=True)):
+    changes = tuple(_change_of(one, robot, plan, stand_up=stand_up) for one in asked)
+    for (first, before), (second, after) in pairwise(zip(asked, changes, strict=True)):
         if after.at_s <= before.at_s:
             raise InputError(
                 f"{argument('then')}: got {first} and then {second}; allowed: times that ascend, one gait "
@@ -431,21 +420,21 @@ def _changes_of(
     return changes
 
 
-def _change_of(text: str | GaitChange, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
-    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait, but without its crawl.
+def _change_of(asked: str | GaitChange, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
+    """A change, or that of a text such as `wave@10`: in the posture of the plan's gait without its crawl.
 
     With `stand_up` the body stands up for the gait `auto` with more than one failed leg.
     """
-    name, time_s = ("", text.at_s) if isinstance(text, GaitChange) else name_and_time(text)
+    name, time_s = ("", asked.at_s) if isinstance(asked, GaitChange) else name_and_time(asked)
     if names_best(name):
         raise InputError(
-            f"{argument('then')}: got {text!r}, which stands for another gait; allowed: the spec that "
+            f"{argument('then')}: got {asked!r}, which stands for another gait; allowed: the spec that "
             "hexctl.adapt.best.best_gait(spec) gives for it"
         )
     if time_s >= plan.duration_s:
-        raise InputError(f"{argument('then')}: got {text}; allowed: before {plan.duration_s:g} s, the end")
-    if isinstance(text, GaitChange):
-        return text
+        raise InputError(f"{argument('then')}: got {asked}; allowed: before {plan.duration_s:g} s, the end")
+    if isinstance(asked, GaitChange):
+        return asked
     if name == AUTO and plan.further_failures:
         return GaitChange(gait=auto_gait(robot, plan, stand_up=stand_up), at_s=time_s)
     try:
@@ -455,7 +444,7 @@ def _change_of(text: str | GaitChange, robot: Robot, plan: TrialPlan, *, stand_u
             else parse_slots(name, plan.failed_legs, _besides(plan.failures))
         )
     except InputError as error:
-        raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
+        raise InputError(f"{argument('then')}: got {asked!r} ({error})") from error
     plain = replace(plan.gait, slots=slots)
     if plan.gait.phases is not None:  # a gait of slots has the swings of the paper
         posture = replace(plan.gait.posture, shift=(0.0, 0.0))

@@ -176,6 +176,13 @@ class BusServo(SimulatedServo):
         elif table.torque_limit is not None:
             self.set(table.torque_limit, self._overloaded_share)  # STS holds on with that
 
+    def _tripped(self) -> bool:
+        """Whether an alert that its shutdown conditions name is on."""
+        error, shutdown = self._table.hardware_error, self._table.shutdown
+        if error is None or shutdown is None:
+            return False
+        return bool(self.memory[error.address] & self.memory[shutdown.address])
+
     def read(self, address: int, size: int) -> bytes:
         """Bytes of the memory; 0 beyond its end."""
         return bytes(self.memory[address : address + size]).ljust(size, b"\0")
@@ -190,7 +197,7 @@ class BusServo(SimulatedServo):
             return said & ~_SILENTLY
         table, held = self._table, self.memory[self._table.torque.address] == 1
         self.memory[address : address + len(data)] = data[: MEMORY - address]
-        if table.hardware_error is not None and self.memory[table.hardware_error.address]:
+        if self._tripped():
             self.memory[table.torque.address] = 0  # only a restart helps
         if self.memory[table.torque.address] and not held and not _covers(table, address, data):
             self.set(table.goal, self.number(table.position))  # it holds where it is

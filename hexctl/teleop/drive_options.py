@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from hexctl.backends.robot_options import FAILURE, RobotOptions, check_backend_options
-from hexctl.control.trial_plan import Feet
+from hexctl.control.walk_options import GroundOptions
 from hexctl.errors import InputError, argument
 from hexctl.gait.gait import DEFAULT_GAIT, gait_text
 from hexctl.gait.posture import POSTURE
@@ -17,7 +17,7 @@ RECORDING, WALK = Panel("Recording"), Panel("Walk")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DriveOptions(RobotOptions):
+class DriveOptions(RobotOptions, GroundOptions):
     """Input devices of a drive, and its walk. Its fields are the options of `hexctl drive`.
 
     Raises InputError for an invalid value.
@@ -56,14 +56,6 @@ class DriveOptions(RobotOptions):
 
     hold: Annotated[DriveHold, WALK] = "auto"
     """Correct slip with the pose or the yaw that the robot measures (auto), or walk in open loop (none)."""
-
-    level: Annotated[bool, WALK] = False
-    """Keep the body level on slopes, with the roll and pitch that the robot measures."""
-
-    feet: Annotated[Feet, WALK] = "planned"
-    """How feet meet the ground: planned, as the gait has them, or adaptive, for uneven ground: they lift at
-    least 0.04 of the robot's size, and search the ground below until they touch it, with foot contacts.
-    """
 
     policy: Annotated[str | None, FAILURE, RARE] = None
     """What to do about a leg that is noticed to have failed: walk-on, stop, glide, or package.module:Class.

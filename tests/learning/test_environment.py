@@ -99,7 +99,18 @@ def test_a_batch_of_learned_walks_equals_single_ones() -> None:
     assert together == [run_sim_trial(trial, learned) for trial in trials]
 
 
-@pytest.mark.parametrize("failures", [("limp:knee",), ("melted",)])
-def test_a_failure_that_cannot_come_is_refused(failures: tuple[str, ...]) -> None:
-    with pytest.raises(ValueError, match="failure"):
-        HexapodEnvironment(failures=failures)
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"failures": ("limp:knee",)}, "failure"),
+        ({"failures": ("melted",)}, "failure"),
+        ({"failures": ()}, "failures"),
+        ({"failing": 1.5}, "failing"),
+        ({"failure_s": (4.0, 1.0)}, "failure_s"),
+        ({"failure_s": (1.0, 15.0)}, "failure_s"),
+        ({"worlds": ()}, "worlds"),
+    ],
+)
+def test_an_episode_that_cannot_be_drawn_is_refused(options: dict[str, Any], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        HexapodEnvironment(**options)

@@ -336,7 +336,7 @@ def test_collada_nodes_that_use_one_another_end() -> None:
         collada_points(dae('<node><instance_node url="#a"/></node>', more=circle))
 
 
-@pytest.mark.parametrize("name", ["missing.stl", "tibia.dae", "torn.stl", "torn.obj"])
+@pytest.mark.parametrize("name", ["missing.stl", "tibia.dae", "torn.stl", "torn.obj", f"{300 * 'm'}.stl"])
 def test_a_mesh_that_is_not_read_is_named(name: str, tmp_path: Path) -> None:
     for file, content in {"tibia.dae": b"<COLLADA/>", "torn.stl": b"solid", "torn.obj": b"v 1"}.items():
         (tmp_path / file).write_bytes(content)
@@ -365,6 +365,15 @@ def test_a_foot_next_to_the_plane_of_its_leg_is_projected_with_an_error(
     angle = math.radians(40) + math.atan2(foot_y_m, real_m)
     wanted_m = np.array([0.11, 0.05]) + outward_m * np.array([math.cos(angle), math.sin(angle)])
     assert foot_positions_body(robot, robot.stance_angles_rad)[0, :2] == pytest.approx(wanted_m, abs=1e-6)
+
+
+def test_feet_at_other_distances_from_the_planes_of_their_legs_are_not_called_exact(tmp_path: Path) -> None:
+    text = hexapod()
+    assert text.count(f'xyz="{TIBIA_M} 0.0 0"') == 6
+    made = imported(tmp_path, text.replace(f'xyz="{TIBIA_M} 0.0 0"', f'xyz="{TIBIA_M} 0.03 0"', 1))
+    note = next(note for note in made.notes if "outside the planes" in note)
+    assert "30.0 mm" in note
+    assert "mm off in the stance" in note
 
 
 def test_a_foot_far_from_the_plane_of_its_leg_is_refused(tmp_path: Path) -> None:
@@ -441,7 +450,10 @@ def mjcf_scaled(scale: float) -> str:
 
 
 def test_an_mjcf_by_hand(tmp_path: Path) -> None:
-    made = imported(tmp_path, mjcf_scaled(1.0), "some.xml")
+    text = mjcf_scaled(1.0)
+    named = text.replace("<body><joint", '<body name="body2"><joint', 1)  # as bodies without a name may be
+    assert named != text
+    made = imported(tmp_path, named, "some.xml")
     assert made.content["links"]["femur"]["end_m"] == pytest.approx([FEMUR_M, 0], abs=1e-9)
     assert made.content["links"]["tibia"]["end_m"] == pytest.approx([0, -TIBIA_M], abs=1e-9)
     assert made.content["body"]["size_m"] == pytest.approx([0.22, 0.18, 0.05])
@@ -474,6 +486,7 @@ ROBOTS = ("ant", "lukas", "phantomx", "pexod")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_our_own_mjcf_comes_back_as_the_same_robot(name: str, tmp_path: Path) -> None:
     robot = shipped(name)
+    robot = replace(robot, servo=replace(robot.servo, load_friction=0.4))
     made = imported(tmp_path, mjcf_of(robot), "own.xml")
     assert made.unknown == ()
     back = made.robot()

@@ -134,6 +134,11 @@ CHANGES = {
     "xacro": ("<mass ", '<mass a="${m}" ', "xacro"),
     "two roots": ("</robot>", '<link name="loose" /></robot>', "2 links"),
     "a link that is not there": ('<parent link="base_link" />', '<parent link="nowhere" />', "nowhere"),
+    "a link carried twice": (
+        'link="leg2_coxa_link" />',
+        'link="leg1_coxa_link" />',
+        "leg1_coxa_link",
+    ),
     "a number that is none": ('xyz="0.0503 0.0 -0.0112"', 'xyz="0.0503 nan -0.0112"', "xyz"),
     "an axis of length 0": ('xyz="0 0 1"', 'xyz="0 0 0"', "axis of length 0"),
     "no XML": ("</robot>", "", "XML"),

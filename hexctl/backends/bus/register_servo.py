@@ -352,12 +352,22 @@ class RegisterServo(Servo):
         greatest, now = self.value_twice(table.max_torque), self.value_twice(table.soft_torque)
         if greatest == 0:
             notes.append("its maximum torque is set to 0")
-        elif greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
+        elif greatest is not None and greatest < 1 - TORQUE_SHARE:
+            notes.append(f"its stored maximum torque is {100 * greatest:.0f} %, from the factory 100 %")
+        if greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
         if speed := self.value_twice(table.speed):
             notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")
+        if acceleration := self.value_twice(table.acceleration):
+            notes.append(f"its acceleration is limited to {acceleration:.0f} degrees/s^2")
         if alert := self.hardware_error():
-            notes.append(f"it switched its torque off ({alert}); switch its power off and on")
+            bits = self.read_twice(table.hardware_error)
+            tripped = shutdown is None or bits is None or bits & shutdown
+            notes.append(
+                f"it switched its torque off ({alert}); switch its power off and on"
+                if tripped
+                else f"its alert is on ({alert}), and its torque stays on"
+            )
         return notes + self._variant_notes()
 
     def _speed_unit(self) -> float:
@@ -372,9 +382,11 @@ class RegisterServo(Servo):
         """Notes on a supply that it is not made for, and on old firmware."""
         notes, firmware = [], self.firmware()
         limits, volts = self._voltage_limits(), self.value_twice(self.table.voltage)
-        if limits is not None and volts and not limits[0] <= volts <= limits[1]:
-            kind = firmware_and_variant(firmware, self.variant())
-            notes.append(f"it has {volts:.3g} V and is made for other voltages ({kind})")
+        kind = firmware_and_variant(firmware, self.variant())
+        if limits is not None and volts and volts < limits[0]:
+            notes.append(f"its supply is low, {volts:.3g} V ({kind}); charge the battery, or check its cable")
+        elif limits is not None and volts and volts > limits[1]:
+            notes.append(f"it has {volts:.3g} V and is made for lower voltages ({kind})")
         if self.table.least_firmware is not None and firmware:
             least, lacks = self.table.least_firmware
             if tuple(map(int, firmware.split("."))) < least:

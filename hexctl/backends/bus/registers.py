@@ -103,6 +103,7 @@ class RegisterTable:
     protections: Mapping[int, str] = field(default_factory=dict)  # bits of `shutdown` that protect it
     overload: OverloadRegisters | None = None
     max_torque: Register | None = None  # at power-up
+    acceleration: Register | None = None  # its limit in degrees/s^2; 0 is none
     torque_limit: Register | None = None  # now; some servos set it to 0 after an overload
     soft_torque: Register | None = None  # limits the torque of single servos while they are tried
     speed: Register | None = None  # highest, 0 for full
@@ -265,6 +266,7 @@ X = RegisterTable(
     max_torque=Register(36, 2, scale=1 / 885),
     soft_torque=Register(100, 2, "twos", 1 / 885),
     speed=Register(112, 4, scale=1.374),
+    acceleration=Register(108, 4, scale=21.458),
     hardware_error=Register(70),
     hardware_errors={0: "voltage", 2: "hot", 3: "encoder", 4: "electrical shock", 5: "overload"},
     watchdog=Register(98),
@@ -316,6 +318,7 @@ STS = RegisterTable(
     torque_limit=Register(48, 2, scale=0.001),
     soft_torque=Register(48, 2, scale=0.001),
     speed=Register(46, 2, "bit15", 360 / 4096),
+    acceleration=Register(41, scale=100 * 360 / 4096),
     unlock=Register(55),
     errors={0: "voltage", 1: "encoder", 2: "hot", 3: "current", 5: "overload"},
 )
@@ -340,6 +343,7 @@ SCS = replace(
     torque_limit=None,
     soft_torque=None,
     speed=Register(46, 2, scale=300 / 1023),
+    acceleration=None,
     unlock=Register(48),
 )
 

@@ -59,9 +59,9 @@ def copy_robot(
 
 @robot.command("import")
 def import_robot(
-    urdf: Annotated[
+    description: Annotated[
         Path,
-        typer.Argument(metavar="URDF", help="Robot description, URDF or MJCF; expand a xacro first."),
+        typer.Argument(metavar="DESCRIPTION", help="Robot description, URDF or MJCF; expand a xacro first."),
     ],
     output: Annotated[
         Path,
@@ -91,17 +91,17 @@ def import_robot(
     from hexctl.robot.formats.importing.robot_import import import_robot as imported_robot
 
     _check_yaml(output, "--output")
-    imported = walkable(imported_robot(urdf, name=name, foot_m=_point(foot), forward=forward))
+    imported = walkable(imported_robot(description, name=name, foot_m=_point(foot), forward=forward))
     _write_new(output, imported.text, "--output")
-    if name in config_names("robots"):
-        print_note(f"hexctl: {name} is also a shipped robot; --robot {name} is that one, not this file")
+    if (own := imported.content["name"]) in config_names("robots"):
+        print_note(f"hexctl: {own} is also a shipped robot; --robot {own} is that one, not this file")
     for note in imported.notes:
         print_note(f"hexctl: {printable(note)}")
     lines = [f"{output}"]
     if imported.unknown:
         lines.append(f"to measure: {', '.join(imported.unknown)}")
         lines += [f"  {key}: {printable(why)}" for key, why in imported.reasons.items()]
-    print_result("\n".join([*lines, f"next: hexctl check --robot {output}"]))
+    print_result("\n".join([*lines, f"next: hexctl check --robot {shlex.quote(str(output))}"]))
 
 
 def _check_yaml(path: Path, option: str) -> None:

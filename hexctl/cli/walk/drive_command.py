@@ -176,6 +176,8 @@ def _recorders(
         further_failures=tuple(failures[1:]),
         self_rotation="none",
         travel=0.0,
+        level=options.level,
+        feet=options.feet,
         duration_s=86_400.0,  # only the driver ends a drive
     )
     title, servos = f"{loaded.robot.name} driven", not simulated

@@ -69,16 +69,16 @@ class BodyPoser:
         """Begin with level bodies; the longest stroke is a multiple of the gait's amplitude."""
         self._robot, self._longest, self.level = robot, longest_stroke, level
         self.poses: FloatArray = np.zeros((*shape, 6))
-        self.goals, self.commanded, self._checked = self.poses, self.poses, self.poses
+        self.goals, self.commanded, self._measured_poses = self.poses, self.poses, self.poses
         self._correction: FloatArray = np.zeros((*shape, 2))
-        self._fitting = self._correction  # at the last measurement of the room
+        self._last_fitting = self._correction  # at the last measurement of the room
         self._least, self._most = self._correction - MOST_LEVEL_RAD, self._correction + MOST_LEVEL_RAD
         self._frozen_imu = FrozenSensor()
         self._pattern: StepPattern | None = None
         self._posed = False
         self._level_room: FloatArray = np.ones(shape)[()]
         self.stroke_share: FloatArray = np.ones(shape)[()]
-        self._asked, self.pose_share, self.frozen = LEVEL, 1.0, False
+        self._wanted, self.pose_share, self.frozen = LEVEL, 1.0, False
         self._units = np.repeat([1.0, robot.stance_radius_m], 3)
         self._speeds = _pose_speeds(robot, self._units)
 
@@ -96,16 +96,16 @@ class BodyPoser:
 
     def move_to(self, pose: BodyPose, pattern: StepPattern) -> None:
         """Move to a pose, scaled down to the legs' reach."""
-        self._asked, self.pose_share = pose, self.reach(pose, pattern)
+        self._wanted, self.pose_share = pose, self.reach(pose, pattern)
         self.goals = np.broadcast_to(self.pose_share * pose.array, self.poses.shape)
 
     def update(self, dt_s: float, state: RobotState, pattern: StepPattern) -> None:
         """Move the bodies, `dt_s` after the last update; frozen ones stay as they are."""
         if self.frozen:
-            self.goals, self._asked = self.commanded, BodyPose.of(self.commanded.reshape(-1, 6)[0])
+            self.goals, self._wanted = self.commanded, BodyPose.of(self.commanded.reshape(-1, 6)[0])
             return
         moves = not self.at_rest
-        if not (moves or self.level or self._posed or self._asked != LEVEL):
+        if not (moves or self.level or self._posed or self._wanted != LEVEL):
             return
         if moves:
             change = self.goals - self.commanded
@@ -116,10 +116,10 @@ class BodyPoser:
         levels = self.level or bool(self._correction.any())
         if levels:
             self._level(dt_s, state)
-        if not (moves or levels or (pattern is not self._pattern and self._asked != LEVEL)):
+        if not (moves or levels or (pattern is not self._pattern and self._wanted != LEVEL)):
             return
         self.poses = self.commanded + self._level_poses()
-        self._take_room(pattern)
+        self._measure_room(pattern)
         self._posed = bool(self.poses.any())
 
     def feet(self, feet_m: FloatArray) -> FloatArray:
@@ -148,11 +148,11 @@ class BodyPoser:
 
     def _end_levelling(self, rows: BoolArray) -> None:
         """Undo what did not fit in `rows`, leading shape; the angle that grew most, in rad, ends there."""
-        grown = np.abs(self._correction) - np.abs(self._fitting)
+        grown = np.abs(self._correction) - np.abs(self._last_fitting)
         ends = rows[..., np.newaxis] & (grown == grown.max(axis=-1, keepdims=True))
-        self._most = np.where(ends & (self._correction > 0), self._fitting, self._most)
-        self._least = np.where(ends & (self._correction < 0), self._fitting, self._least)
-        self._correction = np.where(rows[..., np.newaxis], self._fitting, self._correction)
+        self._most = np.where(ends & (self._correction > 0), self._last_fitting, self._most)
+        self._least = np.where(ends & (self._correction < 0), self._last_fitting, self._least)
+        self._correction = np.where(rows[..., np.newaxis], self._last_fitting, self._correction)
 
     def _free_levelling(self, rows: BoolArray) -> None:
         """Level up to the maximum again in `rows`, leading shape."""
@@ -165,19 +165,19 @@ class BodyPoser:
         poses[..., :2] = self._correction
         return poses
 
-    def _take_room(self, pattern: StepPattern) -> None:
+    def _measure_room(self, pattern: StepPattern) -> None:
         """Measure the room for strokes if it may have changed; levelling that leaves too little is undone."""
-        moved = np.asarray((np.abs(self.poses - self._checked) > SAME_POSE * self._units).any(axis=-1))
+        moved = np.asarray((np.abs(self.poses - self._measured_poses) > SAME_POSE * self._units).any(axis=-1))
         if self._pattern is not pattern:
             self._pattern, moved = pattern, np.ones_like(moved)
             self._free_levelling(moved)
             self._level_room = self._room(np.zeros_like(self.poses), pattern, STROKES)
-            if self._asked != LEVEL:
-                self.move_to(self._asked, pattern)  # another gait reaches more or less
+            if self._wanted != LEVEL:
+                self.move_to(self._wanted, pattern)  # another gait reaches more or less
         if not any_of(moved):
             return
         share = self._share(pattern)
-        levelled = (self._correction != self._fitting).any(axis=-1)
+        levelled = (self._correction != self._last_fitting).any(axis=-1)
         too_far = np.asarray(moved & levelled & (share < np.minimum(self.stroke_share, LEVEL_STROKE)))
         if any_of(too_far):
             self._end_levelling(too_far)
@@ -186,8 +186,8 @@ class BodyPoser:
         away = np.minimum(self._correction - self._least, self._most - self._correction)
         turned_back = (away > SAME_POSE).all(axis=-1)
         self._free_levelling(np.asarray(moved & ~too_far & (turned_back | (share > self.stroke_share))))
-        self._fitting = np.where(moved[..., np.newaxis], self._correction, self._fitting)
-        self._checked = np.where(moved[..., np.newaxis], self.poses, self._checked)
+        self._last_fitting = np.where(moved[..., np.newaxis], self._correction, self._last_fitting)
+        self._measured_poses = np.where(moved[..., np.newaxis], self.poses, self._measured_poses)
         self.stroke_share = np.where(moved, share, self.stroke_share)[()]
 
     def _share(self, pattern: StepPattern) -> FloatArray:

@@ -12,7 +12,7 @@ from hexctl.robot.rotations import about_z, quaternion_about
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS
 
 #: Numbers of hexctl in a file, which MJCF has no place for; those of joints are for coxa, femur and tibia.
-GEAR_KEY, PLAY_KEY = "gear_damping_nm_s_per_rad", "play_rad"
+GEAR_KEY, LOAD_KEY, PLAY_KEY = "gear_damping_nm_s_per_rad", "load_friction", "play_rad"
 SIZE_KEY, GAIT_KEY, SPEED_KEY = "size_m", "gait", "max_speed_rad_s"
 
 #: Step of the physics in a file.
@@ -61,7 +61,10 @@ def _add_numbers(root: Element, robot: Robot) -> None:
     speeds = robot.joint_max_speed_rad_s[:JOINTS_PER_LEG]
     values = {SIZE_KEY: [robot.size_m], GAIT_KEY: [gait.pace_hz, gait.amplitude, gait.height]}
     custom = add(root, "custom")
-    values |= {SPEED_KEY: speeds.tolist(), GEAR_KEY: [robot.servo.gear_damping_nm_s_per_rad]}
+    servo = robot.servo
+    values |= {SPEED_KEY: speeds.tolist(), GEAR_KEY: [servo.gear_damping_nm_s_per_rad]}
+    if servo.load_friction:
+        values[LOAD_KEY] = [servo.load_friction]
     if robot.joint_play_rad is not None:
         values[PLAY_KEY] = robot.joint_play_rad[:JOINTS_PER_LEG].tolist()
     for name, data in values.items():

@@ -29,12 +29,11 @@ from hexctl.server.ros.topics import RobotMessages, RobotTopics
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
 from hexctl.wire.links import Endpoint
-from hexctl.wire.ros.body_pose import POSE, decode_body_pose
 from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
+from hexctl.wire.ros.motion_commands import POSE, TWIST, TWIST_STAMPED, decode_body_pose, decode_velocity
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
 from hexctl.wire.ros.ros_session import RouterWatch, check_router, open_ros_session
 from hexctl.wire.ros.telemetry import encode_trigger_answer
-from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 from hexctl.wire.zenoh_messages import decode_positions
 
 #: Pause before a failed session is opened again.

@@ -275,7 +275,7 @@ class Shaped(RecoveryMethod):
         return type(self)({id(trial.plan): one for trial, one in zip(failing, found, strict=True)})
 
     def trials_before(self, plan: TrialPlan) -> int:
-        """How many shapes were tried for a walk."""
+        """Number of shapes that were tried for a walk."""
         return self._found[id(plan)].trials if id(plan) in self._found else 0
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:

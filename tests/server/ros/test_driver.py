@@ -28,9 +28,8 @@ from hexctl.server.server import RobotServer
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import Link
-from hexctl.wire.ros.body_pose import POSE, decode_body_pose
+from hexctl.wire.ros.motion_commands import POSE, TWIST, TWIST_STAMPED, decode_body_pose, decode_velocity
 from hexctl.wire.ros.parameters import Assignment, ParameterType
-from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from tests.control.posed import PosedMock

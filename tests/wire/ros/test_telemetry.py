@@ -11,8 +11,8 @@ from hexctl.errors import MessageError
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
+from hexctl.wire.ros.motion_commands import TWIST, TWIST_STAMPED, decode_velocity
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
-from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 from tests.server.test_hostile_input import spoiled
 from tests.wire.ros.decoding import decoded
 

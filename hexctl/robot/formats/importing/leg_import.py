@@ -32,7 +32,7 @@ from hexctl.robot.formats.importing.import_values import (
 )
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.importing.tree_legs import TreeLeg
-from hexctl.robot.formats.mjcf import GEAR_KEY, PLAY_KEY, SPEED_KEY
+from hexctl.robot.formats.mjcf import GEAR_KEY, LOAD_KEY, PLAY_KEY, SPEED_KEY
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: A servo follows its target within this: it turns by 60 degrees in 0.1 to 0.25 s.
@@ -275,7 +275,8 @@ class LegImport:
         least_deg = RANGES_DEG[0]
         if ranges and high - low < least_deg < min(top - bottom for bottom, top in ranges):
             raise InputError(
-                f"robot description: the {kind} joints allow {low:.0f} to {high:.0f} deg in common"
+                f"robot description: the {kind} joints allow {low:.0f} to {high:.0f} deg in common; allowed: "
+                f"{least_deg:g} deg or more; correct the limits of the joint that differs"
             )
         if len(ranges) < len(self._legs) or not RANGES_DEG[0] <= high - low < RANGES_DEG[1]:
             reason = f"got {low:.4g} to {high:.4g} deg" if len(ranges) == len(self._legs) else "it is missing"
@@ -299,6 +300,8 @@ class LegImport:
             servo["dead_time_s"] = rounded(dead_time_s)
         if gear_damping := self._tree.numbers.get(GEAR_KEY):
             servo["gear_damping_nm_s_per_rad"] = rounded(gear_damping[0])
+        if load_friction := self._tree.numbers.get(LOAD_KEY):
+            servo["load_friction"] = rounded(load_friction[0])
         for joint, play_rad in zip(joints.values(), self._tree.numbers.get(PLAY_KEY, ()), strict=False):
             joint["play_deg"] = rounded(math.degrees(play_rad))
         return servo

@@ -235,7 +235,11 @@ def tree_of(
     joints: list[TreeJoint],
     **more: dict[str, float] | dict[str, tuple[float, ...]],
 ) -> LinkTree:
-    """A tree of links and joints; raises ValueError for a joint of an unknown link, two roots, or a loop."""
+    """A tree of links and joints.
+
+    Raises ValueError for names that are not unique, a joint of an unknown link, a link that two joints
+    carry, two roots, or a loop.
+    """
     by_name, by_child = {link.name: link for link in links}, {joint.child: joint for joint in joints}
     for joint in joints:
         for end in (joint.parent, joint.child):
@@ -245,6 +249,10 @@ def tree_of(
         counts = Counter(link.name for link in links)
         twice, count = counts.most_common(1)[0]
         raise ValueError(f"got {count} links named {twice!r}; allowed: a name each")
+    if len(by_child) < len(joints):
+        child, count = Counter(joint.child for joint in joints).most_common(1)[0]
+        names = ", ".join(joint.name for joint in joints if joint.child == child)
+        raise ValueError(f"got {count} joints that carry the link {child!r} ({names}); allowed: one")
     roots = [link for link in by_name if link not in by_child]
     if len(roots) != 1:
         names = ", ".join(roots[:5]) or "none"

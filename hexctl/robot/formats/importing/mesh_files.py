@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from hexctl.files import read_file
+from hexctl.files import is_file, read_file
 from hexctl.robot.formats.importing.link_tree import MOST_BYTES
 from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.robot.meshes import STL_HEAD, STL_TRIANGLE
@@ -32,7 +32,7 @@ def mesh_points(name: str, description: Path) -> FloatArray:
         name: file name in the description; a package is sought in and next to the folders above it.
         description: path of the description.
     """
-    file = next((place for place in _places(name, description) if place.is_file()), None)
+    file = next((place for place in _places(name, description) if is_file(place)), None)
     if file is None:
         raise UnreadMeshError("not found")
     kind = file.suffix.lower()

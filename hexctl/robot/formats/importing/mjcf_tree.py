@@ -1,13 +1,15 @@
 """A third-party MJCF, compiled by MuJoCo, as a tree of links and joints."""
 
 import math
+from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError
-from hexctl.files import read_file
+from hexctl.files import is_file, read_file
 from hexctl.robot.formats.importing.import_values import LEAST_MASS_KG
 from hexctl.robot.formats.importing.link_tree import (
     MOST_BYTES,
@@ -36,8 +38,7 @@ def read_mjcf(path: Path) -> LinkTree:
     try:
         read_file(path, MOST_BYTES)
         spec = mujoco.MjSpec.from_file(str(path))
-        for index, body in enumerate(spec.bodies):
-            body.name = body.name or f"body{index}"
+        _name_bodies(spec.bodies)
         unread = _without_missing_files(spec, path.parent)
         model = spec.compile()
         if model.nbody > MOST_LINKS:
@@ -51,6 +52,14 @@ def read_mjcf(path: Path) -> LinkTree:
     except (OSError, ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: {reason}; allowed: a valid MJCF") from error
+
+
+def _name_bodies(bodies: Sequence[Any]) -> None:
+    """Give bodies without a name one that is free."""
+    used = {body.name for body in bodies}
+    free = (name for name in map("body{}".format, count()) if name not in used)
+    for body in bodies:
+        body.name = body.name or next(free)
 
 
 def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
@@ -89,7 +98,7 @@ def _seem_radians(model: Any) -> bool:
 
 def _is_there(spec: Any, folder: Path, file: str) -> bool:
     return any(
-        (folder / part / file).is_file() for part in ("", spec.meshdir or "", spec.compiler.meshdir or "")
+        is_file(folder / part / file) for part in ("", spec.meshdir or "", spec.compiler.meshdir or "")
     )
 
 

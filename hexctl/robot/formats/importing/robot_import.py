@@ -258,7 +258,7 @@ class _Import:
         gait = (USUAL_PACE_HZ, USUAL_STRIDE * outward_m, USUAL_STEP * outward_m)
         numbers = self._tree.numbers
         size_m = float(f"{2 * radius_m:.2g}")
-        own_gait = len(numbers.get(SIZE_KEY, ())) == 1 and len(numbers.get(GAIT_KEY, ())) == 3
+        own_gait = min(numbers.get(SIZE_KEY, ()), default=0.0) > 0 and len(numbers.get(GAIT_KEY, ())) == 3
         if own_gait:
             size_m, (pace_hz, *shares) = numbers[SIZE_KEY][0], numbers[GAIT_KEY]
             gait = (pace_hz, shares[0] * size_m, shares[1] * size_m)
@@ -324,9 +324,9 @@ class _Import:
 
     def _projection(self) -> FootProjection | None:
         offsets_m = [leg.foot_offset_m for leg in self._legs]
-        size_m = float(np.mean(np.abs(offsets_m)))
-        if size_m <= PLANE_TOLERANCE * self._parts.leg_m:
+        if max(map(abs, offsets_m)) <= PLANE_TOLERANCE * self._parts.leg_m:
             return None
+        size_m = float(np.mean(np.abs(offsets_m)))
         outward_m, up_m = self._parts.vectors_m[0].tolist()
         yaws_rad = tuple(leg.yaw_rad for leg in self._legs)
         return FootProjection(tuple(offsets_m), size_m, (outward_m, up_m), yaws_rad)
