@@ -9,13 +9,13 @@ and the stop of a walk.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hexctl.gait.gait import STROKES_PER_CYCLE, SWING_SHARE, Gait, Motion, turn_amplitude_m
-from hexctl.gait.posture import STANCE, Posture
+from hexctl.gait.posture import Posture
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 
@@ -137,36 +137,33 @@ class StepPattern(ArrayFields):
         pace_hz: leading shape.
         amplitude_m: leading shape.
         height_m: step heights, leading shape + (1,).
-        posture_m: of the feet relative to the stance, leading shape + (6, 3); None if all are the stance.
-        stepping: 1 for legs that step and 0 for tucked ones, leading shape + (6,); None if all step.
+        posture_m: of the feet relative to the stance, leading shape + (6, 3).
+        stepping: 1 for legs that step and 0 for tucked ones, leading shape + (6,).
         swing_share: leading shape + (1,); None if all are a third.
         swing: of the legs, in the shape of the phases; None if all are a third.
-        moved_m, lifted: posture and stepping, None if they change no foot.
+        changes_stance: whether posture or stepping change a foot.
     """
 
     phases: FloatArray
     pace_hz: FloatArray
     amplitude_m: FloatArray
     height_m: FloatArray
-    posture_m: FloatArray | None = None
-    stepping: FloatArray | None = None
+    posture_m: FloatArray
+    stepping: FloatArray
     swing_share: FloatArray | None = None
     swing: Swing | None = field(init=False, compare=False, default=None)
-    moved_m: FloatArray | None = field(init=False, compare=False, default=None)
-    lifted: FloatArray | None = field(init=False, compare=False, default=None)
+    changes_stance: bool = field(init=False, compare=False, default=False)
 
     def __post_init__(self) -> None:
         if self.swing_share is not None:
             shares = np.broadcast_to(self.swing_share, np.shape(self.phases)).copy()
             object.__setattr__(self, "swing", Swing.of(shares))
-        if self.posture_m is not None and self.posture_m.any():
-            object.__setattr__(self, "moved_m", self.posture_m)
-        if self.stepping is not None and not (self.stepping == 1).all():
-            object.__setattr__(self, "lifted", self.stepping)
+        changes = bool(self.posture_m.any()) or not self.stepping.all()
+        object.__setattr__(self, "changes_stance", changes)
 
     @classmethod
     def of(cls, robot: Robot, gaits: Gait | Sequence[Gait], *, plain: bool = True) -> "StepPattern":
-        """Pattern of a gait, or of n gaits; with `plain` False nothing is None."""
+        """Pattern of a gait, or of n gaits; with `plain` False the swing share is never None."""
         each, pick = ([gaits], 0) if isinstance(gaits, Gait) else (list(gaits), slice(None))
 
         def stacked(values: Sequence[ArrayLike]) -> FloatArray:
@@ -174,15 +171,13 @@ class StepPattern(ArrayFields):
 
         postures = [gait.posture for gait in each]
         third = plain and all(gait.swing_share == SWING_SHARE for gait in each)
-        stance = plain and all(posture == STANCE for posture in postures)
-        all_step = plain and not any(posture.tucked_legs for posture in postures)
         return cls(
             phases=stacked([gait.leg_phases for gait in each]),
             pace_hz=stacked([gait.pace_hz for gait in each]),
             amplitude_m=stacked([gait.amplitude * robot.size_m for gait in each]),
             height_m=stacked([[gait.height * robot.size_m] for gait in each]),
-            posture_m=None if stance else stacked([posture_offsets_m(robot, one) for one in postures]),
-            stepping=None if all_step else stacked([_stepping(posture) for posture in postures]),
+            posture_m=stacked([posture_offsets_m(robot, one) for one in postures]),
+            stepping=stacked([_stepping(posture) for posture in postures]),
             swing_share=None if third else stacked([[gait.swing_share] for gait in each]),
         )
 
@@ -192,6 +187,10 @@ class StepPattern(ArrayFields):
         if self.swing_share is None:
             return np.full(np.shape(self.pace_hz), STROKES_PER_CYCLE)[()]
         return np.asarray(1 / (1 - self.swing_share[..., 0]))
+
+
+#: The fields that a pattern is made of.
+PATTERN_PARTS = tuple(each.name for each in fields(StepPattern) if each.init)
 
 
 def posture_offsets_m(robot: Robot, posture: Posture) -> FloatArray:
@@ -216,15 +215,15 @@ def feet_at_phases(
     `strokes` are in the body frame, + (2,) in m; `envelope`, 0 to 1, scales strokes, heights and posture.
     """
     stroke, lift = stroke_offset(u, pattern.swing), lift_offset(u, pattern.swing)
-    if pattern.lifted is not None:
-        stroke, lift = stroke * pattern.lifted, lift * pattern.lifted
+    if pattern.changes_stance:
+        stroke, lift = stroke * pattern.stepping, lift * pattern.stepping
     if not (isinstance(envelope, float) and envelope == 1.0):
         stroke, lift = envelope * stroke, envelope * lift
     feet = np.empty((*u.shape, 3))
     np.multiply(stroke[..., np.newaxis], strokes, out=feet[..., :2])
     np.multiply(lift, pattern.height_m, out=feet[..., 2])
-    if pattern.moved_m is not None:
-        feet += np.asarray(envelope)[..., np.newaxis] * pattern.moved_m
+    if pattern.changes_stance:
+        feet += np.asarray(envelope)[..., np.newaxis] * pattern.posture_m
     feet += robot.stance_feet_body
     return feet
 
@@ -260,18 +259,9 @@ def feet_of_walks(
     def per_walk(values: FloatArray) -> FloatArray:
         return values.reshape(walks + (1,) * time_s.ndim + values.shape[len(walks) :])
 
-    def per_walk_if(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else per_walk(values)
-
-    spread = StepPattern(
-        phases=per_walk(pattern.phases),
-        pace_hz=per_walk(np.asarray(pattern.pace_hz)),
-        amplitude_m=per_walk(np.asarray(pattern.amplitude_m)),
-        height_m=per_walk(pattern.height_m),
-        posture_m=per_walk_if(pattern.posture_m),
-        stepping=per_walk_if(pattern.stepping),
-        swing_share=per_walk_if(pattern.swing_share),
-    )
-    u = part_of_cycle(spread.pace_hz[..., np.newaxis] * time_s.reshape(times) + spread.phases)
-    envelope = ramp(time_s, stop_s).reshape(times)
-    return feet_at_phases(robot, spread, u, per_walk(stroke_vectors), envelope)
+    if walks:  # what belongs to a single walk broadcasts as it is
+        each = {name: getattr(pattern, name) for name in PATTERN_PARTS}
+        each = {name: per_walk(values) for name, values in each.items() if values is not None}
+        pattern, stroke_vectors = replace(pattern, **each), per_walk(stroke_vectors)
+    u = part_of_cycle(pattern.pace_hz[..., np.newaxis] * time_s.reshape(times) + pattern.phases)
+    return feet_at_phases(robot, pattern, u, stroke_vectors, ramp(time_s, stop_s).reshape(times))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,7 @@ from hexctl.control.walks.body_poser import BodyPoser
 from hexctl.control.walks.ground_contact import GroundContact
 from hexctl.errors import InputError, check_callable, check_type
 from hexctl.gait.foot_trajectory import (
+    PATTERN_PARTS,
     RAMP_DURATION_S,
     StepPattern,
     feet_at_phases,
@@ -123,8 +124,7 @@ class VelocityWalk(Controller):
         if self._ground is not None:
             pattern = self.poser.lowered(self._pattern)
             lift_m = lifted * lift_offset(u, pattern.swing) * pattern.height_m
-            if pattern.stepping is not None:
-                lift_m = lift_m * pattern.stepping
+            lift_m = lift_m * pattern.stepping
             top_m = lifted * pattern.height_m
             feet[..., 2] += self._ground.update(dt_s, feet, lift_m, top_m, state, pattern.stepping)
 
@@ -158,13 +158,8 @@ class VelocityWalk(Controller):
         )
 
     def leave_plain(self) -> StepPattern:
-        """Continue with an equivalent pattern without None, and return it; feet differ by rounding."""
-        if (
-            self._pattern.stepping is None
-            or self._pattern.posture_m is None
-            or self._pattern.swing_share is None
-        ):
-            plain = self._pattern
+        """Continue with an equivalent pattern with a swing share, and return it; feet differ by rounding."""
+        if (plain := self._pattern).swing_share is None:
             self._use(replace(self._pattern_of(self.gaits, plain=False), phases=plain.phases))
         return self._pattern
 
@@ -278,9 +273,6 @@ def glide_cycles(gait: Gait) -> float:
     return CRAWL_GLIDE_CYCLES if len(gait.posture.tucked_legs) > 1 else GLIDE_CYCLES
 
 
-_PARTS = tuple(field.name for field in fields(StepPattern) if field.init)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Glide:
     """A change of gait between two patterns, by a share of 0 to 1, over some cycles, leading shapes."""
@@ -300,7 +292,7 @@ class _Glide:
             share = _spread(self.share, later)
             return np.asarray(np.where(share < 1, before + share * (later - before), later))
 
-        return StepPattern(**{name: between(name) for name in _PARTS})
+        return StepPattern(**{name: between(name) for name in PATTERN_PARTS})
 
 
 def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
@@ -310,7 +302,7 @@ def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
 
 def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPattern:
     """Pattern `yes` of walks that meet a condition of leading shape, and `no` of the others."""
-    pairs = {name: (getattr(yes, name), getattr(no, name)) for name in _PARTS}
+    pairs = {name: (getattr(yes, name), getattr(no, name)) for name in PATTERN_PARTS}
     return StepPattern(
         **{name: np.where(_spread(condition, one), one, two) for name, (one, two) in pairs.items()}
     )
