@@ -70,9 +70,8 @@ class JointFollowing:
         self._overload = Overload(per_tick, limits_nm)
         self._legs = np.repeat(np.arange(int(np.prod(legs))).reshape(legs), JOINTS_PER_LEG, axis=-1)
         self._twice = np.stack([self._legs, self._legs])
-        self._habit = PhaseHabit((2, *joints))  # distance from the targets, and its spread
-        self._parts: NDArray[np.int64] | None = None  # of the legs, then for the habit
-        self._parts_twice = self._twice
+        self._habit = PhaseHabit((2, *joints), self._twice)  # distance from the targets, and its spread
+        self._parts: NDArray[np.int64] = self._legs
         self._swings: BoolArray = np.zeros(joints, dtype=bool)
         self._unusual: FloatArray = np.zeros((2, *joints))  # deviation of both from the habit
         self._unusual_rad, self._wider_rad = self._unusual
@@ -114,15 +113,14 @@ class JointFollowing:
         if self._ring is None:
             return
         if parts is not self._parts:
-            self._parts, self._parts_twice = parts, parts.take(self._twice)
-            self._swings = SWINGS[parts].take(self._legs)
+            self._parts, self._swings = parts, SWINGS[parts].take(self._legs)
         if self._at_rest_rad is None:
             # Sag of the joints in the stance, and sensor offsets.
             self._at_rest_rad = state.joint_positions_rad - self._lagged
         measured = state.joint_positions_rad - self._at_rest_rad
         low, high = np.minimum.reduce(self._ring), np.maximum.reduce(self._ring)
         off_rad = measured - np.minimum(np.maximum(measured, low), high)
-        usual = self._habit.at(self._parts_twice)
+        usual = self._habit.at(parts)
         np.subtract(off_rad, usual[0], out=self._unusual_rad)
         np.subtract(np.abs(self._unusual_rad), usual[1], out=self._wider_rad)
         np.maximum(self._wider_rad, self._none, out=self._residual_rad)

@@ -12,7 +12,6 @@ joint changes from push to pull in a tick or two.
 """
 
 import math
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,9 +54,6 @@ OFF_RAD = math.radians(2.0)
 _LEGS, _FEET = slice(0, N_LEGS), slice(N_LEGS, None)
 
 
-Legs = TypeVar("Legs", BoolArray, NDArray[np.int64])
-
-
 class LegSupport:
     """Share of its usual load that each leg misses, and idle cycles of its joints, tick by tick.
 
@@ -82,14 +78,14 @@ class LegSupport:
         self.idle_cycles: FloatArray = np.zeros(joints)
         self.idle_of_legs: FloatArray = np.zeros(legs)
         self._teaching: BoolArray = np.ones(legs, dtype=bool)
-        self._parts: NDArray[np.int64] | None = None  # of the legs, then for the habit
         self.known, self._idle, self._silent_ticks = False, False, 0
 
     def _begin(self, torques: bool, contacts: bool) -> None:
         """Decide which measurements are used: columns of the loads, leading shape + (6 or 12,)."""
         self._torques, self._feet = torques, torques and contacts
         columns = (*self._shape, N_LEGS * (1 + self._feet))
-        self._habit, self._ticks = PhaseHabit(columns), 0
+        legs = np.arange(math.prod(self._teaching.shape)).reshape(self._teaching.shape)
+        self._habit, self._ticks = PhaseHabit(columns, np.tile(legs, 1 + self._feet)), 0
         per_tick = np.broadcast_to(self._cycles[..., np.newaxis], columns).copy()
         self._full_rate = np.minimum(1.0, per_tick / SHARE_CYCLES)
         self._least, self._whole = np.full(columns, LEAST_LOAD), np.ones(columns)
@@ -127,9 +123,7 @@ class LegSupport:
             self._forget_evidence(np.array(True))
         if load is None:
             return
-        if parts is not self._parts:
-            self._parts, self._parts_of_columns = parts, self._columns(parts)
-        usual = self._habit.at(self._parts_of_columns)
+        usual = self._habit.at(parts)
         if self._feet and state.foot_contacts is None:
             self._load_of_feet[...] = (usual * self._carried)[..., _FEET]  # nothing new
         some = np.maximum(usual, self._least)
@@ -176,7 +170,7 @@ class LegSupport:
         self._knows: BoolArray = self._learned_cycles >= KNOWN_AFTER_CYCLES
         self._rate = self._full_rate * self._knows
 
-    def _columns(self, legs: Legs) -> Legs:
+    def _columns(self, legs: BoolArray) -> BoolArray:
         return np.concatenate([legs, legs], axis=-1) if self._feet else legs
 
     def _forget_evidence(self, which: BoolArray) -> None:
