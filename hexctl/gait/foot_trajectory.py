@@ -8,8 +8,8 @@ u is the foot's own normalised time (Eq. 5), and u in [1/3, 2/3) the swing. A ra
 and the stop of a walk.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +41,7 @@ def part_of_cycle(cycles: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swing(ArrayFields):
-    """Swings of a share s of the cycle, from (1 - s) / 2 to (1 + s) / 2, and their slopes 2 / s of the lift."""
+    """Swings of a share s of the cycle, from (1 - s) / 2 to (1 + s) / 2, with slopes 2 / s of the lift."""
 
     share: FloatArray
     standing: FloatArray
@@ -158,7 +158,7 @@ class StepPattern(ArrayFields):
         if self.swing_share is not None:
             shares = np.broadcast_to(self.swing_share, np.shape(self.phases)).copy()
             object.__setattr__(self, "swing", Swing.of(shares))
-        changes = bool(self.posture_m.any()) or not self.stepping.all()
+        changes = bool(self.posture_m.any() or (self.stepping != 1).any())
         object.__setattr__(self, "changes_stance", changes)
 
     @classmethod
@@ -181,16 +181,17 @@ class StepPattern(ArrayFields):
             swing_share=None if third else stacked([[gait.swing_share] for gait in each]),
         )
 
+    def combined(self, other: "StepPattern", combine: Callable[..., FloatArray]) -> "StepPattern":
+        """Pattern whose fields a function makes of those of two patterns; those that are None stay."""
+        names = [each.name for each in fields(self) if each.init and getattr(self, each.name) is not None]
+        return StepPattern(**{name: combine(getattr(self, name), getattr(other, name)) for name in names})
+
     @property
     def strokes_per_cycle(self) -> FloatArray:
         """Amplitudes per cycle at the speed of the stance, leading shape."""
         if self.swing_share is None:
             return np.full(np.shape(self.pace_hz), STROKES_PER_CYCLE)[()]
         return np.asarray(1 / (1 - self.swing_share[..., 0]))
-
-
-#: The fields that a pattern is made of.
-PATTERN_PARTS = tuple(each.name for each in fields(StepPattern) if each.init)
 
 
 def posture_offsets_m(robot: Robot, posture: Posture) -> FloatArray:
@@ -260,8 +261,7 @@ def feet_of_walks(
         return values.reshape(walks + (1,) * time_s.ndim + values.shape[len(walks) :])
 
     if walks:  # what belongs to a single walk broadcasts as it is
-        each = {name: getattr(pattern, name) for name in PATTERN_PARTS}
-        each = {name: per_walk(values) for name, values in each.items() if values is not None}
-        pattern, stroke_vectors = replace(pattern, **each), per_walk(stroke_vectors)
+        pattern = pattern.combined(pattern, lambda values, _: per_walk(values))
+        stroke_vectors = per_walk(stroke_vectors)
     u = part_of_cycle(pattern.pace_hz[..., np.newaxis] * time_s.reshape(times) + pattern.phases)
     return feet_at_phases(robot, pattern, u, stroke_vectors, ramp(time_s, stop_s).reshape(times))

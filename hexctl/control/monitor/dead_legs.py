@@ -44,7 +44,6 @@ class DeadLegs:
         idle: time without torque of each leg over its limit, leading shape + (6,).
         start: evidence from the first cycle, an alarm at 1, leading shape + (6,).
         follows: whether each leg followed its targets at the start, leading shape + (6,).
-        speaks: whether idle or start changed in the last tick.
     """
 
     def __init__(self, shape: tuple[int, ...], period_s: float, cycles: FloatArray) -> None:
@@ -58,7 +57,7 @@ class DeadLegs:
         self._origin: tuple[FloatArray, FloatArray] | None = None
         self._sums: FloatArray = np.zeros((4, *shape, N_LEGS * JOINTS_PER_LEG))
         self._touched: BoolArray = np.zeros(legs, dtype=bool)
-        self._counts, self._starts, self.speaks = False, True, True
+        self._counts, self._starts = False, True
         self.follows: BoolArray = np.ones(legs, dtype=bool)
         self.idle: FloatArray = np.zeros(legs)
         self.start: FloatArray = np.zeros(legs)
@@ -66,7 +65,6 @@ class DeadLegs:
     def update(self, state: RobotState, idle: BoolArray | None, joints: JointFollowing | None) -> None:
         """Update with a state, the joints without torque, if measured, and how joints follow, if known."""
         self._walked_s += self._period_s
-        self.speaks = self._starts or self._counts
         if idle is not None and (self._counts or np.count_nonzero(idle) >= JOINTS_PER_LEG):
             self._count_idle(idle)
         if not self._starts:
@@ -89,7 +87,6 @@ class DeadLegs:
         self._idle_s = (self._idle_s + self._period_s * many) * dead
         self.idle = self._idle_s / self._most_idle_s
         self._counts = bool(np.count_nonzero(self._idle_s))
-        self.speaks = True
 
     def forget(self, leg: int, row: tuple[int, ...] = ()) -> None:
         """Give a leg, 1..6, time to show torque after it is put down again."""

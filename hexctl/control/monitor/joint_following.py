@@ -103,13 +103,8 @@ class JointFollowing:
         self._rho_of_kinds = tuple(self.rho[..., kind::JOINTS_PER_LEG] for kind in range(JOINTS_PER_LEG))
         self.rho_of_legs: FloatArray = np.zeros(legs)
 
-    def update(
-        self, state: RobotState, parts: NDArray[np.int64], size_nm: FloatArray | None = None
-    ) -> None:
-        """Take a state, the parts of the cycle that the legs are in, (6,), and torques without signs, (18,).
-
-        Both have the leading shape; the torques are None if they are not measured.
-        """
+    def update(self, state: RobotState, parts: NDArray[np.int64], size_nm: FloatArray | None = None) -> None:
+        """Take a state, parts of the cycle, (6,) for the legs, and torques without signs, (18,), if known."""
         if self._ring is None:
             return
         if parts is not self._parts:

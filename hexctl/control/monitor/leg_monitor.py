@@ -217,9 +217,8 @@ class LegMonitor:
                 # Feet hang in the air on a bumpy floor.
                 self._ratios[1] *= self._balance.even
         self._dead.update(state, idle, self._following if self._ticks else None)
-        if self._dead.speaks:
-            np.maximum(self._effort_ratio, self._dead.idle, out=self._effort_ratio)
-            self._ratios[_START] = self._dead.start
+        np.maximum(self._effort_ratio, self._dead.idle, out=self._effort_ratio)
+        self._ratios[_START] = self._dead.start
         self._listen(stale)
         self.ratio = np.maximum.reduce(self._ratios) * self._watched
         self._ticks += 1

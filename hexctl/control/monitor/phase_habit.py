@@ -21,7 +21,7 @@ def cycle_parts(phases: FloatArray) -> NDArray[np.int64]:
 
 
 class PhaseHabit:
-    """Mean of quantities of a shape in each twelfth of the gait cycle; flat `legs` of parts, of that shape."""
+    """Mean of quantities of a shape in each twelfth of the cycle; `legs` are their indices in the parts."""
 
     def __init__(self, shape: tuple[int, ...], legs: NDArray[np.int64] | None = None) -> None:
         size = int(np.prod(shape))
@@ -38,7 +38,7 @@ class PhaseHabit:
         return self._table.reshape(*self._usual.shape, PARTS)
 
     def at(self, parts: NDArray[np.int64]) -> FloatArray:
-        """Usual values in parts of the cycle, 0 to `PARTS` - 1; the same array is taken for the same parts."""
+        """Usual values in parts of the cycle, 0 to `PARTS` - 1; the same array means the same parts."""
         if parts is not self._parts:
             self._table[self._place] = self._usual
             self._parts = parts

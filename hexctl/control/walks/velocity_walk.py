@@ -13,7 +13,6 @@ from hexctl.control.walks.body_poser import BodyPoser
 from hexctl.control.walks.ground_contact import GroundContact
 from hexctl.errors import InputError, check_callable, check_type
 from hexctl.gait.foot_trajectory import (
-    PATTERN_PARTS,
     RAMP_DURATION_S,
     StepPattern,
     feet_at_phases,
@@ -287,12 +286,11 @@ class _Glide:
 
     @property
     def pattern(self) -> StepPattern:
-        def between(name: str) -> FloatArray:
-            before, later = getattr(self.before, name), getattr(self.later, name)
+        def between(before: FloatArray, later: FloatArray) -> FloatArray:
             share = _spread(self.share, later)
-            return np.asarray(np.where(share < 1, before + share * (later - before), later))
+            return np.where(share < 1, before + share * (later - before), later)
 
-        return StepPattern(**{name: between(name) for name in PATTERN_PARTS})
+        return self.before.combined(self.later, between)
 
 
 def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
@@ -302,10 +300,7 @@ def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
 
 def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPattern:
     """Pattern `yes` of walks that meet a condition of leading shape, and `no` of the others."""
-    pairs = {name: (getattr(yes, name), getattr(no, name)) for name in PATTERN_PARTS}
-    return StepPattern(
-        **{name: np.where(_spread(condition, one), one, two) for name, (one, two) in pairs.items()}
-    )
+    return yes.combined(no, lambda one, two: np.where(_spread(condition, one), one, two))
 
 
 def nearest_phases(before: FloatArray, later: FloatArray, stepping: FloatArray | None = None) -> FloatArray:
