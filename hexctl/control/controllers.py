@@ -16,7 +16,7 @@ from hexctl.gait.foot_trajectory import (
     stroke_vectors_m,
 )
 from hexctl.gait.gait import Gait, Motion
-from hexctl.ik.legs import solve_legs, solve_legs_within_limits
+from hexctl.ik.legs import leg_joints_rad, solve_legs_within_limits
 from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, leg_slice
@@ -208,7 +208,7 @@ def joints_of_feet(
     robot: Robot, feet_body: FloatArray, held_legs: HeldLegs | BoolArray | None = None
 ) -> FloatArray:
     """Joint angles (18,) of feet (6, 3) in m, leading shapes before; held legs are in their stance."""
-    joints_rad = solve_legs(robot, feet_body).joint_positions_rad
+    joints_rad = leg_joints_rad(robot, feet_body)
     held = held_joints(held_legs) if isinstance(held_legs, tuple) else held_legs
     return joints_rad if held is None else np.where(held, robot.stance_angles_rad, joints_rad)
 

@@ -26,9 +26,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
-from hexctl.control.walks.turning import (
-    check_plan,
-)
+from hexctl.control.walks.turning import check_plan
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import (
     CommandRefusedError,

@@ -8,14 +8,14 @@ u is the foot's own normalised time (Eq. 5), and u in [1/3, 2/3) the swing. A ra
 and the stop of a walk.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hexctl.gait.gait import STROKES_PER_CYCLE, SWING_SHARE, Gait, Motion, turn_amplitude_m
-from hexctl.gait.posture import STANCE, Posture
+from hexctl.gait.posture import Posture
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 
@@ -23,7 +23,7 @@ SWING_START, SWING_TOP, SWING_END = 1 / 3, 1 / 2, 2 / 3
 
 # Constants of the curves. NumPy computes faster with arrays than with numbers, to the same bits.
 _SLOPE, _SWING_SLOPE, _LIFT_SLOPE = np.array(1.5), np.array(3.0), np.array(6.0)
-_BACK, _ZERO, _ONE = np.array(-0.5), np.array(0.0), np.array(1.0)
+_BACK, _ZERO, _HALF, _ONE = np.array(-0.5), np.array(0.0), np.array(0.5), np.array(1.0)
 _TOP, _END = np.array(SWING_TOP), np.array(SWING_END)
 
 
@@ -39,40 +39,55 @@ def part_of_cycle(cycles: FloatArray) -> FloatArray:
     return part
 
 
-def stroke_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
+@dataclass(frozen=True, slots=True, eq=False)
+class Swing(ArrayFields):
+    """Swings of a share s of the cycle, from (1 - s) / 2 to (1 + s) / 2, with slopes 2 / s of the lift."""
+
+    share: FloatArray
+    standing: FloatArray
+    begins: FloatArray
+    ends: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def of(cls, share: FloatArray) -> "Swing":
+        """Swings of shares in a shape that broadcasts against u."""
+        standing = 1 - share
+        return cls(share, standing, standing / 2, (1 + share) / 2, 2.0 / share)
+
+
+def stroke_offset(u: FloatArray, swing: Swing | None = None) -> FloatArray:
     """Offset in the plane as a fraction of the amplitude, m / A in [-1/2, 1/2] (paper, Eq. 3).
 
     3u/2 in [0, 1/3), 1/2 - 3 (u - 1/3) in [1/3, 2/3), -1/2 (1 - 3 (u - 2/3)) in [2/3, 1). A swing share s
-    other than a third swings from (1 - s) / 2 to (1 + s) / 2, with slopes 1 / (1 - s) and -1 / s.
+    other than a third has the slopes 1 / (1 - s) and -1 / s.
     """
-    if swing_share is not None:
-        standing = 1 - swing_share
-        swinging = 0.5 - (u - standing / 2) / swing_share
-        landed = -0.5 + (u - (1 + swing_share) / 2) / standing
-        later = np.where(u < (1 + swing_share) / 2, swinging, landed)
-        return np.where(u < standing / 2, u / standing, later)
+    if swing is not None:
+        piecewise = np.asarray(_BACK + (u - swing.ends) / swing.standing)
+        np.copyto(piecewise, _HALF - (u - swing.begins) / swing.share, where=u < swing.ends)
+        np.copyto(piecewise, u / swing.standing, where=u < swing.begins)  # faster than `np.where`
+        return piecewise
     # Before the swing its piece is above the first one, after it below the last one: faster than `np.where`.
     swinging = np.maximum(_SLOPE - _SWING_SLOPE * u, _BACK + _SLOPE * (u - _END))
     offset: FloatArray = np.minimum(_SLOPE * u, swinging)
     return offset
 
 
-def lift_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
+def lift_offset(u: FloatArray, swing: Swing | None = None) -> FloatArray:
     """Height as a fraction of the step height, h / H in [0, 1] (paper, Eq. 4).
 
     6 (u - 1/3) in [1/3, 1/2), 1 - 6 (u - 1/2) in [1/2, 2/3), and 0 in the stance; with a swing share s the
     slopes are 2 / s.
     """
-    if swing_share is not None:
-        return np.maximum(1.0 - 2.0 / swing_share * np.abs(u - SWING_TOP), 0.0)
-    height: FloatArray = np.maximum(_ONE - _LIFT_SLOPE * np.abs(u - _TOP), _ZERO)
+    slope = _LIFT_SLOPE if swing is None else swing.slope
+    height: FloatArray = np.maximum(_ONE - slope * np.abs(u - _TOP), _ZERO)
     return height
 
 
-def in_stance(u: FloatArray, swing_share: FloatArray | None = None) -> BoolArray:
+def in_stance(u: FloatArray, swing: Swing | None = None) -> BoolArray:
     """Whether the trajectory has the foot on the floor, in the shape of u."""
-    if swing_share is not None:
-        return (u < (1 - swing_share) / 2) | (u >= (1 + swing_share) / 2)
+    if swing is not None:
+        return (u < swing.begins) | (u >= swing.ends)
     return (u < SWING_START) | (u >= SWING_END)
 
 
@@ -122,22 +137,33 @@ class StepPattern(ArrayFields):
         pace_hz: leading shape.
         amplitude_m: leading shape.
         height_m: step heights, leading shape + (1,).
-        posture_m: of the feet relative to the stance, leading shape + (6, 3); None if all are the stance.
-        stepping: 1 for legs that step and 0 for tucked ones, leading shape + (6,); None if all step.
+        posture_m: of the feet relative to the stance, leading shape + (6, 3).
+        stepping: 1 for legs that step and 0 for tucked ones, leading shape + (6,).
         swing_share: leading shape + (1,); None if all are a third.
+        swing: of the legs, in the shape of the phases; None if all are a third.
+        changes_stance: whether posture or stepping change a foot.
     """
 
     phases: FloatArray
     pace_hz: FloatArray
     amplitude_m: FloatArray
     height_m: FloatArray
-    posture_m: FloatArray | None = None
-    stepping: FloatArray | None = None
+    posture_m: FloatArray
+    stepping: FloatArray
     swing_share: FloatArray | None = None
+    swing: Swing | None = field(init=False, compare=False, default=None)
+    changes_stance: bool = field(init=False, compare=False, default=False)
+
+    def __post_init__(self) -> None:
+        if self.swing_share is not None:
+            shares = np.broadcast_to(self.swing_share, np.shape(self.phases)).copy()
+            object.__setattr__(self, "swing", Swing.of(shares))
+        changes = bool(self.posture_m.any() or (self.stepping != 1).any())
+        object.__setattr__(self, "changes_stance", changes)
 
     @classmethod
     def of(cls, robot: Robot, gaits: Gait | Sequence[Gait], *, plain: bool = True) -> "StepPattern":
-        """Pattern of a gait, or of n gaits; with `plain` False nothing is None."""
+        """Pattern of a gait, or of n gaits; with `plain` False the swing share is never None."""
         each, pick = ([gaits], 0) if isinstance(gaits, Gait) else (list(gaits), slice(None))
 
         def stacked(values: Sequence[ArrayLike]) -> FloatArray:
@@ -145,17 +171,20 @@ class StepPattern(ArrayFields):
 
         postures = [gait.posture for gait in each]
         third = plain and all(gait.swing_share == SWING_SHARE for gait in each)
-        stance = plain and all(posture == STANCE for posture in postures)
-        all_step = plain and not any(posture.tucked_legs for posture in postures)
         return cls(
             phases=stacked([gait.leg_phases for gait in each]),
             pace_hz=stacked([gait.pace_hz for gait in each]),
             amplitude_m=stacked([gait.amplitude * robot.size_m for gait in each]),
             height_m=stacked([[gait.height * robot.size_m] for gait in each]),
-            posture_m=None if stance else stacked([posture_offsets_m(robot, one) for one in postures]),
-            stepping=None if all_step else stacked([_stepping(posture) for posture in postures]),
+            posture_m=stacked([posture_offsets_m(robot, one) for one in postures]),
+            stepping=stacked([_stepping(posture) for posture in postures]),
             swing_share=None if third else stacked([[gait.swing_share] for gait in each]),
         )
+
+    def combined(self, other: "StepPattern", combine: Callable[..., FloatArray]) -> "StepPattern":
+        """Pattern whose fields a function makes of those of two patterns; those that are None stay."""
+        names = [each.name for each in fields(self) if each.init and getattr(self, each.name) is not None]
+        return StepPattern(**{name: combine(getattr(self, name), getattr(other, name)) for name in names})
 
     @property
     def strokes_per_cycle(self) -> FloatArray:
@@ -186,15 +215,15 @@ def feet_at_phases(
 
     `strokes` are in the body frame, + (2,) in m; `envelope`, 0 to 1, scales strokes, heights and posture.
     """
-    stroke, lift = stroke_offset(u, pattern.swing_share), lift_offset(u, pattern.swing_share)
-    if pattern.stepping is not None:
+    stroke, lift = stroke_offset(u, pattern.swing), lift_offset(u, pattern.swing)
+    if pattern.changes_stance:
         stroke, lift = stroke * pattern.stepping, lift * pattern.stepping
     if not (isinstance(envelope, float) and envelope == 1.0):
         stroke, lift = envelope * stroke, envelope * lift
     feet = np.empty((*u.shape, 3))
     np.multiply(stroke[..., np.newaxis], strokes, out=feet[..., :2])
     np.multiply(lift, pattern.height_m, out=feet[..., 2])
-    if pattern.posture_m is not None:
+    if pattern.changes_stance:
         feet += np.asarray(envelope)[..., np.newaxis] * pattern.posture_m
     feet += robot.stance_feet_body
     return feet
@@ -231,18 +260,8 @@ def feet_of_walks(
     def per_walk(values: FloatArray) -> FloatArray:
         return values.reshape(walks + (1,) * time_s.ndim + values.shape[len(walks) :])
 
-    def per_walk_if(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else per_walk(values)
-
-    spread = StepPattern(
-        phases=per_walk(pattern.phases),
-        pace_hz=per_walk(np.asarray(pattern.pace_hz)),
-        amplitude_m=per_walk(np.asarray(pattern.amplitude_m)),
-        height_m=per_walk(pattern.height_m),
-        posture_m=per_walk_if(pattern.posture_m),
-        stepping=per_walk_if(pattern.stepping),
-        swing_share=per_walk_if(pattern.swing_share),
-    )
-    u = part_of_cycle(spread.pace_hz[..., np.newaxis] * time_s.reshape(times) + spread.phases)
-    envelope = ramp(time_s, stop_s).reshape(times)
-    return feet_at_phases(robot, spread, u, per_walk(stroke_vectors), envelope)
+    if walks:  # what belongs to a single walk broadcasts as it is
+        pattern = pattern.combined(pattern, lambda values, _: per_walk(values))
+        stroke_vectors = per_walk(stroke_vectors)
+    u = part_of_cycle(pattern.pace_hz[..., np.newaxis] * time_s.reshape(times) + pattern.phases)
+    return feet_at_phases(robot, pattern, u, stroke_vectors, ramp(time_s, stop_s).reshape(times))

@@ -75,6 +75,17 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
 
     The joint angles are these slopes less the links' slopes at angle zero.
     """
+    joints_rad, side, distance = _solved(robot, feet_body)
+    return LegAngles(joints_rad, reachable=side == distance)
+
+
+def leg_joints_rad(robot: Robot, feet_body: FloatArray) -> FloatArray:
+    """Joint angles of `solve_legs`, without the check of the reach."""
+    return _solved(robot, feet_body)[0]
+
+
+def _solved(robot: Robot, feet_body: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Joint angles, the side d as far as the legs reach, and the whole distance."""
     leg = robot.leg_triangle
     from_mount = feet_body - robot.mount_positions_body
     x, y, z = from_mount[..., 0], from_mount[..., 1], from_mount[..., 2]
@@ -94,7 +105,7 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
     np.subtract(np.arctan2(y, x), robot.mount_yaws_rad, out=joints[..., 0])
     np.subtract(femur_up, leg.femur_slope_rad, out=joints[..., 1])
     np.subtract(tibia_up - leg.tibia_slope_rad, joints[..., 1], out=joints[..., 2])
-    return LegAngles(_wrapped(joints).reshape(*x.shape[:-1], N_JOINTS), reachable=side == distance)
+    return _wrapped(joints).reshape(*x.shape[:-1], N_JOINTS), side, distance
 
 
 def _cosine(value: FloatArray) -> FloatArray:

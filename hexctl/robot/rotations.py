@@ -13,7 +13,11 @@ ComponentT = TypeVar("ComponentT", float, FloatArray)
 
 def yaw_rad(quaternion: FloatArray) -> FloatArray:
     """Yaw about the vertical of quaternions, leading shape + (4,), in (-pi, pi]: leading shape in rad."""
-    w, x, y, z = components(quaternion)
+    return yaw_of(*components(quaternion))
+
+
+def yaw_of(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    """As `yaw_rad`, of `components`."""
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 

@@ -10,7 +10,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import body_heading_rad, failed_foot_azimuth_rad
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots, code_count, slots_from_code
-from hexctl.gait.foot_trajectory import in_stance, part_of_cycle, posture_offsets_m, stroke_offset
+from hexctl.gait.foot_trajectory import Swing, in_stance, part_of_cycle, posture_offsets_m, stroke_offset
 from hexctl.gait.gait import Gait
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
@@ -86,11 +86,11 @@ def feet_over_cycle(
     # Half a step off the corners of Eq. 3 and 4, at which a foot both stands and swings.
     cycles = (np.arange(PHASES) + 0.5) / PHASES
     u = part_of_cycle(cycles[:, np.newaxis] + phases[:, np.newaxis, :])  # (gaits, P, 6)
-    share = None if swing_share is None else np.array(swing_share)
+    swing = None if swing_share is None else Swing.of(np.array(swing_share))
     amplitude = robot.gait.amplitude if amplitude is None else amplitude
-    stroke_m = amplitude * robot.size_m * stroke_offset(u, share)
+    stroke_m = amplitude * robot.size_m * stroke_offset(u, swing)
     direction = np.array([math.cos(heading_rad), math.sin(heading_rad)])
-    offsets, standing = -stroke_m[..., np.newaxis] * direction, in_stance(u, share)
+    offsets, standing = -stroke_m[..., np.newaxis] * direction, in_stance(u, swing)
     for leg, on_floor in stances.items():
         standing[..., leg - 1] = on_floor
         offsets[..., leg - 1, :] = 0.0

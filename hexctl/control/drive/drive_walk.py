@@ -61,7 +61,7 @@ class DriveWalk(VelocityWalk):
     @property
     def home(self) -> bool:
         """Whether all stepping feet are at their places of the stance."""
-        away_m = np.hypot(*self.offsets_m.T) * self._steps
+        away_m = np.hypot(*self.offsets_m.T) * self._pattern.stepping
         return bool(away_m.max() <= AT_HOME * self._pattern.amplitude_m)
 
     @property
@@ -111,18 +111,12 @@ class DriveWalk(VelocityWalk):
     def _feet(self) -> FloatArray:
         pattern = self.poser.lowered(self._pattern)
         feet = self._robot.stance_feet_body.copy()
-        if pattern.posture_m is not None:
-            feet += pattern.posture_m
-        feet[:, :2] += self.offsets_m * self._steps[:, np.newaxis]
+        feet += pattern.posture_m
+        feet[:, :2] += self.offsets_m * pattern.stepping[:, np.newaxis]
         feet[:, 2] += (
-            self._lifted * self._steps * lift_offset(self._u(), pattern.swing_share) * pattern.height_m
+            self._lifted * pattern.stepping * lift_offset(self._u(), pattern.swing) * pattern.height_m
         )
         return feet if self.foot_offsets_m is None else feet + self.foot_offsets_m
-
-    @property
-    def _steps(self) -> FloatArray:
-        """1 for legs that step and 0 for tucked ones, (6,)."""
-        return np.ones(len(self._turning_m)) if self._pattern.stepping is None else self._pattern.stepping
 
     def _u(self) -> FloatArray:
         return part_of_cycle(self._cycles + self._pattern.phases)
@@ -162,7 +156,7 @@ class DriveWalk(VelocityWalk):
         u, pace_hz = self._u(), float(self._pattern.pace_hz)
         on_floor = (u < begins) | (u >= ends)
         left_s = np.where(on_floor, (begins - u) % 1.0, 0.0) / pace_hz
-        way_m = self._over_floor(velocity) * left_s[:, np.newaxis] * self._steps[:, np.newaxis]
+        way_m = self._over_floor(velocity) * left_s[:, np.newaxis] * self._pattern.stepping[:, np.newaxis]
         most_m = self._most_stroke() / 2
         # The maximum s of 0..1 with |d + s way| <= most, for each foot.
         a = (way_m * way_m).sum(axis=1)

@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 
+from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.robot.failure import Failure
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, RobotState
 
@@ -56,29 +57,36 @@ class DeadLegs:
         self._origin: tuple[FloatArray, FloatArray] | None = None
         self._sums: FloatArray = np.zeros((4, *shape, N_LEGS * JOINTS_PER_LEG))
         self._touched: BoolArray = np.zeros(legs, dtype=bool)
+        self._counts, self._starts = False, True
         self.follows: BoolArray = np.ones(legs, dtype=bool)
         self.idle: FloatArray = np.zeros(legs)
         self.start: FloatArray = np.zeros(legs)
 
-    def update(self, state: RobotState, idle: BoolArray | None, expected_rad: FloatArray | None) -> None:
-        """Update with a state, the joints without torque, if measured, and expected angles or None."""
+    def update(self, state: RobotState, idle: BoolArray | None, joints: JointFollowing | None) -> None:
+        """Update with a state, the joints without torque, if measured, and how joints follow, if known."""
         self._walked_s += self._period_s
-        if idle is not None:
-            dead = np.logical_and.reduce(_of_legs(idle), axis=-1)
-            if np.count_nonzero(dead) or np.count_nonzero(self._idle_s):
-                gives = ~dead
-                many = np.count_nonzero(gives, axis=-1, keepdims=True) > N_LEGS // 2
-                self._idle_s = (self._idle_s + self._period_s * many) * ~gives
-                self.idle = self._idle_s / self._most_idle_s
-        if self._walked_s <= self._lasts_s:
-            self.start = np.zeros_like(self.start)
+        if idle is not None and (self._counts or np.count_nonzero(idle) >= JOINTS_PER_LEG):
+            self._count_idle(idle)
+        if not self._starts:
+            return
+        self.start = np.zeros_like(self.start)
+        self._starts = self._walked_s <= self._lasts_s
+        if self._starts:
             now = self._walked_s <= self._first_s
-            if state.measured and expected_rad is not None:
-                self._follow(state.joint_positions_rad, expected_rad, now)
+            if state.measured and joints is not None:
+                self._follow(state.joint_positions_rad, joints.expected_rad, now)
             if state.joint_torques_nm is None and state.foot_contacts is not None:
                 self._touch(state.foot_contacts, now)
-        elif np.count_nonzero(self.start):
-            self.start = np.zeros_like(self.start)
+
+    def _count_idle(self, idle: BoolArray) -> None:
+        coxae, femora, tibiae = (idle[..., kind::JOINTS_PER_LEG] for kind in range(JOINTS_PER_LEG))
+        dead = coxae & femora & tibiae
+        if not (self._counts or np.count_nonzero(dead)):
+            return
+        many = np.count_nonzero(~dead, axis=-1, keepdims=True) > N_LEGS // 2
+        self._idle_s = (self._idle_s + self._period_s * many) * dead
+        self.idle = self._idle_s / self._most_idle_s
+        self._counts = bool(np.count_nonzero(self._idle_s))
 
     def forget(self, leg: int, row: tuple[int, ...] = ()) -> None:
         """Give a leg, 1..6, time to show torque after it is put down again."""

@@ -70,7 +70,9 @@ class JointFollowing:
         self._overload = Overload(per_tick, limits_nm)
         self._legs = np.repeat(np.arange(int(np.prod(legs))).reshape(legs), JOINTS_PER_LEG, axis=-1)
         self._twice = np.stack([self._legs, self._legs])
-        self._habit = PhaseHabit((2, *joints))  # distance from the targets, and its spread
+        self._habit = PhaseHabit((2, *joints), self._twice)  # distance from the targets, and its spread
+        self._parts: NDArray[np.int64] = self._legs
+        self._swings: BoolArray = np.zeros(joints, dtype=bool)
         self._unusual: FloatArray = np.zeros((2, *joints))  # deviation of both from the habit
         self._unusual_rad, self._wider_rad = self._unusual
         self._learns = np.stack([RATE_PER_CYCLE * per_tick] * 2)
@@ -92,6 +94,7 @@ class JointFollowing:
         self._late_share = np.stack([np.minimum(1.0, LATE_TICKS * per_tick / LATE_CYCLES)] * 2)
         self._least_change_rad2 = np.full(joints, (LEAST_SPEED_RAD_S * period_s) ** 2)
         self._most_late_ticks = np.full(joints, MOST_LATE_S / period_s)
+        self._late_ticks: FloatArray = np.zeros(joints)
         self._ticks = 0
         self._ring: FloatArray | None = None
         self._row = 0
@@ -100,23 +103,26 @@ class JointFollowing:
         self._rho_of_kinds = tuple(self.rho[..., kind::JOINTS_PER_LEG] for kind in range(JOINTS_PER_LEG))
         self.rho_of_legs: FloatArray = np.zeros(legs)
 
-    def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
-        """Take the state of a tick, and the parts of the cycle that the legs are in, leading shape + (6,)."""
+    def update(self, state: RobotState, parts: NDArray[np.int64], size_nm: FloatArray | None = None) -> None:
+        """Take a state, parts of the cycle, (6,) for the legs, and torques without signs, (18,), if known."""
         if self._ring is None:
             return
+        if parts is not self._parts:
+            self._parts, self._swings = parts, SWINGS[parts].take(self._legs)
         if self._at_rest_rad is None:
             # Sag of the joints in the stance, and sensor offsets.
             self._at_rest_rad = state.joint_positions_rad - self._lagged
         measured = state.joint_positions_rad - self._at_rest_rad
         low, high = np.minimum.reduce(self._ring), np.maximum.reduce(self._ring)
         off_rad = measured - np.minimum(np.maximum(measured, low), high)
-        usual = self._habit.at(parts.take(self._twice))
+        usual = self._habit.at(parts)
         np.subtract(off_rad, usual[0], out=self._unusual_rad)
         np.subtract(np.abs(self._unusual_rad), usual[1], out=self._wider_rad)
         np.maximum(self._wider_rad, self._none, out=self._residual_rad)
-        if state.joint_torques_nm is not None:
-            swings = SWINGS[parts].take(self._legs)
-            self._residual_rad *= self._overload.tells(state.joint_torques_nm, swings)
+        if size_nm is not None:
+            tells = self._overload.tells(size_nm, self._swings)
+            if tells is not None:
+                self._residual_rad *= tells
         np.subtract(self._lagged, self._target_mean, out=self._away_rad)
         np.square(self._deviations, out=self._squares)
         self._mean += self._shares * (self._now - self._mean)
@@ -152,10 +158,8 @@ class JointFollowing:
         """
         if self._at_rest_rad is None:
             return self._none
-        behind, squares = self._late_means
-        late_ticks = np.maximum(behind / (squares + self._least_change_rad2), self._none)
         off_rad = measured_rad - self._lagged
-        off_rad += np.minimum(late_ticks, self._most_late_ticks) * self._change_rad
+        off_rad += self._late_ticks * self._change_rad
         least_rad: FloatArray = np.minimum(np.abs(off_rad), np.abs(off_rad - self._at_rest_rad))
         return least_rad
 
@@ -181,6 +185,9 @@ class JointFollowing:
         if np.count_nonzero(suspicious):
             change *= ~suspicious.take(self._twice)
         self._late_means += change
+        behind, squares = self._late_means
+        late_ticks = np.maximum(behind / (squares + self._least_change_rad2), self._none)
+        self._late_ticks = np.minimum(late_ticks, self._most_late_ticks)
 
 
 class Overload:
@@ -201,17 +208,19 @@ class Overload:
         self._all_in_swings: FloatArray = np.zeros_like(cycles)  # share of the swings
         self._can_swing: BoolArray = np.ones(cycles.shape, dtype=bool)
 
-    def tells(self, torques_nm: FloatArray, swings: BoolArray) -> BoolArray:
-        """Take torques of a tick; whether joints that do not follow are evidence, leading shape + (18,)."""
-        size_nm = np.abs(torques_nm)
-        self._greatest_nm = np.maximum(self._greatest_nm, size_nm)
+    def tells(self, size_nm: FloatArray, swings: BoolArray) -> BoolArray | None:
+        """Take torques without signs, (18,): joints that are evidence if they do not follow; None for all."""
+        np.maximum(self._greatest_nm, size_nm, out=self._greatest_nm)
         compares = self._ticks % COMPARED_TICKS == 0
         self._ticks += 1
         if compares:
             self._greatest_nm *= self._kept
             others_nm = np.maximum.reduce(self._greatest_nm.take(self._others))
             self._all_it_has_nm, self._more_nm = ALL_IT_HAS * others_nm, MORE_THAN_ALL * others_nm
-        spares = (size_nm <= self._all_it_has_nm) | (size_nm >= self._more_nm)
+        strained = size_nm > self._all_it_has_nm
+        if self._known and not (compares or np.count_nonzero(strained)):
+            return None
+        spares = ~strained | (size_nm >= self._more_nm)
         if compares:
             self._all_in_swings += self._swing_rate * swings * (~spares - self._all_in_swings)
             self._can_swing = self._all_in_swings < NEEDS_ALL

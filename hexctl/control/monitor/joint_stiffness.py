@@ -110,22 +110,21 @@ class JointStiffness:
         self._most, self._at_limit, self._doubted = np.zeros(joints), np.zeros(joints), np.zeros(joints)
         self._share_of_others: FloatArray = np.ones(joints)
         self._teaches: BoolArray = np.ones(joints, dtype=bool)
-        none: BoolArray = np.zeros(joints, dtype=bool)
-        self._known, self._fits, self._from_start = none, none, none
+        self._none: BoolArray = np.zeros(joints, dtype=bool)
+        self._known, self._fits, self._from_start = self._none, self._none, self._none
         places = np.arange(self._most.size).reshape(*shape, N_LEGS, JOINTS_PER_LEG)
         kind = [np.roll(places, legs, axis=-2).reshape(joints) for legs in range(N_LEGS)]
         self._kind = np.stack(kind)  # the same joint of all legs, of the own leg first
-        self._blocks = 0
+        self._blocks, self._rows_first = 0, (len(joints), len(joints) + 1, *range(len(joints)))
         self._held: FloatArray = np.zeros(joints)
-        self.weak: BoolArray = np.zeros(joints, dtype=bool)
-        self.new: BoolArray = np.zeros(joints, dtype=bool)
+        self.weak, self.new = self._none, self._none
         self.share: FloatArray = np.ones(joints)
         self.error: FloatArray = np.zeros(joints)
 
     def update(self, motion: RecentMotion, age_ticks: int, watched: BoolArray) -> None:
         """Take the last ticks of the motion, with states of an age; watched legs have the shape + (6,)."""
         rows = motion.last(BLOCK_TICKS + EARLIER_TICKS + age_ticks)
-        self.new = np.zeros_like(self.weak)
+        self.new = self._none
         if rows is None:
             return
         samples = self._samples(rows, age_ticks)
@@ -163,7 +162,8 @@ class JointStiffness:
     def _samples(self, rows: FloatArray, age: int) -> FloatArray:
         """Samples of a block, leading shape + (18, 7, ticks), of measured angles, targets and torques."""
         measured, targets, torques = rows
-        samples: FloatArray = np.empty((_ROWS, BLOCK_TICKS, *measured.shape[1:]))
+        by_joint: FloatArray = np.empty((*measured.shape[1:], _ROWS, BLOCK_TICKS))
+        samples = by_joint.transpose(self._rows_first)
         now, before = measured[-BLOCK_TICKS:], measured[-BLOCK_TICKS - 1 : -1]
         early, middle, late = (targets[-BLOCK_TICKS - lag - age : -lag - age] for lag in (1, 2, 3))
         samples[0] = 1.0
@@ -173,7 +173,7 @@ class JointStiffness:
         np.subtract(now, before, out=samples[4])
         np.subtract(middle, self._behind_play(middle), out=samples[5])
         np.subtract(middle, (now + before) / 2, out=samples[6])
-        return np.ascontiguousarray(np.moveaxis(samples, (0, 1), (-2, -1)))
+        return by_joint
 
     def _behind_play(self, targets_rad: FloatArray) -> FloatArray:
         """Shafts that follow targets, (ticks,) + leading shape + (18,), with play."""

@@ -136,7 +136,8 @@ class LegMonitor:
         self._none_nm = NO_TORQUE_SHARE * robot.joint_max_torque_nm
         self._wild_rad = WILD_TIMES * robot.joint_max_speed_rad_s * period_s + WILD_RAD
         self._before_rad: FloatArray | None = None
-        self._wild_ticks: NDArray[np.int64] = np.zeros((*shape, N_JOINTS), dtype=np.int64)
+        self._never_wild: NDArray[np.int64] = np.zeros((*shape, N_JOINTS), dtype=np.int64)
+        self._wild_ticks = self._never_wild
         self._following = JointFollowing(shape, period_s, cycles, robot.joint_max_torque_nm)
         self._support = LegSupport(shape, cycles)
         self._dead = DeadLegs(shape, period_s, cycles)
@@ -154,6 +155,7 @@ class LegMonitor:
         self._many_kept = np.exp(-ticks_in_cycles[..., :1] / MANY_CYCLES)
         places = np.arange(self._most_seen.size).reshape(self._most_seen.shape)
         self._others = np.stack([np.roll(places, by, axis=-1) for by in range(1, N_LEGS)])
+        self._other_legs = self._others[:, 0].copy()
         self._least = _of_each(legs, LEAST_RHO, LEAST_MISSING, LEAST_IDLE)
         self._times = _of_each(legs, TIMES_USUAL, TIMES_MISSING, TIMES_IDLE)
         self._most = _of_each(legs, np.inf, MOST_MISSING, np.inf)
@@ -169,12 +171,14 @@ class LegMonitor:
         self.new: BoolArray = np.zeros(legs, dtype=bool)
         self.ratio: FloatArray = np.zeros(legs)
         self._ratios: FloatArray = np.zeros((len(EVIDENCE), *legs))
+        self._compared_ratios, self._effort_ratio = self._ratios[:_ROWS], self._ratios[_EFFORT]
         self._rho_of_many: FloatArray = np.zeros((*shape, 1))
         self._balance: BodyBalance | None = None
         if signatures_of is not None:
             self._balance = BodyBalance(shape, period_s, cycles, signatures_of)
             self._balance.silence(self.failed.any(axis=-1))
-        self._period_s, self._silent_s = period_s, np.zeros(legs)
+        self._period_s, self._silent_s, self._some_silent = period_s, np.zeros(legs), False
+        self._parts: NDArray[np.int64] = np.zeros(legs, dtype=np.int64)
         self._gait_kept: BoolArray = np.ones(shape, dtype=bool)
         self._set_threshold()
         self._threshold_then = self._threshold  # at the last alarm
@@ -194,26 +198,26 @@ class LegMonitor:
         if (stale := state.stale_joints) is not None:
             expected_rad = np.where(stale, self._following.expected_rad, state.joint_positions_rad)
             state = replace(state, joint_positions_rad=expected_rad)
-        parts = cycle_parts(phases)
-        if state.measured:
-            self._following.update(state, parts)
-        elif self._balance is not None:
-            self._balance.update(state, phases)
+        parts = self._parts_at(phases)
         size_nm = None if state.joint_torques_nm is None else np.abs(state.joint_torques_nm)
         idle = None if size_nm is None else size_nm < self._none_nm
+        if state.measured:
+            self._following.update(state, parts, size_nm)
+        elif self._balance is not None:
+            self._balance.update(state, phases)
         self._support.update(state, parts, self._following if state.measured else None, size_nm, idle)
         self._motion.measured(state.joint_positions_rad, state.joint_torques_nm)
         self._evidence[0] = self._following.rho_of_legs
         self._evidence[1] = self._support.missing
         self._evidence[2] = self._support.idle_of_legs
-        np.divide(self._evidence, self._threshold, out=self._ratios[:_ROWS])
+        np.divide(self._evidence, self._threshold, out=self._compared_ratios)
         if self._balance is not None and not state.measured:
             self._ratios[_ROWS] = self._balance.ratio
             if state.joint_torques_nm is None:
                 # Feet hang in the air on a bumpy floor.
                 self._ratios[1] *= self._balance.even
-        self._dead.update(state, idle, self._following.expected_rad if self._ticks else None)
-        np.maximum(self._ratios[_EFFORT], self._dead.idle, out=self._ratios[_EFFORT])
+        self._dead.update(state, idle, self._following if self._ticks else None)
+        np.maximum(self._effort_ratio, self._dead.idle, out=self._effort_ratio)
         self._ratios[_START] = self._dead.start
         self._listen(stale)
         self.ratio = np.maximum.reduce(self._ratios) * self._watched
@@ -284,31 +288,36 @@ class LegMonitor:
         """Whether a servo of a leg, 1..6, is silent now, of one robot of a batch."""
         return bool(self._silent_s[row][leg - 1] > 0)
 
+    def _parts_at(self, phases: FloatArray) -> NDArray[np.int64]:
+        """Parts of the cycle of the legs; the same array until one of them changes, which saves look-ups."""
+        parts = cycle_parts(phases)
+        if parts.tobytes() != self._parts.tobytes():
+            self._parts = parts
+        return self._parts
+
     def _without_wild(self, state: RobotState) -> RobotState:
         """State in which a joint with an outlier keeps its angle from before, for `MOST_WILD` ticks."""
-        measured_rad = state.joint_positions_rad
-        if self._before_rad is None:
-            self._before_rad = measured_rad.copy()
+        measured_rad, before_rad = state.joint_positions_rad, self._before_rad
+        self._before_rad = measured_rad
+        if before_rad is None:
             return state
-        jumps = np.abs(measured_rad - self._before_rad) > self._wild_rad
+        jumps = np.abs(measured_rad - before_rad) > self._wild_rad
         if not np.count_nonzero(jumps):
-            if np.count_nonzero(self._wild_ticks):
-                self._wild_ticks[...] = 0
-            np.copyto(self._before_rad, measured_rad)
+            self._wild_ticks = self._never_wild
             return state
         self._wild_ticks = (self._wild_ticks + 1) * jumps
         wild = jumps & (self._wild_ticks <= MOST_WILD)
-        np.copyto(self._before_rad, measured_rad, where=~wild)
-        return replace(state, joint_positions_rad=np.where(wild, self._before_rad, measured_rad))
+        self._before_rad = np.where(wild, before_rad, measured_rad)
+        return replace(state, joint_positions_rad=self._before_rad)
 
     def _listen(self, stale: BoolArray | None) -> None:
         """Count how long legs have had a silent servo; other evidence of them is then void."""
         if stale is None:
-            if np.count_nonzero(self._silent_s):
-                self._silent_s[...], self._ratios[_SILENCE] = 0.0, 0.0
+            if self._some_silent:
+                self._silent_s[...], self._ratios[_SILENCE], self._some_silent = 0.0, 0.0, False
             return
         legs = stale.reshape(*self.ratio.shape, JOINTS_PER_LEG).any(axis=-1)
-        self._silent_s = (self._silent_s + self._period_s) * legs
+        self._silent_s, self._some_silent = (self._silent_s + self._period_s) * legs, True
         few = np.count_nonzero(legs, axis=-1, keepdims=True) < MANY
         self._ratios[:_SILENCE] *= ~legs
         self._ratios[_SILENCE] = few * self._silent_s / SILENT_S
@@ -325,18 +334,15 @@ class LegMonitor:
         change = self._usual_shares * (rho - self._usual_rho)
         # A leg must not raise its own threshold during a long alarm.
         self._usual_rho += change * (self._alarm_ticks == 0) if self._uneven else change
-        self._learn_overload()
+        # The smallest rho of `MANY` legs: legs do not all fail at the same time.
+        rho.partition(N_LEGS - MANY, axis=-1)
+        of_many = rho[..., N_LEGS - MANY, np.newaxis]
+        self._rho_of_many = np.maximum(self._rho_of_many * self._many_kept, of_many)
         self._most_seen = np.maximum(self._most_seen * self._kept, self._evidence[1:]) * self._watched
         self._compared[1:] = np.maximum.reduce(self._most_seen.take(self._others))
         of_others, own = self._usual_rho
-        self._compared[0] = np.maximum(np.maximum.reduce(of_others.take(self._others[:, 0])), own)
+        self._compared[0] = np.maximum(np.maximum.reduce(of_others.take(self._other_legs)), own)
         self._set_threshold()
-
-    def _learn_overload(self) -> None:
-        """Update the smallest rho of `MANY` legs: legs do not all fail at the same time."""
-        rho = np.partition(self._evidence[0] * self._watched, N_LEGS - MANY, axis=-1)
-        now = rho[..., N_LEGS - MANY, np.newaxis]
-        self._rho_of_many = np.maximum(self._rho_of_many * self._many_kept, now)
 
     def _set_threshold(self) -> None:
         self._threshold = np.minimum(self._least + self._times * self._compared, self._most)

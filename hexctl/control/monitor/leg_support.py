@@ -84,7 +84,8 @@ class LegSupport:
         """Decide which measurements are used: columns of the loads, leading shape + (6 or 12,)."""
         self._torques, self._feet = torques, torques and contacts
         columns = (*self._shape, N_LEGS * (1 + self._feet))
-        self._habit, self._ticks = PhaseHabit(columns), 0
+        legs = np.arange(math.prod(self._teaching.shape)).reshape(self._teaching.shape)
+        self._habit, self._ticks = PhaseHabit(columns, np.tile(legs, 1 + self._feet)), 0
         per_tick = np.broadcast_to(self._cycles[..., np.newaxis], columns).copy()
         self._full_rate = np.minimum(1.0, per_tick / SHARE_CYCLES)
         self._least, self._whole = np.full(columns, LEAST_LOAD), np.ones(columns)
@@ -97,6 +98,8 @@ class LegSupport:
         self._learned, self._share = False, self._passed
         self._carried: FloatArray = np.ones(columns)
         self._most: FloatArray = np.zeros(columns)
+        self._loads: FloatArray = np.zeros(columns)
+        self._load_of_legs, self._load_of_feet = self._loads[..., _LEGS], self._loads[..., _FEET]
 
     def update(
         self,
@@ -120,9 +123,9 @@ class LegSupport:
             self._forget_evidence(np.array(True))
         if load is None:
             return
-        usual = self._habit.at(np.concatenate((parts, parts), axis=-1) if self._feet else parts)
+        usual = self._habit.at(parts)
         if self._feet and state.foot_contacts is None:
-            load[..., _FEET] = (usual * self._carried)[..., _FEET]  # nothing new
+            self._load_of_feet[...] = (usual * self._carried)[..., _FEET]  # nothing new
         some = np.maximum(usual, self._least)
         self._most = np.maximum(self._most * self._kept, some)
         weight = usual / self._most
@@ -142,10 +145,12 @@ class LegSupport:
     def _count_idle(
         self, weight: FloatArray, measured_rad: FloatArray, joints: JointFollowing, idle: BoolArray
     ) -> None:
+        if not (self._idle or np.count_nonzero(idle)):
+            return
+        idle = idle & (joints.off_rad(measured_rad) > self._off_rad)
         before, self._idle = self._idle, bool(np.count_nonzero(idle))
         if not (before or self._idle):
             return
-        idle = idle & (joints.off_rad(measured_rad) > self._off_rad)
         passed = (weight * self._knows)[..., _LEGS].take(self._legs) * self._per_tick
         self.idle_cycles = (self.idle_cycles + passed) * idle
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
@@ -194,7 +199,7 @@ class LegSupport:
             return contacts.astype(float)
         if not self._torques or size_nm is None:
             return None
-        legs_nm: FloatArray = size_nm[..., 1::JOINTS_PER_LEG] + size_nm[..., 2::JOINTS_PER_LEG]
-        if not self._feet:
-            return legs_nm
-        return np.concatenate((legs_nm, legs_nm if contacts is None else contacts), axis=-1)
+        np.add(size_nm[..., 1::JOINTS_PER_LEG], size_nm[..., 2::JOINTS_PER_LEG], out=self._load_of_legs)
+        if self._feet and contacts is not None:
+            self._load_of_feet[...] = contacts
+        return self._loads

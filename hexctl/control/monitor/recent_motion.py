@@ -71,7 +71,7 @@ class RecentMotion:
         longest = self._cycle_ticks.max()
         rows = math.ceil(max(MORE_ROWS + longest, MOST_STILL_CYCLES * longest))
         self._rows: FloatArray = np.full((3, rows, *shape, N_JOINTS), np.nan)
-        self._row = 0
+        self._row, self._robots = 0, np.indices(shape)
 
     def measured(self, joint_positions_rad: FloatArray, torques_nm: FloatArray | None) -> None:
         """Take the measurements of a tick, leading shape + (18,)."""
@@ -102,10 +102,12 @@ class RecentMotion:
         targets, count = self._rows[1], self._rows.shape[1]
         newest = self._row - 1 - np.arange(ticks)
         cycle = np.rint(self._cycle_ticks).astype(int)
-        rows = (np.expand_dims(newest, tuple(range(1, cycle.ndim + 1))) - cycle) % count
-        earlier = np.take_along_axis(targets, rows[..., np.newaxis], axis=0)
-        changes = ((targets[newest % count] - earlier) ** 2).mean(axis=(0, -1))
-        same: BoolArray = changes <= ALIKE * targets.var(axis=0).mean(axis=-1)
+        rows = np.subtract.outer(newest, cycle) % count
+        change = targets[newest % count] - targets[(rows, *self._robots)]
+        off = targets - np.add.reduce(targets, axis=0) / count
+        variances = np.add.reduce(off * off, axis=0) / count
+        mean_square = np.add.reduce(change * change, axis=(0, -1)) / (ticks * N_JOINTS)
+        same: BoolArray = mean_square <= ALIKE * (np.add.reduce(variances, axis=-1) / N_JOINTS)
         return same
 
     def of_leg(self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES) -> LegMotion:

@@ -199,12 +199,10 @@ class BodyPoser:
         """Largest share of the steps within reach, in every direction, of poses (..., 6): (...)."""
         robot = self._robot
         places = self._step_places(pattern, shares)
-        if pattern.posture_m is not None:
-            places = places + pattern.posture_m[..., np.newaxis, np.newaxis, :, :]
+        places = places + pattern.posture_m[..., np.newaxis, np.newaxis, :, :]
         feet = robot.stance_feet_body + places  # leading shape + (shares, places, 6, 3)
         reach = legs_that_reach(robot, feet_from_body(feet, poses[..., np.newaxis, np.newaxis, :]))
-        if pattern.stepping is not None:
-            reach = reach | (pattern.stepping[..., np.newaxis, np.newaxis, :] == 0)
+        reach = reach | (pattern.stepping[..., np.newaxis, np.newaxis, :] == 0)
         within = reach.all(axis=(-1, -2))
         return np.asarray(np.where(np.cumprod(within, axis=-1), shares, 0.0).max(axis=-1))
 

@@ -83,7 +83,7 @@ class GroundContact:
         lift_m: FloatArray,
         top_m: FloatArray,
         state: RobotState,
-        stepping: FloatArray | None = None,
+        stepping: FloatArray,
     ) -> FloatArray:
         """Heights d after a tick; without foot contacts they stay.
 
@@ -91,11 +91,11 @@ class GroundContact:
             feet_body: feet of the gait, leading shape + (6, 3).
             lift_m: their lift.
             top_m: lift at the top of a step, in a shape that broadcasts.
-            stepping: 1 for legs that step and 0 for tucked ones, None if all step.
+            stepping: 1 for legs that step and 0 for tucked ones.
         """
         if state.foot_contacts is None:
             return self.height_m
-        stands = lift_m == 0 if stepping is None else (lift_m == 0) & (stepping > 0)
+        stands = (lift_m == 0) & (stepping > 0)
         self._stood_s = (self._stood_s + dt_s) * stands
         meets = state.foot_contacts & (self._goal_m == _UNKNOWN)
         found_m = np.minimum(self.height_m + GAP * self._standing_m, 0.0)

@@ -22,7 +22,7 @@ from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.dead_reckoning import DeadReckoning
 from hexctl.errors import InputError, check_type
-from hexctl.robot.rotations import components, yaw_rad
+from hexctl.robot.rotations import components, yaw_of
 from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen, within
 
 #: A position or yaw missing for longer is lost: its part of the law then decays.
@@ -39,6 +39,10 @@ LONGEST_SAME_S = FROZEN_AFTER_S + 1e-6
 JUMP_M = 0.25
 JUMP_RAD = math.radians(30.0)
 JUMP_GROWTH_PER_S = 0.5
+
+
+#: As a scalar of NumPy, which those of a single robot stay.
+ZERO: FloatArray = np.float64(0.0)  # type: ignore[assignment]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +78,7 @@ class Measured:
         most = self._jump * (1 + JUMP_GROWTH_PER_S * self.missing_s)
         self.fresh = abs(raw - self.value) <= most
         self.value = chosen(self.fresh, raw, self.value)
-        self.missing_s = (self.missing_s + dt_s) * ~self.fresh
+        self.missing_s = chosen(self.fresh, ZERO, self.missing_s + dt_s)
 
     @property
     def lost(self) -> BoolArray:
@@ -87,20 +91,20 @@ class FrozenSensor:
 
     def __init__(self) -> None:
         self.last: tuple[FloatArray, ...] = ()
-        self._same_s: FloatArray = np.float64(0.0)  # type: ignore[assignment]
+        self._same_s = ZERO
 
     def update(self, dt_s: float, *values: FloatArray) -> BoolArray:
         """Take the values of a tick, leading shape each: whether they are frozen, or NaN (not measured)."""
-        seen = values[0] == values[0]  # NaN is not; faster than isnan
+        seen = values[0] == values[0]  # NaN is not; faster than isnan or `~`
+        unseen: BoolArray = values[0] != values[0]
         same = seen if self.last else seen & False
         for value, before in zip(values, self.last, strict=False):
             same = same & (value == before)
-        self._same_s = chosen(seen, (self._same_s + dt_s) * same, self._same_s)
-        if any_of(~seen) and self.last:
+        self._same_s = chosen(seen, chosen(same, self._same_s + dt_s, ZERO), self._same_s)
+        if any_of(unseen) and self.last:
             values = tuple(chosen(seen, *pair) for pair in zip(values, self.last, strict=True))
         self.last = values
-        unseen: BoolArray = (self._same_s > LONGEST_SAME_S) | ~seen
-        return unseen
+        return (self._same_s > LONGEST_SAME_S) | unseen
 
 
 def frozen_rows(values: FloatArray, period_s: float) -> BoolArray:
@@ -189,8 +193,9 @@ def plane(position_world: FloatArray) -> tuple[FloatArray, FloatArray]:
     return position_world[..., 0][()], position_world[..., 1][()]
 
 
-def _left_of(course: Course) -> tuple[FloatArray, FloatArray]:
-    return -np.sin(course.heading_rad), np.cos(course.heading_rad)
+def _line(course: Course) -> tuple[FloatArray, ...]:
+    """Origin and direction to the left of a line: x and y of both, leading shape each."""
+    return *plane(course.origin_world), -np.sin(course.heading_rad), np.cos(course.heading_rad)
 
 
 class CourseHold:
@@ -232,7 +237,7 @@ class CourseHold:
         self._frozen_position, self._frozen_yaw = FrozenSensor(), FrozenSensor()
         zero, self._unknown = np.zeros(self._shape)[()], np.full(self._shape, math.nan)[()]
         self._turned_rad, self._walked_cycles, self._turn_rad = zero, zero, zero
-        self._left = _left_of(course)
+        self._line = _line(course)
         self._begin(zero, zero)
         self.velocity_body = self._velocity()
 
@@ -240,7 +245,7 @@ class CourseHold:
         """Follow another line from now on; the deviation and the learned drift start again."""
         check_type(course, Course, "course", "a Course")
         error_rad = self._error_rad + self._course.yaw_rad - course.yaw_rad
-        self._course, self._left = course, _left_of(course)
+        self._course, self._line = course, _line(course)
         deviation_m = np.zeros(self._shape)[()]
         if self._dead_reckoning is not None:
             self._dead_reckoning.restart()
@@ -286,12 +291,14 @@ class CourseHold:
 
     def _average(self) -> None:
         aside, yaw, share = self._aside, self._yaw, self._share
-        self._deviation_m = self._deviation_m + aside.fresh * share * (aside.value - self._deviation_m)
-        self._error_rad = self._error_rad + yaw.fresh * share * (yaw.value - self._error_rad)
+        off_m, off_rad = aside.value - self._deviation_m, yaw.value - self._error_rad
+        self._deviation_m = self._deviation_m + chosen(aside.fresh, share, ZERO) * off_m
+        self._error_rad = self._error_rad + chosen(yaw.fresh, share, ZERO) * off_rad
         # Of lost measurements only the learned drift remains. The yaw error stays while there is a position,
         # from which a yaw follows after some cycles.
-        self._deviation_m = self._deviation_m * (1 - share * aside.lost)
-        self._error_rad = self._error_rad * (1 - share * (aside.lost & yaw.lost))
+        if any_of(lost := aside.lost):
+            self._deviation_m = self._deviation_m * (1 - share * lost)
+            self._error_rad = self._error_rad * (1 - share * (lost & yaw.lost))
 
     def _measured_deviation_m(self, dt_s: float, state: RobotState) -> FloatArray:
         if self._dead_reckoning is not None:
@@ -305,8 +312,8 @@ class CourseHold:
         return chosen(unseen, math.nan, self._left_of_line_m(x_m, y_m))
 
     def _left_of_line_m(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        origin_m, left = self._course.origin_world, self._left
-        away_m: FloatArray = (x_m - origin_m[..., 0]) * left[0] + (y_m - origin_m[..., 1]) * left[1]
+        origin_x, origin_y, left_x, left_y = self._line
+        away_m: FloatArray = (x_m - origin_x) * left_x + (y_m - origin_y) * left_y
         return away_m
 
     def _measured_error_rad(self, dt_s: float, state: RobotState) -> FloatArray:
@@ -318,8 +325,8 @@ class CourseHold:
         quaternion, position = state.base_quaternion_world, state.base_position_world
         unseen, measured = self._all, self._unknown
         if quaternion is not None:
-            measured = yaw_rad(quaternion)
-            unseen = self._frozen_yaw.update(dt_s, *components(quaternion))
+            numbers = components(quaternion)
+            measured, unseen = yaw_of(*numbers), self._frozen_yaw.update(dt_s, *numbers)
         if not any_of(unseen):
             self._over_ground = None
             return measured
@@ -335,13 +342,14 @@ class CourseHold:
     def _integrate(self) -> None:
         """Update the two integrals and the turn; the first cycle, with its soft start, is excluded."""
         gains, deviation_m, error_rad = self._gains, self._deviation_m, self._error_rad
-        cycles = self._cycles * (self._walked_cycles > 1)
+        cycles = chosen(self._walked_cycles > 1, self._cycles, ZERO)
         aside_m = deviation_m + gains.integral * self._pull_m
         square = self._ahead_m * self._ahead_m
         self._pull_m = self._pull_m + cycles * square * deviation_m / (square + aside_m * aside_m)
         turn_rad = gains.turn * error_rad + gains.turn_integral * self._turned_rad
         outward = (abs(turn_rad) >= self._most_turn_rad) & (turn_rad * error_rad > 0)
-        self._turned_rad = self._turned_rad + cycles * error_rad * ~(self._yaw.lost | outward)
+        turned_rad = self._turned_rad + cycles * error_rad
+        self._turned_rad = chosen(self._yaw.lost | outward, self._turned_rad, turned_rad)
         self._turn_rad = -within(turn_rad, self._most_turn_rad)
 
     def _velocity(self) -> FloatArray:

@@ -122,9 +122,8 @@ class VelocityWalk(Controller):
         """Move feet, in place, to the ground that they meet; `lifted` is the share of the step height."""
         if self._ground is not None:
             pattern = self.poser.lowered(self._pattern)
-            lift_m = lifted * lift_offset(u, pattern.swing_share) * pattern.height_m
-            if pattern.stepping is not None:
-                lift_m = lift_m * pattern.stepping
+            lift_m = lifted * lift_offset(u, pattern.swing) * pattern.height_m
+            lift_m = lift_m * pattern.stepping
             top_m = lifted * pattern.height_m
             feet[..., 2] += self._ground.update(dt_s, feet, lift_m, top_m, state, pattern.stepping)
 
@@ -158,13 +157,8 @@ class VelocityWalk(Controller):
         )
 
     def leave_plain(self) -> StepPattern:
-        """Continue with an equivalent pattern without None, and return it; feet differ by rounding."""
-        if (
-            self._pattern.stepping is None
-            or self._pattern.posture_m is None
-            or self._pattern.swing_share is None
-        ):
-            plain = self._pattern
+        """Continue with an equivalent pattern with a swing share, and return it; feet differ by rounding."""
+        if (plain := self._pattern).swing_share is None:
             self._use(replace(self._pattern_of(self.gaits, plain=False), phases=plain.phases))
         return self._pattern
 
@@ -202,7 +196,8 @@ class VelocityWalk(Controller):
     def _follow(self, dt_s: float, wanted: FloatArray) -> None:
         change = (1 - math.exp(-dt_s / RESPONSE_S)) * (wanted - self.velocity_body)
         # A turn moves the feet at the radius of the stance.
-        forward, left, turn = change[..., 0], change[..., 1], change[..., 2] * self._robot.stance_radius_m
+        forward, left, turn = (change[..., axis][()] for axis in range(3))
+        turn = turn * self._robot.stance_radius_m
         size = np.sqrt(forward * forward + left * left + turn * turn)
         most = self._most_change * dt_s
         if any_of(size > most):
@@ -291,12 +286,11 @@ class _Glide:
 
     @property
     def pattern(self) -> StepPattern:
-        def between(name: str) -> FloatArray:
-            before, later = getattr(self.before, name), getattr(self.later, name)
+        def between(before: FloatArray, later: FloatArray) -> FloatArray:
             share = _spread(self.share, later)
-            return np.asarray(np.where(share < 1, before + share * (later - before), later))
+            return np.where(share < 1, before + share * (later - before), later)
 
-        return StepPattern(**{name: between(name) for name in StepPattern.__slots__})
+        return self.before.combined(self.later, between)
 
 
 def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
@@ -306,11 +300,7 @@ def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
 
 def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPattern:
     """Pattern `yes` of walks that meet a condition of leading shape, and `no` of the others."""
-    names = StepPattern.__slots__
-    pairs = {name: (getattr(yes, name), getattr(no, name)) for name in names}
-    return StepPattern(
-        **{name: np.where(_spread(condition, one), one, two) for name, (one, two) in pairs.items()}
-    )
+    return yes.combined(no, lambda one, two: np.where(_spread(condition, one), one, two))
 
 
 def nearest_phases(before: FloatArray, later: FloatArray, stepping: FloatArray | None = None) -> FloatArray:

@@ -54,6 +54,8 @@ class ShapedWalk(SteeredWalk):
             pace_hz=pattern.pace_hz,
             amplitude_m=pattern.amplitude_m,
             height_m=height_m,
+            posture_m=np.zeros((*height_m.shape, 3)),
+            stepping=np.ones_like(height_m),
             swing_share=values[..., 3],
         )
         headings_rad = [motion.heading_rad for motion in start.motions]

@@ -162,7 +162,7 @@ def standing_over_cycle(gait: Gait) -> np.ndarray:
     """Which feet are on the floor at 90 points of a cycle, (90, 6)."""
     pattern = StepPattern.of(shipped(), gait, plain=False)
     u = part_of_cycle((np.arange(90)[:, np.newaxis] + 0.5) / 90 + pattern.phases)
-    standing = in_stance(u, pattern.swing_share)
+    standing = in_stance(u, pattern.swing)
     standing[:, [leg - 1 for leg in gait.posture.tucked_legs]] = False
     return np.asarray(standing)
 

@@ -12,7 +12,7 @@ from hexctl.control.assessment.joint_path import JointPath
 from hexctl.control.assessment.top_speed import AMPLITUDES, COURSES_RAD, fast_gaits
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.errors import UnusedError
-from hexctl.gait.foot_trajectory import in_stance, part_of_cycle
+from hexctl.gait.foot_trajectory import Swing, in_stance, part_of_cycle
 from hexctl.gait.gait import SWING_SHARE, Motion, make_gait
 from hexctl.gait.posture import Posture
 from hexctl.robot.failure import Failure
@@ -46,7 +46,7 @@ def test_two_of_five_legs_are_in_the_air_at_any_time() -> None:
         robot, replace(make_gait(robot, "demo"), posture=Posture(tucked_legs=(2,))), heading_rad=0.0
     )
     u = part_of_cycle(np.linspace(0.001, 0.999, 97)[:, np.newaxis] + np.array(gait.leg_phases))
-    standing = in_stance(u, np.array(gait.swing_share))[:, [leg != 1 for leg in range(6)]]
+    standing = in_stance(u, Swing.of(np.array(gait.swing_share)))[:, [leg != 1 for leg in range(6)]]
     assert set(standing.sum(axis=1)) == {3}
     coded = replace(make_gait(robot, 1, failed_legs=(2,)), swing_share=0.4, posture=gait.posture)
     assert least_margin_m(robot, gait, heading_rad=0.0) > least_margin_m(robot, coded, heading_rad=0.0)

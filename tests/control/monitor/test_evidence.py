@@ -24,7 +24,7 @@ def _rho(off_rad: FloatArray, torques_nm: FloatArray, *, from_tick: int = 300) -
         phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
         targets = 0.25 * min(1.0, tick / 100) * np.repeat(np.sin(2 * np.pi * phases), 3)
         state = RobotState(targets + off_rad[tick], 0.0, True, joint_torques_nm=torques_nm[tick])
-        following.update(state, cycle_parts(phases))
+        following.update(state, cycle_parts(phases), np.abs(torques_nm[tick]))
         following.sent(targets, 0.0)
         if tick >= from_tick:
             greatest = np.maximum(greatest, following.rho)
