@@ -32,8 +32,8 @@ SHORT = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?=(?:[^<&]|&\w+;){1,30}</code>
 #: Classes of the API whose fields stand elsewhere, as options of a command or keys of a file.
 LISTED_ELSEWHERE = re.compile(r"^::: hexctl\.[\w.]*?(?:Options|Spec|StudySettings|World)$", re.MULTILINE)
 
-#: The place of a generated reference: a comment on a line of its own.
-GENERATED = re.compile(r"^<!-- generated: (\w+) -->$", re.MULTILINE)
+#: The place of a generated reference: a comment, and a line for readers of the source.
+GENERATED = re.compile(r"^<!-- generated: (\w+) -->\n.+$", re.MULTILINE)
 
 #: What pymdownx.arithmatex leaves of an equation in TeX.
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
