@@ -300,7 +300,7 @@ def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
 
 def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPattern:
     """Pattern `yes` of walks that meet a condition of leading shape, and `no` of the others."""
-    return yes.combined(no, lambda one, two: np.where(_spread(condition, one), one, two))
+    return yes.combined(no, lambda one, two: np.asarray(np.where(_spread(condition, one), one, two)))
 
 
 def nearest_phases(before: FloatArray, later: FloatArray, stepping: FloatArray | None = None) -> FloatArray:
