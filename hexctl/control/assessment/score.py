@@ -7,7 +7,8 @@ from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, 
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import Deviation, TrialResult
-from hexctl.control.walks.steering import LOST_AFTER_S, frozen_rows, plane, why_less
+from hexctl.control.walks.sensor_loss import LOST_AFTER_S, frozen_rows
+from hexctl.control.walks.steering import plane, why_less
 from hexctl.control.walks.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s

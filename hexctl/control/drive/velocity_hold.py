@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from hexctl.control.walks.steering import JUMP_M, JUMP_RAD, FrozenSensor
+from hexctl.control.walks.sensor_loss import JUMP_M, JUMP_RAD, FrozenSensor
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
 

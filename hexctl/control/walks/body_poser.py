@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.control.walks.steering import FrozenSensor
+from hexctl.control.walks.sensor_loss import FrozenSensor
 from hexctl.gait.body_pose import LEVEL, BodyPose, feet_from_body
 from hexctl.gait.foot_trajectory import StepPattern
 from hexctl.ik.legs import legs_that_reach, solve_legs

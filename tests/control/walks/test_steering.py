@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from hexctl import InputError, RobotState
-from hexctl.control.walks.steering import JUMP_M, Course, CourseHold, FrozenSensor, Measured, frozen_rows
+from hexctl.control.walks.sensor_loss import JUMP_M, FrozenSensor, Measured, frozen_rows
+from hexctl.control.walks.steering import Course, CourseHold
 from hexctl.types import FloatArray
 
 DT_S = 0.02
