@@ -271,4 +271,7 @@ PEXODS_LEG = made_up_prior(question("pexod"), legs=(1,), worlds=1)
 def test_what_cannot_be_done_is_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         plan(**options).check()
+
+
+def test_legs_that_are_alike_are_known_to_a_prior_of_one() -> None:
     plan(robot=shipped("pexod"), prior=PEXODS_LEG, legs=(1, 6)).check()
