@@ -146,12 +146,13 @@ class BoardLine(MemoryLine):
 
     Attributes:
         board: the bus.
+        robot: what its servos move, a MockServos unless another kind of it is given.
     """
 
-    def __init__(self, bus_map: BusMap, *faults: str) -> None:
+    def __init__(self, bus_map: BusMap, *faults: str, kind: type[MockServos] = MockServos) -> None:
         time = FakeTime()
         super().__init__(time, DEFAULT_BAUDS[bus_map.driver])
-        self.robot = MockServos(shipped("phantomx"), clock=time.clock())
+        self.robot = kind(shipped("phantomx"), clock=time.clock())
         self.board = _board(bus_map, faults, self.robot)
         self.board._line.close()
         self.board._line, self._sent = self, b""  # type: ignore[assignment]
