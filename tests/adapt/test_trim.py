@@ -127,6 +127,7 @@ def test_points_of_a_tape_tell_the_turn_and_the_end_alone_an_arc_along_the_line(
     assert drift_in(np.full((1500, 2), np.nan)) is None
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(
     course_deg=st.floats(-8, 8),

@@ -95,10 +95,6 @@ def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, capsys: pytest.Ca
         assert named in capsys.readouterr().err
 
 
-def test_the_arena_of_a_simulated_floor_is_none_that_a_camera_sees(tmp_path: Path) -> None:
-    assert exit_code(["run", "--no-record", "--arena", str(saved(tmp_path))]) == 2
-
-
 @pytest.mark.slow
 def test_the_command_takes_a_video(tmp_path: Path) -> None:
     import cv2

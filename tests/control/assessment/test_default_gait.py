@@ -138,10 +138,9 @@ def slowed(name: str, gait: str, share: float) -> Robot:
     return replace(robot, joint_max_speed_rad_s=robot.joint_max_speed_rad_s * share / now)
 
 
-@pytest.mark.parametrize(("name", "gait"), [("ant", "wave"), ("phantomx", "wave"), ("lukas", "wave")])
-def test_a_walk_with_clipped_commands_names_them(name: str, gait: str) -> None:
-    robot = slowed(name, gait, 0.1)
-    plan = TrialPlan(gait=make_gait(robot, gait), duration_s=8.0)
+def test_a_walk_with_clipped_commands_names_them() -> None:
+    robot = slowed("phantomx", "wave", 0.1)
+    plan = TrialPlan(gait=make_gait(robot, "wave"), duration_s=8.0)
     result = run_sim_trial(SimTrial(robot=robot, plan=plan, failure=None, world=World()))
     assert (result.status, result.cause) == ("no_progress", "clipping")
 

@@ -123,6 +123,7 @@ def test_a_driven_walk_meets_the_ground_in_the_same_way() -> None:
     assert walk.at_rest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("driven", [False, True])
 def test_a_foot_in_a_pit_that_is_stopped_in_mid_rise_does_not_jump(driven: bool) -> None:
     """At any time of a cycle: no foot moves 1.2 cm in a tick, where the fastest swing moves 1.0 cm."""
