@@ -186,26 +186,6 @@ def test_after_the_self_rotation_it_walks_along_the_heading_that_it_was_given(
     assert math.degrees(math.atan2(way[1], way[0])) == pytest.approx(heading_deg, abs=15)
 
 
-def test_a_trial_lasts_as_long_as_it_says_phase_by_phase() -> None:
-    log = walk("tripod", duration_s=2.5, settle_s=0.6).log
-    lengths = {
-        phase: log.rows_of(phase).stop - log.rows_of(phase).start for phase in ("settle", "walk", "stop")
-    }
-    assert lengths == {"settle": 30, "walk": 125, "stop": 101}
-    np.testing.assert_allclose(np.diff(log["time_s"]), 0.02, atol=1e-9)
-
-
-def test_the_settling_brings_the_joints_to_the_stance_evenly() -> None:
-    servos, log = PosedMock(), TickLog()
-    servos.connect()
-    servos.write(JointTargets(shipped().stance_angles_rad + 0.3, 0.0))
-    run_trial(Guard(servos), TrialPlan(gait=gait_of(shipped()), duration_s=0.02), recorders=(log,))
-    sent = log["commanded_rad"][log.rows_of("settle")]
-    np.testing.assert_allclose(sent[0], shipped().stance_angles_rad + 0.3)
-    np.testing.assert_array_equal(sent[-1], shipped().stance_angles_rad)
-    assert np.abs(np.diff(sent, axis=0)).max() == pytest.approx(0.3 / 25)
-
-
 def test_what_recorders_take_after_the_last_command_is_no_silence() -> None:
     expected: list[bool] = []
 
@@ -229,23 +209,6 @@ STANCE = shipped().stance_angles_rad
 
 def _plan(**changes: Any) -> TrialPlan:
     return TrialPlan(gait=gait_of(shipped()), **{"duration_s": 1.0, **changes})
-
-
-class _Rounding(PosedMock):
-    """Servos that take whole hundredths of a radian."""
-
-    def write(self, targets: JointTargets) -> JointTargets:
-        return super().write(JointTargets(np.round(targets.joint_positions_rad, 2), targets.stamp_s))
-
-
-def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
-    servos, log = _Rounding(), TickLog()
-    slow = replace(gait_of(shipped()), pace_hz=0.2, amplitude=0.05)
-    with Guard(servos) as guard:
-        result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), recorders=(log,))
-    assert result.clipped_ticks == guard.counters.clipped == 0
-    assert (log["commanded_rad"] != log["wanted_rad"]).any()
-    np.testing.assert_array_equal(log["commanded_rad"], np.round(log["wanted_rad"], 2))
 
 
 def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:

@@ -110,19 +110,6 @@ def test_a_tucked_leg_and_a_robot_without_contacts_search_nothing() -> None:
         np.testing.assert_array_equal(joints, planned.targets_rad(step, state))
 
 
-def test_a_driven_walk_meets_the_ground_in_the_same_way() -> None:
-    wanted = np.array([0.05, 0.0, 0.0])
-    walk = DriveWalk(start(plan()), lambda: wanted)
-    ground_m = np.array([0.02, -0.02, 0.0, 0.0, 0.0, 0.0])
-    height_m, _ = heights(walk, ground_m)
-    steady = height_m[STEADY:]
-    assert (np.abs(steady[:, 1] + 0.02) < 0.004).any()
-    assert steady[:, [0, 2, 3, 4, 5]].min() > -1e-9
-    wanted[:] = 0.0
-    heights(walk, ground_m, CYCLE, first=6 * CYCLE)
-    assert walk.at_rest
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("driven", [False, True])
 def test_a_foot_in_a_pit_that_is_stopped_in_mid_rise_does_not_jump(driven: bool) -> None:

@@ -27,11 +27,6 @@ def _needed_deg(leg: int, heading_deg: float = 0.0, self_rotation: str = "rear")
     return math.degrees(turn_needed_rad(shipped(), plan))
 
 
-@pytest.mark.parametrize(("leg", "degrees"), [(1, 180), (2, 120), (3, 60), (4, 0), (5, -60), (6, -120)])
-def test_the_shorter_way_to_the_rear(leg: int, degrees: float) -> None:
-    assert _needed_deg(leg) == pytest.approx(degrees)
-
-
 def test_the_turn_takes_the_heading_and_what_is_wanted_into_account() -> None:
     assert _needed_deg(4, heading_deg=90) == pytest.approx(90)
     assert _needed_deg(1, heading_deg=-30) == pytest.approx(150)
