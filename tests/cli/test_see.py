@@ -133,11 +133,6 @@ def test_a_place_file_gives_the_circle_that_its_camera_sees(
     assert f"{fields['arena_m']:g} m" in capsys.readouterr().err
 
 
-def test_a_radius_needs_no_camera() -> None:
-    assert arena_fields(None, "ant") == {}
-    assert arena_fields(2.0, "ant") == {"arena_m": 2.0}
-
-
 def test_places_that_give_no_arena_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"place\.yaml"):
         arena_fields(tmp_path / "place.yaml", "ant")
