@@ -90,14 +90,12 @@ def _turned(failure: Failure, robot: str = "ant", **plan: Any) -> tuple[TrialRes
     ("failure", "robot", "plan", "points_to_deg"),
     [
         (Failure(leg=3), "ant", {}, 180),
-        (Failure(leg=6), "ant", {}, 180),
         (Failure(leg=1), "ant", {"self_rotation": "front", "heading_rad": 0.5}, 0),
         (Failure(leg=2), "ant", {"heading_rad": math.radians(75)}, 180),
-        pytest.param(Failure(leg=5), "phantomx", {}, 180, marks=pytest.mark.slow),
+        (Failure(leg=5), "phantomx", {}, 180),
         (Failure(leg=3), "pexod", {}, 180),
         (Failure(leg=5, kind="limp"), "ant", {}, 180),
         (Failure(leg=3, kind="missing"), "ant", {}, 180),
-        (Failure(leg=5, kind="weak"), "ant", {}, 180),
     ],
 )
 def test_the_failed_leg_points_where_it_should_when_the_walk_begins(
