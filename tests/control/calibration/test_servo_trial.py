@@ -8,6 +8,7 @@ import yaml
 
 from hexctl import InputError, JointTargets, RobotFaultError
 from hexctl.backends.bus.tools import the_servo
+from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import EndedError
 from hexctl.control.calibration.servo_identification import Identification, identify_servos, joint_named
@@ -54,10 +55,10 @@ class Bench:
         self._time = line.time
 
     def wiggle(self) -> float:
-        return wiggle(self.servo, clock=self._time.clock())
+        return wiggle(self.servo, clock=WallClock(time=self._time))
 
     def trial(self) -> ServoTrial:
-        return try_servo(self.servo, clock=self._time.clock())
+        return try_servo(self.servo, clock=WallClock(time=self._time))
 
 
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
