@@ -109,13 +109,6 @@ def test_what_was_interrupted_goes_on_from_what_has_finished(jobs: int, tmp_path
     assert repr(walks) == repr(Work(cache=WalkCache(tmp_path / "new"), jobs=1).walk(WALKED))
 
 
-def test_progress_counts_and_an_interrupt_loses_few_walks(tmp_path: Path) -> None:
-    cache, many = WalkCache(tmp_path), [(PARK, [Case((leg,)) for leg in range(10, 50)])]
-    with pytest.raises(KeyboardInterrupt):
-        Work(cache=cache, jobs=1, progress=Remembering(interrupt_after=10)).walk(many)
-    assert cache.count(many) == (10, 40)
-
-
 def test_walks_that_a_place_does_not_keep_are_simulated_again(tmp_path: Path) -> None:
     walked = [(PARK, [Case((5,)), Case((6,))])]
     for steps in (2, 1):
