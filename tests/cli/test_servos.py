@@ -13,7 +13,7 @@ from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
-from tests.backends.bus.boards import a_map, bus_board, memory_bus
+from tests.backends.bus.boards import a_map, memory_bus
 from tests.robots import edited_file, put
 
 ONLY_ONE = [
@@ -46,12 +46,11 @@ def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.
     assert [(each["id"], each["baud"]) for each in found] == [(1, 115_200)]
 
 
-@pytest.mark.realtime
 def test_a_servo_is_tested_with_consent_only(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with bus_board(a_map()) as board:
-        words = ["servos", "test", "8", "--driver", "feetech", "--connect", board.path, "--json"]
+    with memory_bus(a_map()) as bus:
+        words = ["servos", "test", "8", "--driver", "feetech", "--connect", bus.path, "--json"]
         monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
         assert exit_code(words) == 2
         assert "--yes: got none" in capsys.readouterr().err
@@ -65,16 +64,15 @@ def test_a_servo_is_tested_with_consent_only(
         assert exit_code([*words, "--yes"]) == 0
         assert exit_code(["servos", "test", "99", *words[3:]]) == 3
         assert "99" in capsys.readouterr().err
-        board._robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
+        bus.robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
         assert exit_code([*words, "--yes"]) == 3, "it is stuck"
 
 
-@pytest.mark.realtime
 def test_joints_are_identified_and_no_robot_file_is_written(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    with bus_board(a_map()) as board:
-        section = {"driver": "feetech", "port": board.path, "model": "sts3215"}
+    with memory_bus(a_map()) as bus:
+        section = {"driver": "feetech", "port": bus.path, "model": "sts3215"}
         file = edited_file(tmp_path, put("servos", section), base="phantomx")
         before = file.read_text()
         _says(monkeypatch, "\n2f\n")
@@ -87,7 +85,6 @@ def test_joints_are_identified_and_no_robot_file_is_written(
         assert "--output" in capsys.readouterr().err
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize(("words", "model"), [((), "lx16a"), (("--model", "lx224"), "lx224")])
 def test_a_model_that_servos_do_not_tell_is_written(
     words: tuple[str, ...],
@@ -95,11 +92,9 @@ def test_a_model_that_servos_do_not_tell_is_written(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with bus_board(a_map("lx16a", "lx16a")) as board:
+    with memory_bus(a_map("lx16a", "lx16a")) as bus:
         _says(monkeypatch, "\n2f\n")
-        assert (
-            exit_code(["servos", "identify", "5", "--driver", "lx16a", "--connect", board.path, *words]) == 0
-        )
+        assert exit_code(["servos", "identify", "5", "--driver", "lx16a", "--connect", bus.path, *words]) == 0
     printed = capsys.readouterr()
     assert f"  model: {model}\n" in printed.out
     assert ("--model" in printed.err) is not bool(words)

@@ -200,10 +200,12 @@ class MemoryBus:
         unplugged: whether the device has gone.
     """
 
-    def __init__(self, bus_map: BusMap, *faults: str, baud: int | None = None) -> None:
+    def __init__(
+        self, bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
+    ) -> None:
         self.time = FakeTime()
         self._clock = WallClock(time=Standing(self.time))
-        self.robot = MockServos(shipped("phantomx"), clock=self._clock)
+        self.robot = kind(shipped("phantomx"), clock=self._clock)
         self.board = _board(bus_map, faults, self.robot, baud)
         self.path, self.unplugged, self.opened_baud = self.board.path, False, 0
         self.board._line.close()
@@ -263,12 +265,15 @@ class _MemoryBusLine(MemoryLine):
 
 
 @contextmanager
-def memory_bus(bus_map: BusMap, *faults: str, baud: int | None = None) -> Iterator[MemoryBus]:
-    """A bus in memory, which is found at its path meanwhile."""
-    bus = MemoryBus(bus_map, *faults, baud=baud)
+def memory_bus(
+    bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
+) -> Iterator[MemoryBus]:
+    """A bus in memory, which is found at its path meanwhile; single servos are tried on its time."""
+    bus = MemoryBus(bus_map, *faults, baud=baud, kind=kind)
     with (
         patch("hexctl.backends.bus.servos.SerialLine", bus.open),
         patch("hexctl.backends.bus.tools.SerialLine", bus.open),
+        patch("hexctl.control.calibration.servo_trial.WallClock", lambda: WallClock(time=bus.time)),
     ):
         yield bus
 
