@@ -1,5 +1,7 @@
 """Single servos, moved by a few degrees, softly and back again; and which servo moves which joint."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +15,11 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import EndedError
 from hexctl.control.calibration.servo_identification import Identification, identify_servos, joint_named
 from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, held, try_servo, wiggle
-from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES
-from tests.backends.bus.boards import MODELS, BoardLine, a_map, bus_board, stance_counts
-from tests.robots import shipped
+from tests.backends.bus.boards import MODELS, BoardLine, MemoryBus, a_map, memory_bus, stance_counts
 
 #: The joint that is tried, and its id.
 JOINT, ID = 7, 8
@@ -155,6 +156,14 @@ class SeenServos(MockServos):
         return super().write(targets)
 
 
+@contextmanager
+def seen_bus(bus_map: BusMap, *faults: str) -> Iterator[tuple[MemoryBus, SeenServos]]:
+    """A bus in memory and the joints that its servos move."""
+    with memory_bus(bus_map, *faults, kind=SeenServos) as bus:
+        assert isinstance(bus.robot, SeenServos)
+        yield bus, bus.robot
+
+
 class Watcher:
     """An operator who says which joint moved, after some other answers."""
 
@@ -184,39 +193,35 @@ class Watcher:
         return self._answer
 
 
-@pytest.mark.realtime
-@pytest.mark.long
 def test_every_joint_is_found_and_written_to_a_new_file(tmp_path: Path) -> None:
     ids = np.random.default_rng(0).permutation(np.arange(31, 49))
     joints = {name: {"id": int(servo_id)} for name, servo_id in zip(JOINT_NAMES, ids, strict=True)}
     bus_map = bus_map_of(ServosSection.model_validate({"model": "sts3215", **joints}), "feetech")
-    moved, output = SeenServos(shipped("phantomx")), tmp_path / "servos.yaml"
-    with bus_board(bus_map, servos=moved) as board:
-        known = Identification(driver="feetech", port=board.path, baud=1_000_000, output=output)
+    output = tmp_path / "servos.yaml"
+    with seen_bus(bus_map) as (bus, moved):
+        known = Identification(driver="feetech", port=bus.path, baud=1_000_000, output=output)
         known.resume()
         identify_servos(known, [31, 32, 33], Watcher(moved, "again", "the knee", ends_after=2))
         assert sorted(known.ids.values()) == [31, 32]
         assert not known.finish()
         assert not output.exists()
         # On another day.
-        known = Identification(driver="feetech", port=board.path, baud=1_000_000, output=output)
+        known = Identification(driver="feetech", port=bus.path, baud=1_000_000, output=output)
         known.resume()
         watcher = Watcher(moved)
         identify_servos(known, sorted(ids.tolist()), watcher)
         assert sum("Enter moves it" in each for each in watcher.asked) == 16
         assert known.finish()
-        assert not any(servo.holds for servo in board._servos)
+        assert not any(servo.holds for servo in bus.board._servos)
     section = ServosSection.model_validate(yaml.safe_load(output.read_text())["servos"])
     assert bus_map_of(section, "feetech").ids.tolist() == ids.tolist()
     assert (section.driver, section.baud, section.model) == ("feetech", 1_000_000, "sts3215")
     assert [path.name for path in tmp_path.iterdir()] == ["servos.yaml"]
 
 
-@pytest.mark.realtime
 def test_a_joint_has_one_servo_and_a_servo_may_belong_to_none() -> None:
-    moved = SeenServos(shipped("phantomx"))
-    with bus_board(a_map(), "mute:1:tibia", servos=moved) as board:
-        known = Identification(driver="feetech", port=board.path, baud=1_000_000)
+    with seen_bus(a_map(), "mute:1:tibia") as (bus, moved):
+        known = Identification(driver="feetech", port=bus.path, baud=1_000_000)
         watcher = Watcher(moved, "1 coxa", "1c", "none")
         identify_servos(known, [1, 2, 3], watcher)
     assert known.ids == {"leg1_coxa": 1}
@@ -225,7 +230,6 @@ def test_a_joint_has_one_servo_and_a_servo_may_belong_to_none() -> None:
     assert known.section().splitlines()[-1] == "  leg1_coxa: {id: 1}"
 
 
-@pytest.mark.realtime
 def test_a_servo_moves_by_a_yes_or_with_consent_and_is_left_out_by_a_skip_alone() -> None:
     class Hesitant(Watcher):
         """Answers the question before a servo moves in words."""
@@ -237,14 +241,13 @@ def test_a_servo_moves_by_a_yes_or_with_consent_and_is_left_out_by_a_skip_alone(
             if "Enter" in text:
                 self._answer, self.words = self.words[0], self.words[1:]
 
-    moved = SeenServos(shipped("phantomx"))
-    with bus_board(a_map(), servos=moved) as board:
-        known = Identification(driver="feetech", port=board.path, baud=1_000_000)
+    with seen_bus(a_map()) as (bus, moved):
+        known = Identification(driver="feetech", port=bus.path, baud=1_000_000)
         watcher = Hesitant(moved)
         identify_servos(known, [1, 5, 9], watcher)
         assert known.ids == {"leg1_coxa": 1, "leg3_tibia": 9}
         assert [each[:9] for each in watcher.asked if each.startswith("got")] == ["got 'n'; ", "got 'jes'"]
-        known, trusting = Identification(driver="feetech", port=board.path, baud=1_000_000), Watcher(moved)
+        known, trusting = Identification(driver="feetech", port=bus.path, baud=1_000_000), Watcher(moved)
         moved.farthest = np.zeros(18)
         identify_servos(known, [5], trusting, consent=True)
     assert known.ids == {"leg2_femur": 5}
