@@ -268,12 +268,13 @@ class _MemoryBusLine(MemoryLine):
 def memory_bus(
     bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
 ) -> Iterator[MemoryBus]:
-    """A bus in memory, which is found at its path meanwhile; single servos are tried on its time."""
+    """A bus in memory, which is found at its path meanwhile; clocks that nobody gave are on its time."""
     bus = MemoryBus(bus_map, *faults, baud=baud, kind=kind)
     with (
         patch("hexctl.backends.bus.servos.SerialLine", bus.open),
         patch("hexctl.backends.bus.tools.SerialLine", bus.open),
-        patch("hexctl.control.calibration.servo_trial.WallClock", lambda: WallClock(time=bus.time)),
+        patch("hexctl.backends.ticked_servos.WallClock", bus.time.clock),
+        patch("hexctl.control.calibration.servo_trial.WallClock", bus.time.clock),
     ):
         yield bus
 
