@@ -19,7 +19,7 @@ from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import memory_bus
-from tests.backends.pwm.boards import pca9685_board, servo2040_board
+from tests.backends.pwm.boards import memory_servo2040, pca9685_board
 from tests.control.calibration.hands import ENDS_DEG, Hands, Watcher
 from tests.robots import edited_file, put
 
@@ -79,8 +79,7 @@ def _holding(board: BusBoard) -> bool:
     return bool(board._family.holds().any())
 
 
-@pytest.mark.realtime
-@pytest.mark.parametrize("driver", ["servo2040", "pca9685"])
+@pytest.mark.parametrize("driver", ["servo2040", pytest.param("pca9685", marks=pytest.mark.realtime)])
 def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
     driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,13 +87,13 @@ def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
     mounted: dict[str, Any] = {"tibia": {"offset_deg": 40}, "leg1_coxa": {"id": 7}, "leg3_femur": {"id": 0}}
     true = {**mounted, "leg1_coxa": {"id": 7, "sign": -1, "offset_deg": 12}}
     true_map = pwm_map_of(ServosSection.model_validate(true), driver)
-    make: Any = servo2040_board if driver == "servo2040" else pca9685_board
+    make: Any = memory_servo2040 if driver == "servo2040" else pca9685_board
     with make(pwm_map=true_map) as board:
         section = {**mounted, "driver": driver, "port": board.path, "if_computer_dies": "hold"}
         file = edited_file(tmp_path, put("servos", section))
 
         def true_deg() -> float:
-            by_output = board.pulses_us if driver == "servo2040" else board.pulses_us()
+            by_output = board.board.pulses_us if driver == "servo2040" else board.pulses_us()
             pulses_us = by_output[true_map.outputs] if driver == "servo2040" else by_output
             return float(np.degrees(true_map.angles_rad(np.asarray(pulses_us)))[0])
 
