@@ -26,7 +26,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs check test test-all test-slow test-long lint smoke dist bench faults pictures soak fuzz clean
+.PHONY: help setup demo docs check ci test test-all test-slow test-long lint smoke dist bench faults pictures soak fuzz clean
 
 help:
 	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
@@ -102,6 +102,11 @@ test-all: test test-slow test-long
 # What computes fills the cores; what keeps time comes afterwards, and mostly waits.
 test-slow: $(INSTALLED)
 	$(call lane,$(WORKERS),slow and not realtime and not long)
+	$(call timed,4,realtime and not long)
+
+# What CI runs: `test` and `test-slow`, with one start of the processes that compute.
+ci: $(INSTALLED)
+	$(call linted,$(call lane,$(WORKERS),not realtime and not long))
 	$(call timed,4,realtime and not long)
 
 test-long: $(INSTALLED)

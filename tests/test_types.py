@@ -143,7 +143,8 @@ def frozen_classes_with_arrays(folder: Path) -> list[tuple[Path, ast.ClassDef]]:
     return [
         (path, node)
         for path in sorted(folder.rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if "Array" in (text := path.read_text(encoding="utf-8")) and "frozen=True" in text
+        for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.ClassDef)
         and any("frozen=True" in ast.unparse(decorator) for decorator in node.decorator_list)
         and any(isinstance(line, ast.AnnAssign) and "Array" in ast.unparse(line) for line in node.body)

@@ -14,8 +14,7 @@ import hexctl
 from hexctl.adapt.adaptation import Adaptation, adapt
 from hexctl.adapt.measurement import Answer
 from hexctl.adapt.optimizers.baselines import RandomSearch
-from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
-from hexctl.adapt.prior.prior_choice import noise_m
+from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.runner import (
     LegFailedError,
     NotBegunError,
@@ -317,22 +316,6 @@ def test_walks_are_confirmed_where_a_finer_step_says_more(tmp_path: Path) -> Non
     at_fine = spec_of(tmp_path, notes, world=str(fine), duration_s=40.0, trim="off")
     assert (at_fine.uncertainty_m, at_fine.confirmed_uncertainty_m) == (FOUND.step_m, 0.0)
     assert spec_of(tmp_path, notes, objective="mean").confirmed_uncertainty_m == 0.0
-
-
-@pytest.mark.parametrize("options", [{"backend": "mock"}, {"objective": "mean"}, {"duration_s": 5.0}])
-def test_there_is_none_on_a_robot_of_other_scores_and_of_short_walks(
-    options: dict[str, object], tmp_path: Path
-) -> None:
-    notes: list[str] = []
-    assert spec_of(tmp_path, notes, **options).uncertainty_m == 0
-    assert not notes
-
-
-def test_what_noise_is_believed_is_stored() -> None:
-    simulated, real = (new_spec(failed_leg=5, trim="off", backend=backend) for backend in ("sim", "mock"))
-    assert (simulated.noise_m, real.noise_m) == (SIMULATED_NOISE_M, REAL_NOISE_M)
-    assert real.worth_m == pytest.approx(REAL_NOISE_M)
-    assert [noise_m(spec) for spec in (simulated, real)] == [SIMULATED_NOISE_M, REAL_NOISE_M]
 
 
 @pytest.mark.usefixtures("landscape")

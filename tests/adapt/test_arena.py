@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed, check_radius
+from hexctl.adapt.arena import Arena, Geofence, aimed, check_radius
 from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.trial_plan import SELF_ROTATIONS, TrialPlan
 from hexctl.control.walks.turning import body_heading_rad, turn_needed_rad
@@ -128,28 +128,11 @@ def test_the_walk_leads_through_home_and_is_the_same_seen_from_the_body(
         assert apart_deg(yaw_rad + turned.heading_rad, home_rad) < 1e-6
 
 
-@pytest.mark.parametrize("leg", range(1, 7))
-@pytest.mark.parametrize(("self_rotation", "off_deg"), [("rear", 180.0), ("front", 0.0)])
-def test_the_failed_leg_points_where_it_should(leg: int, self_rotation: str, off_deg: float) -> None:
-    plan = aimed(plan_of(self_rotation, leg), ROBOT, standing(1.0, 1.0, 2.0), ARENA)
-    leg_world_rad = 2.0 + turn_needed_rad(ROBOT, plan) + float(ROBOT.leg_azimuths_rad[leg - 1])
-    travel_world_rad = 2.0 + plan.heading_rad
-    assert apart_deg(leg_world_rad, travel_world_rad + math.radians(off_deg)) < 1e-6
-
-
 @given(ROTATIONS, ANGLES)
 def test_at_home_nothing_turns(self_rotation: str, yaw_rad: float) -> None:
     for outward in (False, True):
         plan = aimed(plan_of(self_rotation), ROBOT, standing(0.5, -0.2, yaw_rad), ARENA, outward=outward)
         assert turn_needed_rad(ROBOT, plan) == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("self_rotation", SELF_ROTATIONS)
-def test_a_robot_that_was_put_down_does_not_turn(self_rotation: str) -> None:
-    plan = plan_of(self_rotation)
-    placed = as_placed(plan, ROBOT)
-    assert turn_needed_rad(ROBOT, placed) == 0
-    assert apart_deg(placed.motion(0.0).heading_rad, body_heading_rad(ROBOT, plan)) < 1e-6
 
 
 def test_a_robot_that_lost_its_pose_cannot_aim() -> None:

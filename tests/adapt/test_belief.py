@@ -117,13 +117,6 @@ def test_the_end_of_a_walk_that_is_on_its_way_agrees_with_dense_conditioning(
     assert sd_m == pytest.approx(wanted_sd_m, abs=1e-6)
 
 
-def test_watching_a_walk_teaches_nothing() -> None:
-    belief, undisturbed = believed(ordinary([12])), believed(ordinary([12]))
-    for _ in range(3):
-        belief.course_of(50).end(world(1)[49])
-    np.testing.assert_array_equal(belief.forecast().mean_m, undisturbed.forecast().mean_m)
-
-
 def repeated(*finals_m: float) -> Forecast:
     mean = SAMPLES.features.mean(axis=0)[49]
     trials = []

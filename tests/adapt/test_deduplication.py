@@ -61,18 +61,6 @@ def test_every_code_is_handed_out_once_and_then_it_is_exhausted(
         optimizer.ask()
 
 
-def test_a_code_that_comes_twice_in_one_ask_is_paid_for_once() -> None:
-    inner = Scripted(iter([5, 9, 5, 30, 9, 5, 7, 7, 30, 8]))
-    optimizer = Deduplication(inner, 0)
-    codes = optimizer.ask(5)
-    assert codes == [5, 9, 30]
-    tell(optimizer, codes)
-    codes = optimizer.ask(5)
-    assert codes == [7, 8]
-    tell(optimizer, codes)
-    assert inner.told == [(code, slope(code)) for code in (5, 9, 5, 30, 9, 5, 7, 7, 30, 8)]
-
-
 def test_a_search_that_is_stuck_gets_help_after_the_patience_and_asks_on() -> None:
     inner = Scripted(repeat(5))
     optimizer = Deduplication(inner, 0, patience=20)
@@ -84,19 +72,6 @@ def test_a_search_that_is_stuck_gets_help_after_the_patience_and_asks_on() -> No
         tell(optimizer, optimizer.ask())
         assert len(inner.told) == 1 + 20 + extra
     assert set(inner.told) == {(5, slope(5))}, "a code that it did not ask for"
-
-
-def test_a_substitute_is_told_when_the_search_asks_for_it_later() -> None:
-    asked: list[int] = []
-    inner = Scripted(iter(lambda: asked[-1] if len(asked) > 1 else 5, None))
-    optimizer = Deduplication(inner, 0, patience=3)
-    for _ in range(2):
-        asked += optimizer.ask()
-        tell(optimizer, asked[-1:])
-    substitute = asked[-1]
-    assert substitute != 5
-    search(optimizer, 1)
-    assert inner.told[-1] == (substitute, slope(substitute))
 
 
 @pytest.mark.parametrize("stop", [0, 3])

@@ -100,17 +100,6 @@ def test_only_walks_of_their_whole_time_are_finished(status: str) -> None:
     assert shown(status=status).finished == (status in ("ok", "no_progress"))
 
 
-def test_a_row_of_the_path_belongs_to_the_time_at_its_end() -> None:
-    rows = shown().at(np.array([0.2, 1.0, 5.0, 9.8, 10.0]))
-    np.testing.assert_array_equal(rows[:, 0], [1, 5, 25, 49, 50])
-    np.testing.assert_array_equal(rows[:, 1], -rows[:, 0])
-
-
-def test_before_the_start_and_after_the_end_there_is_nothing() -> None:
-    rows = shown().at(np.array([-1.0, 0.0, 10.2, 1e6]))
-    assert np.isnan(rows).all()
-
-
 def test_a_path_without_points_shows_nothing() -> None:
     nothing = Observation(path_m=np.zeros((0, 2)), duration_s=0.0, yaw_change_rad=None, status="fell")
     assert np.isnan(nothing.at(np.array([0.0, 1.0]))).all()

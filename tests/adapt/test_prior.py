@@ -115,14 +115,6 @@ def test_the_digest_changes_with_anything(change: Any) -> None:
     assert change(prior).digest() != prior.digest()
 
 
-def test_a_prior_that_knows_no_stances_is_one_too(tmp_path: Path) -> None:
-    prior = replace(prior_with_a_fall(), sag_rad=None)
-    save_prior(prior, tmp_path / "some.npz")
-    loaded = load_prior(tmp_path / "some.npz")
-    assert loaded.sag_rad is None
-    assert loaded.digest() == prior.digest() != prior_with_a_fall().digest()
-
-
 @pytest.mark.parametrize("share", [0.001, 0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 0.999])
 def test_a_file_that_is_cut_off_is_refused(share: float, path: Path) -> None:
     content = path.read_bytes()
@@ -207,12 +199,6 @@ def test_a_place_that_is_none_is_refused_in_one_line(write_there: Any, tmp_path:
     assert "\n" not in str(refused.value)
 
 
-def test_another_robot_is_named_once() -> None:
-    differences = key_of().differences(key_of(shipped("phantomx")))
-    assert "robot ant, not phantomx" in differences
-    assert not any("description" in words or "fingerprint" in words for words in differences)
-
-
 def test_the_same_robot_with_another_description_is_another_question(tmp_path: Path) -> None:
     heavier = load_robot(str(edited_file(tmp_path, put("body", "mass_kg", 3.0))))
     assert key_of().differences(key_of(heavier)) == ["another description of ant"]
@@ -239,14 +225,6 @@ def save(folder: Path, name: str, question: PriorKey) -> Path:
     path = folder / name
     save_prior(made_up_prior(question, worlds=1), path)
     return path
-
-
-def test_the_prior_that_fits_is_found_whatever_its_name(tmp_path: Path) -> None:
-    save(tmp_path, "a.npz", key_of(duration_s=5.0))
-    fits = save(tmp_path, "b.npz", key_of())
-    save(tmp_path, "c.npz", key_of(self_rotation="front"))
-    found = find_prior(key_of(), [tmp_path])
-    assert (found.path, found.reason) == (fits, "")
 
 
 def test_files_that_are_no_priors_are_passed_over(tmp_path: Path) -> None:
@@ -330,16 +308,6 @@ def test_what_a_score_prior_is_for_is_told(tmp_path: Path) -> None:
     assert described["scores"] == ["speed", "cost", "tilt", "steadiness"]
 
 
-def test_a_prior_for_another_hold_posture_or_failure_is_refused_by_name(tmp_path: Path) -> None:
-    path, prior = tmp_path / "scores.npz", made_up_score_prior()
-    save_prior(prior, path)
-    check_prior(path, prior.key)
-    other = replace(prior.key, hold="heading", posture="stance", failure="limp")
-    with pytest.raises(InputError, match="failure locked, not limp, hold line, not heading, posture auto, n"):
-        check_prior(path, other)
-    assert find_prior(other, [tmp_path]).path is None
-
-
 def weak(share: float) -> Failure:
     return parse_kind(5, f"weak:{share}")
 
@@ -366,10 +334,3 @@ def test_another_question_is_named_with_both_values(
     one: dict[str, Any], other: dict[str, Any], differences: list[str]
 ) -> None:
     assert key_of(**one).differences(key_of(**other)) == differences
-
-
-@pytest.mark.parametrize(("field", "value"), [("pace_hz", 0.75), ("amplitude", 0.05), ("height", 0.03)])
-def test_another_gait_is_another_question(field: str, value: float) -> None:
-    changed: dict[str, Any] = {field: value}
-    (difference,) = key_of().differences(replace(key_of(), **changed))
-    assert difference.startswith(field.removesuffix("_hz"))

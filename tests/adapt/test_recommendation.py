@@ -145,19 +145,6 @@ def store(tmp_path: Path) -> SessionStore:
 NEVER_M = 1e-6
 
 
-def test_the_candidate_walks_once_more_and_its_own_end_counts(store: SessionStore) -> None:
-    finely = Ends({2: -0.012})
-    session = search(store, finely, target_m=NEVER_M)
-    assert finely.walked == [2]
-    assert session.best_walk is not None
-    assert session.best_walk.code == 2
-    printed = session.as_json()["recommended"]
-    assert (printed["code"], printed["confirmed"]) == (2, True)
-    assert (printed["score"], printed["uncertainty_m"]) == (pytest.approx(0.012), 0.008)
-    assert session.as_json()["confirmations"][0]["time_step_s"] == 0.0005
-    assert load_session(session.name, store.folder) == session
-
-
 def test_a_target_that_single_trials_cannot_resolve_is_confirmed(store: SessionStore) -> None:
     near = search(store, Ends({1: 0.3, 2: 0.01, 3: 0.0, 4: 0.0, 5: 0.0}), target_m=NEVER_M)
     near.spec = replace(near.spec, target_m=0.025)

@@ -171,22 +171,6 @@ def test_what_fallen_robots_did_not_show_is_the_mean_of_those_that_walked() -> N
     np.testing.assert_allclose(np.delete(samples.features, ROW, 1), np.delete(whole.features, ROW, 1))
 
 
-def test_a_gait_that_seldom_walks_is_believed_to_spread_as_those_walks_did() -> None:
-    whole, samples = with_falls(8, ()), with_falls(8, (1, 3, 4, 5, 6))
-    walked = whole.features[[0, 2, 7], ROW, FINAL]
-    assert samples.features[:, ROW, FINAL].mean() == pytest.approx(walked.mean())
-    assert samples.features[:, ROW, FINAL].std() == pytest.approx(walked.std())
-
-
-def test_the_last_point_of_a_walk_is_its_end() -> None:
-    path = np.random.default_rng(0).normal(size=(1500, 2))
-    for length in (1500, 250, 151, 37, 10):
-        shown = Observation(path_m=path[:length], duration_s=30.0, yaw_change_rad=0.0, status="ok")
-        features = features_of(shown, 30.0)
-        assert features[FINAL] == path[length - 1, 1]
-        assert features[DISTANCE] == path[length - 1, 0]
-
-
 def test_a_robot_that_fell_does_not_show_its_yaw_nor_its_end() -> None:
     model = MadeUpModel().worlds(1, 0)[0, 0]
     fell = features_of(shown_of(model, "fell"), 30.0)

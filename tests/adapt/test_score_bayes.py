@@ -53,17 +53,6 @@ class TestConformance(OptimizerConformance):
         )
 
 
-def test_a_few_trials_find_nearly_the_best_gait_of_an_unseen_world() -> None:
-    regrets = []
-    for seed in range(8, 14):
-        scores, one = unseen(seed), search()
-        walk(one, scores, 5)
-        best = one.recommended()
-        assert best is not None
-        regrets.append(scores[best - 1] / scores.min() - 1)
-    assert np.mean(regrets) < 0.02
-
-
 def test_invalid_gaits_are_never_recommended_nor_asked_for_again() -> None:
     one = search()
     (code,) = one.ask()
@@ -81,12 +70,6 @@ def test_a_gait_that_seldom_walked_in_the_worlds_is_not_the_first() -> None:
     valid = samples().valid.copy()
     valid[first - 1] = 0.0
     assert search(samples=replace(samples(), valid=valid)).ask()[0] != first
-
-
-def test_every_gait_is_walked_once_before_any_is_again() -> None:
-    one = search()
-    assert sorted(walk(one, unseen(), 120)) == list(range(1, 121))
-    assert one.ask() == [one.recommended()]
 
 
 def test_a_repeat_is_learned_from() -> None:

@@ -13,7 +13,7 @@ from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.comparison import best_so_far, check_comparable, differences, draw_comparison
+from hexctl.adapt.sessions.comparison import check_comparable, draw_comparison
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, LAST_COLUMNS, flat_rows
@@ -81,10 +81,6 @@ def session(*offs_m: float, name: str = "a", **spec: str) -> Session:
     return Session(name=name, spec=SessionSpec(failed_leg=5, **spec), created="2026-01-01", trials=trials)  # type: ignore[arg-type]
 
 
-def test_the_best_so_far_never_rises_and_an_invalid_trial_is_none() -> None:
-    assert best_so_far(session(1e9, 0.3, 0.5, 0.1)) == [None, 0.3, 0.3, 0.1]
-
-
 @pytest.mark.parametrize(
     "given",
     [
@@ -97,12 +93,6 @@ def test_the_best_so_far_never_rises_and_an_invalid_trial_is_none() -> None:
 def test_what_cannot_be_compared_is_refused(given: list[Session]) -> None:
     with pytest.raises(InputError, match="session: "):
         check_comparable(given)
-
-
-def test_what_two_searches_do_not_share_is_named() -> None:
-    assert differences([session(0.1), session(0.2, name="b", optimizer="random")]) == []
-    (found,) = differences([session(0.1), session(0.2, name="b", world="rough")])
-    assert found == "world (flat, rough)"
 
 
 def test_the_plot_is_a_new_png(tmp_path: Path) -> None:
@@ -198,14 +188,6 @@ def test_json_has_leg_and_kind_and_degrees() -> None:
     assert (values["failed_leg"], values["failure"]) == (3, "weak:0.5")
     assert values["heading_deg"] == pytest.approx(28.6478897565)
     assert "heading_rad" not in values
-
-
-def test_a_score_has_the_label_of_its_objective() -> None:
-    spec = SessionSpec(failed_leg=5, target_m=0.025)
-    assert spec.score_label == OBJECTIVES["final"].label
-    custom = replace(spec, objective="mine:score")
-    assert custom.score_label == "mine:score"
-    assert replace(custom, objective_label="my words").score_label == "my words"
 
 
 def test_the_pareto_front_is_of_valid_trials_that_no_other_beats() -> None:

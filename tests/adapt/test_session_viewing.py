@@ -42,13 +42,6 @@ def test_trials_keep_their_numbers_and_invalid_ones_have_no_score() -> None:
     assert overview.course_m == 4.455
 
 
-def test_a_trajectory_ends_where_the_trial_is_scored() -> None:
-    (trial,) = make_overview(make_session(result_of(-0.3))).trials
-    assert trial.path_m[0].tolist() == [0.0, 0.0]
-    assert trial.end_m.tolist() == [4.0, -0.3]
-    assert len(trial.path_m) == 11
-
-
 def test_a_trial_that_never_set_out_or_diverged_has_no_impossible_points() -> None:
     lost = replace(
         result_of(0.0, "aborted"),
@@ -94,16 +87,6 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, list[Floa
         session, store, search, world, on_stored=lambda *_: expected.append(search.forecast().mean_m)
     ).run()
     return load_session(session.name, store.folder), expected
-
-
-def test_beliefs_are_those_of_the_search_after_each_trial(walked: tuple[Session, list[FloatArray]]) -> None:
-    session, expected = walked
-    steps = search_steps(session)
-    assert [step.trials for step in steps] == list(range(len(session.trials) + 1))
-    for step, mean_m in zip(steps, expected, strict=True):
-        assert step.beliefs is not None
-        np.testing.assert_array_equal(step.beliefs.signed_m, mean_m)
-    assert len({step.beliefs.signed_m.tobytes() for step in steps if step.beliefs is not None}) == len(steps)
 
 
 def test_the_next_gait_has_the_interval_that_was_stored_with_it(
@@ -173,13 +156,6 @@ def test_searches_without_beliefs_say_less(name: str, said: str, tmp_path: Path)
     assert [step.next_code for step in steps] == [*(trial.code for trial in session.trials), None]
     assert all(said in step.note for step in steps)
     assert all("9 of 10" not in step.note for step in steps)
-
-
-def test_steered_walks_have_scores_and_no_ends_to_show(walked: tuple[Session, list[FloatArray]]) -> None:
-    steered = replace(walked[0].spec, hold="line", objective="speed")
-    steps = search_steps(replace(walked[0], spec=steered))
-    assert all(step.beliefs is None for step in steps)
-    assert "expects scores and not ends of walks" in steps[0].note
 
 
 def test_the_facts_have_the_simulations_own_uncertainty_once_and_every_objective_a_name(

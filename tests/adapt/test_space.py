@@ -42,17 +42,6 @@ def test_120_24_or_6_gaits_and_none_under_two_codes_not_even_shifted(failed: tup
     assert len(gaits) == space.size
 
 
-@pytest.mark.parametrize("failed", FAILED_SETS)
-def test_codes_and_slots_go_both_ways(failed: tuple[int, ...]) -> None:
-    space = GaitSpace(failed)
-    assert space.slots.shape == (space.size, 6)
-    for code in range(1, space.size + 1):
-        slots = space.slots_of(code)
-        assert space.code_of(slots) == code
-        assert tuple(space.slots[code - 1]) == slots
-        assert all(slots[leg - 1] == leg for leg in failed)
-
-
 @pytest.mark.parametrize("failed", [(), (0,), (7,), (5, 2), (2, 2), (1, 2, 3, 4)])
 def test_other_failed_legs_are_refused(failed: tuple[int, ...]) -> None:
     with pytest.raises(InputError, match="failed legs"):
@@ -65,17 +54,6 @@ def test_codes_and_slots_of_other_spaces_are_refused() -> None:
             TWO_FAILED.slots_of(code)
     with pytest.raises(InputError, match="failed leg 5"):
         ONE_FAILED.code_of((1, 2, 3, 5, 4, 6))
-
-
-@pytest.mark.parametrize("space", SPACES, ids=lambda space: space.size)
-def test_the_phase_distance_is_a_metric(space: GaitSpace) -> None:
-    distance = space.phase_distance
-    assert distance.shape == (space.size, space.size)
-    np.testing.assert_array_equal(distance, distance.T)
-    np.testing.assert_array_equal(distance == 0, np.eye(space.size, dtype=bool))
-    assert (distance >= 0).all()
-    detour = (distance[:, :, np.newaxis] + distance).min(axis=1)  # over all codes in between
-    assert (distance <= detour + 1e-12).all()
 
 
 def slow_phase(one: Slots, other: Slots) -> float:
@@ -91,15 +69,6 @@ def test_the_phase_distance_against_the_slow_way(space: GaitSpace) -> None:
     gaits = [space.slots_of(code) for code in range(1, space.size + 1)]
     expected = [[slow_phase(one, other) for other in gaits] for one in gaits[:30]]
     np.testing.assert_allclose(space.phase_distance[:30], expected, atol=1e-12)
-
-
-def test_phase_distance_does_not_see_the_start_of_the_cycle() -> None:
-    # The same 120 cyclic orders, each with another start: leg 5 pinned here, leg 2 there.
-    there = GaitSpace((2,))
-    place = {order_of_legs(there.slots_of(code)): code - 1 for code in range(1, 121)}
-    same = [place[order_of_legs(ONE_FAILED.slots_of(code))] for code in range(1, 121)]
-    assert same != list(range(120))
-    np.testing.assert_array_equal(there.phase_distance[np.ix_(same, same)], ONE_FAILED.phase_distance)
 
 
 WALKED = replace(result_of(-0.2), energy_j=8.0, cost_of_transport=0.7, tilt_deg=0.4, steadiness=0.02)

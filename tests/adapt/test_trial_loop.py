@@ -52,14 +52,6 @@ def store(tmp_path: Path) -> SessionStore:
     return SessionStore(tmp_path)
 
 
-def test_it_spends_its_budget_and_no_gait_twice(store: SessionStore) -> None:
-    session, ended = run(store, SPEC)
-    assert ended == "budget"
-    assert [trial.index for trial in session.trials] == list(range(1, 13))
-    codes = [trial.code for trial in session.trials]
-    assert len(set(codes)) == 12
-
-
 def test_an_objective_that_fails_is_named_with_its_trial_and_nothing_before_it_is_lost(
     store: SessionStore,
 ) -> None:
@@ -280,16 +272,6 @@ def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: Ses
     whole, ended = run(store, SPEC)
     resumed, ended_later = run_on(store, session.name)
     assert (resumed.trials, ended_later) == (whole.trials, ended)
-
-
-@pytest.mark.parametrize("confirm", [0, 1])
-def test_an_interrupted_trial_whose_recording_is_not_whole_is_reported(
-    confirm: int, store: SessionStore
-) -> None:
-    session = store.create(replace(SPEC, budget=3, confirm=confirm))
-    with pytest.raises(RecordingError, match=r"trial 3 .*disk full"):
-        AdaptLoop(session, store, optimizer_of(SPEC), NoRoom(3, cut_after=2)).run()
-    assert [trial.index for trial in load_session(session.name, store.folder).trials] == [1, 2]
 
 
 BASELINE_SPEC = replace(SPEC, baseline_gaits=["demo", "tripod"])

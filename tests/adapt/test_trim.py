@@ -30,7 +30,6 @@ from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
-from hexctl.gait.gait import AUTO
 from hexctl.runs.run_spec import RunSpec, plan_of
 from hexctl.testing.optimizer_conformance import ONE_FAILED, Make, OptimizerConformance
 from tests.adapt.walking import arc_of, closing_lines
@@ -127,6 +126,7 @@ def test_points_of_a_tape_tell_the_turn_and_the_end_alone_an_arc_along_the_line(
     assert drift_in(np.full((1500, 2), np.nan)) is None
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(
     course_deg=st.floats(-8, 8),
@@ -252,21 +252,6 @@ def test_a_noisy_walk_within_the_target_has_to_repeat_that_within_the_budget(
     assert (result.ended, again[-1].score <= target_m, len(trials) <= 9) == (ended, ended == "target", True)
     assert f"{len(trials)} trials, {30 * len(trials)} s walked" in summary
     assert f"accuracy: repeated in trial {again[-1].index}; within" in summary or ended == "budget"
-
-
-def test_a_trial_ends_the_search_where_a_baseline_is_within_the_target(robot: Robot) -> None:
-    robot.drift = Trim()
-    result = search(baseline=True)
-    assert (result.ended, len(result.trials)) == ("target", 1)
-
-
-@pytest.mark.usefixtures("robot")
-def test_the_baseline_teaches_the_first_trial() -> None:
-    result = search(baseline=True)
-    auto = next(walk for walk in result.baseline if walk.gait == AUTO)
-    assert auto.outcome["turn_trim_deg_s"] is None, "the baseline is not trimmed"
-    assert result.trials[0].slots == auto.slots
-    assert result.trials[0].score < 0.3 < auto.score
 
 
 @pytest.mark.usefixtures("robot")

@@ -106,11 +106,6 @@ def test_sessions_and_recordings_of_the_folder_of_runs_are_offered(asked: Asked)
     assert asked("hexctl run --robot p") == ["pexod", "phantomx", "phantomx-ax"]
 
 
-@pytest.mark.parametrize("line", ["hexctl run --robot ./m", "hexctl view mine"])
-def test_where_no_word_fits_the_shell_offers_files(line: str, asked: Asked) -> None:
-    assert asked(line) == []
-
-
 def test_gamepads_are_offered(monkeypatch: pytest.MonkeyPatch) -> None:
     pad = Path("/dev/input/event5")
     monkeypatch.setattr("hexctl.teleop.gamepad.find_gamepads", lambda: [pad])

@@ -23,10 +23,11 @@ from hexctl.cli.main import exit_code
 from hexctl.cli.render.adapt_commands import resume_command
 from hexctl.cli.settings import CODE_OPTIONS
 from hexctl.doctor.rendering_check import read_drawing
+from hexctl.errors import RobotFaultError
 from hexctl.recording.live import LiveView
 from hexctl.server.keeper import Keeper, KeeperSpec
 from hexctl.waiting import wait_for
-from hexctl.wire.description import describe
+from hexctl.wire.description import describe, robot_name
 from hexctl.wire.links import KeyMap
 from tests.adapt import walking
 from tests.cli.test_options import commands
@@ -316,15 +317,16 @@ def test_a_rogue_robot_prints_nothing_but_text(command: str, capsys: pytest.Capt
         assert AS_IT_IS in "".join(output.split("\n")).replace("  ", "")
 
 
+def test_a_name_of_a_robot_is_short_and_has_no_other_signs() -> None:
+    assert robot_name({"robot": "ant_2.b-c"}) == "ant_2.b-c"
+    for name in (HOSTILE, "", "*", "$*", "a//b", "x" * 60_000, 7, None, ["ant"]):
+        with pytest.raises(RobotFaultError):
+            robot_name({"robot": name})
+
+
 @pytest.mark.realtime
-@pytest.mark.parametrize(
-    ("command", "name"),
-    [
-        *(("estop --clear", name) for name in (HOSTILE, "", "*", "a//b", "x" * 60_000, 7, None, ["ant"])),
-        *(("view", name) for name in (HOSTILE, None)),
-        *(("run --backend zenoh --no-record", name) for name in (HOSTILE, "$*")),
-    ],
-)
+@pytest.mark.parametrize("name", [HOSTILE, None], ids=["hostile", "none"])
+@pytest.mark.parametrize("command", ["estop --clear", "view", "run --backend zenoh --no-record"])
 def test_a_robot_without_a_name_that_could_be_one_is_a_fault(
     command: str, name: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any, Literal, get_origin
 
 import pytest
@@ -149,17 +148,6 @@ def test_help_is_asked_for_in_any_usual_way(asked: list[str], capsys: pytest.Cap
     assert "Usage: hexctl" in capsys.readouterr().out
 
 
-def test_the_paragraphs_of_a_help_text_fill_the_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    assert exit_code(["adapt", "--help"]) == 0
-    described = [line.strip() for line in capsys.readouterr().out.partition(":\n  --")[0].splitlines()[:-1]]
-    for line, following in pairwise(described):
-        if line and following:
-            assert len(f"{line} {following.split()[0]}") > 75
-
-
 @pytest.mark.parametrize(
     ("words", "meant"),
     [
@@ -184,12 +172,6 @@ def test_proposed_commands_exist() -> None:
     meant = {command.split()[0] for command in SYNONYMS.values()}
     assert meant <= COMMANDS.keys() | {"list", "delete", "copy"}
     assert not SYNONYMS.keys() & COMMANDS.keys()
-
-
-def test_names_are_taken_in_any_case(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["check", "Ant", "--gait", "Tripod"]) == 0
-    assert exit_code(["run", "--backend", "Mock", "--world", "flat"]) == 2
-    assert "--backend mock" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -123,12 +123,6 @@ def test_a_row_of_a_walk(
     assert shown(capsys, **changes)[label].startswith(text)
 
 
-def test_a_walk_that_recovered_gets_no_advice_for_clipped_commands(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert shown(capsys, clipped_ticks=7, **LEG_5)["guard"] == "7 commands clipped"
-
-
 @pytest.mark.parametrize(
     ("changes", "labels"),
     [
@@ -286,13 +280,6 @@ def test_no_line_of_a_search_is_wider_than_a_terminal() -> None:
     fallen = replace(made.trials[0], outcome={**OUTCOME, "status": "no_progress", "cause": "saturation"})
     shown = [walk_line(made, made.baseline[0]), walk_line(made, fallen), *opening_lines(made)]
     assert max(len(str(line)) for line in (*shown, *closing_lines(made, "budget").splitlines()[:4])) <= 80
-
-
-def test_a_search_that_can_be_continued_counts_the_walks_before_its_trials() -> None:
-    begun = replace(session(tripod=0.1, budget=3), trials=[])
-    (line,) = (line for line in closing_lines(begun, None).splitlines() if line.startswith("unfinished"))
-    for word in ("0 trials", "1 baseline walk", "30 s walked", "hexctl adapt --resume s"):
-        assert word in line
 
 
 def test_a_gait_without_a_search_that_no_trial_is_better_than_is_the_one_to_walk_on_with() -> None:

@@ -95,10 +95,6 @@ def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, capsys: pytest.Ca
         assert named in capsys.readouterr().err
 
 
-def test_the_arena_of_a_simulated_floor_is_none_that_a_camera_sees(tmp_path: Path) -> None:
-    assert exit_code(["run", "--no-record", "--arena", str(saved(tmp_path))]) == 2
-
-
 @pytest.mark.slow
 def test_the_command_takes_a_video(tmp_path: Path) -> None:
     import cv2
@@ -135,11 +131,6 @@ def test_a_place_file_gives_the_circle_that_its_camera_sees(
     assert fields["home_m"] == pytest.approx([x_m, y_m], abs=0.001)
     assert radius_m - 0.01 < fields["arena_m"] <= radius_m
     assert f"{fields['arena_m']:g} m" in capsys.readouterr().err
-
-
-def test_a_radius_needs_no_camera() -> None:
-    assert arena_fields(None, "ant") == {}
-    assert arena_fields(2.0, "ant") == {"arena_m": 2.0}
 
 
 def test_places_that_give_no_arena_are_refused(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
-from tests.backends.bus.boards import a_map, bus_board
+from tests.backends.bus.boards import a_map, memory_bus
 from tests.robots import edited_file, put
 
 ONLY_ONE = [
@@ -24,22 +24,19 @@ ONLY_ONE = [
 ]
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize("driver", ["dynamixel", "lx16a"])
 def test_another_driver_that_fits_is_named(driver: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with bus_board(a_map(), *ONLY_ONE) as board:
-        words = ["servos", "scan", "--driver", driver, "--connect", f"{board.path}:1000000", "--json"]
+    with memory_bus(a_map(), *ONLY_ONE) as bus:
+        words = ["servos", "scan", "--driver", driver, "--connect", f"{bus.path}:1000000", "--json"]
         assert exit_code(words) == (2 if driver == "dynamixel" else 3)
         printed = capsys.readouterr()
     assert printed.out.strip() in ("", "[]")
     assert "feetech" in printed.err
 
 
-@pytest.mark.long
-@pytest.mark.realtime
 def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.CaptureFixture[str]) -> None:
-    with bus_board(a_map(), *ONLY_ONE, baud=115_200) as board:
-        words = ["servos", "scan", "--driver", "feetech", "--connect", board.path, "--json"]
+    with memory_bus(a_map(), *ONLY_ONE, baud=115_200) as bus:
+        words = ["servos", "scan", "--driver", "feetech", "--connect", bus.path, "--json"]
         assert exit_code(words) == 3
         printed = capsys.readouterr()
         assert json.loads(printed.out) == []
@@ -49,12 +46,11 @@ def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.
     assert [(each["id"], each["baud"]) for each in found] == [(1, 115_200)]
 
 
-@pytest.mark.realtime
 def test_a_servo_is_tested_with_consent_only(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with bus_board(a_map()) as board:
-        words = ["servos", "test", "8", "--driver", "feetech", "--connect", board.path, "--json"]
+    with memory_bus(a_map()) as bus:
+        words = ["servos", "test", "8", "--driver", "feetech", "--connect", bus.path, "--json"]
         monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
         assert exit_code(words) == 2
         assert "--yes: got none" in capsys.readouterr().err
@@ -68,16 +64,15 @@ def test_a_servo_is_tested_with_consent_only(
         assert exit_code([*words, "--yes"]) == 0
         assert exit_code(["servos", "test", "99", *words[3:]]) == 3
         assert "99" in capsys.readouterr().err
-        board._robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
+        bus.robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
         assert exit_code([*words, "--yes"]) == 3, "it is stuck"
 
 
-@pytest.mark.realtime
 def test_joints_are_identified_and_no_robot_file_is_written(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    with bus_board(a_map()) as board:
-        section = {"driver": "feetech", "port": board.path, "model": "sts3215"}
+    with memory_bus(a_map()) as bus:
+        section = {"driver": "feetech", "port": bus.path, "model": "sts3215"}
         file = edited_file(tmp_path, put("servos", section), base="phantomx")
         before = file.read_text()
         _says(monkeypatch, "\n2f\n")
@@ -90,7 +85,6 @@ def test_joints_are_identified_and_no_robot_file_is_written(
         assert "--output" in capsys.readouterr().err
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize(("words", "model"), [((), "lx16a"), (("--model", "lx224"), "lx224")])
 def test_a_model_that_servos_do_not_tell_is_written(
     words: tuple[str, ...],
@@ -98,23 +92,20 @@ def test_a_model_that_servos_do_not_tell_is_written(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with bus_board(a_map("lx16a", "lx16a")) as board:
+    with memory_bus(a_map("lx16a", "lx16a")) as bus:
         _says(monkeypatch, "\n2f\n")
-        assert (
-            exit_code(["servos", "identify", "5", "--driver", "lx16a", "--connect", board.path, *words]) == 0
-        )
+        assert exit_code(["servos", "identify", "5", "--driver", "lx16a", "--connect", bus.path, *words]) == 0
     printed = capsys.readouterr()
     assert f"  model: {model}\n" in printed.out
     assert ("--model" in printed.err) is not bool(words)
 
 
-@pytest.mark.realtime
 def test_a_lost_id_is_given_back(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     joints = {name: {"id": 21 + place} for place, name in enumerate(JOINT_NAMES)}
     file = edited_file(tmp_path, put("servos", {"driver": "feetech", **joints}), base="phantomx")
     bus_map = bus_map_of(load_robot_file(file).content.servos, "feetech")
-    with bus_board(bus_map, "lost-id:3:tibia") as board:
-        words = ["servos", "adopt", "--robot", str(file), "--connect", board.path, "--yes", "--json"]
+    with memory_bus(bus_map, "lost-id:3:tibia") as bus:
+        words = ["servos", "adopt", "--robot", str(file), "--connect", bus.path, "--yes", "--json"]
         assert exit_code(words) == 0
         adopted = json.loads(capsys.readouterr().out)
         assert (adopted["joint"], adopted["id"]) == ("leg3_tibia", 29)
@@ -129,13 +120,12 @@ def _says(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(os.fdopen(read, "rb")))
 
 
-@pytest.mark.realtime
 def test_a_scan_is_an_array_or_a_table_and_a_robot_file_names_the_joints(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with bus_board(a_map()) as board:
+    with memory_bus(a_map()) as bus:
         ids = {name: {"id": place + 2} for place, name in enumerate(JOINT_NAMES)}
-        section = {"driver": "feetech", "port": board.path, "model": "sts3215", **ids}
+        section = {"driver": "feetech", "port": bus.path, "model": "sts3215", **ids}
         file = edited_file(tmp_path, put("servos", section), base="phantomx")
         assert exit_code(["servos", "scan", "--robot", str(file), "--json"]) == 0
         printed = capsys.readouterr()
@@ -151,19 +141,18 @@ def test_a_scan_is_an_array_or_a_table_and_a_robot_file_names_the_joints(
     assert "leg 6 tibia (id 19)" in printed.err
 
 
-@pytest.mark.realtime
 def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with bus_board(a_map(), *ONLY_ONE, baud=115_200) as board:
+    with memory_bus(a_map(), *ONLY_ONE, baud=115_200) as bus:
         ids = {name: {"id": place + 1} for place, name in enumerate(JOINT_NAMES)}
         section = {"driver": "feetech", "port": "/dev/none", "baud": 115_200, "model": "sts3215", **ids}
         file = edited_file(tmp_path, put("servos", section), base="phantomx")
-        monkeypatch.setenv("HEXCTL_CONNECT", board.path)
+        monkeypatch.setenv("HEXCTL_CONNECT", bus.path)
         assert exit_code(["servos", "scan", "--robot", str(file), "--json"]) == 0
         printed = capsys.readouterr()
     assert [each["id"] for each in json.loads(printed.out)] == [1]
-    assert f"hexctl: HEXCTL_CONNECT sets --connect {board.path}" in printed.err
+    assert f"hexctl: HEXCTL_CONNECT sets --connect {bus.path}" in printed.err
 
 
 def test_ports_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ from hexctl.control.controllers import LOOK_AHEAD_TICKS, Stand, Walk, soft_stop_
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Motion
 from hexctl.ik.legs import solve_legs
-from hexctl.types import FloatArray, leg_slice
+from hexctl.types import FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import gait_of
 
@@ -68,19 +68,6 @@ def test_a_stop_goes_on_from_the_stride_and_ends_in_the_stance(stop_tick: int) -
     )
     fastest = np.abs(np.diff(_angles(plain, range(100, 300)), axis=0)).max()
     assert np.abs(np.diff(angles, axis=0)).max() <= fastest + 0.01, "no jump"
-
-
-@pytest.mark.parametrize("held", [(5,), (1, 4)])
-def test_held_legs_keep_their_stance_while_the_others_walk(held: tuple[int, ...]) -> None:
-    walk = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02, held_legs=held)
-    free = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
-    angles, expected = _angles(walk, range(200)), _angles(free, range(200))
-    for leg in range(1, 7):
-        joints = leg_slice(leg)
-        if leg in held:
-            assert (angles[:, joints] == ANT.stance_angles_rad[joints]).all()
-        else:
-            assert np.array_equal(angles[:, joints], expected[:, joints])
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

@@ -53,16 +53,6 @@ def test_every_tick_is_kept_as_it_came_however_many_there_are() -> None:
         np.testing.assert_array_equal(log.rows("time_s", start, stop), log["time_s"][start:stop])
 
 
-def test_phases_are_found_again() -> None:
-    log = TickLog()
-    for phase, ticks in zip(PHASES, (3, 0, 5, 2), strict=True):
-        log.phase = phase
-        for _ in range(ticks):
-            _record(log, 0)
-    assert [log.rows_of(phase) for phase in PHASES] == [slice(0, 3), slice(0, 0), slice(3, 8), slice(8, 10)]
-    assert log.walked_ticks == 5
-
-
 @pytest.mark.parametrize("part", ["base_position_world", "base_quaternion_world"])
 def test_half_a_pose_is_kept(part: str) -> None:
     log, stance = TickLog(), np.zeros(18)
@@ -111,16 +101,6 @@ def test_each_recorder_has_blocks_of_its_own_size() -> None:
     assert len(log) == 11
     with pytest.raises(InputError):
         Recorders(TickLog(), TickLog())
-
-
-def test_a_log_is_not_changed_by_what_happens_to_the_messages_later() -> None:
-    log, wanted = TickLog(), np.zeros(18)
-    state = RobotState(wanted, 0.0, measured=True)
-    log.record(Tick(1, 0.02), state, wanted, JointTargets(wanted, 0.02))
-    wanted[:] = 9
-    assert (log["measured_rad"] == 0).all()
-    assert (log["wanted_rad"] == 0).all()
-    assert (log["commanded_rad"] == 0).all()
 
 
 def test_a_frame_has_a_row_per_tick_and_a_column_per_joint() -> None:

@@ -60,14 +60,6 @@ def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
     assert all(work_s >= 0 for work_s in rows.work_s)
 
 
-def test_what_was_sent_is_recorded_beside_what_was_wanted() -> None:
-    guard, _, _, rows = _connected()
-    far = _Nudge(guard.robot.stance_angles_rad + 1.0)
-    run_controller(guard, far, (rows,), until=lambda step, _: step >= 3)
-    for _, _, wanted, sent in rows.rows[:1]:
-        assert (sent.joint_positions_rad != wanted).all()
-
-
 def test_steps_follow_the_clock_over_points_that_it_skips() -> None:
     guard, servos, controller, rows = _connected()
 
@@ -81,13 +73,6 @@ def test_steps_follow_the_clock_over_points_that_it_skips() -> None:
     assert len(steps) < 7
     assert [tick.index - rows.rows[0][0].index for tick, *_ in rows.rows] == steps
     assert last == steps[-1]
-
-
-def test_a_controller_can_go_on_where_it_was() -> None:
-    guard, _, controller, rows = _connected()
-    last, _ = run_controller(guard, controller, (rows,), until=lambda step, _: step >= 4)
-    run_controller(guard, controller, (rows,), until=lambda step, _: step >= 8, first_step=last + 1)
-    assert [step for step, _ in controller.asked] == list(range(9))
 
 
 def test_a_stop_ends_the_drive_before_the_servos_hear_of_it() -> None:

@@ -72,20 +72,6 @@ def test_rows_are_as_they_were_appended_and_older_ones_in_a_file() -> None:
     assert store.rows("joints", 0, 1).flags.writeable
 
 
-def test_rows_appended_together_are_those_appended_one_by_one() -> None:
-    store = Table(COLUMNS, chunk_rows=CHUNK)
-    done = 0
-    while done < ROWS:
-        arrays, row, fits = store.append(ROWS - done)
-        index = np.arange(done, done + fits)
-        arrays["time_s"][row : row + fits] = index / 50
-        arrays["joints"][row : row + fits, 0] = index
-        done += fits
-    np.testing.assert_array_equal(store.rows("time_s", 0, ROWS), np.arange(ROWS) / 50)
-    np.testing.assert_array_equal(store.rows("joints", 0, ROWS)[:, 0], np.arange(ROWS))
-    assert np.isnan(store.rows("joints", 0, ROWS)[:, 1]).all()
-
-
 @pytest.mark.parametrize("how", [copy.deepcopy, lambda store: pickle.loads(pickle.dumps(store))])  # noqa: S301
 def test_a_copy_has_all_rows_and_lives_alone(how: object) -> None:
     store = Table(COLUMNS, chunk_rows=CHUNK)

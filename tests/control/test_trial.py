@@ -29,12 +29,11 @@ from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.log import TickLog
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import suited_rotation
-from hexctl.control.trial_result import STATUSES, Deviation
-from hexctl.robot.failure import FAILURE_KINDS
+from hexctl.control.trial_result import Deviation
 from hexctl.robot.rotations import yaw_rad
 from tests.control.assessment.loads import along, scored
 from tests.control.posed import PosedMock
-from tests.robots import ROBOT_NAMES, edited_file, put, shipped
+from tests.robots import edited_file, put, shipped
 from tests.trials import gait_of, walk
 
 #: Directions of six legs around the body (x, y), how high they begin, and their yaws.
@@ -154,19 +153,6 @@ def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("leg", "kind"), list(enumerate(FAILURE_KINDS, start=1)))
-def test_every_failure_comes_to_a_result(leg: int, kind: str) -> None:
-    name = ROBOT_NAMES[leg % 3]
-    failure = Failure(leg=leg, kind=kind, joint="femur", angle_rad=0.3)
-    outcome = walk(robot=shipped(name), failure=failure, duration_s=2)
-    assert outcome.result.status in STATUSES
-    assert outcome.result.distance_m is not None
-    json.dumps(outcome.result.to_dict(), allow_nan=False)
-    assert np.isfinite(outcome.result.path_m).all()
-    assert np.isfinite(outcome.log["measured_rad"]).all()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("leg", "heading_deg"), [(3, 0), (4, 60), (5, 100)])
 def test_after_the_self_rotation_it_walks_along_the_heading_that_it_was_given(
     leg: int, heading_deg: float
@@ -184,26 +170,6 @@ def test_after_the_self_rotation_it_walks_along_the_heading_that_it_was_given(
     np.testing.assert_allclose(frame.origin_world[:2], start[:2], atol=1e-3)
     way = walked[-1] - walked[0]
     assert math.degrees(math.atan2(way[1], way[0])) == pytest.approx(heading_deg, abs=15)
-
-
-def test_a_trial_lasts_as_long_as_it_says_phase_by_phase() -> None:
-    log = walk("tripod", duration_s=2.5, settle_s=0.6).log
-    lengths = {
-        phase: log.rows_of(phase).stop - log.rows_of(phase).start for phase in ("settle", "walk", "stop")
-    }
-    assert lengths == {"settle": 30, "walk": 125, "stop": 101}
-    np.testing.assert_allclose(np.diff(log["time_s"]), 0.02, atol=1e-9)
-
-
-def test_the_settling_brings_the_joints_to_the_stance_evenly() -> None:
-    servos, log = PosedMock(), TickLog()
-    servos.connect()
-    servos.write(JointTargets(shipped().stance_angles_rad + 0.3, 0.0))
-    run_trial(Guard(servos), TrialPlan(gait=gait_of(shipped()), duration_s=0.02), recorders=(log,))
-    sent = log["commanded_rad"][log.rows_of("settle")]
-    np.testing.assert_allclose(sent[0], shipped().stance_angles_rad + 0.3)
-    np.testing.assert_array_equal(sent[-1], shipped().stance_angles_rad)
-    assert np.abs(np.diff(sent, axis=0)).max() == pytest.approx(0.3 / 25)
 
 
 def test_what_recorders_take_after_the_last_command_is_no_silence() -> None:
@@ -229,23 +195,6 @@ STANCE = shipped().stance_angles_rad
 
 def _plan(**changes: Any) -> TrialPlan:
     return TrialPlan(gait=gait_of(shipped()), **{"duration_s": 1.0, **changes})
-
-
-class _Rounding(PosedMock):
-    """Servos that take whole hundredths of a radian."""
-
-    def write(self, targets: JointTargets) -> JointTargets:
-        return super().write(JointTargets(np.round(targets.joint_positions_rad, 2), targets.stamp_s))
-
-
-def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
-    servos, log = _Rounding(), TickLog()
-    slow = replace(gait_of(shipped()), pace_hz=0.2, amplitude=0.05)
-    with Guard(servos) as guard:
-        result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), recorders=(log,))
-    assert result.clipped_ticks == guard.counters.clipped == 0
-    assert (log["commanded_rad"] != log["wanted_rad"]).any()
-    np.testing.assert_array_equal(log["commanded_rad"], np.round(log["wanted_rad"], 2))
 
 
 def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
@@ -348,13 +297,12 @@ def test_a_noisy_yaw_is_measured_for_longer_at_rest(yaw_deg: float, least_s: flo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("leg", [2, 3])
-def test_after_a_self_rotation_the_start_errs_as_little(leg: int) -> None:
-    starts = [_start(seed, Failure(leg=leg)) for seed in range(5)]
+def test_after_a_self_rotation_the_start_errs_as_little() -> None:
+    starts = [_start(seed, Failure(leg=2)) for seed in range(5)]
     errors_deg = [math.degrees(math.remainder(frame.yaw_rad - true, math.tau)) for frame, true in starts]
     assert np.std(errors_deg) < 0.4 * YAW_NOISE_DEG
     for _, true_yaw_rad in starts:
-        leg_points_to = true_yaw_rad + float(shipped().leg_azimuths_rad[leg - 1])
+        leg_points_to = true_yaw_rad + float(shipped().leg_azimuths_rad[1])
         assert abs(math.degrees(math.remainder(leg_points_to - math.pi, math.tau))) < 12
 
 

@@ -236,8 +236,8 @@ def test_a_missing_leg_that_nobody_told_of_is_noticed(robot: str, leg: int, wild
     ("robot", "world", "commands"),
     [
         ("ant", "flat", TURNING),
-        ("phantomx", "flat", AHEAD),
-        ("pexod", "flat", AHEAD),
+        pytest.param("phantomx", "flat", AHEAD, marks=pytest.mark.long),
+        pytest.param("pexod", "flat", AHEAD, marks=pytest.mark.long),
         ("pexod", "real:3", TURNING),
         ("ant", "real:3", AHEAD),
     ],

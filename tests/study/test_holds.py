@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,7 @@ def rows_of(made: HoldPlan, walks: list[list[HoldWalk]]) -> Any:
     return made.columns(frame_of(made.walked(), walks))
 
 
+@cache
 def rows(**options: Any) -> Any:
     """Rows of the made-up walks of a plan."""
     return rows_of(plan(**options), made_up_walks(plan(**options)))

@@ -89,18 +89,6 @@ def test_it_answers_what_a_session_with_these_trials_asks(options: dict[str, Any
     assert made.key.differences(session) == []
 
 
-def test_every_end_is_at_its_place_whatever_the_order_of_the_legs() -> None:
-    asked = prior_plan()
-    landscapes = [told_apart(spec, number) for number, spec in enumerate(asked.specs())]
-    prior = prior_of(asked, landscapes)
-    for landscape in landscapes:
-        row, world = asked.legs.index(landscape.spec.leg), int(landscape.spec.place.split()[1]) - 1
-        np.testing.assert_array_equal(prior.signed_m[row, world, :, -1], landscape.number("signed_m"))
-        np.testing.assert_array_equal(prior.yaw_rad[row, world], landscape.number("yaw_change_rad"))
-    by_leg = sorted(landscapes, key=lambda landscape: landscape.spec.leg)
-    assert prior_of(asked, by_leg).digest() == prior.digest()
-
-
 PLAN = PriorPlan(
     robot=shipped(), family=load_randomization("randomised"), worlds=2, legs=(2, 5), duration_s=6.0
 )

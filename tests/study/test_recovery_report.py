@@ -11,7 +11,7 @@ import pytest
 from hexctl.study.paper.evidence import clustered_error
 from hexctl.study.recovery import recovery_report as module
 from hexctl.study.recovery.episodes import Episode, RecoveryPlace
-from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, SECOND
+from hexctl.study.recovery.recovery_plan import HEXAHEAL, SECOND
 from tests.robots import shipped
 from tests.study.made_up_recovery import (
     DELAY_S,
@@ -88,12 +88,6 @@ def test_bars_are_missed_by_what_they_forbid(monkeypatch: pytest.MonkeyPatch) ->
     assert missed(recover, signed_m=0.009) == {"deviation"}
     assert missed(recover, after_m_s=0.1) == {"kept"}
     assert missed(lambda place, _: place.protocol == HEXAHEAL, last_m_s=0.0) == {"pairs"}
-
-
-def test_bars_are_those_of_what_was_walked() -> None:
-    assert set(bars_of(findings(protocols=(HEXAHEAL,)))) == {"pairs"}
-    assert set(bars_of(findings(protocols=(LINE,)))) == set(bars_of(findings())) - {"pairs"}
-    assert bars_of(findings(methods=("nothing", "told"))) == {}
 
 
 def test_a_second_leg_is_judged_among_the_pairs_that_recover_when_told() -> None:

@@ -25,13 +25,6 @@ from tests.study.made_up import Remembering
 from tests.study.made_up_transfer import plan as transfer_plan
 
 
-@pytest.mark.parametrize("kind", ["transfer", "matrix", "hold", "recovery"])
-def test_a_study_is_of_the_kind_that_is_asked_for(kind: str) -> None:
-    asked: dict[str, Any] = {kind: True}
-    assert StudyOptions(**asked).kind == kind
-    assert StudyOptions().kind == "paper"
-
-
 def test_options_are_fields_of_the_plan() -> None:
     options = StudyOptions(
         robot="pexod", world="slippery", legs=[2, 5], failure="limp", optimizers=["pso"], runs=2, seed=7

@@ -27,7 +27,7 @@ from hexctl.study.transfer.transfer_searches import (
     trials_to,
     walk_of,
 )
-from hexctl.study.transfer.transfer_settings import EARLY, FIRST_WORLD
+from hexctl.study.transfer.transfer_settings import EARLY
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_prior, plan_of
 from tests.robots import shipped
@@ -52,12 +52,6 @@ def test_no_world_has_a_value_in_common_with_one_of_a_prior() -> None:
     for key in believed.ranges:
         tried = {json.dumps(spec.world.model_dump()[key]) for spec in plan(worlds=100).specs()}
         assert not tried & {json.dumps(spec.world.model_dump()[key]) for spec in known}
-
-
-def test_one_leg_may_fail_in_each_world_the_next_one_in_the_next() -> None:
-    asked = plan(worlds=5, legs=(2, 3, 5), one_leg=True).specs()
-    legs = [(2, 3, 5)[number % 3] for number in range(FIRST_WORLD, FIRST_WORLD + 5)]
-    assert [(spec.seed, spec.leg) for spec in asked] == list(enumerate(legs, FIRST_WORLD))
 
 
 def test_what_is_not_known_differs_from_world_to_world_and_needs_a_prior_for_that() -> None:
@@ -194,12 +188,6 @@ def test_half_of_the_worlds_are_of_a_kind_that_no_world_of_a_prior_is() -> None:
         assert like_a_prior == (spec in plain)
 
 
-def test_a_prior_that_knows_the_worlds_needs_fewer_trials_than_random(findings: TransferFound) -> None:
-    bayes, random = (curve_of(findings.of(name))["mean_m"] for name in ("bayes", "random"))
-    assert bayes[10] < random[10]
-    assert bayes[20] < random[20] / 2
-
-
 @pytest.mark.parametrize(
     ("code", "cut_at", "status", "looked"),
     [
@@ -271,4 +259,7 @@ PEXODS_LEG = made_up_prior(question("pexod"), legs=(1,), worlds=1)
 def test_what_cannot_be_done_is_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         plan(**options).check()
+
+
+def test_legs_that_are_alike_are_known_to_a_prior_of_one() -> None:
     plan(robot=shipped("pexod"), prior=PEXODS_LEG, legs=(1, 6)).check()

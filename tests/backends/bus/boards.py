@@ -146,12 +146,13 @@ class BoardLine(MemoryLine):
 
     Attributes:
         board: the bus.
+        robot: what its servos move, a MockServos unless another kind of it is given.
     """
 
-    def __init__(self, bus_map: BusMap, *faults: str) -> None:
+    def __init__(self, bus_map: BusMap, *faults: str, kind: type[MockServos] = MockServos) -> None:
         time = FakeTime()
         super().__init__(time, DEFAULT_BAUDS[bus_map.driver])
-        self.robot = MockServos(shipped("phantomx"), clock=time.clock())
+        self.robot = kind(shipped("phantomx"), clock=time.clock())
         self.board = _board(bus_map, faults, self.robot)
         self.board._line.close()
         self.board._line, self._sent = self, b""  # type: ignore[assignment]
@@ -199,10 +200,12 @@ class MemoryBus:
         unplugged: whether the device has gone.
     """
 
-    def __init__(self, bus_map: BusMap, *faults: str, baud: int | None = None) -> None:
+    def __init__(
+        self, bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
+    ) -> None:
         self.time = FakeTime()
         self._clock = WallClock(time=Standing(self.time))
-        self.robot = MockServos(shipped("phantomx"), clock=self._clock)
+        self.robot = kind(shipped("phantomx"), clock=self._clock)
         self.board = _board(bus_map, faults, self.robot, baud)
         self.path, self.unplugged, self.opened_baud = self.board.path, False, 0
         self.board._line.close()
@@ -262,12 +265,16 @@ class _MemoryBusLine(MemoryLine):
 
 
 @contextmanager
-def memory_bus(bus_map: BusMap, *faults: str, baud: int | None = None) -> Iterator[MemoryBus]:
-    """A bus in memory, which is found at its path meanwhile."""
-    bus = MemoryBus(bus_map, *faults, baud=baud)
+def memory_bus(
+    bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
+) -> Iterator[MemoryBus]:
+    """A bus in memory, which is found at its path meanwhile; clocks that nobody gave are on its time."""
+    bus = MemoryBus(bus_map, *faults, baud=baud, kind=kind)
     with (
         patch("hexctl.backends.bus.servos.SerialLine", bus.open),
         patch("hexctl.backends.bus.tools.SerialLine", bus.open),
+        patch("hexctl.backends.ticked_servos.WallClock", bus.time.clock),
+        patch("hexctl.control.calibration.servo_trial.WallClock", bus.time.clock),
     ):
         yield bus
 

@@ -222,7 +222,7 @@ def said(driver: str, model: str, state: State, monkeypatch: pytest.MonkeyPatch)
     readings = BelievedReadings(np.full(18, np.inf), bus_map.per_deg)
     for _ in range(3):
         readings.take(bus.poll_all())
-    for _ in range(150):  # voltages and temperatures of some families come in turn
+    for _ in range(40):  # voltages and temperatures of some families come in turn
         readings.take(bus.poll())
     robot._condition = LineCondition(bus_map, robot.counters.shares, time=line.time)
     silent_s = np.where(np.isfinite(readings.positions), 0.0, 9.0)

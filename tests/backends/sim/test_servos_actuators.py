@@ -156,7 +156,7 @@ def test_a_robot_with_slow_servos_begins_to_move_when_the_delay_is_over() -> Non
     assert (late[3] > stood[3]).all()
 
 
-@pytest.mark.parametrize("delay_s", [0.002, 0.006, 0.018, 0.02, 0.034])
+@pytest.mark.parametrize("delay_s", [0.002, 0.02, 0.034])
 def test_a_delayed_target_acts_after_so_many_steps_of_the_physics(delay_s: float) -> None:
     """The first torque comes with the step after the delay, whether the servo or the world has it."""
     slow = replace(shipped(), servo=replace(shipped().servo, dead_time_s=delay_s))

@@ -401,6 +401,7 @@ def test_trials_of_a_world_are_alike_without_noise_and_losses() -> None:
         assert not rough.model_copy(update=change).repeats
 
 
+@pytest.mark.slow
 def test_a_world_knows_whether_its_simulation_depends_on_the_seed() -> None:
     """The prior listed such quantities by hand; one that was forgotten had the same draw in each world."""
     assert CHANGED.keys() == World.model_fields.keys(), "each quantity needs an example"

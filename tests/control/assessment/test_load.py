@@ -1,6 +1,5 @@
 """Whether a robot can make a gait: range and speed, torques, clearance, and verdicts beside walks."""
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -16,21 +15,6 @@ from hexctl.ik.clearance import PARTS
 from tests.control.assessment.loads import changed, load_of, moved_back, moved_together
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import walk
-
-
-def test_it_is_checked_all_round_unless_a_heading_is_given() -> None:
-    all_round, forward = check_robot("phantomx"), check_robot("phantomx", heading_rad=0.0)
-    assert all_round.possible
-    assert (all_round.demand.lowest_rad <= forward.demand.lowest_rad + 1e-9).all()
-    assert (all_round.demand.peak_speed_rad_s >= forward.demand.peak_speed_rad_s - 1e-9).all()
-
-
-def test_a_turn_without_a_heading_is_made_in_place() -> None:
-    for rate_rad_s in (0.0, math.radians(20)):
-        in_place = check_robot("ant", turn_rate_rad_s=rate_rad_s).demand
-        coxa_rad = in_place.highest_rad[::3] - in_place.lowest_rad[::3]
-        assert (coxa_rad > 0.1).all() == (rate_rad_s > 0)
-    assert in_place.max_pace_hz is None
 
 
 def test_an_impossible_gait_is_a_result_and_a_bad_value_an_error() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hexctl import Failure, InputError, SimTrial, TrialPlan, World, load_world, make_gait
+from hexctl import Failure, InputError, SimTrial, TrialPlan, World, make_gait
 from hexctl.control.assessment.uncertainty import simulation_uncertainty, uncertainty_of_walks
 from hexctl.control.assessment.uncertainty_store import (
     UNCERTAINTIES,
@@ -119,16 +119,6 @@ def test_another_world_borrows_the_value_of_the_flat_one_and_says_so(tmp_path: P
     )
     for computed in otherwise:
         assert known(tmp_path, **computed) is None
-
-
-def test_a_measurement_on_a_slope_is_not_one_of_the_flat_world(tmp_path: Path) -> None:
-    """What was kept of another world was the value of every world."""
-    keep(tmp_path, step_m=0.5, place=load_world("slope"))
-    assert known(tmp_path) is None
-    keep(tmp_path)
-    assert known(tmp_path) == FOUND
-    on_slope = known_uncertainty("ant", "slope", duration_s=12.0, folder=tmp_path)
-    assert on_slope == replace(FOUND, step_m=0.5)
 
 
 def test_the_measurement_of_the_most_walks_counts(tmp_path: Path) -> None:

@@ -18,12 +18,10 @@ from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.types import FloatArray
-from tests.backends.bus.boards import bus_board
-from tests.backends.pwm.boards import pca9685_board, servo2040_board
+from tests.backends.bus.boards import memory_bus
+from tests.backends.pwm.boards import memory_servo2040, pca9685_board
 from tests.control.calibration.hands import ENDS_DEG, Hands, Watcher
-from tests.robots import edited_file, put, shipped
-
-pytestmark = pytest.mark.realtime
+from tests.robots import edited_file, put
 
 
 class LimpRobot(MockServos):
@@ -52,14 +50,15 @@ DRIVERS = {
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_a_bus_is_calibrated_by_hand_and_left_limp(driver: str, tmp_path: Path) -> None:
     true = bus_map_of(ServosSection.model_validate(DRIVERS[driver]), driver)
-    robot = LimpRobot(shipped("phantomx"))
-    with bus_board(true, servos=robot) as board:
-        section = {"driver": driver, "model": true.models[0].name, "port": board.path}
+    with memory_bus(true, kind=LimpRobot) as bus:
+        robot = bus.robot
+        assert isinstance(robot, LimpRobot)
+        section = {"driver": driver, "model": true.models[0].name, "port": bus.path}
         file = edited_file(tmp_path, put("servos", {**section, "if_computer_dies": "hold"}), base="phantomx")
         hands = Hands(robot.hold)
         result = calibrate(file, hands, joints="leg1")
         assert result.saved == ["leg1_coxa", "leg1_femur", "leg1_tibia"]
-        assert not _holding(board)
+        assert not _holding(bus.board)
         assert robot.moved == 0
     found = bus_map_of(load_robot_file(file).content.servos, driver)
     np.testing.assert_array_equal(found.signs[:3], true.signs[:3])
@@ -80,7 +79,7 @@ def _holding(board: BusBoard) -> bool:
     return bool(board._family.holds().any())
 
 
-@pytest.mark.parametrize("driver", ["servo2040", "pca9685"])
+@pytest.mark.parametrize("driver", ["servo2040", pytest.param("pca9685", marks=pytest.mark.realtime)])
 def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
     driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,13 +87,13 @@ def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
     mounted: dict[str, Any] = {"tibia": {"offset_deg": 40}, "leg1_coxa": {"id": 7}, "leg3_femur": {"id": 0}}
     true = {**mounted, "leg1_coxa": {"id": 7, "sign": -1, "offset_deg": 12}}
     true_map = pwm_map_of(ServosSection.model_validate(true), driver)
-    make: Any = servo2040_board if driver == "servo2040" else pca9685_board
+    make: Any = memory_servo2040 if driver == "servo2040" else pca9685_board
     with make(pwm_map=true_map) as board:
         section = {**mounted, "driver": driver, "port": board.path, "if_computer_dies": "hold"}
         file = edited_file(tmp_path, put("servos", section))
 
         def true_deg() -> float:
-            by_output = board.pulses_us if driver == "servo2040" else board.pulses_us()
+            by_output = board.board.pulses_us if driver == "servo2040" else board.pulses_us()
             pulses_us = by_output[true_map.outputs] if driver == "servo2040" else by_output
             return float(np.degrees(true_map.angles_rad(np.asarray(pulses_us)))[0])
 

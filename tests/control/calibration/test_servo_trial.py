@@ -9,23 +9,17 @@ import pytest
 import yaml
 
 from hexctl import InputError, JointTargets, RobotFaultError
-from hexctl.backends.bus.servo import Servo
-from hexctl.backends.bus.tools import opened_line, the_servo
+from hexctl.backends.bus.tools import the_servo
+from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import EndedError
 from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos, joint_named
-from hexctl.control.calibration.servo_trial import TEST_DEG, held, try_servo, wiggle
-from hexctl.robot.servos.bus_map import bus_map_of
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, held, try_servo, wiggle
+from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES
-from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
-from tests.robots import shipped
-
-pytestmark = pytest.mark.realtime
-
+from tests.backends.bus.boards import MODELS, BoardLine, MemoryBus, a_map, memory_bus, stance_counts
 
 #: The joint that is tried, and its id.
 JOINT, ID = 7, 8
@@ -34,115 +28,119 @@ JOINT, ID = 7, 8
 FAMILIES = (*MODELS, ("lx16a", "lx16a"))
 
 
-class StuckServos(MockServos):
-    """A robot of which one joint does not move, and whose joints are recorded."""
-
-    stuck = False
-
-    def write(self, targets: JointTargets) -> JointTargets:
-        positions = targets.joint_positions_rad.copy()
-        if self.stuck:
-            positions[JOINT] = self.robot.stance_angles_rad[JOINT]
-        self.seen.append(positions)
-        return super().write(JointTargets(positions, targets.stamp_s))
+class RecordedServos(MockServos):
+    """A robot whose joints are recorded."""
 
     def connect(self) -> None:
         self.seen: list[np.ndarray] = []
         super().connect()
 
+    def write(self, targets: JointTargets) -> JointTargets:
+        self.seen.append(targets.joint_positions_rad.copy())
+        return super().write(targets)
 
-@contextmanager
-def _servo(
-    driver: str, model: str, *faults: str, stuck: bool = False
-) -> Iterator[tuple[Servo, BusBoard, StuckServos]]:
-    moved = StuckServos(shipped("phantomx"))
-    moved.stuck = stuck
-    with (
-        bus_board(a_map(driver, model), *faults, servos=moved) as board,
-        opened_line(board.path, DEFAULT_BAUDS[driver]) as line,
-    ):
-        yield the_servo(line, driver, ID), board, moved
+
+class Bench:
+    """A servo on a bus in memory.
+
+    Attributes:
+        servo: the one that is tried.
+        board: the bus.
+        moved: the robot that its servos move.
+    """
+
+    def __init__(self, driver: str, model: str) -> None:
+        line = BoardLine(a_map(driver, model), kind=RecordedServos)
+        assert isinstance(line.robot, RecordedServos)
+        self.servo, self.board, self.moved = the_servo(line, driver, ID), line.board, line.robot
+        self._time = line.time
+
+    def wiggle(self) -> float:
+        return wiggle(self.servo, clock=WallClock(time=self._time))
+
+    def trial(self) -> ServoTrial:
+        return try_servo(self.servo, clock=WallClock(time=self._time))
 
 
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
 def test_a_servo_moves_a_little_and_back_and_no_other_does(driver: str, model: str) -> None:
-    with _servo(driver, model) as (servo, board, moved):
-        assert abs(wiggle(servo)) == pytest.approx(5.0, abs=0.3)
-        assert not any(each.holds for each in board._servos)
-        angles = np.degrees(np.array(moved.seen) - moved.robot.stance_angles_rad)
-        farthest = np.abs(angles).max(axis=0)
-        assert farthest[JOINT] == pytest.approx(5.0, abs=0.5)
-        assert np.delete(farthest, JOINT).max() < 0.5
-        assert abs(angles[-1, JOINT]) < 0.5
-        steps = np.abs(np.diff(angles[:, JOINT]))
-        assert steps.max() < 4.0, "no jump to the end, even if a reading of this thread is late"
+    bench = Bench(driver, model)
+    assert abs(bench.wiggle()) == pytest.approx(5.0, abs=0.3)
+    assert not any(each.holds for each in bench.board._servos)
+    angles = np.degrees(np.array(bench.moved.seen) - bench.moved.robot.stance_angles_rad)
+    farthest = np.abs(angles).max(axis=0)
+    assert farthest[JOINT] == pytest.approx(5.0, abs=0.5)
+    assert np.delete(farthest, JOINT).max() < 0.5
+    assert abs(angles[-1, JOINT]) < 0.5
+    steps = np.abs(np.diff(angles[:, JOINT]))
+    assert steps.max() < 4.0, "no jump to the end, even if a reading of this thread is late"
 
 
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
 def test_a_good_servo_follows(driver: str, model: str) -> None:
-    with _servo(driver, model) as (servo, board, _):
-        trial = try_servo(servo)
-        assert trial.followed
-        assert trial.servo_id == ID
-        assert sorted(trial.moved_deg) == pytest.approx([-TEST_DEG, TEST_DEG], abs=0.5)
-        assert trial.error_deg < 1.0
-        assert trial.speed_deg_s == pytest.approx(40, rel=0.35)
-        assert trial.temperature_c == 35
-        assert trial.voltage_v == trial.least_voltage_v == (7.4 if driver == "lx16a" else 12.0)
-        assert not any(each.holds for each in board._servos)
+    bench = Bench(driver, model)
+    trial = bench.trial()
+    assert trial.followed
+    assert trial.servo_id == ID
+    assert sorted(trial.moved_deg) == pytest.approx([-TEST_DEG, TEST_DEG], abs=0.5)
+    assert trial.error_deg < 1.0
+    assert trial.speed_deg_s == pytest.approx(40, rel=0.35)
+    assert trial.temperature_c == 35
+    assert trial.voltage_v == trial.least_voltage_v == (7.4 if driver == "lx16a" else 12.0)
+    assert not any(each.holds for each in bench.board._servos)
 
 
 def test_torque_speed_and_limits_are_as_they_were() -> None:
     for driver, model in (("dynamixel", "ax12a"), ("dynamixel", "xl430-w250"), ("feetech", "sts3215")):
-        with _servo(driver, model) as (servo, board, _):
-            real = board._servos[JOINT]
-            assert isinstance(real, BusServo)
-            table = real._table
-            registers = [each for each in (table.speed, table.soft_torque, table.least) if each is not None]
-            before = [real.number(each) for each in registers]
-            with held(servo) as start:
-                assert start == stance_counts(a_map(driver, model))[JOINT]
-                assert real.holds
-                assert table.speed is not None
-                assert table.soft_torque is not None
-                assert 0 < real.number(table.speed) <= 61
-                assert real.number(table.soft_torque) == pytest.approx(0.4, abs=0.01)
-            assert not real.holds
-            assert [real.number(each) for each in registers] == before
-            real.write(table.torque.address, b"\1")
-            wiggle(servo)
-            assert real.holds, "it held before"
+        bench = Bench(driver, model)
+        real = bench.board._servos[JOINT]
+        assert isinstance(real, BusServo)
+        table = real._table
+        registers = [each for each in (table.speed, table.soft_torque, table.least) if each is not None]
+        before = [real.number(each) for each in registers]
+        with held(bench.servo) as start:
+            assert start == stance_counts(a_map(driver, model))[JOINT]
+            assert real.holds
+            assert table.speed is not None
+            assert table.soft_torque is not None
+            assert 0 < real.number(table.speed) <= 61
+            assert real.number(table.soft_torque) == pytest.approx(0.4, abs=0.01)
+        assert not real.holds
+        assert [real.number(each) for each in registers] == before
+        real.write(table.torque.address, b"\1")
+        bench.wiggle()
+        assert real.holds, "it held before"
 
 
 def test_a_servo_that_must_not_be_moved_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """In another mode, or without a limit of its speed: moving softly is what the operator was told."""
-    with _servo("dynamixel", "xl430-w250") as (servo, board, moved):
-        real = board._servos[JOINT]
-        assert isinstance(real, BusServo)
-        real.memory[11] = 1
-        with pytest.raises(RobotFaultError, match="operating mode"):
-            wiggle(servo)
-        real.memory[11] = 3
-        refuses, access = real._refuses, 7
-        monkeypatch.setattr(real, "_refuses", lambda at, data: access if at == 112 else refuses(at, data))
-        with pytest.raises(RobotFaultError, match="limit"):
-            wiggle(servo)
-        assert not real.holds
-        assert real.number(real._table.soft_torque) == 1.0  # type: ignore[arg-type]
-        assert moved.seen == []
+    bench = Bench("dynamixel", "xl430-w250")
+    real = bench.board._servos[JOINT]
+    assert isinstance(real, BusServo)
+    real.memory[11] = 1
+    with pytest.raises(RobotFaultError, match="operating mode"):
+        bench.wiggle()
+    real.memory[11] = 3
+    refuses, access = real._refuses, 7
+    monkeypatch.setattr(real, "_refuses", lambda at, data: access if at == 112 else refuses(at, data))
+    with pytest.raises(RobotFaultError, match="limit"):
+        bench.wiggle()
+    assert not real.holds
+    assert real.number(real._table.soft_torque) == 1.0  # type: ignore[arg-type]
+    assert bench.moved.seen == []
 
 
 def test_a_servo_beyond_its_limits_or_without_room_is_not_moved() -> None:
     for least, most, message in ((3000, 3500, "limits"), (-9, 9, "room")):
-        with _servo("feetech", "sts3215") as (servo, board, _):
-            real = board._servos[JOINT]
-            assert isinstance(real, BusServo)
-            here = 0 if least > 0 else int(real.number(real._table.position))
-            real.set(real._table.least, here + least)
-            real.set(real._table.most, here + most)
-            with pytest.raises(RobotFaultError, match=message):
-                wiggle(servo)
-            assert not real.holds
+        bench = Bench("feetech", "sts3215")
+        real = bench.board._servos[JOINT]
+        assert isinstance(real, BusServo)
+        here = 0 if least > 0 else int(real.number(real._table.position))
+        real.set(real._table.least, here + least)
+        real.set(real._table.most, here + most)
+        with pytest.raises(RobotFaultError, match=message):
+            bench.wiggle()
+        assert not real.holds
 
 
 class SeenServos(MockServos):
@@ -156,6 +154,14 @@ class SeenServos(MockServos):
         away = np.abs(targets.joint_positions_rad - self.robot.stance_angles_rad)
         self.farthest = np.maximum(self.farthest, away)
         return super().write(targets)
+
+
+@contextmanager
+def seen_bus(bus_map: BusMap, *faults: str) -> Iterator[tuple[MemoryBus, SeenServos]]:
+    """A bus in memory and the joints that its servos move."""
+    with memory_bus(bus_map, *faults, kind=SeenServos) as bus:
+        assert isinstance(bus.robot, SeenServos)
+        yield bus, bus.robot
 
 
 class Watcher:
@@ -187,27 +193,26 @@ class Watcher:
         return self._answer
 
 
-@pytest.mark.long
 def test_every_joint_is_found_and_written_to_a_new_file(tmp_path: Path) -> None:
     ids = np.random.default_rng(0).permutation(np.arange(31, 49))
     joints = {name: {"id": int(servo_id)} for name, servo_id in zip(JOINT_NAMES, ids, strict=True)}
     bus_map = bus_map_of(ServosSection.model_validate({"model": "sts3215", **joints}), "feetech")
-    moved, output = SeenServos(shipped("phantomx")), tmp_path / "servos.yaml"
-    with bus_board(bus_map, servos=moved) as board:
-        known = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000, output=output)
+    output = tmp_path / "servos.yaml"
+    with seen_bus(bus_map) as (bus, moved):
+        known = ServoAssignment(driver="feetech", port=bus.path, baud=1_000_000, output=output)
         known.resume()
         assign_servos(known, [31, 32, 33], Watcher(moved, "again", "the knee", ends_after=2))
         assert sorted(known.ids.values()) == [31, 32]
         assert not known.finish()
         assert not output.exists()
         # On another day.
-        known = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000, output=output)
+        known = ServoAssignment(driver="feetech", port=bus.path, baud=1_000_000, output=output)
         known.resume()
         watcher = Watcher(moved)
         assign_servos(known, sorted(ids.tolist()), watcher)
         assert sum("Enter moves it" in each for each in watcher.asked) == 16
         assert known.finish()
-        assert not any(servo.holds for servo in board._servos)
+        assert not any(servo.holds for servo in bus.board._servos)
     section = ServosSection.model_validate(yaml.safe_load(output.read_text())["servos"])
     assert bus_map_of(section, "feetech").ids.tolist() == ids.tolist()
     assert (section.driver, section.baud, section.model) == ("feetech", 1_000_000, "sts3215")
@@ -215,9 +220,8 @@ def test_every_joint_is_found_and_written_to_a_new_file(tmp_path: Path) -> None:
 
 
 def test_a_joint_has_one_servo_and_a_servo_may_belong_to_none() -> None:
-    moved = SeenServos(shipped("phantomx"))
-    with bus_board(a_map(), "mute:1:tibia", servos=moved) as board:
-        known = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000)
+    with seen_bus(a_map(), "mute:1:tibia") as (bus, moved):
+        known = ServoAssignment(driver="feetech", port=bus.path, baud=1_000_000)
         watcher = Watcher(moved, "1 coxa", "1c", "none")
         assign_servos(known, [1, 2, 3], watcher)
     assert known.ids == {"leg1_coxa": 1}
@@ -237,14 +241,13 @@ def test_a_servo_moves_by_a_yes_or_with_consent_and_is_left_out_by_a_skip_alone(
             if "Enter" in text:
                 self._answer, self.words = self.words[0], self.words[1:]
 
-    moved = SeenServos(shipped("phantomx"))
-    with bus_board(a_map(), servos=moved) as board:
-        known = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000)
+    with seen_bus(a_map()) as (bus, moved):
+        known = ServoAssignment(driver="feetech", port=bus.path, baud=1_000_000)
         watcher = Hesitant(moved)
         assign_servos(known, [1, 5, 9], watcher)
         assert known.ids == {"leg1_coxa": 1, "leg3_tibia": 9}
         assert [each[:9] for each in watcher.asked if each.startswith("got")] == ["got 'n'; ", "got 'jes'"]
-        known, trusting = ServoAssignment(driver="feetech", port=board.path, baud=1_000_000), Watcher(moved)
+        known, trusting = ServoAssignment(driver="feetech", port=bus.path, baud=1_000_000), Watcher(moved)
         moved.farthest = np.zeros(18)
         assign_servos(known, [5], trusting, consent=True)
     assert known.ids == {"leg2_femur": 5}

@@ -125,12 +125,6 @@ def test_situations_that_differ_and_pairs_are_judged_each_by_itself() -> None:
     assert made_up(sure, *slower).best == (1, 0, 0, 0, 0, 0)
 
 
-def test_what_worlds_share_is_no_evidence_of_many() -> None:
-    """Three situations in one lucky world and one unlucky world are two worlds."""
-    lucky = [situation([[0.6, 0.6], [0.95, 0.57], [0.6, 0.6]], heading_deg=30.0 * k) for k in range(6)]
-    assert made_up(*lucky).best == (0,) * 6
-
-
 def _best(one: Situation) -> Candidate:
     """Best candidate of a situation by itself."""
     return one.candidates[made_up(one).best[0]]

@@ -49,13 +49,6 @@ def test_a_body_that_moves_over_its_feet_is_off_by_its_motion_across_the_line() 
     assert reckoned(reckoning) == pytest.approx(ACROSS_M, rel=1e-6)
 
 
-def test_no_motion_is_lost_between_blocks() -> None:
-    reckoning = DeadReckoning(ROBOT, (), 0.02)
-    reckoned(reckoning)
-    deviation_m = reckoned(reckoning, lifted=BLOCK_TICKS + 9, first=BLOCK_TICKS + 3, ticks=BLOCK_TICKS)
-    assert deviation_m == pytest.approx(2 * ACROSS_M, rel=1e-6)
-
-
 def test_without_contacts_or_measured_angles_it_is_unknown() -> None:
     reckoning = DeadReckoning(ROBOT, (), 0.02)
     assert np.isnan(reckoned(reckoning, None))

@@ -79,21 +79,6 @@ def test_a_body_that_is_pulled_aside_and_turned_comes_back_to_its_line() -> None
     assert np.abs(body.yaw_rad).max() < math.radians(12)
 
 
-@pytest.mark.parametrize("heading_deg", [75.0, -120.0])
-def test_the_line_may_point_anywhere_and_the_body_too(heading_deg: float) -> None:
-    heading_rad, yaw_rad = math.radians(heading_deg), math.radians(40.0)
-    course = Course(origin_world=np.array([3.0, -2.0]), heading_rad=heading_rad, yaw_rad=yaw_rad)
-    body = Body(np.array([0.02, 0.03]), np.array(0.02))
-    body.position_m, body.yaw_rad = course.origin_world + np.array([0.1, 0.2]), np.array(yaw_rad)
-    hold = law(course=course)
-    for _ in range(2000):
-        body.move(hold.update(DT_S, body.swaying))
-    along = np.array([math.cos(heading_rad), math.sin(heading_rad)])
-    moved = body.position_m - course.origin_world
-    assert moved @ along > 4.0
-    assert abs(moved @ [-along[1], along[0]]) < 0.01
-
-
 def test_a_heading_alone_is_kept_whatever_the_position_says() -> None:
     body, hold, blind = Body(np.array([0.0, 0.02]), np.array(0.03)), law(hold="heading"), law(hold="heading")
     for _ in range(1500):
@@ -177,22 +162,6 @@ def test_a_yaw_that_freezes_turns_nothing_for_ever() -> None:
         assert turned_deg < (35 if hold == "line" else 70), "60 degrees in a minute with nothing held"
         if hold == "line":
             assert abs(body.position_m[1]) < 0.05
-
-
-@pytest.mark.parametrize("yaw_rad", [2 * math.pi, -2 * math.pi])
-def test_a_course_with_a_whole_turn_more_is_the_same_course(yaw_rad: float) -> None:
-    velocities = []
-    for turns_rad in (0.0, yaw_rad):
-        body, hold = Body(np.array([0.0, 0.03]), np.array(0.02)), law()
-        for step in range(1500):
-            if step == 1000:
-                heading_rad = 0.3 + turns_rad
-                hold.follow(
-                    Course(origin_world=body.position_m[:2], heading_rad=heading_rad, yaw_rad=turns_rad)
-                )
-            body.move(hold.update(DT_S, body.swaying))
-        velocities.append(hold.velocity_body)
-    np.testing.assert_allclose(velocities[0], velocities[1], atol=1e-9)
 
 
 def test_what_cannot_be_held_is_refused() -> None:

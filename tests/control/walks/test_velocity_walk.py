@@ -206,21 +206,6 @@ def test_a_tucked_leg_stays_up_and_the_body_shifts_over_its_feet() -> None:
     assert other[..., 1].mean() == pytest.approx(-0.02 * robot.size_m, abs=0.002)
 
 
-@pytest.mark.parametrize("swing_share", [0.2, 0.5])
-def test_a_swing_share_keeps_the_commanded_speed(swing_share: float) -> None:
-    robot = shipped()
-    gait = replace(make_gait(robot, "demo", amplitude=0.08), swing_share=swing_share)
-    result, log = walked(TrialPlan(gait=gait, duration_s=6))
-    assert result.ideal_distance_m == pytest.approx(
-        6 * ideal_speed_m_s(robot, gait, TrialPlan(gait=gait).motion(0))
-    )
-    assert result.distance_m is not None
-    assert result.distance_m > 0.6 * result.ideal_distance_m
-    airborne = log["wanted_rad"][log.rows_of("walk")][100:]
-    up = foot_positions_body(robot, airborne)[..., 2] > robot.stance_feet_body[:, 2] + 1e-6
-    assert up.mean() == pytest.approx(swing_share, abs=0.04)
-
-
 @pytest.mark.slow
 def test_a_walk_that_is_slower_than_asked_for_says_so_alone_and_in_a_batch() -> None:
     robot = shipped()
