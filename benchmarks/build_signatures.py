@@ -173,8 +173,9 @@ class Observer:
         look: Looks = {"walk": some, "cycles": ((now_s - self._at_s) * self._pace_hz)[some]}
         for seen, balance in self._balances.items():
             assert balance.looked is not None
-            for name, values in zip(("pattern", "sizes"), balance.looked, strict=True):
-                look[f"{seen}_{name}"] = values[some].astype(np.float32)
+            cut = PARTS * _channels(seen)
+            look[f"{seen}_pattern"] = balance.looked[some, :cut].astype(np.float32)
+            look[f"{seen}_sizes"] = balance.looked[some, cut:-1].astype(np.float32)
         self._found.append(look)
 
     @property

@@ -72,8 +72,8 @@ class BodyBalance:
     Attributes:
         ratio: evidence against each leg, an alarm at 1, leading shape + (6,).
         even: evenness of the floor, 1 to 0, a weight of other evidence, leading shape + (1,).
-        looked: deviations of unit size, leading shape + (24 or 96,), and the sizes, leading shape + (3 or
-            5,), of the last evaluation.
+        looked: what the last evaluation looked at: deviations of unit size, 24 or 96, sizes, 3 or 5, and 1,
+            leading shape + (28 or 102,).
     """
 
     def __init__(
@@ -99,7 +99,8 @@ class BodyBalance:
         self._evidence: FloatArray = np.full((*shape, N_LEGS), -MOST_EVIDENCE)
         self.even: FloatArray = np.ones((*shape, 1))
         self.ratio: FloatArray = np.zeros((*shape, N_LEGS))
-        self.looked: tuple[FloatArray, FloatArray] | None = None
+        self.looked: FloatArray | None = None
+        self._one = np.ones((*shape, 1))
 
     def _begin(self, contacts: bool) -> None:
         """Decide what is seen."""
@@ -109,6 +110,7 @@ class BodyBalance:
         shape, kinds = (*self._shape, len(self._groups)), 1 + contacts
         # Last cycle, habit, and how often each part was seen.
         self._habit = PhaseHabit((3, *shape))
+        self._seen_now: FloatArray = np.zeros(shape)
         self._changes_now: FloatArray = np.zeros((3, *shape))
         tick = np.broadcast_to(self._cycles[..., np.newaxis], shape)
         self._passed = PARTS * tick
@@ -127,9 +129,7 @@ class BodyBalance:
         if len(self._patterns) < N_LEGS:
             self._patterns.append(self._patterns_of(len(self._patterns) + 1, self._seen_kinds))
             if len(self._patterns) == N_LEGS:
-                patterns = np.concatenate(self._patterns, axis=-3)
-                flat = patterns.reshape(*patterns.shape[:-2], -1)  # (..., 6 K, 24 or 96)
-                self._all_patterns = np.ascontiguousarray(flat)
+                self._weights = self._all_weights()
         if self._ticks * self._period_s < SETTLED_S:
             return
         seen = self._seen(state)
@@ -152,6 +152,15 @@ class BodyBalance:
         if self._ticks % LOOK_TICKS == 0 and len(self._patterns) == N_LEGS:
             self._look_at_all()
 
+    def _all_weights(self) -> FloatArray:
+        """Weights of what is looked at in the units of all legs, leading shape + (6 K, 28 or 102)."""
+        patterns = np.concatenate(self._patterns, axis=-3)
+        flat = patterns.reshape(*patterns.shape[:-2], -1)
+        signatures = self._signatures
+        others = np.tile(np.column_stack([signatures.sizes, signatures.biases]), (N_LEGS, 1))
+        others = np.broadcast_to(others, (*flat.shape[:-1], others.shape[-1]))
+        return np.ascontiguousarray(np.concatenate([flat, others], axis=-1))
+
     def silence(self, which: BoolArray | np.bool_) -> None:
         """Report nothing for some robots, leading shape, whose gait does not match the signatures."""
         self._silent = np.asarray(self._silent | which)
@@ -171,10 +180,10 @@ class BodyBalance:
 
     def _seen(self, state: RobotState) -> FloatArray:
         """Lean and contacts, leading shape + (2 or 8,), NaN if unknown."""
-        seen: FloatArray = np.full((*self._shape, len(self._groups)), np.nan)
-        quaternion = state.base_quaternion_world
+        seen, quaternion = self._seen_now, state.base_quaternion_world
+        seen.fill(np.nan)
         if quaternion is not None:
-            w, x, y, z = np.moveaxis(quaternion, -1, 0)
+            w, x, y, z = (quaternion[..., place] for place in range(4))  # faster than `moveaxis`
             seen[..., 0], seen[..., 1] = 2 * (w * y - x * z), -2 * (y * z + w * x)
         if state.foot_contacts is not None:
             seen[..., LEAN_CHANNELS:] = state.foot_contacts[..., : len(self._groups) - LEAN_CHANNELS]
@@ -187,7 +196,8 @@ class BodyBalance:
         told = np.maximum.reduce(count[..., 0, :], axis=-1, keepdims=True) > 0
         variance = self._variance_before()
         self.even = np.where(told, BUMPY_VARIANCE / (BUMPY_VARIANCE + variance[..., :1]), 1.0)
-        now = np.clip(self._log_odds(unusual, variance), -MOST_EVIDENCE, MOST_EVIDENCE)
+        odds = self._log_odds(unusual, variance)
+        now = np.minimum(np.maximum(odds, -MOST_EVIDENCE), MOST_EVIDENCE)  # faster than `clip`
         speaks = told & (self._known_cycles >= KNOWN_AFTER_CYCLES) & ~self._silent[..., np.newaxis]
         mean = self._evidence + self._evidence_share * (now - self._evidence)
         self._evidence = np.where(speaks, mean, -MOST_EVIDENCE)
@@ -201,31 +211,31 @@ class BodyBalance:
 
     def _log_odds(self, unusual: FloatArray, variance: FloatArray) -> FloatArray:
         """Log odds of each leg against everything else, leading shape + (6,)."""
-        pattern, sizes = self.looked = self._looked(unusual, variance)
-        signatures = self._signatures
-        units = np.matmul(self._all_patterns, pattern[..., np.newaxis])[..., 0]
-        common = np.add.reduce(signatures.sizes * sizes[..., np.newaxis, :], axis=-1) + signatures.biases
-        units = units.reshape(*self._shape, N_LEGS, len(signatures.biases)) + common[..., np.newaxis, :]
-        odds = np.add.reduce(np.tanh(units) * signatures.outputs[:-1], axis=-1) + signatures.outputs[-1]
+        self.looked = self._looked(unusual, variance)
+        units = np.tanh(np.matmul(self._weights, self.looked[..., np.newaxis])[..., 0])
+        outputs = self._signatures.outputs
+        units = units.reshape(*self._shape, N_LEGS, len(outputs) - 1)
+        odds = np.add.reduce(units * outputs[:-1], axis=-1) + outputs[-1]
         most = np.maximum(np.maximum.reduce(odds, axis=-1, keepdims=True), 0.0)
         shares = np.exp(odds - most)
         total = np.add.reduce(shares, axis=-1, keepdims=True) + np.exp(-most)
         others = np.maximum(total - shares, LEAST_OTHERS)
         return np.asarray(odds - most - np.log(others))
 
-    def _looked(self, unusual: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Deviations of unit size, leading shape + (24 or 96,), and sizes, leading shape + (3 or 5,)."""
+    def _looked(self, unusual: FloatArray, variance: FloatArray) -> FloatArray:
+        """What is looked at, leading shape + (28 or 102,)."""
         units = unusual / np.sqrt(self._model + variance)[..., self._groups][..., np.newaxis]
         powers = self._means(units * units)
         learned = self._floor_cycles - FLOOR_AFTER - FLOOR_DELAY_CYCLES
-        sizes = [
+        power = np.add.reduce(powers, axis=-1)[..., np.newaxis, np.newaxis]
+        looked = [
+            (units / np.sqrt(LEAST_PATTERN + power)).reshape(*self._shape, -1),
             np.log(LEAST_SIZE + powers),
             0.5 * np.log(variance / self._first),
             np.log(1.0 + np.maximum(learned, 0.0)),
+            self._one,
         ]
-        power = np.add.reduce(powers, axis=-1)[..., np.newaxis, np.newaxis]
-        pattern = units / np.sqrt(LEAST_PATTERN + power)
-        return pattern.reshape(*self._shape, -1), np.concatenate(sizes, axis=-1)
+        return np.concatenate(looked, axis=-1)
 
     def _variance_before(self) -> FloatArray:
         ago = (self._look - self._delay) % len(self._before)
