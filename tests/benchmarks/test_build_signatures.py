@@ -38,7 +38,6 @@ def test_it_learns_which_leg_leans(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 def test_batches_have_a_name_each_and_draw_what_they_say() -> None:
     assert len({batch.name for batch in BATCHES}) == len(BATCHES)
-    failing = replace(next(batch for batch in BATCHES if batch.at_s is not None), worlds=1)
-    walks = walks_of(failing)
-    assert len(walks) == 6 * failing.worlds
-    assert all(walk.trial.events[0].leg == walk.leg and walk.at_s >= failing.at_s for walk in walks)
+    walks = walks_of(replace(next(batch for batch in BATCHES if batch.at_s == 6.5), worlds=1))
+    assert len(walks) == 6
+    assert all(walk.trial.events[0].leg == walk.leg and walk.at_s >= 6.5 for walk in walks)

@@ -207,7 +207,8 @@ class BodyBalance:
 
     def _means(self, squares: FloatArray) -> FloatArray:
         """Means over lean and over contacts, leading shape + (1 or 2,)."""
-        return np.add.reduce(np.add.reduce(squares, axis=-1)[..., np.newaxis, :] * self._means_of, axis=-1)
+        sums = np.add.reduce(squares, axis=-1)[..., np.newaxis, :]
+        return np.asarray(np.add.reduce(sums * self._means_of, axis=-1))
 
     def _log_odds(self, unusual: FloatArray, variance: FloatArray) -> FloatArray:
         """Log odds of each leg against everything else, leading shape + (6,)."""
