@@ -44,9 +44,6 @@ BALANCE = 0.01
 #: Minimum compliance of a leg, m/N: a leg with the foot straight below its joints does not yield.
 LEAST_COMPLIANCE = 1e-9
 
-#: Factor of the compliance of a leg that carries nothing.
-CARRIES_NOTHING = 1e9
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticLoad(ArrayFields):
@@ -97,26 +94,6 @@ def static_load(robot: Robot, joint_targets_rad: FloatArray) -> StaticLoad:
         sag_m=-(body[..., 0] + level_m),
         balanced=_balanced(robot, points[..., -1, :2], forces, centre),
     )
-
-
-def lean_and_forces(
-    robot: Robot, joint_targets_rad: FloatArray, carries: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """Slopes of the body, lower ahead and on the left, (..., 2), and foot forces in N, (..., 6).
-
-    To first order: the geometry is that of the targets, and links have no weight. `carries` is (..., 6).
-    """
-    stiffness = robot.stiffness_nm_per_rad.reshape(N_LEGS, JOINTS_PER_LEG)
-    points = link_points_body(robot, joint_targets_rad)
-    joints = joint_targets_rad.reshape(*joint_targets_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
-    reach = arms_m(robot, points, joints)[..., -1, :]
-    compliance = np.maximum((reach**2 / stiffness).sum(axis=-1), LEAST_COMPLIANCE)
-    compliance = np.where(carries, compliance, compliance * CARRIES_NOTHING)
-    feet = points[..., -1, :]
-    body, forces = _balance(
-        robot.mass_kg, feet[..., :2], feet[..., 2], compliance, centre_of_mass_of(robot, points)
-    )
-    return -body[..., 1:], forces
 
 
 def _balanced(robot: Robot, feet: FloatArray, forces: FloatArray, centre: FloatArray) -> BoolArray:

@@ -11,7 +11,7 @@ from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Motion, make_gait
 from hexctl.ik.legs import link_points_body, solve_legs
 from hexctl.ik.load_capacity import load_capacity
-from hexctl.ik.statics import GRAVITY_M_S2, arms_m, lean_and_forces, link_torques_nm, static_load
+from hexctl.ik.statics import GRAVITY_M_S2, arms_m, link_torques_nm, static_load
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets
@@ -121,17 +121,6 @@ def test_a_robot_that_stands_inside_its_feet_balances_on_any_servos() -> None:
                 inside += 1
                 assert balanced
     assert inside > 500
-
-
-@pytest.mark.parametrize("leg", [1, 5])
-def test_a_robot_leans_to_the_leg_that_carries_nothing(leg: int) -> None:
-    robot = shipped("ant")
-    carries = np.arange(1, 7) != leg
-    slopes, forces_n = lean_and_forces(robot, robot.stance_angles_rad, carries)
-    foot = robot.stance_feet_body[leg - 1, :2]
-    assert slopes @ foot > 0.9 * np.linalg.norm(slopes) * np.linalg.norm(foot)
-    assert forces_n[leg - 1] == pytest.approx(0, abs=1e-6)
-    assert forces_n.sum() == pytest.approx(9.81 * robot.mass_kg, rel=1e-3)
 
 
 FLAT, ICE = World(), World(friction=0.001, contact_time_s=0.005)

@@ -1,48 +1,28 @@
 """Body balance: which failure explains the lean of the body and the feet on the floor.
 
-It is for servos that only echo their targets. A leg that carries nothing or is locked changes lean and
-contacts in each part of the gait cycle; statics give this change tau for each leg and failure (its
-signature). With D, the deviation of the last cycle from the habit, the evidence is twice the log likelihood
-ratio
+It is for servos that only echo their targets. With D, the deviation of the last cycle from the habit in each
+part of the cycle, in units of what is usual on this floor, learned signatures (`LegSignatures`) give the log
+odds z_i that leg i failed rather than none. The evidence against a leg is its log odds against everything
+else:
 
-    2 a D'W tau - a^2 tau'W tau,   a = D'W tau / tau'W tau within 0.3 .. 1.3
+    q_i = z_i - log(1 + sum of exp(z_j) over the other legs j)
 
-W holds the inverse variances of lean and contacts, from sensors, model and floor. The variance on this floor
-also sets the threshold.
+Bumps pass and failures stay: an alarm needs a mean of q, with a time constant of half a cycle, above a
+threshold that grows with the logarithm of the deviations of the lean on this floor.
 """
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
+from hexctl.control.monitor.leg_signatures import SEEN, LegSignatures
 from hexctl.control.monitor.phase_habit import PARTS, PhaseHabit, cycle_parts
-from hexctl.gait.foot_trajectory import (
-    RAMP_DURATION_S,
-    StepPattern,
-    feet_at_phases,
-    part_of_cycle,
-    stroke_vectors_m,
-)
-from hexctl.gait.gait import Gait, Motion
-from hexctl.ik.legs import solve_legs
-from hexctl.ik.statics import GRAVITY_M_S2, lean_and_forces
-from hexctl.robot.model import Robot
-from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
+from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
 
-#: Channels: the lean ahead and to the left, and the contact of each foot.
-CHANNELS = 2 + N_LEGS
-_LEAN, _FEET = slice(0, 2), slice(2, None)
-
-#: Signatures of a leg: it carries nothing, or it locked in one of the parts of its cycle.
-SIGNATURES = 1 + PARTS
-
-#: Static solutions in each part of the cycle.
-_SAMPLES = 2
-
-#: A foot with this share of the weight certainly touches the floor.
-TOUCHES_SHARE = 0.05
+#: Channels of the lean ahead and to the left; those of the contacts of the feet follow, if there are any.
+LEAN_CHANNELS = 2
 
 LAG_S = 0.03
 
@@ -52,67 +32,48 @@ SETTLED_S = RAMP_DURATION_S + 0.2
 #: Learning rates of the last cycle and of the habit, per cycle, as in `PhaseHabit`.
 LAST_CYCLE_RATE, HABIT_RATE = 24.0, 1.5
 
-#: Standard deviations of sensors and model: of the lean in rad, and of a contact.
-LEAN_RAD, CONTACT = math.radians(0.05), 0.15
+#: Variances of sensors and model, and initial ones on a floor, of the lean in rad^2 and of a contact.
+MODEL = np.array([math.radians(0.05) ** 2, 0.15**2])
+FIRST = np.array([math.radians(0.3) ** 2, 0.03])
 
-#: Weight of the variance on this floor, its time constant and the start of learning in cycles.
-FLOOR_TIMES, FLOOR_CYCLES, FLOOR_AFTER = 2.0, 5.0, 1.0
+#: Time constant of the variance on this floor in cycles, and the start of learning.
+FLOOR_CYCLES, FLOOR_AFTER = 5.0, 1.0
 
-#: Limits of the size of a failure relative to its signature.
-LEAST_SIZE, MOST_SIZE = 0.3, 1.3
+#: Delay of that variance in cycles, which keeps a failure from hiding itself.
+FLOOR_DELAY_CYCLES = 1.5
 
-#: Minimum weighted energy of a signature.
-LEAST_ENERGY = 1e-9
+#: Added to mean squares of deviations: below, their logarithm and their pattern mean little.
+LEAST_SIZE, LEAST_PATTERN = 0.3, 0.5
 
-#: Threshold on an even floor, and its increase with the variance of the lean, per rad^2.
-LEAST_EVIDENCE, FOR_VARIANCE = 12.0, 800.0 / math.radians(1.0) ** 2
+#: Time constant of the mean evidence in cycles, limit of the evidence, and least odds of all else.
+EVIDENCE_CYCLES, MOST_EVIDENCE, LEAST_OTHERS = 0.5, 8.0, 1e-12
 
-#: Initial variance of the lean, and the delay in cycles that keeps a failure from raising its own threshold.
-FIRST_VARIANCE, FLOOR_DELAY_CYCLES = math.radians(0.25) ** 2, 1.5
+#: Evidence of an alarm, by what is seen, if the lean deviates on this floor as on one yet unknown; the least
+#: logarithm of the deviations relative to it, and the evidence below an alarm that counts nothing.
+ALARM, LEAST_FLOOR, SPAN = {"lean": 1.4, "contacts": 2.2}, -1.5, 4.0
 
 #: Variance of the lean at which other evidence counts half.
 BUMPY_VARIANCE = math.radians(0.3) ** 2
 
-#: The leg with the most evidence must exceed all others by this share of it.
-BEATS_BY = 0.5
-
 #: Cycles after which the habit is known, and ticks between two evaluations.
-KNOWN_AFTER_CYCLES, LOOK_TICKS = 2.0, 5
-
-
-@lru_cache(maxsize=512)
-def signatures(robot: Robot, gait: Gait, motion: Motion, leg: int) -> FloatArray:
-    """Change of lean in rad and contacts 0..1, (13, 8, 12): signatures, channels, parts of the cycle.
-
-    The lean is positive if the body is lower ahead and on the left.
-    """
-    pattern, ticks = StepPattern.of(robot, gait), PARTS * _SAMPLES
-    cycles = (np.arange(ticks) + 0.5) / ticks
-    u = part_of_cycle(cycles[:, np.newaxis] + pattern.phases - pattern.phases[0])
-    feet = feet_at_phases(robot, pattern, u, stroke_vectors_m(robot, gait, motion), 1.0)
-    whole = solve_legs(robot, feet).joint_positions_rad
-    joints = np.repeat(whole[np.newaxis], 1 + SIGNATURES, axis=0)  # intact, without load, locked
-    joints[2:, :, leg_slice(leg)] = whole[::_SAMPLES, np.newaxis, leg_slice(leg)]
-    carries: BoolArray = np.ones((*joints.shape[:-1], N_LEGS), dtype=bool)
-    carries[1, :, leg - 1] = False
-    slopes, forces_n = lean_and_forces(robot, joints, carries)
-    touching = np.minimum(forces_n / (TOUCHES_SHARE * GRAVITY_M_S2 * robot.mass_kg), 1.0)
-    seen = np.concatenate([np.arctan(slopes), touching], axis=-1)
-    parts = seen.reshape(1 + SIGNATURES, PARTS, _SAMPLES, CHANNELS).mean(axis=2).swapaxes(1, 2)
-    change: FloatArray = parts[1:] - parts[0]
-    change.flags.writeable = False
-    return change
+KNOWN_AFTER_CYCLES, LOOK_TICKS = 3.0, 5
 
 
 class BodyBalance:
     """Evidence against each leg from lean and contacts, tick by tick; `cycles` of one tick.
 
+    The first state decides whether contacts are used.
+
     Args:
-        signatures_of: signatures of a leg, 1..6, leading shape + (13, 8, 12); called for one leg in a tick.
+        signatures_of: signatures, for one of `SEEN`.
+        patterns_of: patterns of a leg, 1..6, of what is seen, leading shape + (K, 2 or 8, 12), as
+            `LegSignatures.of_leg` has them; called for one leg in a tick.
 
     Attributes:
         ratio: evidence against each leg, an alarm at 1, leading shape + (6,).
         even: evenness of the floor, 1 to 0, a weight of other evidence, leading shape + (1,).
+        looked: what the last evaluation looked at: deviations of unit size, 24 or 96, sizes, 3 or 5, and 1,
+            leading shape + (28 or 102,).
     """
 
     def __init__(
@@ -120,39 +81,55 @@ class BodyBalance:
         shape: tuple[int, ...],
         period_s: float,
         cycles: FloatArray,
-        signatures_of: Callable[[int], FloatArray],
+        signatures_of: Callable[[str], LegSignatures],
+        patterns_of: Callable[[int, str], FloatArray],
     ) -> None:
         self._shape, self._period_s, self._cycles = shape, period_s, np.asarray(cycles)
-        self._signatures_of = signatures_of
-        self._signatures: list[FloatArray] = []
-        self._ticks, self._some_paused = 0, False
+        self._signatures_of, self._patterns_of = signatures_of, patterns_of
+        self._patterns: list[FloatArray] = []
+        self._ticks, self._some_paused, self._seen_kinds = 0, False, ""
         # A robot that returns to its gait learns nothing until it is settled: its leg may still fail.
         self._silent: BoolArray = np.zeros(shape, dtype=bool)
         self._paused: BoolArray = np.zeros(shape, dtype=bool)
-        channels = (*shape, CHANNELS)
-        # Last cycle, habit, and how often each part was seen.
-        self._habit = PhaseHabit((3, *channels))
-        self._changes_now: FloatArray = np.zeros((3, *channels))
-        tick = np.broadcast_to(self._cycles[..., np.newaxis], channels)
-        self._passed = PARTS * tick
-        self._last_share, self._least_share = (1 - np.exp(-r * tick) for r in (LAST_CYCLE_RATE, HABIT_RATE))
         self._look_cycles = LOOK_TICKS * self._cycles[..., np.newaxis]
         self._floor_share = 1 - np.exp(-self._look_cycles / FLOOR_CYCLES)
-        self._model = np.array([LEAN_RAD**2] * 2 + [CONTACT**2] * N_LEGS)
-        self._variance: FloatArray = np.zeros(channels)
-        self._lean_variance: FloatArray = np.full((*shape, 1), FIRST_VARIANCE)
         self._delay = np.round(FLOOR_DELAY_CYCLES / self._look_cycles[..., 0]).astype(int)
-        self._before: FloatArray = np.full((int(self._delay.max()) + 1, *shape), FIRST_VARIANCE)
         self._look, self._known_cycles, self._floor_cycles = 0, np.zeros((*shape, 1)), np.zeros((*shape, 1))
-        self._now: FloatArray = np.zeros((*shape, N_LEGS))
+        self._evidence_share = 1 - np.exp(-self._look_cycles / EVIDENCE_CYCLES)
+        self._evidence: FloatArray = np.full((*shape, N_LEGS), -MOST_EVIDENCE)
         self.even: FloatArray = np.ones((*shape, 1))
         self.ratio: FloatArray = np.zeros((*shape, N_LEGS))
+        self.looked: FloatArray | None = None
+        self._one = np.ones((*shape, 1))
+
+    def _begin(self, contacts: bool) -> None:
+        """Decide what is seen."""
+        self._seen_kinds = SEEN[contacts]
+        self._signatures = self._signatures_of(self._seen_kinds)
+        self._groups = np.repeat([0, 1], [LEAN_CHANNELS, N_LEGS * contacts])
+        shape, kinds = (*self._shape, len(self._groups)), 1 + contacts
+        # Last cycle, habit, and how often each part was seen.
+        self._habit = PhaseHabit((3, *shape))
+        self._seen_now: FloatArray = np.zeros(shape)
+        self._changes_now: FloatArray = np.zeros((3, *shape))
+        tick = np.broadcast_to(self._cycles[..., np.newaxis], shape)
+        self._passed = PARTS * tick
+        self._last_share, self._least_share = (1 - np.exp(-r * tick) for r in (LAST_CYCLE_RATE, HABIT_RATE))
+        self._model, self._first = MODEL[:kinds], FIRST[:kinds]
+        member = self._groups == np.arange(kinds)[:, np.newaxis]
+        self._means_of = member / (PARTS * member.sum(axis=-1, keepdims=True))
+        self._variance: FloatArray = np.broadcast_to(self._first, (*self._shape, kinds)).copy()
+        self._before = np.stack([self._variance] * (int(self._delay.max()) + 1))
 
     def update(self, state: RobotState, phases: FloatArray) -> None:
         """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
+        if not self._seen_kinds:
+            self._begin(state.foot_contacts is not None)
         self._ticks += 1
-        if len(self._signatures) < N_LEGS:
-            self._add_signatures()
+        if len(self._patterns) < N_LEGS:
+            self._patterns.append(self._patterns_of(len(self._patterns) + 1, self._seen_kinds))
+            if len(self._patterns) == N_LEGS:
+                self._weights = self._all_weights()
         if self._ticks * self._period_s < SETTLED_S:
             return
         seen = self._seen(state)
@@ -172,8 +149,17 @@ class BodyBalance:
         changes[1] *= np.maximum(self._least_share, self._passed / (count + self._passed)) * (passed > 0)
         changes[2] = passed
         self._habit.learn(changes)
-        if self._ticks % LOOK_TICKS == 0 and len(self._signatures) == N_LEGS:
+        if self._ticks % LOOK_TICKS == 0 and len(self._patterns) == N_LEGS:
             self._look_at_all()
+
+    def _all_weights(self) -> FloatArray:
+        """Weights of what is looked at in the units of all legs, leading shape + (6 K, 28 or 102)."""
+        patterns = np.concatenate(self._patterns, axis=-3)
+        flat = patterns.reshape(*patterns.shape[:-2], -1)
+        signatures = self._signatures
+        others = np.tile(np.column_stack([signatures.sizes, signatures.biases]), (N_LEGS, 1))
+        others = np.broadcast_to(others, (*flat.shape[:-1], others.shape[-1]))
+        return np.ascontiguousarray(np.concatenate([flat, others], axis=-1))
 
     def silence(self, which: BoolArray | np.bool_) -> None:
         """Report nothing for some robots, leading shape, whose gait does not match the signatures."""
@@ -187,60 +173,77 @@ class BodyBalance:
 
     def _stop_suspecting(self, which: BoolArray | np.bool_) -> None:
         robots = np.asarray(which)[..., np.newaxis]
-        self._now, self.ratio = self._now * ~robots, self.ratio * ~robots
+        self._evidence = np.where(robots, -MOST_EVIDENCE, self._evidence)
+        self.ratio = self.ratio * ~robots
         self._known_cycles = self._known_cycles * ~robots
         self._paused, self._some_paused = np.asarray(self._paused | which), True
 
-    def _add_signatures(self) -> None:
-        self._signatures.append(self._signatures_of(len(self._signatures) + 1))
-        if len(self._signatures) == N_LEGS:
-            changes = np.concatenate(self._signatures, axis=-3)  # (..., 78, 8, 12)
-            self._energies = np.add.reduce(changes * changes, axis=-1)
-            self._changes = changes.reshape(*changes.shape[:-2], CHANNELS * PARTS)
-
     def _seen(self, state: RobotState) -> FloatArray:
-        """Lean and contacts, leading shape + (8,), NaN if unknown."""
-        seen: FloatArray = np.full((*self._shape, CHANNELS), np.nan)
-        quaternion = state.base_quaternion_world
+        """Lean and contacts, leading shape + (2 or 8,), NaN if unknown."""
+        seen, quaternion = self._seen_now, state.base_quaternion_world
+        seen.fill(np.nan)
         if quaternion is not None:
-            w, x, y, z = np.moveaxis(quaternion, -1, 0)
+            w, x, y, z = (quaternion[..., place] for place in range(4))  # faster than `moveaxis`
             seen[..., 0], seen[..., 1] = 2 * (w * y - x * z), -2 * (y * z + w * x)
         if state.foot_contacts is not None:
-            seen[..., _FEET] = state.foot_contacts
+            seen[..., LEAN_CHANNELS:] = state.foot_contacts[..., : len(self._groups) - LEAN_CHANNELS]
         return seen
 
     def _look_at_all(self) -> None:
         last, usual, count = self._habit.values
         unusual = last - usual
-        self._learn_floor(np.add.reduce(unusual * unusual, axis=-1) / PARTS)
-        told = np.maximum.reduce(count, axis=-1) > 0
-        weights = told / (self._model + FLOOR_TIMES * self._variance)
-        weighted = (unusual * weights[..., np.newaxis]).reshape(*self._shape, CHANNELS * PARTS, 1)
-        match = np.matmul(self._changes, weighted)[..., 0]
-        energy = np.matmul(self._energies, weights[..., np.newaxis])[..., 0]
-        size = np.minimum(np.maximum(match / np.maximum(energy, LEAST_ENERGY), LEAST_SIZE), MOST_SIZE)
-        each = (size * (2 * match - size * energy)).reshape(*self._shape, N_LEGS, SIGNATURES)
-        variance = self._lean_variance_before()
-        self.even = np.where(told[..., :1], BUMPY_VARIANCE / (BUMPY_VARIANCE + variance), 1.0)
-        ratio = self._ratio_of(np.maximum.reduce(each, axis=-1), variance)
-        then, self._now = self._now, ratio * told[..., :1]
-        self.ratio = np.minimum(then, self._now)
+        self._learn_floor(self._means(unusual * unusual))
+        told = np.maximum.reduce(count[..., 0, :], axis=-1, keepdims=True) > 0
+        variance = self._variance_before()
+        self.even = np.where(told, BUMPY_VARIANCE / (BUMPY_VARIANCE + variance[..., :1]), 1.0)
+        odds = self._log_odds(unusual, variance)
+        now = np.minimum(np.maximum(odds, -MOST_EVIDENCE), MOST_EVIDENCE)  # faster than `clip`
+        speaks = told & (self._known_cycles >= KNOWN_AFTER_CYCLES) & ~self._silent[..., np.newaxis]
+        mean = self._evidence + self._evidence_share * (now - self._evidence)
+        self._evidence = np.where(speaks, mean, -MOST_EVIDENCE)
+        floor = np.maximum(0.5 * np.log(variance[..., :1] / self._first[0]), LEAST_FLOOR)
+        alarm = ALARM[self._seen_kinds] + floor
+        self.ratio = np.maximum(1.0 + (self._evidence - alarm) / SPAN, 0.0)
 
-    def _ratio_of(self, evidence: FloatArray, variance: FloatArray) -> FloatArray:
-        """Evidence over its threshold for a leg that exceeds all others, 0 for the others."""
-        ranked = np.sort(evidence, axis=-1)
-        best, second = ranked[..., -1:], np.maximum(ranked[..., -2:-1], 0.0)
-        threshold = LEAST_EVIDENCE + FOR_VARIANCE * variance
-        speaks = (self._known_cycles >= KNOWN_AFTER_CYCLES) & ~self._silent[..., np.newaxis]
-        beats = (evidence >= best) & (best - second > BEATS_BY * best) & speaks
-        return np.asarray(np.where(beats, np.maximum(evidence, 0.0), 0.0) / threshold)
+    def _means(self, squares: FloatArray) -> FloatArray:
+        """Means over lean and over contacts, leading shape + (1 or 2,)."""
+        sums = np.add.reduce(squares, axis=-1)[..., np.newaxis, :]
+        return np.asarray(np.add.reduce(sums * self._means_of, axis=-1))
 
-    def _lean_variance_before(self) -> FloatArray:
+    def _log_odds(self, unusual: FloatArray, variance: FloatArray) -> FloatArray:
+        """Log odds of each leg against everything else, leading shape + (6,)."""
+        self.looked = self._looked(unusual, variance)
+        units = np.tanh(np.matmul(self._weights, self.looked[..., np.newaxis])[..., 0])
+        outputs = self._signatures.outputs
+        units = units.reshape(*self._shape, N_LEGS, len(outputs) - 1)
+        odds = np.add.reduce(units * outputs[:-1], axis=-1) + outputs[-1]
+        most = np.maximum(np.maximum.reduce(odds, axis=-1, keepdims=True), 0.0)
+        shares = np.exp(odds - most)
+        total = np.add.reduce(shares, axis=-1, keepdims=True) + np.exp(-most)
+        others = np.maximum(total - shares, LEAST_OTHERS)
+        return np.asarray(odds - most - np.log(others))
+
+    def _looked(self, unusual: FloatArray, variance: FloatArray) -> FloatArray:
+        """What is looked at, leading shape + (28 or 102,)."""
+        units = unusual / np.sqrt(self._model + variance)[..., self._groups][..., np.newaxis]
+        powers = self._means(units * units)
+        learned = self._floor_cycles - FLOOR_AFTER - FLOOR_DELAY_CYCLES
+        power = np.add.reduce(powers, axis=-1)[..., np.newaxis, np.newaxis]
+        looked = [
+            (units / np.sqrt(LEAST_PATTERN + power)).reshape(*self._shape, -1),
+            np.log(LEAST_SIZE + powers),
+            0.5 * np.log(variance / self._first),
+            np.log(1.0 + np.maximum(learned, 0.0)),
+            self._one,
+        ]
+        return np.concatenate(looked, axis=-1)
+
+    def _variance_before(self) -> FloatArray:
         ago = (self._look - self._delay) % len(self._before)
         places = (ago, *np.indices(self._shape)) if self._shape else (int(ago),)
-        return np.asarray(self._before[places])[..., np.newaxis]
+        return np.asarray(self._before[places])
 
-    def _learn_floor(self, power: FloatArray) -> None:
+    def _learn_floor(self, powers: FloatArray) -> None:
         self._known_cycles = self._known_cycles + self._look_cycles
         if self._some_paused:
             self._paused = self._silent | (self._paused & (self._known_cycles[..., 0] < KNOWN_AFTER_CYCLES))
@@ -248,12 +251,9 @@ class BodyBalance:
         walks = ~self._paused[..., np.newaxis]
         walked = self._floor_cycles = self._floor_cycles + walks * self._look_cycles
         since = np.maximum(walked - FLOOR_AFTER, 0.0) + self._look_cycles
-        power[..., _LEAN] = power[..., _LEAN].mean(axis=-1, keepdims=True)
-        power[..., _FEET] = power[..., _FEET].mean(axis=-1, keepdims=True)
         learns = (walked > FLOOR_AFTER) & walks
-        share = learns * np.maximum(self._floor_share, self._look_cycles / since)
-        self._variance = self._variance + share * (power - self._variance)
-        slower = learns * np.maximum(self._floor_share, self._look_cycles / (since + 1.0))
-        self._lean_variance = self._lean_variance + slower * (power[..., :1] - self._lean_variance)
+        # The initial variance counts as one cycle.
+        share = learns * np.maximum(self._floor_share, self._look_cycles / (since + 1.0))
+        self._variance = self._variance + share * (powers - self._variance)
         self._look += 1
-        self._before[self._look % len(self._before)] = self._lean_variance[..., 0]
+        self._before[self._look % len(self._before)] = self._variance

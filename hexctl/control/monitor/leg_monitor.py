@@ -12,6 +12,7 @@ from hexctl.control.monitor.body_balance import BodyBalance
 from hexctl.control.monitor.dead_legs import DeadLegs
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.joint_stiffness import BLOCK_TICKS, JointStiffness
+from hexctl.control.monitor.leg_signatures import shipped_signatures
 from hexctl.control.monitor.leg_support import NO_TORQUE_SHARE, LegSupport
 from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.control.monitor.recent_motion import STILL_CYCLES, TAKES_PART, RecentMotion, failure_shown
@@ -107,7 +108,7 @@ class LegMonitor:
 
     Args:
         believed: known failed legs; they are not watched.
-        signatures_of: signatures of a leg for `BodyBalance`; None leaves it out.
+        patterns_of: as `BodyBalance` has it; None leaves the balance out.
         uneven: whether the ground may block legs: alarms need a cycle, and joints are not checked for
             weakness.
 
@@ -125,7 +126,7 @@ class LegMonitor:
         period_s: float,
         pace_hz: FloatArray,
         believed: BoolArray | None = None,
-        signatures_of: Callable[[int], FloatArray] | None = None,
+        patterns_of: Callable[[int, str], FloatArray] | None = None,
         *,
         uneven: bool = False,
     ) -> None:
@@ -174,8 +175,8 @@ class LegMonitor:
         self._compared_ratios, self._effort_ratio = self._ratios[:_ROWS], self._ratios[_EFFORT]
         self._rho_of_many: FloatArray = np.zeros((*shape, 1))
         self._balance: BodyBalance | None = None
-        if signatures_of is not None:
-            self._balance = BodyBalance(shape, period_s, cycles, signatures_of)
+        if patterns_of is not None:
+            self._balance = BodyBalance(shape, period_s, cycles, shipped_signatures, patterns_of)
             self._balance.silence(self.failed.any(axis=-1))
         self._period_s, self._silent_s, self._some_silent = period_s, np.zeros(legs), False
         self._parts: NDArray[np.int64] = np.zeros(legs, dtype=np.int64)

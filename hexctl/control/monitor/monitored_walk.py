@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.control.controllers import Controller, Walk
-from hexctl.control.monitor.body_balance import signatures
 from hexctl.control.monitor.leg_monitor import SETTLED, LegMonitor, Suspicion
 from hexctl.control.monitor.leg_probe import AFTER_RELAPSE, FIRST_CYCLES, LegProbe
+from hexctl.control.monitor.leg_signatures import signatures
 from hexctl.control.monitor.posture_trial import PostureTrial
 from hexctl.control.monitor.recovery import (
     GlideToStableGait,
@@ -81,19 +81,17 @@ class MonitoredWalk(Controller):
             start.period_s,
             self._each([plan.gait.pace_hz for plan in start.plans]),
             self._each([np.isin(LEGS, plan.failed_legs) for plan in start.plans]),
-            self._signatures_of if _steady(walk) else None,
+            self._patterns_of if _steady(walk) else None,
             uneven=start.plans[0].feet == "adaptive",
         )
 
     def _each(self, values: Sequence[Any]) -> Any:
         return np.array(values)[slice(None) if self._start.batch_shape else 0]
 
-    def _signatures_of(self, leg: int) -> FloatArray:
-        """Signatures of a leg, 1..6, in the initial gaits of the walks (`BodyBalance`)."""
-        start = self._start
-        each = zip(start.plans, start.motions, strict=True)
-        signs = [signatures(start.robot, plan.gait, motion, leg) for plan, motion in each]
-        return np.stack(signs) if start.batch_shape else signs[0]
+    def _patterns_of(self, leg: int, seen: str) -> FloatArray:
+        """Patterns of a leg, 1..6, in the initial gaits of the walks (`BodyBalance`)."""
+        robot, plans = self._start.robot, self._start.plans
+        return np.asarray(self._each([signatures(robot, plan.gait, leg, seen) for plan in plans]))
 
     @property
     def velocity_body(self) -> FloatArray | None:  # type: ignore[override]  # forwarded
