@@ -304,6 +304,7 @@ def test_a_gait_without_a_search_that_no_trial_is_better_than_is_the_one_to_walk
 
     assert gait_of(session(0.001)) == "tripod"
     assert gait_of(session(0.008)) == "17", "the trial is better"
+    assert "up to 40 trials of 30 s" in "".join(opening_lines(session(0.008, budget=40)))
     assert gait_of(session(0.001, uncertainty_m=0.0213)) == "tripod", "not resolved: no search is needed"
     both = session(0.003)
     stable = replace(both.baseline[0], gait="auto", code=42, score=0.002)

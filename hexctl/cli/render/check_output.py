@@ -61,9 +61,7 @@ def _assumed(to_measure: list[str]) -> list[str]:
     if not names:
         return []
     are = "are" if len(names) > 1 else "is"
-    return [
-        f"{' and '.join(names)} of joints {are} assumed (`unknown` in the file): measure before you trust it"
-    ]
+    return [f"{' and '.join(names)} of joints {are} assumed (`unknown` in the file): measure first"]
 
 
 #: Rows of the envelope's table.
@@ -180,7 +178,7 @@ def _torque(report: dict[str, Any]) -> str:
 
 
 def _stance(report: dict[str, Any]) -> str:
-    """Share of the servos' torque at their speed on five legs, and the stance that `stance_width` proposes."""
+    """Share of the torque on five legs, and the stance that `stance_width` proposes."""
     own_m, drive = report["stance_outward_m"], report["five_leg_drive"]
     other_m, other = report["proposed_outward_m"], report["proposed_five_leg_drive"]
     needs = (

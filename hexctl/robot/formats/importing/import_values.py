@@ -17,7 +17,7 @@ USUAL_RADIUS_M, USUAL_FOOT_M, USUAL_HEIGHT_M = 0.010, 0.008, 0.05
 #: Torque of a femur joint per mass of the robot and length of femur and tibia: twice what carries it on three
 #: legs that reach out by half their length.
 NM_PER_KG_M = 2 * 9.81 / 3 / 2
-#: A torque that carries less than this share of a usual robot's mass is doubted: the lightest shipped robot has 0.54.
+#: A torque that carries less than this share of a usual robot is doubted: the lightest shipped one has 0.54.
 LEAST_CARRIED = 0.5
 #: Torques and speeds of servos, from the smallest hobby servo to the largest actuator of a leg.
 TORQUES_NM, SPEEDS_DEG_S = (0.03, 60.0), (math.degrees(0.2), math.degrees(60.0))
