@@ -1,4 +1,4 @@
-"""Picture of an identification: measured angles against simulated ones, before and after, and what is left."""
+"""Picture of an identification: measured and simulated angles, and the errors before and after."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -60,8 +60,8 @@ class Parameter:
 #: rotor inertias of 0.001 to 0.033 kg m2 are published. Simulations keep commands for the longest dead time.
 #: All torques and masses together change a motion little, each of them changes it much: they are searched as
 #: multiples of the stiffness. A motion is nearly linear in these multiples. Steps are
-#: large, because what sticks and slips moves at random on a small scale. Torque and mass are in data sheets or
-#: weighed: only a better value replaces them.
+#: large, because what sticks and slips moves at random on a small scale. Torque is in a data sheet and mass is
+#: weighed: values with an error above a tenth replace neither.
 PARAMETERS = {
     one.name: one
     for one in (
