@@ -60,7 +60,7 @@ class Parameter:
 #: rotor inertias of 0.001 to 0.033 kg m2 are published. Simulations keep commands for the longest dead time.
 #: All torques and masses together change a motion little, each of them changes it much: they are searched as
 #: multiples of the stiffness. A motion is nearly linear in these multiples. Steps are
-#: large, because what sticks and slips moves at random on a small scale. Torque is in a data sheet and mass is
+#: large, because what sticks and slips moves at random on a small scale. Torque is in a data sheet and mass
 #: weighed: values with an error above a tenth replace neither.
 PARAMETERS = {
     one.name: one

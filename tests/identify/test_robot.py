@@ -17,7 +17,7 @@ from hexctl.identify.identification_picture import SHOWN_S, draw_identification
 from hexctl.identify.identified_file import write_identified
 from hexctl.identify.options import IdentifyOptions
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
-from hexctl.identify.robot_log import read_robot_log
+from hexctl.identify.robot_log import RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.robot.configs import config_names, find_config
 from hexctl.robot.loader import load_robot, load_robot_file
@@ -276,15 +276,29 @@ def test_a_poor_fit_is_noted_and_the_file_is_the_next_step(
     left_rad: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     result = found(stiffness_nm_per_rad=(20.0, 0.5), max_torque_nm=(3.0, 0.1), dead_time_s=(0.06, 0.001))
-    log = SimpleNamespace(name="log", on_stand=True)
+    log = SimpleNamespace(name="log", on_stand=True, stale_s=max(0.0, left_rad - 0.003))
     result = replace(result, fit=replace(result.fit, after_rad={"log": left_rad}), replays=(log,))
     monkeypatch.setattr("hexctl.identify.identification.identify", lambda *_, **__: result)
     assert exit_code(["identify", "some.rrd"]) == 0
     said = capsys.readouterr()
     assert ("a poor fit" in said.err) == (left_rad > 0.01)
+    assert ("log: readings stood still for 0.017 s" in said.err) == (left_rad > 0.01)
     assert "no_load_speed_deg_s changes" in said.out
     assert "at the limit of the search" in said.out
     assert "hexctl identify some.rrd --robot ROBOT -o FILE.yaml" in said.out.replace("\n", " ")
+
+
+def test_readings_that_a_slow_link_repeats_are_found() -> None:
+    time_s = np.arange(0.0, 6.0, 0.02)
+    commanded = np.tile(np.sin(2.0 * time_s)[:, np.newaxis], 18)
+    measured = commanded.copy()
+    assert RobotLog("walk", shipped(), False, time_s, commanded, measured).stale_s == 0.0
+    measured[100:112] = measured[100]
+    stale = RobotLog("walk", shipped(), False, time_s, commanded, measured)
+    assert stale.stale_s == pytest.approx(0.16, abs=0.021)
+    at_rest = np.where(time_s < 3.0, 0.0, 1.0)[:, np.newaxis] * np.ones(18)
+    late = np.where(time_s < 3.08, 0.0, 1.0)[:, np.newaxis] * np.ones(18)
+    assert replace(stale, commanded_rad=at_rest, measured_rad=late).stale_s == 0.0
 
 
 @pytest.mark.slow

@@ -87,6 +87,12 @@ def identify(
     except KeyboardInterrupt:
         print_note(f"hexctl: interrupted; the logs are kept; continue with: {_again(paths, next_time)}")
         raise typer.Exit(INTERRUPTED) from None
+    for log in found.replays:
+        if stale_s := getattr(log, "stale_s", 0.0):
+            print_note(
+                f"hexctl: {log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
+                "values wrong; record it again with a faster link or a less busy computer"
+            )
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         print_note("hexctl: the result fits no better than the robot file: has a leg failed in these logs?")
