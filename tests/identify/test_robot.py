@@ -309,10 +309,10 @@ def test_the_picture_has_a_row_for_each_log_with_the_part_that_was_worst(
 
     time_s, measured = np.arange(0.0, 20.0, 0.02), np.zeros((1000, 18))
     before, now = RobotValues.of(shipped("lukas")), RobotValues.of(shipped("ant"))
-    bump_rad = np.where(abs(time_s - 12.0) < 1.0, 0.1, 0.0)[:, np.newaxis] * (np.arange(18) == 4)
+    bump_rad: FloatArray = np.where(abs(time_s - 12.0) < 1.0, 0.1, 0.0)[:, np.newaxis] * (np.arange(18) == 4)
 
     def errors_rad(values: RobotValues) -> FloatArray:
-        return bump_rad if values == before else 0.1 * bump_rad
+        return np.asarray(bump_rad if values == before else 0.1 * bump_rad)
 
     logs = [
         SimpleNamespace(name=name, time_s=time_s, measured_rad=measured, errors_rad=errors_rad)
@@ -327,8 +327,11 @@ def test_the_picture_has_a_row_for_each_log_with_the_part_that_was_worst(
     assert angles.get_title("left").startswith("stand.rrd, leg2_femur; ")
     assert of_walk.get_title("left").startswith("walk.rrd")
     for line in (*angles.lines, *errors.lines):
-        shown_s = line.get_xdata()
+        shown_s = np.asarray(line.get_xdata(), dtype=float)
         assert shown_s[0] <= 11.02
         assert shown_s[-1] >= 12.9
         assert np.ptp(shown_s) < SHOWN_S
-    assert [round(float(np.ptp(line.get_ydata())), 2) for line in errors.lines] == [5.73, 0.57]
+    assert [round(float(np.ptp(np.asarray(line.get_ydata(), dtype=float))), 2) for line in errors.lines] == [
+        5.73,
+        0.57,
+    ]
