@@ -1,65 +1,83 @@
-"""Picture of an identification: measured angles against simulated ones, before and after."""
+"""Picture of an identification: measured and simulated angles, and the errors before and after."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hexctl.errors import MissingExtraError
-from hexctl.identify.bench_run import BenchRun
-from hexctl.identify.fit import Replay
 from hexctl.identify.identification import Identification
-from hexctl.identify.parameters import RobotValues
-from hexctl.identify.robot_log import RobotLog
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, FloatArray
+from hexctl.identify.parameters import ServoValues
+from hexctl.types import JOINT_NAMES, N_JOINTS, ArrayFields, FloatArray
 
-#: Maximum number of shown logs and joints.
-MOST_ROWS = 4
+#: Maximum number of shown logs, a row each.
+MOST_ROWS = 3
 
-Curve = tuple[str, FloatArray, FloatArray, FloatArray]
+#: Duration of the shown part of a log, the one with the largest error before.
+SHOWN_S = 4.0
+
+MEASURED, BEFORE, NOW = ("measured", "black"), ("robot file before", "tab:orange"), ("identified", "tab:blue")
 
 
-def draw_identification(found: Identification, before: RobotValues | None, path: Path) -> None:
-    """Draw some joints or runs over time; raises MissingExtraError without Matplotlib."""
+def draw_identification(found: Identification, before: ServoValues | None, path: Path) -> None:
+    """Draw a joint of each log, or runs on a bench; raises MissingExtraError without Matplotlib."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError("the picture of an identification", "study") from error
-    curves = _curves(found.replays, found.fit.values)
-    figure = Figure(figsize=(9, 2.4 * len(curves)), layout="constrained")
-    axes = figure.subplots(len(curves), 1, squeeze=False)[:, 0]
-    earlier = _curves(found.replays, before) if before is not None else [None] * len(curves)
-    for one, curve, old in zip(axes, curves, earlier, strict=True):
-        _draw(one, curve, old)
-    axes[-1].set_xlabel("time in s")
-    axes[0].legend(loc="upper right", fontsize="small", ncols=3)
+    rows = [_Row.of(replay, found.fit.values, before) for replay in found.replays[-MOST_ROWS:]]
+    figure = Figure(figsize=(11, 0.6 + 2.8 * len(rows)), layout="constrained")
+    for row, (angles, errors) in zip(rows, figure.subplots(len(rows), 2, squeeze=False), strict=True):
+        row.draw(angles, errors)
+    handles, labels = angles.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
     figure.savefig(path, dpi=120)
 
 
-def _draw(axes: Any, curve: Curve, old: Curve | None) -> None:
-    name, time_s, measured_rad, simulated_rad = curve
-    axes.plot(time_s, np.degrees(measured_rad), color="black", linewidth=1.5, label="measured")
-    if old is not None:
-        axes.plot(time_s, np.degrees(old[3]), color="tab:orange", linewidth=1, label="robot file before")
-    axes.plot(time_s, np.degrees(simulated_rad), color="tab:blue", linewidth=1, label="identified")
-    error_deg = float(np.degrees(np.abs(simulated_rad - measured_rad)).mean())
-    axes.set_title(f"{name}: {error_deg:.2f} deg of mean error", fontsize="small", loc="left")
-    axes.set_ylabel("deg")
+@dataclass(frozen=True, eq=False)
+class _Row(ArrayFields):
+    """The shown part of a log: a joint, its angles, and errors (simulated less measured) by label."""
+
+    title: str
+    time_s: FloatArray
+    measured_rad: FloatArray
+    errors_rad: dict[tuple[str, str], FloatArray]
+
+    @classmethod
+    def of(cls, replay: Any, now: ServoValues, before: ServoValues | None) -> "_Row":
+        """Part and joint with the largest error, before if that is known."""
+        values = {BEFORE: before, NOW: now} if before is not None else {NOW: now}
+        errors = {label: _columns(replay.errors_rad(one)) for label, one in values.items()}
+        measured, time_s = _columns(replay.measured_rad), replay.time_s - replay.time_s[0]
+        largest = np.abs(next(iter(errors.values())))
+        count = min(len(time_s), round(SHOWN_S / float(np.diff(time_s).mean())))
+        sums = np.cumsum(np.vstack([np.zeros(largest.shape[1]), largest]), axis=0)
+        first, joint = np.unravel_index(np.argmax(sums[count:] - sums[:-count]), sums[count:].shape)
+        part = slice(int(first), int(first) + count)
+        means = [f"{np.degrees(np.abs(one).mean()):.2f}" for one in errors.values()]
+        name = JOINT_NAMES[joint] if largest.shape[1] == N_JOINTS else "joint"
+        return cls(
+            f"{replay.name}, {name}; mean error of the log {' -> '.join(means)} deg",
+            time_s[part],
+            measured[part, joint],
+            {label: one[part, joint] for label, one in errors.items()},
+        )
+
+    def draw(self, angles: Any, left: Any) -> None:
+        """Draw the angles and the errors."""
+        name, color = MEASURED
+        angles.plot(self.time_s, np.degrees(self.measured_rad), color=color, linewidth=2.5, label=name)
+        for (name, color), errors_rad in self.errors_rad.items():
+            simulated = np.degrees(self.measured_rad + errors_rad)
+            angles.plot(self.time_s, simulated, color=color, linewidth=1.3, label=name)
+            left.plot(self.time_s, np.degrees(errors_rad), color=color, linewidth=1.3)
+        angles.set_title(self.title, fontsize="medium", loc="left")
+        left.set_title("simulated less measured", fontsize="medium", loc="left")
+        for axes, what in ((angles, "angle"), (left, "error")):
+            axes.set(xlabel="time in s", ylabel=f"{what} in deg")
 
 
-def _curves(replays: Sequence[Replay[Any]], values: Any) -> list[Curve]:
-    """Name, times, measured and simulated angles: the last runs of a bench, or three joints of a robot."""
-    curves: list[Curve] = []
-    for replay in replays[-MOST_ROWS:]:
-        if isinstance(replay, BenchRun):
-            simulated = replay.measured_rad + replay.errors_rad(values)
-            curves.append((replay.name, replay.time_s, replay.measured_rad, simulated))
-        elif isinstance(replay, RobotLog):
-            errors = replay.errors_rad(values)
-            for joint in range(len(JOINT_KINDS)):
-                measured = replay.measured_rad[:, joint]
-                since_s = replay.time_s - replay.time_s[0]
-                curves.append((JOINT_NAMES[joint], since_s, measured, measured + errors[:, joint]))
-            break
-    return curves
+def _columns(values: FloatArray) -> FloatArray:
+    """Values over time in columns, (T, joints)."""
+    return values.reshape(len(values), -1)

@@ -73,7 +73,7 @@ def identified_text(robot_file: str | Path, found: Identification, folder: Path)
     changed: dict[str, Any] = {
         "body": _body(mapping["body"], known),
         "joints": _joints(mapping["joints"], known, file.robot),
-        "servo": _servo(mapping["servo"], known, share * file.content.servo.stiffness_nm_per_rad),
+        "servo": _servo(mapping["servo"], known, share * file.content.servo.stiffness_nm_per_rad, found),
     }
     if "unknown" in mapping:
         changed["unknown"] = _still_unknown(mapping, known)
@@ -120,10 +120,16 @@ def _still_unknown(mapping: Mapping[str, Any], known: Mapping[str, float]) -> li
     return left
 
 
-def _servo(servo: Mapping[str, Any], known: Mapping[str, float], stiffness: float) -> dict[str, Any]:
-    kept = {key: value for key, value in servo.items() if SCALE not in known or key not in GAIN_KEYS}
-    new = {SCALE: _rounded(stiffness)} if SCALE in known else {}
-    return {**kept, **new, **{name: known[name] for name in SERVO_KEYS if name in known}}
+def _servo(
+    servo: Mapping[str, Any], known: Mapping[str, float], stiffness: float, found: Identification
+) -> dict[str, Any]:
+    new: dict[str, Any] = {}
+    if SCALE in known and GAIN_KEYS[0] in servo:
+        gain = servo[GAIN_KEYS[0]] if isinstance(found.fit.values, RobotValues) else found.p_gain
+        new = dict(zip(GAIN_KEYS, (gain, _rounded(stiffness / gain)), strict=True))
+    elif SCALE in known:
+        new = {SCALE: _rounded(stiffness)}
+    return {**servo, **new, **{name: known[name] for name in SERVO_KEYS if name in known}}
 
 
 def _joints(joints: Mapping[str, Any], known: Mapping[str, float], robot: Robot) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 from hexctl.backends.robot_options import RecordedOptions
+from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, UnusedError, argument
 from hexctl.files import write_trouble
 from hexctl.options import UNTYPED, Range, Typed, check_fields
@@ -19,6 +20,12 @@ class IdentifyOptions(RecordedOptions):
     """Options of an identification; raises InputError for invalid values."""
 
     PANEL: ClassVar = "Result"
+
+    world: Annotated[str | Path | World | None, Typed(words="worlds")] = None
+    """Simulated world: stand, or a YAML file with on_stand. (default: stand)
+
+    Only with sim. In Python also a World.
+    """
 
     output: Annotated[str | Path | None, Typed(short="o")] = None
     """Robot file to write, new, .yaml: the robot's with the servos found, and a picture next to it. (default:

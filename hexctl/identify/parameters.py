@@ -60,7 +60,8 @@ class Parameter:
 #: rotor inertias of 0.001 to 0.033 kg m2 are published. Simulations keep commands for the longest dead time.
 #: All torques and masses together change a motion little, each of them changes it much: they are searched as
 #: multiples of the stiffness. A motion is nearly linear in these multiples. Steps are
-#: large, because what sticks and slips moves at random on a small scale.
+#: large, because what sticks and slips moves at random on a small scale. Torque is in a data sheet and mass
+#: weighed: values with an error above a tenth replace neither.
 PARAMETERS = {
     one.name: one
     for one in (
@@ -70,7 +71,7 @@ PARAMETERS = {
         Parameter("dry_friction_nm", "N m", 1e-4, 5.0, scaled=True),
         Parameter("load_friction", "share", 0.0, 0.9, step=0.03, absolute=True, known_to=0.1),
         Parameter("gear_damping_nm_s_per_rad", "N m s/rad", 1e-4, 5.0, scaled=True),
-        Parameter("max_torque_nm", "N m", 1e-2, 50.0, scaled=True),
+        Parameter("max_torque_nm", "N m", 1e-2, 50.0, scaled=True, known_to=0.1),
         Parameter("no_load_speed_rad_s", "rad/s", 0.5, 50.0),
         Parameter("dead_time_s", "s", 0.0, 0.06, step=0.002, absolute=True, known_to=0.005),
         Parameter("coxa_stiffness_ratio", "times tibia", 0.05, 20.0, step=0.1),

@@ -38,6 +38,9 @@ COARSE_LOG_S, COARSE_STEP_S = 12.0, 0.004
 #: Largest difference of mounts and links from those of a recording, as a share of a leg.
 SAME_SHAPE = 0.05
 
+#: A link is slow if it repeats its readings for longer than this after commands moved by this much.
+STALE_S, STALE_RAD = 0.1, np.radians(5.0)
+
 #: Least length of a log.
 LEAST_S = 5.0
 
@@ -117,6 +120,16 @@ class RobotLog(ArrayFields):
             data.ctrl[:] = asked_rad[row]
             servos.step(data, steps)
         return found_rad - self.measured_rad
+
+    @property
+    def stale_s(self) -> float:
+        """Longest time above `STALE_S` with repeated readings after commands moved; 0 without one."""
+        new = np.r_[True, np.diff(self.measured_rad, axis=0).any(axis=1)]
+        reading = np.cumsum(new) - 1
+        moved_rad = np.abs(self.commanded_rad - self.commanded_rad[new][reading]).max(axis=1)
+        rows = np.bincount(reading, moved_rad > STALE_RAD).max()
+        stood_s = float(rows * np.diff(self.time_s).mean())
+        return stood_s if stood_s > STALE_S else 0.0
 
     def coarse(self) -> Self:
         """The part with the fastest commands, simulated with larger steps, for a first search."""

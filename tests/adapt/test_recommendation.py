@@ -76,7 +76,8 @@ TRIPOD = (walk("tripod", 0.001),)
         (NEAR, (trial(1, 0.0),), 0.0001, 1),
         (NEAR, (trial(1, 0.1),), 0.001, "demo"),
         ((walk("auto", 0.03), walk("demo", 0.001)), (trial(1, 0.0),), 0.025, "demo"),
-        # The straightest, if nothing is known of the resolution.
+        # The straightest, if nothing is known of the resolution; not by less than half a millimetre.
+        (TRIPOD, (trial(1, 0.0006),), 0.0, "tripod"),
         (TRIPOD, (trial(1, 0.0),), 0.0, 1),
         (TRIPOD, (trial(1, 0.001),), 0.0, "tripod"),
         (TRIPOD, (), 0.025, None),

@@ -97,7 +97,8 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"status": "aborted", "stopped": "requested"}, "status", "stopped by Ctrl-C"),
         ({"status": "aborted", "stopped": "fault: battery"}, "status", "aborted (fault: battery)"),
         ({"servo_link": LOST}, "link", "90 messages came; 2 lost"),
-        ({"clipped_ticks": 7}, "guard", "7 commands clipped, too fast"),
+        ({"clipped_ticks": 170}, "guard", "170 commands clipped, too fast"),
+        ({"clipped_ticks": 9}, "guard", "9 of 500 commands clipped"),
         ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --policy glide"),
         (SPOT, "walked", "10.0 s on the spot, ended 0.5 cm from the start"),
         (SPOT, "turned", "37.4 degrees, 75 % of ideal (50.0)"),
@@ -120,9 +121,20 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
 def test_a_row_of_a_walk(
     changes: dict[str, Any], label: str, text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert shown(capsys, **changes)[label].startswith(text)
+    shows = shown(capsys, **changes)[label]
+    assert shows.startswith(text)
+    assert ("--pace" in shows) == ("too fast" in text)
 
 
+<<<<<<< HEAD
+=======
+def test_a_walk_that_recovered_gets_no_advice_for_clipped_commands(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert shown(capsys, clipped_ticks=170, **LEG_5)["guard"] == "170 commands clipped"
+
+
+>>>>>>> w-fixident
 @pytest.mark.parametrize(
     ("changes", "labels"),
     [
@@ -288,6 +300,7 @@ def test_a_gait_without_a_search_that_no_trial_is_better_than_is_the_one_to_walk
 
     assert gait_of(session(0.001)) == "tripod"
     assert gait_of(session(0.008)) == "17", "the trial is better"
+    assert "up to 40 trials of 30 s" in "".join(opening_lines(session(0.008, budget=40)))
     assert gait_of(session(0.001, uncertainty_m=0.0213)) == "tripod", "not resolved: no search is needed"
     both = session(0.003)
     stable = replace(both.baseline[0], gait="auto", code=42, score=0.002)

@@ -55,6 +55,15 @@ def test_the_verdict_is_first_in_a_short_answer_and_the_joints_are_verbose(
     assert [line for line in verbose if line.startswith("leg6_tibia")]
 
 
+def test_assumed_limits_and_every_verdict_are_in_a_short_answer(tmp_path: Path, capsys: Any) -> None:
+    unknown = ["joints.femur.max_torque_nm", "joints.tibia.max_speed_deg_s"]
+    assert exit_code(["check", str(edited_file(tmp_path, put("unknown", unknown)))]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("torque and speed of joints are assumed (`unknown` in the file)")
+    verdicts = {"reach", "range", "speed", "torque", "legs", "sag", "heat"}
+    assert verdicts <= {line.partition(":")[0] for line in lines}
+
+
 def test_a_joint_out_of_range_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "stiff.yaml"
     text = (config_root() / "robots" / "ant.yaml").read_text()

@@ -13,16 +13,18 @@ from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.identify.fit import Fit, OnStep, fit_values
 from hexctl.identify.identification import Identification, IdentificationRun, move_on_stand
+from hexctl.identify.identification_picture import SHOWN_S, draw_identification
 from hexctl.identify.identified_file import write_identified
 from hexctl.identify.options import IdentifyOptions
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
-from hexctl.identify.robot_log import read_robot_log
+from hexctl.identify.robot_log import RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.robot.configs import config_names, find_config
 from hexctl.robot.loader import load_robot, load_robot_file
+from hexctl.robot.yaml_text import yaml_content
 from hexctl.runs.run import run
 from hexctl.runs.run_spec import RunSpec
-from hexctl.types import RobotState
+from hexctl.types import FloatArray, RobotState
 from tests.robot.meshmaking import stl_box
 from tests.robots import edited_file, put, shipped
 
@@ -123,6 +125,7 @@ def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
         stiffness_nm_per_rad=(20.0, 0.5),
         rotor_inertia_kg_m2=(0.01, 0.001),
         dry_friction_nm=(0.2, 0.15),
+        max_torque_nm=(3.434, 0.68),
         dead_time_s=(0.012, 0.001),
         trunk_mass_kg=(2.9454, 0.05),
         trunk_com_x_m=(0.01, 0.001),
@@ -136,6 +139,8 @@ def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
     assert robot.servo.dead_time_s == 0.012
     assert robot.servo.damping_nm_s_per_rad == before.servo.damping_nm_s_per_rad
     np.testing.assert_array_equal(robot.dry_friction_nm, before.dry_friction_nm)
+    np.testing.assert_array_equal(robot.joint_max_torque_nm, before.joint_max_torque_nm)
+    np.testing.assert_array_equal(robot.joint_no_load_speed_rad_s, before.joint_no_load_speed_rad_s)
     np.testing.assert_array_equal(robot.mount_positions_body, before.mount_positions_body)
     assert load_robot_file(path).content.servos == load_robot_file("lukas").content.servos
     assert "# front left, middle left" in path.read_text()
@@ -174,6 +179,10 @@ def test_of_a_p_gain_the_stiffness_is_unknown_until_it_is_measured(known: bool, 
     (tmp_path / "mine.yaml").write_text(text)
     result = found(stiffness_nm_per_rad=(20.0, 0.5 if known else 20.0), damping_nm_s_per_rad=(0.5, 0.01))
     write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
+    servo = yaml_content((tmp_path / "identified.yaml").read_text())["servo"]
+    gain = yaml_content(text)["servo"]["p_gain"]
+    assert servo["p_gain"] == gain
+    assert (servo["stiffness_nm_per_rad_per_p_gain"] * gain == pytest.approx(20.0, rel=1e-3)) == known
     unknown = load_robot_file(tmp_path / "identified.yaml").content.unknown
     assert {key for key in unknown if key.startswith("servo.")} == {
         *(() if known else ("servo.stiffness_nm_per_rad",)),
@@ -266,11 +275,63 @@ def test_motions_that_did_not_end_and_recordings_of_others_are_refused(tmp_path:
 def test_a_poor_fit_is_noted_and_the_file_is_the_next_step(
     left_rad: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = found(stiffness_nm_per_rad=(20.0, 0.5))
-    log = SimpleNamespace(name="log", on_stand=True)
+    result = found(stiffness_nm_per_rad=(20.0, 0.5), max_torque_nm=(3.0, 0.1), dead_time_s=(0.06, 0.001))
+    log = SimpleNamespace(name="log", on_stand=True, stale_s=max(0.0, left_rad - 0.003))
     result = replace(result, fit=replace(result.fit, after_rad={"log": left_rad}), replays=(log,))
     monkeypatch.setattr("hexctl.identify.identification.identify", lambda *_, **__: result)
     assert exit_code(["identify", "some.rrd"]) == 0
     said = capsys.readouterr()
     assert ("a poor fit" in said.err) == (left_rad > 0.01)
+    assert ("log: readings stood still for 0.017 s" in said.err) == (left_rad > 0.01)
+    assert "no_load_speed_deg_s changes" in said.out
+    assert "at the limit of the search" in said.out
     assert "hexctl identify some.rrd --robot ROBOT -o FILE.yaml" in said.out.replace("\n", " ")
+
+
+def test_readings_that_a_slow_link_repeats_are_found() -> None:
+    time_s = np.arange(0.0, 6.0, 0.02)
+    commanded = np.tile(np.sin(2.0 * time_s)[:, np.newaxis], 18)
+    measured = commanded.copy()
+    assert RobotLog("walk", shipped(), False, time_s, commanded, measured).stale_s == 0.0
+    measured[100:112] = measured[100]
+    stale = RobotLog("walk", shipped(), False, time_s, commanded, measured)
+    assert stale.stale_s == pytest.approx(0.16, abs=0.021)
+    at_rest = np.where(time_s < 3.0, 0.0, 1.0)[:, np.newaxis] * np.ones(18)
+    late = np.where(time_s < 3.08, 0.0, 1.0)[:, np.newaxis] * np.ones(18)
+    assert replace(stale, commanded_rad=at_rest, measured_rad=late).stale_s == 0.0
+
+
+@pytest.mark.slow
+def test_the_picture_has_a_row_for_each_log_with_the_part_that_was_worst(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from matplotlib.figure import Figure
+
+    time_s, measured = np.arange(0.0, 20.0, 0.02), np.zeros((1000, 18))
+    before, now = RobotValues.of(shipped("lukas")), RobotValues.of(shipped("ant"))
+    bump_rad: FloatArray = np.where(abs(time_s - 12.0) < 1.0, 0.1, 0.0)[:, np.newaxis] * (np.arange(18) == 4)
+
+    def errors_rad(values: RobotValues) -> FloatArray:
+        return np.asarray(bump_rad if values == before else 0.1 * bump_rad)
+
+    logs = [
+        SimpleNamespace(name=name, time_s=time_s, measured_rad=measured, errors_rad=errors_rad)
+        for name in ("stand.rrd", "walk.rrd")
+    ]
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    result = found()
+    result = replace(result, fit=replace(result.fit, values=now), replays=tuple(logs))
+    draw_identification(result, before, tmp_path / "some.png")
+    angles, errors, of_walk, _ = drawn[0].axes
+    assert angles.get_title("left").startswith("stand.rrd, leg2_femur; ")
+    assert of_walk.get_title("left").startswith("walk.rrd")
+    for line in (*angles.lines, *errors.lines):
+        shown_s = np.asarray(line.get_xdata(), dtype=float)
+        assert shown_s[0] <= 11.02
+        assert shown_s[-1] >= 12.9
+        assert np.ptp(shown_s) < SHOWN_S
+    assert [round(float(np.ptp(np.asarray(line.get_ydata(), dtype=float))), 2) for line in errors.lines] == [
+        5.73,
+        0.57,
+    ]

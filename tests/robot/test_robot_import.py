@@ -202,9 +202,14 @@ def test_guesses_follow_from_the_size(share: float, tmp_path: Path) -> None:
     assert guess.content["body"]["size_m"][2] == pytest.approx(0.05 * share * 0.24 / 0.25)
     assert guess.robot().mass_kg == pytest.approx(2.08 * (share * 0.24 / 0.25) ** 3, rel=0.02)
     assert f"{guess.content['body']['mass_kg']:g} kg" in guess.reasons["body.mass_kg"]
-    # No more than what the known torque carries.
-    weak = imported(tmp_path, bare.replace('effort="60"', 'effort="0.05"')).robot()
-    assert 3.27 * weak.mass_kg * share * (FEMUR_M + TIBIA_M) <= 0.0501
+    assert "for its size" in guess.reasons["body.mass_kg"]
+    # No more than what a known torque carries, unless it carries no robot of this size.
+    mass_kg = guess.robot().mass_kg
+    for carried, expected in ((0.7, 0.7 if share > 1 else 1.0), (0.1, 1.0)):
+        effort = carried * 3.27 * mass_kg * share * (FEMUR_M + TIBIA_M)
+        made = imported(tmp_path, bare.replace('effort="60"', f'effort="{effort}"'))
+        assert made.robot().mass_kg == pytest.approx(expected * mass_kg, rel=0.02)
+        assert ("for its torque" in made.reasons["body.mass_kg"]) == (expected < 1)
 
 
 HEAVY: dict[str, Any] = {

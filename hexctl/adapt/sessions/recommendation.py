@@ -17,6 +17,9 @@ from hexctl.control.assessment.uncertainty_store import DISTINCT
 #: Walks that may be recommended.
 Walk = TrialRecord | BaselineRecord
 
+#: Differences of scores below this, 0.5 mm, are never resolved, also if no uncertainty is known.
+LEAST_DIFFERENCE = 0.0005
+
 #: Most trials of a session whose ends are confirmed; each confirmation takes some seconds.
 MOST_CONFIRMED = 3
 
@@ -60,7 +63,8 @@ class Contender:
 
 def resolution_m(one: Contender, other: Contender) -> float:
     """Minimum difference between two scores that is resolved with 95 % confidence."""
-    return DISTINCT * math.hypot(one.uncertainty_m, other.uncertainty_m) / math.sqrt(2.0)
+    known_m = DISTINCT * math.hypot(one.uncertainty_m, other.uncertainty_m) / math.sqrt(2.0)
+    return max(known_m, LEAST_DIFFERENCE)
 
 
 def recommended(session: Walks) -> Contender | None:

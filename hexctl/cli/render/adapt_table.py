@@ -120,7 +120,7 @@ def opening_lines(session: Session) -> list[str]:
     believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
     lines = [
         f"session {session.name}: {subject(spec)}",
-        f"{spec.optimizer}{believing}, {trials_text(spec.budget)} of {spec.duration_s:g} s"
+        f"{spec.optimizer}{believing}, up to {trials_text(spec.budget)} of {spec.duration_s:g} s"
         f"{_hold(spec)}{_objective(spec)}{_target(spec)}",
         *_more_walks(session),
     ]

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-#: Most lines without --verbose.
+#: Most lines without --verbose, unless the verdict has more.
 MOST_LINES = 12
 
 
@@ -28,11 +28,11 @@ def report_parts(report: dict[str, Any], *, verbose: bool) -> "list[RenderableTy
 
 def _findings(report: dict[str, Any], *, verbose: bool) -> "list[RenderableType]":
     first: list[RenderableType] = [_conclusion(report), *_heading(report)]
-    findings = _verdict(report)
+    verdict, others = _verdict(report), _others(report)
     if verbose:
-        return [*first, "", *findings, "", _joint_table(report)]
-    kept = findings[: MOST_LINES - len(first) - 1]
-    left = len(findings) - len(kept)
+        return [*first, "", *verdict, *others, "", _joint_table(report)]
+    room = max(0, MOST_LINES - len(first) - len(verdict) - 1)
+    kept, left = [*verdict, *others[:room]], len(others[room:])
     more = f"{left} more finding{'s' * (left > 1)} and " if left else ""
     return [*first, *kept, f"--verbose prints {more}the load of each joint"]
 
@@ -40,11 +40,28 @@ def _findings(report: dict[str, Any], *, verbose: bool) -> "list[RenderableType]
 def _heading(report: dict[str, Any]) -> list[str]:
     slots = ",".join(str(slot) for slot in report["gait"]["slots"])
     return [
+        *_assumed(report["to_measure"]),
         f"{report['robot']}: {report['mass_kg']:g} kg, stands {report['standing_height_m']:g} m high",
         f"gait slots {slots} at {report['gait']['pace_hz']:g} Hz: "
         f"ideal speed {report['ideal_speed_m_s']:g} m/s",
         *([f"meshes for {', '.join(report['meshes'])}, solids for the rest"] if report["meshes"] else []),
     ]
+
+
+def _assumed(to_measure: list[str]) -> list[str]:
+    """Line that says whether the limits on which the conclusion depends are guesses."""
+    from hexctl.types import JOINT_KINDS
+
+    def unknown(name: str) -> bool:
+        paths = {"joints", *(f"joints.{kind}{end}" for kind in JOINT_KINDS for end in ("", f".{name}"))}
+        return not paths.isdisjoint(to_measure)
+
+    limits = {"max_torque_nm": "torque", "max_speed_deg_s": "speed"}
+    names = [text for name, text in limits.items() if unknown(name)]
+    if not names:
+        return []
+    are = "are" if len(names) > 1 else "is"
+    return [f"{' and '.join(names)} of joints {are} assumed (`unknown` in the file): measure first"]
 
 
 #: Rows of the envelope's table.
@@ -124,7 +141,6 @@ def _verdict(report: dict[str, Any]) -> list[str]:
     outside = ", ".join(report["joints_out_of_range"])
     pace = report["max_pace_hz"]
     upto = "" if pace is None else f" up to {pace:g} Hz"
-    spacing = report["least_foot_spacing_m"]
     return [
         f"reach: out of reach for leg {legs}" if legs else "reach: every foot position is in reach",
         f"range: exceeded by {outside}" if outside else "range: kept by every joint",
@@ -134,9 +150,16 @@ def _verdict(report: dict[str, Any]) -> list[str]:
         _torque(report),
         *([_stance(report)] if report["proposed_five_leg_drive"] != report["five_leg_drive"] else []),
         *(f"warning: {warning}" for warning in report["warnings"]),
+        *_load_verdicts(report),
+    ]
+
+
+def _others(report: dict[str, Any]) -> list[str]:
+    """Findings that --verbose adds."""
+    spacing = report["least_foot_spacing_m"]
+    return [
         *_servo_verdicts(report),
         *([f"feet: {spacing:g} m apart or more"] if report["feet_stay_apart"] else []),
-        *_load_verdicts(report),
         *([_stance(report)] if report["proposed_five_leg_drive"] == report["five_leg_drive"] else []),
         *_to_measure(report),
     ]
@@ -155,15 +178,15 @@ def _torque(report: dict[str, Any]) -> str:
 
 
 def _stance(report: dict[str, Any]) -> str:
-    """Drive of the servos on five legs, and the stance that `stance_width` proposes."""
+    """Share of the torque on five legs, and the stance that `stance_width` proposes."""
     own_m, drive = report["stance_outward_m"], report["five_leg_drive"]
     other_m, other = report["proposed_outward_m"], report["proposed_five_leg_drive"]
     needs = (
-        "do not reach the floor, or tip over,"
+        "its legs do not reach the floor, or it tips over,"
         if drive is None
-        else f"need up to {100 * drive:.0f} % of a servo's drive"
+        else f"joints need up to {100 * drive:.0f} % of their torque"
     )
-    text = f"stance: five legs {needs} at outward_m {own_m:g}"
+    text = f"stance: after the loss of a leg {needs} at outward_m {own_m:g}"
     if drive is not None and drive <= 1:
         return text
     if other is None:

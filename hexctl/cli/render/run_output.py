@@ -10,6 +10,7 @@ from rich.text import Text
 from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why_in_words
 from hexctl.cli.render.tables import label_table
 from hexctl.control.assessment.leg_sets import MOST_LOST
+from hexctl.control.assessment.walk_quality import RAMP_TICKS
 from hexctl.gait.gait import AUTO, SWING_SHARE, is_crawl
 from hexctl.robot.failure import loses_leg
 from hexctl.wire.links import CLEAR_COMMAND
@@ -92,9 +93,12 @@ def _stopped_for_a_leg(outcome: dict[str, Any]) -> bool:
 def _trouble_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     clipped, doubted = outcome["clipped_ticks"], outcome.get("positions_doubted", 0)
     recovered = outcome["status"] == "ok" and outcome.get("noticed")
-    advice = "" if recovered else ", too fast for the joints: lower --pace"
+    # A soft start scales the steps, which adds to the speed of the joints at any pace.
+    short = clipped <= min(RAMP_TICKS, outcome["ticks"] / 2)
+    count = f"{clipped} of {outcome['ticks']}" if short else f"{clipped}"
+    advice = "" if recovered or short else ", too fast for the joints: lower --pace"
     guarded = [
-        *([f"{clipped} commands clipped{advice}"] if clipped else []),
+        *([f"{count} commands clipped{advice}"] if clipped else []),
         *([f"{doubted} impossible joint angles ignored"] if doubted else []),
     ]
     link = outcome["servo_link"]

@@ -87,6 +87,12 @@ def identify(
     except KeyboardInterrupt:
         print_note(f"hexctl: interrupted; the logs are kept; continue with: {_again(paths, next_time)}")
         raise typer.Exit(INTERRUPTED) from None
+    for log in found.replays:
+        if stale_s := getattr(log, "stale_s", 0.0):
+            print_note(
+                f"hexctl: {log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
+                "values wrong; record it again with a faster link or a less busy computer"
+            )
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         print_note("hexctl: the result fits no better than the robot file: has a leg failed in these logs?")
@@ -202,12 +208,22 @@ def _write(found: "Identification", options: IdentifyOptions, paths: list[Path])
     return f"{output} and {picture_of(output)}"
 
 
+def _remark(found: "Identification", name: str) -> str:
+    """Limit of the search that a known value has, or the value of a robot file that changes with it."""
+    from hexctl.identify.parameters import PARAMETERS, RobotValues
+
+    if found.fit.estimates[name].value >= PARAMETERS[name].high:
+        return "at the limit of the search"
+    robot = isinstance(found.fit.values, RobotValues) and math.isfinite(found.fit.values.no_load_speed_rad_s)
+    return "no_load_speed_deg_s changes by the same share" if robot and name == "max_torque_nm" else ""
+
+
 def _report(found: "Identification") -> list[Any]:
     from hexctl.cli.render.tables import label_table, plain_table
 
     table = plain_table("parameter", "value", "±", "unit", "")
     for name, one in found.estimates.items():
-        said = "" if one.known else "not determined by these logs; the file keeps its value"
+        said = _remark(found, name) if one.known else "not determined by these logs; the file keeps its value"
         table.add_row(name, f"{one.value:.4g}", f"{one.deviation:.2g}", one.unit, said)
     for name in found.not_seen:
         table.add_row(name, "", "", "", "not determined without a log of a walk")

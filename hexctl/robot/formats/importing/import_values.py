@@ -17,6 +17,8 @@ USUAL_RADIUS_M, USUAL_FOOT_M, USUAL_HEIGHT_M = 0.010, 0.008, 0.05
 #: Torque of a femur joint per mass of the robot and length of femur and tibia: twice what carries it on three
 #: legs that reach out by half their length.
 NM_PER_KG_M = 2 * 9.81 / 3 / 2
+#: A torque that carries less than this share of a usual robot is doubted: the lightest shipped one has 0.54.
+LEAST_CARRIED = 0.5
 #: Torques and speeds of servos, from the smallest hobby servo to the largest actuator of a leg.
 TORQUES_NM, SPEEDS_DEG_S = (0.03, 60.0), (math.degrees(0.2), math.degrees(60.0))
 #: A lighter part of a usual robot is a placeholder, as is one of more than this density.
@@ -68,23 +70,35 @@ def least_mass_kg(leg_m: float) -> float:
     return LEAST_MASS_KG * min(1.0, leg_m / USUAL_LEG_M) ** 3
 
 
-def usual_masses_kg(leg_m: float, moving_m: float, torque_nm: float | None) -> dict[str, float]:
-    """Masses of trunk, coxa, femur and tibia by size, and at most what the femur joints carry.
+@dataclass(frozen=True, slots=True)
+class UsualMasses:
+    """Assumed masses of trunk (`body`), coxa, femur and tibia, and what they follow from."""
+
+    parts_kg: dict[str, float]
+    basis: str
+
+    def reason(self, got_kg: float, part: str) -> str:
+        """Reason of a replaced mass."""
+        assumed = f"{self.parts_kg[part]:g} kg, for its {self.basis}, were assumed"
+        return f"got {got_kg:g} kg, which is a placeholder; {assumed}"
+
+
+def usual_masses(leg_m: float, moving_m: float, torque_nm: float | None) -> UsualMasses:
+    """Masses by size, and at most what the femur joints carry.
 
     Args:
         leg_m: length from coxa to foot.
         moving_m: length of femur and tibia.
-        torque_nm: of the femur joints; None takes the largest of an actuator.
+        torque_nm: of the femur joints; None if it is doubted, like one that carries no robot of this size.
     """
     whole_kg = USUAL_MASS_KG["body"] + N_LEGS * sum(USUAL_MASS_KG[kind] for kind in JOINT_KINDS)
-    carried_kg = (torque_nm or TORQUES_NM[1]) / (NM_PER_KG_M * moving_m)
-    share = min((leg_m / USUAL_LEG_M) ** 3, carried_kg / whole_kg)
-    return {part: float(f"{share * mass_kg:.3g}") for part, mass_kg in USUAL_MASS_KG.items()}
-
-
-def placeholder(mass_kg: float, usual_kg: float) -> str:
-    """Reason of a replaced mass."""
-    return f"got {mass_kg:g} kg, which is a placeholder; {usual_kg:g} kg, for its size, were assumed"
+    share, basis = (leg_m / USUAL_LEG_M) ** 3, "size"
+    carried = (torque_nm or math.inf) / (NM_PER_KG_M * moving_m) / whole_kg
+    if LEAST_CARRIED * share <= carried < share:
+        share, basis = carried, f"torque of {torque_nm:g} N m"
+    return UsualMasses(
+        {part: float(f"{share * mass_kg:.3g}") for part, mass_kg in USUAL_MASS_KG.items()}, basis
+    )
 
 
 def too_dense(mass_kg: float, size_m: list[float]) -> bool:

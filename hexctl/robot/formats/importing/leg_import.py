@@ -24,11 +24,10 @@ from hexctl.robot.formats.importing.import_values import (
     Findings,
     check_units,
     least_mass_kg,
-    placeholder,
     plausible,
     possible_tensor,
     rounded,
-    usual_masses_kg,
+    usual_masses,
 )
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.importing.tree_legs import TreeLeg
@@ -60,8 +59,8 @@ class LegImport:
         self.vectors_m = np.mean([leg.vectors_m for leg in legs], axis=0)
         lengths_m = np.linalg.norm(self.vectors_m, axis=-1)
         self.leg_m, self._moving_m = float(lengths_m.sum()), float(lengths_m[1:].sum())
-        torque_nm, _ = plausible([leg.joints[1].torque_nm for leg in legs], TORQUES_NM, "N m")
-        self.usual_masses_kg = usual_masses_kg(self.leg_m, self._moving_m, torque_nm)
+        torque_nm, doubt = plausible([leg.joints[1].torque_nm for leg in legs], TORQUES_NM, "N m")
+        self.usual_masses = usual_masses(self.leg_m, self._moving_m, None if doubt else torque_nm)
         self.least_mass_kg = least_mass_kg(self.leg_m)
         self._usual_torque_nm = self._weight_torque_nm()
 
@@ -90,8 +89,8 @@ class LegImport:
         mass_kg, key = float(masses_kg.mean()), f"links.{kind}.mass_kg"
         heavy = masses_kg.max() > MOST_KG_M3 * (length_m + MARGIN_M) * MARGIN_M**2
         if masses_kg.min() < self.least_mass_kg:
-            mass_kg = self.usual_masses_kg[kind]
-            self._findings.unknown(key, placeholder(masses_kg.min(), mass_kg))
+            mass_kg = self.usual_masses.parts_kg[kind]
+            self._findings.unknown(key, self.usual_masses.reason(masses_kg.min(), kind))
         elif heavy:
             check_units(f"a {kind}", mass_kg, MOST_MASS_KG, "kg")
             self._findings.unknown(key, f"got {masses_kg.max():g} kg, denser than links are; it is kept")

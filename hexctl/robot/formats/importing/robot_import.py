@@ -251,7 +251,7 @@ class _Import:
             self._origin_m,
             self._findings,
             least_kg=self._parts.least_mass_kg,
-            usual_kg=self._parts.usual_masses_kg["body"],
+            usual=self._parts.usual_masses,
         )
         projection = self._projection()
         outward_m = self.stances[0][0]

@@ -12,8 +12,8 @@ from hexctl.robot.formats.importing.import_values import (
     USUAL_HEIGHT_M,
     USUAL_LEG_M,
     Findings,
+    UsualMasses,
     check_units,
-    placeholder,
     possible_tensor,
     rounded,
     too_dense,
@@ -118,7 +118,7 @@ def body_section(
     findings: Findings,
     *,
     least_kg: float,
-    usual_kg: float,
+    usual: UsualMasses,
 ) -> dict[str, Any]:
     """The section `body` of a robot file: the trunk is all that no leg carries.
 
@@ -132,8 +132,8 @@ def body_section(
     mass_kg = joined.mass_kg
     body: dict[str, Any] = {"shape": box.shape, "size_m": size_m, "mass_kg": rounded(mass_kg)}
     if mass_kg < max(least_kg, LEAST_TRUNK_KG_M3 * math.prod(size_m)) or too_dense(mass_kg, size_m):
-        findings.unknown("body.mass_kg", placeholder(mass_kg, usual_kg))
-        return body | {"mass_kg": usual_kg}
+        findings.unknown("body.mass_kg", usual.reason(mass_kg, "body"))
+        return body | {"mass_kg": usual.parts_kg["body"]}
     check_units("a trunk", mass_kg, MOST_MASS_KG, "kg")
     com_m = joined.com_m - origin_m
     in_origins = all(np.abs(link.com_m).max() < 1e-9 for link in links if link.mass_kg)
