@@ -126,15 +126,12 @@ def test_a_row_of_a_walk(
     assert ("--pace" in shows) == ("too fast" in text)
 
 
-<<<<<<< HEAD
-=======
 def test_a_walk_that_recovered_gets_no_advice_for_clipped_commands(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert shown(capsys, clipped_ticks=170, **LEG_5)["guard"] == "170 commands clipped"
 
 
->>>>>>> w-fixident
 @pytest.mark.parametrize(
     ("changes", "labels"),
     [
