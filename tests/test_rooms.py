@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_160,
     "adapt": 8_450,
-    "backends": 10_390,
+    "backends": 10_400,
     "cli": 7_190,
     "client": 1_100,
     "control": 13_560,
