@@ -251,7 +251,8 @@ class MonitoredWalk(Controller):
     def _glide(self, responses: Mapping[int, Response]) -> None:
         self._change_gaits({index: one.gait for index, one in responses.items() if one.gait is not None})
         for index, response in responses.items():
-            self._posture_trials.pop(index, None)
+            if self._posture_trials.pop(index, None) is not None:
+                self._hurry(index, 1.0)
             if response.gait is not None and response.tries and self.hold == "line":
                 start, plan = self._start, self._plans[index]
                 speed_m_s = ideal_speed_m_s(start.robot, plan.gait, plan.motion(0.0))
@@ -274,12 +275,19 @@ class MonitoredWalk(Controller):
         wanted: dict[int, Gait] = {}
         for index, trial in self._posture_trials.items():
             gait = trial.update(self._progress_m(state, index))
+            self._hurry(index, trial.haste)
             if gait is not None:
                 wanted[index] = gait
                 self._tell(f"policy: slow; body height changed to {gait.posture.body_raise:+.3f} of the size")
         if wanted:
             self._monitor.gait_changes(self._each([index in wanted for index in range(len(self.noticed))]))
             self._change_gaits(wanted)
+
+    def _hurry(self, index: int, haste: float) -> None:
+        if isinstance(self.walk, VelocityWalk):
+            if self.walk.haste is None:
+                self.walk.haste = np.ones(self._start.batch_shape)
+            self.walk.haste[self._row(index)] = haste
 
     def _progress_m(self, state: RobotState, index: int) -> float:
         """Measured position along the line of a walk; NaN if it is unknown."""
@@ -363,7 +371,9 @@ class MonitoredWalk(Controller):
 
     def _suited(self, gaits: list[Gait]) -> list[Gait]:
         suited = []
-        self._posture_trials.clear()
+        for index in list(self._posture_trials):
+            del self._posture_trials[index]
+            self._hurry(index, 1.0)
         for index, gait in enumerate(gaits):
             self._plans[index] = replace(self._plans[index], gait=gait)
             answer = self._answer(index, self._failures[index]) if self.noticed[index] else Response()
