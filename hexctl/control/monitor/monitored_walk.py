@@ -251,8 +251,8 @@ class MonitoredWalk(Controller):
     def _glide(self, responses: Mapping[int, Response]) -> None:
         self._change_gaits({index: one.gait for index, one in responses.items() if one.gait is not None})
         for index, response in responses.items():
-            if self._posture_trials.pop(index, None) is not None:
-                self._hurry(index, 1.0)
+            self._posture_trials.pop(index, None)
+            self._hurry(index, 1.0)
             if response.gait is not None and response.tries and self.hold == "line":
                 start, plan = self._start, self._plans[index]
                 speed_m_s = ideal_speed_m_s(start.robot, plan.gait, plan.motion(0.0))
@@ -371,10 +371,9 @@ class MonitoredWalk(Controller):
 
     def _suited(self, gaits: list[Gait]) -> list[Gait]:
         suited = []
-        for index in list(self._posture_trials):
-            del self._posture_trials[index]
-            self._hurry(index, 1.0)
+        self._posture_trials.clear()
         for index, gait in enumerate(gaits):
+            self._hurry(index, 1.0)
             self._plans[index] = replace(self._plans[index], gait=gait)
             answer = self._answer(index, self._failures[index]) if self.noticed[index] else Response()
             suited.append(gait if answer.gait is None else answer.gait)
