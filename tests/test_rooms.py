@@ -8,10 +8,10 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_160,
     "adapt": 8_450,
-    "backends": 10_390,
+    "backends": 10_410,
     "cli": 7_240,
     "client": 1_100,
-    "control": 13_710,
+    "control": 13_740,
     "demo": 270,
     "doctor": 570,
     "export": 1_900,

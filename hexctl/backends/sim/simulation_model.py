@@ -15,6 +15,7 @@ from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailedLegs, check
 from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
+from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.link_masses import link_capsule, link_mass
 from hexctl.robot.formats.mjcf import STICTION
@@ -123,7 +124,7 @@ def _model_xml(robot: Robot, world: World, bumps_seed: int, missing_legs: tuple[
     _load_trunk(body, robot, world)
     _load_payload(body, world)
     floor = make_floor(world, bumps_seed)
-    root = _make_world(world, floor)
+    root = _make_world(robot, world, floor)
     frame = root.attach(body)
     frame.add("freejoint")
     if world.on_stand:
@@ -200,7 +201,7 @@ def _measure_forces(root: Any, body: Any, world: World) -> None:
         root.sensor.add("actuatorfrc", actuator=actuator, nsample=world.steps_per_tick)
 
 
-def _make_world(world: World, floor: Floor) -> Any:
+def _make_world(robot: Robot, world: World, floor: Floor) -> Any:
     root = mjcf.RootElement(model="world")
     root.compiler.angle = "radian"
     root.option.timestep = world.time_step_s
@@ -214,7 +215,7 @@ def _make_world(world: World, floor: Floor) -> Any:
         "contype": 1,
         "conaffinity": 0,
         "friction": [world.friction, *TURNING_FRICTION],
-        "solref": [world.contact_time_s, 1],
+        "solref": [_contact_time_s(robot, world), 1],
         "priority": 1,  # the floor's friction and softness count, whatever the feet are made of
         "quat": floor.quaternion_world,
     }
@@ -236,6 +237,18 @@ def _make_world(world: World, floor: Floor) -> Any:
         "geom", name="floor", type="plane", size=[0, 0, 1], pos=depth * floor.normal_world, **contact
     )
     return root
+
+
+def _contact_time_s(robot: Robot, world: World) -> float:
+    """Time constant of contacts; on blocks short enough that no foot sinks by more than its radius.
+
+    A foot that lands with the speed v sinks by v tau / e; v is that of a fall by half the standing height. A
+    height field holds a deeper foot between the inner sides of its cells, which pull it down and throw it up.
+    """
+    if not (world.step_height_m or world.pit_depth_m):
+        return world.contact_time_s
+    fall_m_s = math.sqrt(GRAVITY_M_S2 * robot.standing_height_m)
+    return min(world.contact_time_s, math.e * robot.foot_radius_m / fall_m_s)
 
 
 def _check_order(physics: Any) -> None:

@@ -250,6 +250,7 @@ class MonitoredWalk(Controller):
         self._change_gaits({index: one.gait for index, one in responses.items() if one.gait is not None})
         for index, response in responses.items():
             self._posture_trials.pop(index, None)
+            self._hurry(index, 1.0)
             if response.gait is not None and response.tries and self.hold == "line":
                 start, plan = self._start, self._plans[index]
                 speed_m_s = ideal_speed_m_s(start.robot, plan.gait, plan.motion(0.0))
@@ -272,12 +273,19 @@ class MonitoredWalk(Controller):
         wanted: dict[int, Gait] = {}
         for index, trial in self._posture_trials.items():
             gait = trial.update(self._progress_m(state, index))
+            self._hurry(index, trial.haste)
             if gait is not None:
                 wanted[index] = gait
                 self._tell(f"policy: slow; body height changed to {gait.posture.body_raise:+.3f} of the size")
         if wanted:
             self._monitor.gait_changes(self._each([index in wanted for index in range(len(self.noticed))]))
             self._change_gaits(wanted)
+
+    def _hurry(self, index: int, haste: float) -> None:
+        if isinstance(self.walk, VelocityWalk):
+            if self.walk.haste is None:
+                self.walk.haste = np.ones(self._start.batch_shape)
+            self.walk.haste[self._row(index)] = haste
 
     def _progress_m(self, state: RobotState, index: int) -> float:
         """Measured position along the line of a walk; NaN if it is unknown."""
@@ -363,6 +371,7 @@ class MonitoredWalk(Controller):
         suited = []
         self._posture_trials.clear()
         for index, gait in enumerate(gaits):
+            self._hurry(index, 1.0)
             self._plans[index] = replace(self._plans[index], gait=gait)
             answer = self._answer(index, self._failures[index]) if self.noticed[index] else Response()
             suited.append(gait if answer.gait is None else answer.gait)

@@ -155,3 +155,17 @@ def test_ramps_go_up_and_down_at_their_inclination() -> None:
     assert steep[np.abs(axis) > START_M + 0.1].mean() > 0.8, "all but the crests and valleys"
     assert heights.max() == pytest.approx(tangent * world.ramp_length_m, rel=0.1)
     assert heights.min() == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ant", "lukas"])
+def test_no_foot_that_falls_on_a_soft_floor_of_blocks_sinks_in_beyond_its_middle(name: str) -> None:
+    """A height field holds a foot that is deeper between the inner sides of its cells."""
+    robot, world = shipped(name), UNEVEN["steps"].model_copy(update={"contact_time_s": 0.04})
+    physics = make_simulation(robot, world).physics
+    physics.data.qpos[2] += robot.standing_height_m / 2
+    feet, deepest_m = [f"{name}/leg{leg}/foot" for leg in range(1, 7)], np.inf
+    for _ in range(250):
+        physics.step()
+        deepest_m = min(deepest_m, physics.named.data.geom_xpos[feet, "z"].min())
+    assert deepest_m > 0
+    assert physics.data.qpos[2] == pytest.approx(robot.standing_height_m, rel=0.1)

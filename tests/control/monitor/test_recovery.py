@@ -11,7 +11,7 @@ from hexctl.control.assessment.crawl import CRAWL_SWING
 from hexctl.control.assessment.joint_path import JointPath
 from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor import recovery
-from hexctl.control.monitor.posture_trial import PostureTrial
+from hexctl.control.monitor.posture_trial import MOST_HASTE, PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.monitor.repertoire_store import save_repertoire
 from hexctl.gait.gait import Motion, ideal_speed_m_s
@@ -96,6 +96,20 @@ def test_a_robot_that_loses_its_position_is_not_slow() -> None:
     trial = PostureTrial(gaits, 50.0, 0.003)
     changes = [trial.update(0.0015 * tick if tick % 400 < 200 else math.nan) for tick in range(2000)]
     assert set(changes) == {None}
+
+
+@pytest.mark.parametrize(("share", "haste"), [(1.1, 1.0), (0.8, 1.25), (0.7, 1 / 0.7), (0.4, MOST_HASTE)])
+def test_a_robot_that_falls_short_of_its_speed_steps_faster_until_it_has_it(
+    share: float, haste: float
+) -> None:
+    """A robot makes the share of its commanded speed, at any pace; its position is lost at the end."""
+    trial, progress_m, before = PostureTrial([make_gait(shipped(), "tripod")], 50.0, 0.003), 0.0, 1.0
+    for tick in range(2000):
+        progress_m += 0.003 * share * trial.haste
+        trial.update(progress_m if tick < 1500 else math.nan)
+        assert abs(trial.haste - before) <= 1 / 50 + 1e-9
+        before = trial.haste
+    assert trial.haste == pytest.approx(haste, rel=0.01)
 
 
 def test_the_posture_of_the_plan_is_kept() -> None:

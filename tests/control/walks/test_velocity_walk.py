@@ -117,6 +117,18 @@ def test_pace_and_stride_give_the_same_speed_over_the_floor() -> None:
         assert np.median(-np.diff(feet[..., 0], axis=0)[both]) / 0.02 == pytest.approx(0.08, rel=0.02)
 
 
+def test_haste_walks_the_same_strides_faster() -> None:
+    plain, hasty = (
+        VelocityWalk(start_of(gait="tripod"), lambda *_: np.array([0.08, 0.0, 0.0])) for _ in "12"
+    )
+    hasty.haste = np.array(1.5)
+    slow, fast = feet_of(plain, 600), feet_of(hasty, 400)
+    assert np.ptp(fast[150:], axis=0) == pytest.approx(np.ptp(slow[150:], axis=0), abs=0.001)
+    assert hasty.leg_phases == pytest.approx(
+        plain.leg_phases - 1.5 * 0.02 * 0.9 * (599 / 1.5 - 399), abs=1e-9
+    )
+
+
 @given(st.permutations(range(6)), st.permutations(range(6)))
 def test_phases_go_the_shortest_way_to_a_shift_of_the_other_gait(one: list[int], other: list[int]) -> None:
     before, later = np.array(one) / 6, np.array(other) / 6
