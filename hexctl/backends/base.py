@@ -15,6 +15,13 @@ from hexctl.robot.servos.raw_map import RawMap
 from hexctl.types import N_JOINTS, JointTargets, RobotState, all_finite
 
 
+#: Note on a robot, or a simulated board, that this process moves itself.
+UNSERVED = (
+    "without hexctl serve there is no keeper and no estop: serve a real robot, and walk it with --backend "
+    "zenoh"
+)
+
+
 class LegServos(ABC):
     """Eighteen leg servos with a clock.
 
@@ -209,6 +216,8 @@ def connection_notes(servos: LegServos, told: Failures) -> list[str]:
     simulation, remote = servos.simulation, servos.remote
     identity = None if remote is None else remote.identity
     notes = [] if identity is None else [f"the robot is {identity}"]
+    if simulation is None and remote is None and servos.clock.waits:
+        notes.append(UNSERVED)
     if simulation is not None and (note := untold_note(simulation.failures, told)) is not None:
         notes.append(note)
     notes += [f"servos: {warning}" for warning in servos.read().warnings]

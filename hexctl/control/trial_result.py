@@ -79,6 +79,7 @@ class TrialResult(ArrayFields):
         trim_rad: counter-clockwise course correction of a held heading, or None.
         turn_trim_rad_s: counter-clockwise turn that removed a curve in open loop, or None.
         noticed: failures that the controller detected.
+        warnings: those that the robot gave in the trial, such as `mute: leg 5 coxa (id 14)`, each once.
         controller: name of a custom controller, or None. Not compared.
     """
 
@@ -107,6 +108,7 @@ class TrialResult(ArrayFields):
     trim_rad: float | None = None
     turn_trim_rad_s: float | None = None
     noticed: tuple[NoticedFailure, ...] = ()
+    warnings: tuple[str, ...] = ()
     controller: str | None = field(default=None, compare=False)
 
     @property
@@ -139,6 +141,7 @@ class TrialResult(ArrayFields):
             "trim_deg": _degrees(self.trim_rad),
             "turn_trim_deg_s": _degrees(self.turn_trim_rad_s),
             "noticed": [each.to_dict() for each in self.noticed],
+            "warnings": list(self.warnings),
         }
         if self.controller is not None:
             data["controller"] = self.controller
@@ -173,6 +176,7 @@ class TrialResult(ArrayFields):
                 trim_rad=_radians(data["trim_deg"]),
                 turn_trim_rad_s=_radians(data["turn_trim_deg_s"]),
                 noticed=tuple(NoticedFailure.from_dict(each) for each in data["noticed"]),
+                warnings=tuple(data.get("warnings", ())),
                 controller=data.get("controller"),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:

@@ -31,6 +31,7 @@ WALK: dict[str, Any] = {
     "self_rotation_deg": 0.0,
     "status": "ok",
     "stopped": None,
+    "warnings": [],
     "clipped_ticks": 0,
     "ticks": 500,
     "overruns": 0,
@@ -69,6 +70,7 @@ LEG_5 = {
         }
     ]
 }
+HOT = ["hot, 72 degrees C: leg 5 femur (id 15)"]
 EVENTS = ["2:limp@8", "5:missing@14", "2@18"]
 
 
@@ -99,6 +101,9 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"servo_link": LOST}, "link", "90 messages came; 2 lost"),
         ({"clipped_ticks": 7}, "guard", "7 commands clipped, too fast"),
         ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --policy glide"),
+        ({**LEG_5, "status": "aborted", "warnings": HOT}, "next: let l", "eg 5 femur (id 15) cool down"),
+        ({"stopped": "hot: leg5 femur 72 C", "status": "aborted"}, "next: let l", "eg5 femur cool down"),
+        ({"warnings": ["mute: leg 5 coxa (id 14)", *HOT]}, "warnings", "mute: leg 5 coxa (id 14); hot, 72"),
         (SPOT, "walked", "10.0 s on the spot, ended 0.5 cm from the start"),
         (SPOT, "turned", "37.4 degrees, 75 % of ideal (50.0)"),
         ({**UNSEEN, "hold": "heading"}, "walked", "10.0 s; its position is not known"),
@@ -154,7 +159,7 @@ def test_a_robot_that_was_stopped_has_one_next_command(capsys: pytest.CaptureFix
     assert lines[-1].endswith("hexctl estop --clear")
     assert len([line for line in lines if "hexctl " in line]) == 1
     assert "start it again" in why_in_words(f"fault: {SERVER_ENDED}")
-    assert why_in_words("fault: battery", clear=None) == " (fault: battery): see to it"
+    assert why_in_words("fault: battery", clear=None) == " (fault: battery): remove the cause"
     assert summary({**WALK, **stop, "backend": "feetech", "world": None}, None)[-1] != lines[-1]
 
 
