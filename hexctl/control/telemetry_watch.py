@@ -124,7 +124,7 @@ def with_troubles(reason: str, warnings: Sequence[str], legs: Collection[int]) -
     troubles = [
         text for text in warnings if not text.startswith("warm") and any(name in text for name in names)
     ]
-    return f"{reason} ({'; '.join(troubles)})" if troubles else reason
+    return "; ".join([reason, *troubles])
 
 
 def hot_servos(warnings: Sequence[str], stopped: str | None) -> str:

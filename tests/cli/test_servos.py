@@ -36,7 +36,10 @@ def test_another_driver_that_fits_is_named(driver: str, capsys: pytest.CaptureFi
         words = ["servos", "scan", "--driver", driver, "--connect", board.path, "--baud", "all"]
         assert exit_code(words) == 2
         said = capsys.readouterr().err
-    assert said == f"hexctl: --driver: got {driver}, but these are Feetech servos (sts3215); use --driver feetech\n"
+    assert (
+        said
+        == f"hexctl: --driver: got {driver}, but these are Feetech servos (sts3215); use --driver feetech\n"
+    )
 
 
 @pytest.mark.long

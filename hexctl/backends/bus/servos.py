@@ -358,7 +358,10 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
                 warnings.append(f"{word}, {most_c:.0f} degrees C: {self._map.names(which)}")
         for error in dict.fromkeys(filter(None, servos.errors)):
             which = np.array([each == error for each in servos.errors])
-            warnings.append(f"{error}: {self._map.names(which)}")
+            if error == "hot":
+                which &= ~hot  # named above
+            if which.any():
+                warnings.append(f"{error}: {self._map.names(which)}")
         return tuple(warnings)
 
 

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.backends.bus.bus_options import ALL_BAUDS, BusAddress, BusOptions, ScanOptions, ServoAssignmentOptions
+from hexctl.backends.bus.bus_options import (
+    ALL_BAUDS,
+    BusAddress,
+    BusOptions,
+    ScanOptions,
+    ServoAssignmentOptions,
+)
 from hexctl.cli.console import DONE, FAULT, INTERRUPTED, StopOnInterrupt, print_note, print_result
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import ScanProgress
