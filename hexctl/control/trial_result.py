@@ -48,8 +48,9 @@ class TrialResult(ArrayFields):
     """The outcome of one trial; distances are None if the robot knows no pose or never started.
 
     Attributes:
-        status: one of `STATUSES`. A constant position from the start on is `no_progress`: the robot stands,
-            or its sensor is dead.
+        status: one of `STATUSES`. `no_progress` is a straight walk, as long as the soft start or longer, with
+            less than half of its ideal distance after that, or a constant position: the robot stands, or its
+            sensor is dead.
         stopped: why it was aborted (`requested`, or the guard's reason) or cut short; None otherwise.
         duration_s: seconds walked.
         turned_rad: turn by the self-rotation before the walk.

@@ -8,15 +8,18 @@ from typing import Any
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.runner import LegFailedError, without_count
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.console import print_result
+from hexctl.cli.render.adapt_commands import after_stop
 from hexctl.cli.render.adapt_table import opening_lines, walk_line
 from hexctl.cli.render.run_output import summary
 from hexctl.cli.render.stop_reasons import why_in_words
+from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.wire.zenoh_messages import SERVER_ENDED
-from tests.adapt.walking import closing_lines
+from tests.adapt.walking import closing_lines, result_of
 
 WALK: dict[str, Any] = {
     "gait": {"name": "57", "slots": [4, 2, 3, 5, 1, 6], "code": 57},
@@ -276,6 +279,16 @@ STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation"
 )
 def test_a_line_at_the_end_of_a_search(made: Callable[[], Session], label: str, text: str) -> None:
     assert closing(made())[label].startswith(text)
+
+
+def test_a_hot_servo_cools_down_before_a_search_continues() -> None:
+    failed = NoticedFailure(at_s=4.0, failure=Failure(leg=5), evidence="effort", did="")
+    walk = replace(result_of(0.1), noticed=(failed,), warnings=tuple(HOT))
+    reason = without_count(walk).stopped
+    assert reason == f"leg 5 locked, noticed 4.0 s into it; {HOT[0]}"
+    spec = session().spec
+    assert after_stop(spec, LegFailedError("", reason, (5,))) == "let its servo cool down, "
+    assert "--failed-leg 2,5" in after_stop(spec, LegFailedError("", "leg 2 limp", (2,)))
 
 
 def test_nothing_is_said_of_what_is_not_known_or_not_learned() -> None:

@@ -218,13 +218,15 @@ def other_bauds(path: str, driver: str, bauds: Collection[int]) -> list[int]:
 def other_families(path: str, driver: str, bauds: Collection[int] | None = None) -> str:
     """What servos of other drivers answer and how to reach them, as text; empty for none.
 
-    Those that report a model need a known one. `bauds` None are the usual ones of each driver.
+    Those that report a model need a known one, and none that `driver` knows, because families answer each
+    other's requests. `bauds` None are the usual ones of each driver.
     """
     return " or ".join(
         _family_text(each, found)
         for each in PROTOCOLS_OF
         if each != driver
         for found in _one_of_family(path, each, USUAL_BAUDS[each] if bauds is None else bauds)
+        if not _one_of_family(path, driver, (found.baud,))
     )
 
 
@@ -267,13 +269,13 @@ def damage_report(damage: Damage, path: str, driver: str) -> str:
     return damage.description(path) + advice
 
 
-def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
-    """Message for a scan without a servo and without damaged answers."""
+def nothing_answers(path: str, driver: str, bauds: Sequence[int], *, all_asked: bool) -> str:
+    """Message for a scan without a servo and without damaged answers; `all_asked` with other drivers too."""
     tried = " or ".join(str(baud) for baud in bauds)
     others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
     at = f"at {', '.join(others)} and " if others else ""
-    usual = f"; --baud all also asks {at}with other drivers"
-    if others_answer := other_families(path, driver, bauds):
+    usual = "" if all_asked else f"; --baud all also asks {at}with other drivers"
+    if not all_asked and (others_answer := other_families(path, driver, bauds)):
         return f"no {driver} servo answers on {path} at {tried} baud; {others_answer}"
     return (
         f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?"

@@ -59,7 +59,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     asked = ScanOptions(**options)
     bus = asked.address()
     bauds = asked.bauds_at(bus)
-    if asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
+    if all_asked := asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
         _check_family(bus)
     with ScanProgress() as progress:
         damages: list[Damage] = []
@@ -70,7 +70,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     for damage in damages:
         print_note(damage_report(damage, bus.path, bus.driver))
     if not (found or damages):
-        print_note(nothing_answers(bus.path, bus.driver, bauds))
+        print_note(nothing_answers(bus.path, bus.driver, bauds, all_asked=all_asked))
     _print_scan(found, asked.servo_map() if found else None, as_json=as_json)
     raise typer.Exit(DONE if found and not damages else FAULT)
 

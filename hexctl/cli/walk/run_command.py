@@ -64,8 +64,8 @@ def run(
 ) -> None:
     """Walk, record the walk, and report the result.
 
-    Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
-    4 fell or was stopped, 130 interrupted.
+    Ctrl-C stops softly and keeps the recording. Exit codes: 0 done (even without progress), 2 bad input,
+    3 fault of robot or link, 4 fell or was stopped, 130 interrupted.
     """
     if no_record and (walk["record"] is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
