@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
@@ -16,6 +16,7 @@ from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.guard import Guard
 from hexctl.control.sit_down import SittingMotion
+from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trial import run_trial, stop_when
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -58,13 +59,20 @@ class ResetFreeRunner:
     arena: Arena | None = None
     operator: Operator | None = None
     note: Note = lambda _text: None
+    seen: SeenWarnings = field(default_factory=SeenWarnings)
 
     def walk(self, request: TrialRequest) -> WalkedTrial:
-        """Run one trial from the robot's position.
+        """Run one trial from the robot's position; its new warnings are noted.
 
         Raises RobotStoppedError if the robot is stopped before the start, RobotFaultError for one that is
         lost or without a position.
         """
+        walked = self._walk(request)
+        for text in self.seen.take(walked.result.warnings):
+            self.note(f"servos: {text}")
+        return walked
+
+    def _walk(self, request: TrialRequest) -> WalkedTrial:
         plan = self.runner.plan_for(request.slots, request.trim, request.stride)
         if self.runner.spec.cool_down_c is not None:
             cool_down(self.servos, self.runner.spec.cool_down_c, self.runner.stop_requested, self.note)

@@ -22,6 +22,7 @@ from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.preparation import WalkStart
 from hexctl.control.stop_reason import reason_in_words
+from hexctl.control.telemetry_watch import with_troubles
 from hexctl.control.trial import Enough, ShouldStop, planned_walk, run_trial, stop_when
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -252,7 +253,9 @@ def without_count(result: TrialResult) -> TrialResult:
     words = (
         f"leg {one.failure.leg} {in_words(one.failure)}, noticed {one.at_s:.1f} s into it" for one in failed
     )
-    return replace(result, status="aborted", stopped=", ".join(words))
+    legs = [one.failure.leg for one in failed]
+    stopped = with_troubles(", ".join(words), result.warnings, legs)
+    return replace(result, status="aborted", stopped=stopped)
 
 
 def noticed_legs(result: TrialResult) -> list[NoticedFailure]:

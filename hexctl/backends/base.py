@@ -14,6 +14,12 @@ from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.types import N_JOINTS, JointTargets, RobotState, all_finite
 
+#: Note on a robot, or a simulated board, that this process moves itself.
+UNSERVED = (
+    "without hexctl serve there is no keeper and no estop: serve a real robot, and walk it with --backend "
+    "zenoh"
+)
+
 
 class LegServos(ABC):
     """Eighteen leg servos with a clock.
@@ -206,9 +212,14 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 def connection_notes(servos: LegServos, told: Failures) -> list[str]:
     """Notes on the robot, faults of its servos, and failures that differ from the `told` ones."""
+    from hexctl.backends.mock import MockServos
+
+    inner = servos.unwrapped if isinstance(servos, ServosWrapper) else servos
     simulation, remote = servos.simulation, servos.remote
     identity = None if remote is None else remote.identity
     notes = [] if identity is None else [f"the robot is {identity}"]
+    if simulation is None and remote is None and not isinstance(inner, MockServos):
+        notes.append(UNSERVED)
     if simulation is not None and (note := untold_note(simulation.failures, told)) is not None:
         notes.append(note)
     notes += [f"servos: {warning}" for warning in servos.read().warnings]

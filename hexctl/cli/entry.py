@@ -7,9 +7,9 @@ import sys
 
 from hexctl.cli.interrupts import (
     INTERRUPTED,
-    NOT_CONFIRMED,
     defer_in_imports,
     forget_deferred,
+    not_begun,
     raise_deferred,
 )
 
@@ -26,12 +26,9 @@ def main() -> None:
         os.environ.setdefault(variable, "1")
     # Python's last act restores the default, with which Ctrl-C would end the process by its signal.
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
-    stops = sys.argv[1:2] == ["estop"]
-    interrupted = (
-        f"interrupted before the command began{f'. {NOT_CONFIRMED}' if stops else ': nothing was recorded'}"
-    )
+    interrupted = not_begun(sys.argv[1:])
     try:
-        if stops:
+        if sys.argv[1:2] == ["estop"]:
             from hexctl.cli.network.early_stop import begin_stop
 
             begin_stop(sys.argv[2:])

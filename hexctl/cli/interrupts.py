@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from collections.abc import Sequence
 from types import FrameType
 
 INTERRUPTED = 130
@@ -12,6 +13,12 @@ NOT_CONFIRMED = "The robot is NOT confirmed stopped: use the switch of its servo
 
 #: Interval at which a deferred interrupt checks whether the import has ended.
 AGAIN_S = 0.02
+
+
+def not_begun(arguments: Sequence[str]) -> str:
+    """Text about an interrupt before the command of some arguments began."""
+    left = f". {NOT_CONFIRMED}" if arguments[:1] == ["estop"] else ": nothing was done"
+    return f"interrupted before the command began{left}"
 
 
 def defer_in_imports() -> None:

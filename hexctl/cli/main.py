@@ -10,8 +10,9 @@ import typer
 from typer.exceptions import TyperException
 
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
+from hexctl.cli.interrupts import not_begun
 from hexctl.cli.lazy import Command, LazyCommands
-from hexctl.cli.settings import Commands, origin_of
+from hexctl.cli.settings import Commands, has_begun, origin_of
 from hexctl.cli.suggestions import usage_text
 from hexctl.errors import (
     EXTRAS,
@@ -27,15 +28,19 @@ from hexctl.errors import (
 
 
 class _CutOffError(Exception):
-    """Ctrl-C during a command that does not handle it."""
+    """Ctrl-C before a command, or in one that does not handle it."""
+
+    def __init__(self, *, began: bool) -> None:
+        super().__init__()
+        self.began = began
 
 
 @contextmanager
-def _cut_off() -> Iterator[None]:
+def _cut_off(context: Any = None) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise _CutOffError from None
+        raise _CutOffError(began=context is not None and has_begun(context)) from None
 
 
 WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
@@ -166,7 +171,7 @@ class _Commands(LazyCommands):
             return super().make_context(*arguments, **more)
 
     def invoke(self, ctx: Any) -> Any:
-        with _cut_off():
+        with _cut_off(ctx):
             return super().invoke(ctx)
 
 
@@ -224,8 +229,9 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
         if extra is None:
             raise
         return _print_error(str(MissingExtraError("this", extra)), BAD_INPUT)
-    except (KeyboardInterrupt, _CutOffError):
-        return _print_error("interrupted", INTERRUPTED)
+    except (KeyboardInterrupt, _CutOffError) as error:
+        began = not isinstance(error, _CutOffError) or error.began
+        return _print_error("interrupted" if began else not_begun(given), INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from hexctl.study.walk_cache import WalkCache
 
 
+#: How long a question to an id without a servo takes.
+ANSWER_S = 0.03
+
+
 @contextmanager
 def interruptible(count: "Callable[[WalkCache], tuple[int, int]]", what: str = "gaits") -> Iterator[None]:
     """Turn all signals that end a process into exit code 130, with a line on the saved walks."""
@@ -73,7 +77,7 @@ class ScanProgress(WithBar):
         if self._task is None:
             self._task = self._bar.add_task(self._text, total=of)
             if self._bar.disable:
-                print_note(f"{self._text}: {of}, some seconds")
+                print_note(f"{self._text}: {of}, up to {of * ANSWER_S:.0f} s")
         self._bar.update(self._task, completed=asked)
 
 

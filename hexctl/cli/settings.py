@@ -55,6 +55,9 @@ WITHOUT_BUS = ("mavlink", *PWM_DRIVERS)
 #: Key of a context's `meta` with the origins of its settings, by parameter.
 _ORIGINS = "hexctl.settings.origins"
 
+#: Key that is there once a command, not only its group, was called.
+_BEGUN = "hexctl.begun"
+
 
 class _FollowsSettings:
     """A command whose omitted options follow the settings."""
@@ -87,6 +90,8 @@ class _FollowsSettings:
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; report the settings in use, and name their place in errors about them."""
+        if not isinstance(self, TyperGroup):
+            ctx.meta[_BEGUN] = True
         origins = ctx.meta.get(_ORIGINS, {})
         for place, options in _by_place(ctx, origins).items():
             print_note(f"hexctl: {place} sets {', '.join(options)}")
@@ -128,6 +133,11 @@ class Commands(typer.Typer):
 def _unwrapped(text: str) -> str:
     """One line per paragraph: Typer would wrap wrapped lines again."""
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in cleandoc(text).split("\n\n"))
+
+
+def has_begun(context: Any) -> bool:
+    """Whether the command of a context, or of one below it, was called."""
+    return _BEGUN in context.meta
 
 
 def origin_of(error: typer.BadParameter) -> "Origin | None":

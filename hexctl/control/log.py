@@ -10,6 +10,7 @@ import numpy as np
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
 from hexctl.control.table import Column, ServoRows, Table
+from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.robot.failure import Failure
@@ -98,7 +99,7 @@ class TickLog:
         pose_known: whether the last tick had a base position.
         posed_from: the first row with a base position, None before any.
         walk_from: the first row of the walk, None before it.
-        notes: rows and texts of events.
+        notes: rows and texts of events, such as new warnings of the robot.
         servo_rows: rows and reports of single servos, once a second.
     """
 
@@ -112,6 +113,7 @@ class TickLog:
         self.walked_ticks = 0
         self.walk_from: int | None = None
         self.notes: list[tuple[int, str]] = []
+        self._warnings = SeenWarnings()
         self.leg_changes: list[LegChange] = []
         self.servo_rows = ServoRows()
         self._failures_by: dict[str, tuple[Failure, ...]] = {}
@@ -162,6 +164,8 @@ class TickLog:
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Append one tick."""
         index = len(self)
+        if new := self._warnings.take(state.warnings):
+            self.note([f"servos: {text}" for text in new])
         columns, row, _ = self._rows.append()
         columns["time_s"][row] = tick.time_s
         columns["late_s"][row] = tick.late_s

@@ -1,6 +1,8 @@
-"""Temperatures and the battery's voltage as robots report them: with spikes, repeated values and gaps."""
+"""What robots report of themselves: temperatures and voltages with spikes and gaps, and warnings."""
 
+import re
 from collections import deque
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -20,6 +22,12 @@ BATTERY_S, LEAST_READINGS = 2.0, 5
 
 #: Gap between readings after which earlier ones do not count.
 GAP_S = 1.0
+
+#: A figure of a warning, which is the same warning with another one.
+_FIGURE = re.compile(r"[\d.]+(?= degrees C| %| V)")
+
+#: Temperature at the end of a guard's reason.
+_READING = re.compile(r" \d+ C$")
 
 
 def pace(temperatures_c: FloatArray) -> float:
@@ -82,3 +90,46 @@ class BatteryWatch:
         self.voltage_v = float(np.median([volts for _, volts in readings]))
         enough = len(readings) >= LEAST_READINGS and now_s - readings[0][0] >= 0.9 * BATTERY_S
         return enough and self.voltage_v < least_v
+
+
+class SeenWarnings:
+    """Warnings of a robot, each once: another figure, such as a temperature, makes no new one."""
+
+    def __init__(self) -> None:
+        self._newest: tuple[str, ...] = ()
+        self._texts: dict[str, str] = {}
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """All warnings so far, with their newest figures."""
+        return tuple(self._texts.values())
+
+    def take(self, warnings: tuple[str, ...]) -> list[str]:
+        """Take the warnings of a state; the new ones."""
+        if warnings == self._newest:
+            return []
+        self._newest = warnings
+        by_words = {_FIGURE.sub("", text): text for text in warnings}
+        new = [text for words, text in by_words.items() if words not in self._texts]
+        self._texts |= by_words
+        return new
+
+
+def with_troubles(reason: str, warnings: Sequence[str], legs: Collection[int]) -> str:
+    """A reason to stop for failed legs, 1..6, with the warnings of their servos: they may be the cause.
+
+    Warm servos are none, because they still work.
+    """
+    names = [f"leg {leg} " for leg in legs]
+    troubles = [
+        text for text in warnings if not text.startswith("warm") and any(name in text for name in names)
+    ]
+    return "; ".join([reason, *troubles])
+
+
+def hot_servos(warnings: Sequence[str], stopped: str | None) -> str:
+    """Names of servos that must cool down, by the warnings of a walk and the reason of its stop, or none."""
+    for text in (*warnings, stopped or ""):
+        if text.startswith("hot"):
+            return _READING.sub("", text.partition(": ")[2])
+    return ""

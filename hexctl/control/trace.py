@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.control.table import Column, Table
+from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.types import ArrayFields, FloatArray, RobotState
 
 #: The phases of a trial, in order.
@@ -41,10 +42,11 @@ class TrialFrame(ArrayFields):
 
 
 class Trace:
-    """Base poses of a trial so far, NaN if unknown; the frame is known from the walk on."""
+    """Base poses of a trial so far, NaN if unknown, and warnings; the frame is known from the walk on."""
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None
+        self.warnings = SeenWarnings()
         self._rows = Table(COLUMNS)
         self._starts: dict[str, int] = {}
 
@@ -65,6 +67,7 @@ class Trace:
             columns["quaternion_world"][row] = state.base_quaternion_world
         if true_position_world is not None:
             columns["true_position_world"][row] = true_position_world
+        self.warnings.take(state.warnings)
 
     def rows(self, phase: str) -> slice:
         """Rows of a phase, or none."""

@@ -21,6 +21,7 @@ from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import Until
 from hexctl.control.preparation import Phases, Preparation, WalkStart, ticks_of
 from hexctl.control.sit_down import sit_down
+from hexctl.control.telemetry_watch import with_troubles
 from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -173,7 +174,7 @@ class _Trial:
         self.turned_rad, self.clipped_ticks, self.hold = 0.0, 0, "none"
         self.limited_ticks = 0
         self.noticed: tuple[NoticedFailure, ...] = ()
-        self._requested = False
+        self._requested = self._by_policy = False
         self._samples, self._effort = WalkSamples(ticks_of(servos, plan.duration_s)), WalkEffort()
 
     def run(self, *, soft_stop: bool) -> None:
@@ -196,12 +197,15 @@ class _Trial:
 
     def result(self) -> TrialResult:
         trace, plan = self.trace, self._plan
-        rows = trace.rows("walk")
+        rows, warnings = trace.rows("walk"), trace.warnings.texts
+        stopped = self.stopped
+        if stopped is not None and self._by_policy:
+            stopped = with_troubles(stopped, warnings, [one.failure.leg for one in self.noticed])
         return score(
             self._servos.robot,
             plan,
             status=self.status,
-            stopped=self.stopped,
+            stopped=stopped,
             duration_s=_span_s(trace.times_s[rows], self._servos.clock.period_s),
             turned_rad=self.turned_rad,
             clipped_ticks=self.clipped_ticks,
@@ -215,6 +219,7 @@ class _Trial:
             samples=self._samples.of(rows.stop - rows.start),
             energy_j=self._effort.energy_j(),
             noticed=self.noticed,
+            warnings=warnings,
             controller=controller_name(self._controller),
         )
 
@@ -236,7 +241,7 @@ class _Trial:
             self.noticed = walk.noticed_failures()
         why = walk.why_stopped()
         if self.status == "aborted" and why is not None:
-            self.stopped = why
+            self.stopped, self._by_policy = why, True
         elif self.status == "aborted" and not self._requested:
             self.status = "ok"  # the controller itself has ended the walk
         if soft_stop:

@@ -48,8 +48,9 @@ class TrialResult(ArrayFields):
     """The outcome of one trial; distances are None if the robot knows no pose or never started.
 
     Attributes:
-        status: one of `STATUSES`. A constant position from the start on is `no_progress`: the robot stands,
-            or its sensor is dead.
+        status: one of `STATUSES`. `no_progress` is a straight walk, as long as the soft start or longer, with
+            less than half of its ideal distance after that, or a constant position: the robot stands, or its
+            sensor is dead.
         stopped: why it was aborted (`requested`, or the guard's reason) or cut short; None otherwise.
         duration_s: seconds walked.
         turned_rad: turn by the self-rotation before the walk.
@@ -79,6 +80,7 @@ class TrialResult(ArrayFields):
         trim_rad: counter-clockwise course correction of a held heading, or None.
         turn_trim_rad_s: counter-clockwise turn that removed a curve in open loop, or None.
         noticed: failures that the controller detected.
+        warnings: those that the robot gave in the trial, such as `mute: leg 5 coxa (id 14)`, each once.
         controller: name of a custom controller, or None. Not compared.
     """
 
@@ -107,6 +109,7 @@ class TrialResult(ArrayFields):
     trim_rad: float | None = None
     turn_trim_rad_s: float | None = None
     noticed: tuple[NoticedFailure, ...] = ()
+    warnings: tuple[str, ...] = ()
     controller: str | None = field(default=None, compare=False)
 
     @property
@@ -139,6 +142,7 @@ class TrialResult(ArrayFields):
             "trim_deg": _degrees(self.trim_rad),
             "turn_trim_deg_s": _degrees(self.turn_trim_rad_s),
             "noticed": [each.to_dict() for each in self.noticed],
+            "warnings": list(self.warnings),
         }
         if self.controller is not None:
             data["controller"] = self.controller
@@ -173,6 +177,7 @@ class TrialResult(ArrayFields):
                 trim_rad=_radians(data["trim_deg"]),
                 turn_trim_rad_s=_radians(data["turn_trim_deg_s"]),
                 noticed=tuple(NoticedFailure.from_dict(each) for each in data["noticed"]),
+                warnings=tuple(data.get("warnings", ())),
                 controller=data.get("controller"),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:

@@ -267,7 +267,9 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
         """Raise UnusedError for options that `fast` chooses or excludes."""
         for name in FAST_CHOOSES if self.fast else ():
             if getattr(self, name):
-                raise UnusedError(f"{argument(name)} cannot be combined with {argument('fast')}", field=name)
+                raise UnusedError(
+                    f"{argument('fast')}: got {argument(name)} too; allowed: one or the other", field=name
+                )
 
 
 def _option_of(event: FailureEvent) -> str:

@@ -178,7 +178,7 @@ class RequestHandler:
         if stopped not in (None, LIFTED_BY_LEASE):
             self.leases.refused += 1
             why = reason_in_words(stopped)
-            raise LeaseRefusedError(f"the robot is stopped: {why}; see to it, then {CLEAR_COMMAND}")
+            raise LeaseRefusedError(f"the robot is stopped: {why}; remove the cause, then {CLEAR_COMMAND}")
         lease = self.leases.acquire(owner, now_s, duration_s)
         if not self._guard.lift_silence():
             self.leases.revoke()

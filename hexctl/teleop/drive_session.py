@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from hexctl.control.drive.arbiter import Velocity
 from hexctl.control.drive.drive import Drive
+from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.errors import EStopError, HexctlError, InputError
 from hexctl.gait.body_pose import LEVEL
 from hexctl.gait.gait import NAMED_SLOTS
@@ -124,6 +125,9 @@ class DriveSession:
 
     A stop of a device is also latched at a robot on the network. After it, "stand" reconnects, which the
     robot refuses until its stop is cleared. `robot_stop` stops the robot for all its clients.
+
+    Attributes:
+        warned: new warnings of the robot during the drive.
     """
 
     def __init__(self, drive: Drive, robot_stop: RobotStop | None = None) -> None:
@@ -137,6 +141,8 @@ class DriveSession:
         self._quit: str | None = None
         self._noticed = 0
         self._travel = Travel()
+        self.warned: list[str] = []
+        self._warnings = SeenWarnings()
 
     def ask(self, request: str, why: str = "") -> None:
         """Queue one of `REQUESTS` or `POSE_REQUESTS`; thread-safe. Each tick executes one of them.
@@ -183,6 +189,7 @@ class DriveSession:
             self.ended = "interrupted"
             return self.ended
         ticks, self.commanded = 0, True
+        self._warnings.take(self.drive.guard.peek().warnings)  # the drive's notes have them
         while self.ended is None:
             if stop_requested():
                 self.ended = "interrupted"
@@ -193,7 +200,7 @@ class DriveSession:
                     raise
                 self._wait_stopped(devices, stop_requested)
                 continue
-            self._listen()
+            self._listen(state)
             if ticks % REPORT_TICKS == 0:
                 self._travel.add(state, self.drive.guard.clock.now_s)
                 self._report(devices, state)
@@ -288,7 +295,10 @@ class DriveSession:
             device.poll()
         self._do_requests()
 
-    def _listen(self) -> None:
+    def _listen(self, state: RobotState) -> None:
+        if new := self._warnings.take(state.warnings):
+            self.said = f"servos: {'; '.join(new)}"
+            self.warned += new
         noticed = self.drive.noticed
         if len(noticed) > self._noticed:
             self.said = str(noticed[-1])

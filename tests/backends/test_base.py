@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import (
+    UNSERVED,
     LegServos,
     ServosWrapper,
     connection_notes,
@@ -23,6 +24,7 @@ from hexctl.testing import LegServosConformance
 from hexctl.types import JointTargets
 from hexctl.wire.description import RobotIdentity
 from hexctl.wire.links import Link
+from tests.backends.bus.boards import a_map, memory_bus, servos_on
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
 
@@ -138,6 +140,10 @@ def test_an_operator_is_told_whose_robot_it_is_and_what_a_simulation_breaks() ->
         (note,) = connection_notes(Guard(simulated), Failure(leg=5))
         assert "leg 2 locked" in note
         assert connection_notes(simulated, simulated.failures) == []
+    with memory_bus(a_map()) as bus, servos_on(bus, a_map()) as unserved:
+        assert connection_notes(Guard(unserved), None) == [UNSERVED]
+    with MockServos("ant") as unreal:
+        assert connection_notes(unreal, None) == []
 
 
 def test_failures_in_force_are_those_of_a_simulation_here_or_there() -> None:

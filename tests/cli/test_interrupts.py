@@ -70,6 +70,14 @@ def test_ctrl_c_in_an_import_is_one_line_and_130(module: str, quiet: bool, tmp_p
     assert "Traceback" not in done.stdout
 
 
+@pytest.mark.parametrize("module", ["typer", "hexctl.cli.walk.run_command"])
+def test_ctrl_c_before_a_command_says_that_nothing_was_done(module: str, tmp_path: Path) -> None:
+    done = interrupted(module, tmp_path)
+    # It is raised a moment after the import.
+    assert re.fullmatch(r"hexctl: interrupted before the .*: nothing was (done|recorded)\n", done.stderr)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.slow
 def test_a_second_one_does_not_wait(tmp_path: Path) -> None:
     done = interrupted("pydantic_core._pydantic_core", tmp_path, times=2)
@@ -155,7 +163,8 @@ def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
     monkeypatch.setattr("hexctl.runs.run.Run.__init__", interrupt)
     monkeypatch.setattr("hexctl.adapt.sessions.store.list_sessions", interrupt)
     assert exit_code(command) == 130
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("nothing was recorded") is (command == ["run"])
 
 
 @pytest.fixture

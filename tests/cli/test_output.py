@@ -8,15 +8,18 @@ from typing import Any
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.runner import LegFailedError, without_count
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.console import print_result
+from hexctl.cli.render.adapt_commands import after_stop
 from hexctl.cli.render.adapt_table import opening_lines, walk_line
 from hexctl.cli.render.run_output import summary
 from hexctl.cli.render.stop_reasons import why_in_words
+from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.wire.zenoh_messages import SERVER_ENDED
-from tests.adapt.walking import closing_lines
+from tests.adapt.walking import closing_lines, result_of
 
 WALK: dict[str, Any] = {
     "gait": {"name": "57", "slots": [4, 2, 3, 5, 1, 6], "code": 57},
@@ -31,6 +34,7 @@ WALK: dict[str, Any] = {
     "self_rotation_deg": 0.0,
     "status": "ok",
     "stopped": None,
+    "warnings": [],
     "clipped_ticks": 0,
     "ticks": 500,
     "overruns": 0,
@@ -69,6 +73,7 @@ LEG_5 = {
         }
     ]
 }
+HOT = ["hot, 72 degrees C: leg 5 femur (id 15)"]
 EVENTS = ["2:limp@8", "5:missing@14", "2@18"]
 
 
@@ -100,6 +105,9 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"clipped_ticks": 170}, "guard", "170 commands clipped, too fast"),
         ({"clipped_ticks": 9}, "guard", "9 of 500 commands clipped"),
         ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --policy glide"),
+        ({**LEG_5, "status": "aborted", "warnings": HOT}, "next: let l", "eg 5 femur (id 15) cool down"),
+        ({"stopped": "hot: leg5 femur 72 C", "status": "aborted"}, "next: let l", "eg5 femur cool down"),
+        ({"warnings": ["mute: leg 5 coxa (id 14)", *HOT]}, "warnings", "mute: leg 5 coxa (id 14); hot, 72"),
         (SPOT, "walked", "10.0 s on the spot, ended 0.5 cm from the start"),
         (SPOT, "turned", "37.4 degrees, 75 % of ideal (50.0)"),
         ({**UNSEEN, "hold": "heading"}, "walked", "10.0 s; its position is not known"),
@@ -157,7 +165,7 @@ def test_a_robot_that_was_stopped_has_one_next_command(capsys: pytest.CaptureFix
     assert lines[-1].endswith("hexctl estop --clear")
     assert len([line for line in lines if "hexctl " in line]) == 1
     assert "start it again" in why_in_words(f"fault: {SERVER_ENDED}")
-    assert why_in_words("fault: battery", clear=None) == " (fault: battery): see to it"
+    assert why_in_words("fault: battery", clear=None) == " (fault: battery): remove the cause"
     assert summary({**WALK, **stop, "backend": "feetech", "world": None}, None)[-1] != lines[-1]
 
 
@@ -274,6 +282,16 @@ STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation"
 )
 def test_a_line_at_the_end_of_a_search(made: Callable[[], Session], label: str, text: str) -> None:
     assert closing(made())[label].startswith(text)
+
+
+def test_a_hot_servo_cools_down_before_a_search_continues() -> None:
+    failed = NoticedFailure(at_s=4.0, failure=Failure(leg=5), evidence="effort", did="")
+    walk = replace(result_of(0.1), noticed=(failed,), warnings=tuple(HOT))
+    reason = without_count(walk).stopped
+    assert reason == f"leg 5 locked, noticed 4.0 s into it; {HOT[0]}"
+    spec = session().spec
+    assert after_stop(spec, LegFailedError("", reason, (5,))) == "let its servo cool down, "
+    assert "--failed-leg 2,5" in after_stop(spec, LegFailedError("", "leg 2 limp", (2,)))
 
 
 def test_nothing_is_said_of_what_is_not_known_or_not_learned() -> None:

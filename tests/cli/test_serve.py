@@ -211,7 +211,7 @@ def test_what_is_told_in_another_way_costs_no_other_line() -> None:
         ({}, "served by", "mia on lab-pc, process 12"),
         ({}, "robot", "ant (sim), world rough, failure leg 5 locked"),
         ({"stopped": "fell"}, "stopped", "FELL: its body leant too far; hexctl estop --clear clears it"),
-        ({"stopped": "fault: low", "fault": "low"}, "stopped", "FAULT: low; see to it, then"),
+        ({"stopped": "fault: low", "fault": "low"}, "stopped", "FAULT: low; remove the cause, then"),
         ({"stopped": "fault: gone", "servos": SERVOS}, "stopped", "FAULT: gone; they answer again: hexctl"),
         ({"stopped": "fault: low"}, "stopped", "FAULT: low; the fault is over: hexctl estop --clear"),
         ({"stopped": "expired"}, "stopped", "EXPIRED: no command came in time; the next controller clears"),

@@ -30,8 +30,15 @@ def test_another_driver_that_fits_is_named(driver: str, capsys: pytest.CaptureFi
         words = ["servos", "scan", "--driver", driver, "--connect", f"{bus.path}:1000000", "--json"]
         assert exit_code(words) == (2 if driver == "dynamixel" else 3)
         printed = capsys.readouterr()
-    assert printed.out.strip() in ("", "[]")
-    assert "feetech" in printed.err
+        assert printed.out.strip() in ("", "[]")
+        assert "these are Feetech servos (sts3215); use --driver feetech" in printed.err
+        words = ["servos", "scan", "--driver", driver, "--connect", board.path, "--baud", "all"]
+        assert exit_code(words) == 2
+        said = capsys.readouterr().err
+    assert (
+        said
+        == f"hexctl: --driver: got {driver}, but these are Feetech servos (sts3215); use --driver feetech\n"
+    )
 
 
 def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.CaptureFixture[str]) -> None:
@@ -61,7 +68,8 @@ def test_a_servo_is_tested_with_consent_only(
         assert exit_code(words) == 0
         printed = capsys.readouterr()
         assert json.loads(printed.out)["followed"]
-        assert exit_code([*words, "--yes"]) == 0
+        assert exit_code([*words[:-1], "--yes"]) == 0
+        assert "error\n" not in capsys.readouterr().out
         assert exit_code(["servos", "test", "99", *words[3:]]) == 3
         assert "99" in capsys.readouterr().err
         bus.robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves

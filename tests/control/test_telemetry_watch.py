@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.control.position_check import MOST_CORRECTION_M, MOST_M, MOST_SPEED_M_S, TOLD_S, PositionCheck
-from hexctl.control.telemetry_watch import LEAST_PACE, BatteryWatch, Temperatures, pace
+from hexctl.control.telemetry_watch import (
+    LEAST_PACE,
+    BatteryWatch,
+    SeenWarnings,
+    Temperatures,
+    pace,
+    with_troubles,
+)
 from hexctl.types import FloatArray
 from tests.control.posed import connected, read_for
 
@@ -194,3 +201,16 @@ def test_behind_the_guard_a_jump_is_no_position_and_does_not_stop() -> None:
     servos.position_world = at(3e38)
     read_for(guard, 6.0)
     assert guard.stopped == "pose lost"
+
+
+def test_a_warning_is_new_once_whatever_its_figure_and_those_of_failed_legs_explain_a_stop() -> None:
+    seen = SeenWarnings()
+    assert seen.take(()) == []
+    assert seen.take(("warm, 61 degrees C: leg 2 femur (id 5)", "mute: leg 5 coxa (id 13)")) != []
+    assert seen.take(("warm, 62 degrees C: leg 2 femur (id 5)",)) == []
+    assert seen.take(("hot, 70 degrees C: leg 2 femur (id 5)",)) == ["hot, 70 degrees C: leg 2 femur (id 5)"]
+    warm, mute, hot = seen.texts
+    assert "62" in warm
+    assert with_troubles("leg 5 limp", seen.texts, [5]) == f"leg 5 limp; {mute}"
+    assert with_troubles("leg 2 limp", seen.texts, [2]) == f"leg 2 limp; {hot}", "a warm servo works"
+    assert with_troubles("leg 1 limp", seen.texts, [1]) == "leg 1 limp"

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.backends.base import ServosWrapper
 from hexctl.backends.mock import MockServos
+from hexctl.backends.registry import make_servos
 from hexctl.backends.sim.world import World
 from hexctl.control.monitor.recovery import RecoveryPolicy, Response
 from hexctl.control.trial_result import TrialResult
@@ -186,6 +188,13 @@ class PositionMock(YawMock):
         return replace(super().read(), base_position_world=np.zeros(3) if self.reads > 4 else None)
 
 
+class WarningServos(ServosWrapper):
+    """Servos of which one does not answer."""
+
+    def read(self) -> RobotState:
+        return replace(super().read(), warnings=("mute: leg 5 coxa (id 13)",))
+
+
 class TestFailuresInMidWalk:
     """What the world breaks, what the walk notices, and what it does about it."""
 
@@ -204,6 +213,16 @@ class TestFailuresInMidWalk:
         assert {row - walk for row, _ in done.log.notes} == {round(50 * noticed["at_s"])}
         changes = [(change.by, change.row - walk) for change in done.log.leg_changes if change.failures]
         assert changes == [("world", 151), ("belief", round(50 * noticed["at_s"]))]
+
+    def test_warnings_of_servos_are_in_the_result_and_may_explain_a_stop(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("hexctl.runs.run.make_servos", lambda *given: WarningServos(make_servos(*given)))
+        done = run(gait="tripod", duration_s=6.0, failure="5:locked@1", policy="stop")
+        (warning,) = done.outcome["warnings"]
+        assert done.outcome["stopped"] == f"leg 5 locked; {warning}"
+        assert done.log.notes[0] == (0, f"servos: {warning}"), "which are the events of a recording"
+        assert TrialResult.from_dict(done.trial.to_dict()).warnings == (warning,)
 
     def test_what_the_world_lets_fail_is_told_as_well(self) -> None:
         world = World(failures=("2:limp@1", "4:limp@9"))

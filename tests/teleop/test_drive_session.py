@@ -180,6 +180,27 @@ def test_a_height_at_which_nothing_walks_is_said() -> None:
         assert script.told["velocity"] == [0, 0, 0]
 
 
+class Cooking(SimServos):
+    """A robot with a servo that gets warm after 50 readings."""
+
+    reads = 0
+
+    def read(self) -> RobotState:
+        """The state, with a warning."""
+        self.reads += 1
+        warm = (f"warm, {60 + self.reads // 20} degrees C: leg 2 femur (id 5)",) if self.reads > 50 else ()
+        return replace(super().read(), warnings=("firmware differs", *warm))
+
+
+def test_a_new_warning_of_the_servos_is_said() -> None:
+    with Drive(servos=Cooking("ant")) as drive:
+        session = DriveSession(drive)
+        script = Script(session, {100: "quit"})
+        session.run([script])
+        assert session.warned == ["warm, 62 degrees C: leg 2 femur (id 5)"]
+        assert script.told["said"] == f"servos: {session.warned[0]}"
+
+
 def test_a_crowd_of_requests_keeps_no_other_from_being_done() -> None:
     with Drive("ant") as drive:
         session = DriveSession(drive)

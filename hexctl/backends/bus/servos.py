@@ -350,13 +350,18 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             warnings.append(f"mute: {self._map.names(mute)}")
         if (wild := (servos.ages_s > mute_s) & ~mute).any():
             warnings.append(f"answers, but its positions jump: {self._map.names(wild)}")
-        if (warm := servos.temperatures_c >= WARM_C).any():
-            most_c = np.nanmax(servos.temperatures_c)
-            word = "hot" if most_c >= TOO_HOT_C else "warm"
-            warnings.append(f"{word}, {most_c:.0f} degrees C: {self._map.names(warm)}")
+        hot = servos.temperatures_c >= TOO_HOT_C
+        warm = (servos.temperatures_c >= WARM_C) & ~hot
+        for word, which in (("hot", hot), ("warm", warm)):
+            if which.any():
+                most_c = servos.temperatures_c[which].max()
+                warnings.append(f"{word}, {most_c:.0f} degrees C: {self._map.names(which)}")
         for error in dict.fromkeys(filter(None, servos.errors)):
             which = np.array([each == error for each in servos.errors])
-            warnings.append(f"{error}: {self._map.names(which)}")
+            if error == "hot":
+                which &= ~hot  # named above
+            if which.any():
+                warnings.append(f"{error}: {self._map.names(which)}")
         return tuple(warnings)
 
 

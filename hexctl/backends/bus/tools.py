@@ -21,7 +21,7 @@ from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.robot.servos.servo_models import SERVO_TYPES
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
 from hexctl.types import JOINT_NAMES, N_JOINTS, BoolArray
 
 #: Ids that a servo can have, and the one that it has from the factory.
@@ -29,6 +29,9 @@ IDS, FACTORY_ID = tuple(range(253)), 1
 
 #: Protocols of each driver, the more likely one first.
 PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,), "lx16a": (1,)}
+
+#: Names of the servos of each driver.
+FAMILIES = {"dynamixel": "Dynamixel", "feetech": "Feetech", "lx16a": "LX-16A"}
 
 #: Bus of each driver.
 BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": Lx16aBus}
@@ -212,17 +215,33 @@ def other_bauds(path: str, driver: str, bauds: Collection[int]) -> list[int]:
     return [baud for baud in USUAL_BAUDS[driver] if baud not in bauds and _first_found(path, driver, baud)]
 
 
-def other_drivers(path: str, driver: str, bauds: Collection[int]) -> list[str]:
-    """Other drivers to which servos answer, with a known model if they report one."""
-    return [
-        each
+def other_families(path: str, driver: str, bauds: Collection[int] | None = None) -> str:
+    """What servos of other drivers answer and how to reach them, as text; empty for none.
+
+    Those that report a model need a known one, and none that `driver` knows, because families answer each
+    other's requests. `bauds` None are the usual ones of each driver.
+    """
+    return " or ".join(
+        _family_text(each, found)
         for each in PROTOCOLS_OF
         if each != driver
-        and any(
-            found is not None and (each == "lx16a" or found.model is not None)
-            for found in (_first_found(path, each, baud) for baud in bauds)
-        )
-    ]
+        for found in _one_of_family(path, each, USUAL_BAUDS[each] if bauds is None else bauds)
+        if not _one_of_family(path, driver, (found.baud,))
+    )
+
+
+def _one_of_family(path: str, driver: str, bauds: Collection[int]) -> list[FoundServo]:
+    for baud in bauds:
+        found = _first_found(path, driver, baud)
+        if found is not None and (driver == "lx16a" or found.model is not None):
+            return [found]
+    return []
+
+
+def _family_text(driver: str, found: FoundServo) -> str:
+    model = f" ({found.model})" if found.model else ""
+    at = "" if found.baud == DEFAULT_BAUDS[driver] else f" --baud {found.baud}"
+    return f"these are {FAMILIES[driver]} servos{model}; use --driver {driver}{at}"
 
 
 def _first_found(path: str, driver: str, baud: int) -> FoundServo | None:
@@ -250,13 +269,14 @@ def damage_report(damage: Damage, path: str, driver: str) -> str:
     return damage.description(path) + advice
 
 
-def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
-    """Message for a scan without a servo and without damaged answers."""
+def nothing_answers(path: str, driver: str, bauds: Sequence[int], *, all_asked: bool) -> str:
+    """Message for a scan without a servo and without damaged answers; `all_asked` with other drivers too."""
     tried = " or ".join(str(baud) for baud in bauds)
     others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
-    usual = f"; --baud all also asks at {', '.join(others)}" if others else ""
-    if drivers := " or ".join(other_drivers(path, driver, bauds)):
-        return f"no {driver} servo answers on {path} at {tried} baud; --driver {drivers} finds servos"
+    at = f"at {', '.join(others)} and " if others else ""
+    usual = "" if all_asked else f"; --baud all also asks {at}with other drivers"
+    if not all_asked and (others_answer := other_families(path, driver, bauds)):
+        return f"no {driver} servo answers on {path} at {tried} baud; {others_answer}"
     return (
         f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?"
         f"{baud_advice(path, driver, bauds)}{usual}"

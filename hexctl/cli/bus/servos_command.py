@@ -1,14 +1,20 @@
 """`hexctl servos`: servos on a serial bus, one by one."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ScanOptions, ServoAssignmentOptions
+from hexctl.backends.bus.bus_options import (
+    ALL_BAUDS,
+    BusAddress,
+    BusOptions,
+    ScanOptions,
+    ServoAssignmentOptions,
+)
 from hexctl.cli.console import DONE, FAULT, INTERRUPTED, StopOnInterrupt, print_note, print_result
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import ScanProgress
@@ -53,6 +59,8 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     asked = ScanOptions(**options)
     bus = asked.address()
     bauds = asked.bauds_at(bus)
+    if all_asked := asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
+        _check_family(bus)
     with ScanProgress() as progress:
         damages: list[Damage] = []
         found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show, on_damage=damages.append)
@@ -62,25 +70,29 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     for damage in damages:
         print_note(damage_report(damage, bus.path, bus.driver))
     if not (found or damages):
-        print_note(nothing_answers(bus.path, bus.driver, bauds))
+        print_note(nothing_answers(bus.path, bus.driver, bauds, all_asked=all_asked))
     _print_scan(found, asked.servo_map() if found else None, as_json=as_json)
     raise typer.Exit(DONE if found and not damages else FAULT)
 
 
 def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
     """Note servos without a model; raises InputError if none has one with this driver, but with another."""
-    from hexctl.backends.bus.tools import other_drivers
-
     unknown = [each for each in found if each.model is None]
     if unknown and bus.driver == "lx16a":
         print_note("these servos do not report their model")
         return
-    bauds = {each.baud for each in found}
-    if len(unknown) == len(found) and (fitting := other_drivers(bus.path, bus.driver, bauds)):
-        allowed = " or ".join(fitting)
-        raise InputError(f"--driver: got {bus.driver}; allowed: {allowed}, with which the model is known")
+    if unknown and len(unknown) == len(found):
+        _check_family(bus, {each.baud for each in found})
     if unknown:
         print_note(f"{len(unknown)} servos are of an unknown model: is {bus.driver} the right driver?")
+
+
+def _check_family(bus: BusAddress, bauds: "Collection[int] | None" = None) -> None:
+    """Raise InputError if servos of another driver answer, with a known model if they report one."""
+    from hexctl.backends.bus.tools import other_families
+
+    if others := other_families(bus.path, bus.driver, bauds):
+        raise InputError(f"--driver: got {bus.driver}, but {others}")
 
 
 def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:
@@ -197,7 +209,9 @@ def try_(
         servo = the_servo(line, bus.driver, int(servo_id))
         ask_consent(f"The servo with id {servo_id} goes limp and moves by 10 degrees to both sides.", yes=yes)
         trial = try_servo(servo)
-    print_result(json.dumps(asdict(trial)) if as_json else value_table(asdict(trial)))
+    values = asdict(trial)
+    shown = {name: value for name, value in values.items() if value != ""}
+    print_result(json.dumps(values) if as_json else value_table(shown))
     if not trial.followed:
         print_note("it did not follow: is its leg free, its horn fixed, and its supply strong enough?")
     raise typer.Exit(DONE if trial.followed else FAULT)

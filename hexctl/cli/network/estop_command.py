@@ -175,7 +175,9 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     elif refused is not None:
         print_result(printable(f"not cleared, it is still stopped ({stopped}): {refused}"))
     elif stopped is not None:
-        print_result(printable(f"not cleared, it is still stopped ({stopped}); see to it, then {again}"))
+        print_result(
+            printable(f"not cleared, it is still stopped ({stopped}); remove the cause, then {again}")
+        )
     elif all(answer.get("cleared") is None for answer in answers):
         print_result("no stop was in force; the robot moves when a client commands it")
     else:

@@ -23,8 +23,8 @@ Status = Mapping[str, Any]
 #: How each stop is cleared, with {} for the command; every other one needs an operator's inspection.
 CLEARED_BY = {
     "expired": "the next controller clears it",
-    "fault": "see to it, then {}",
-    "state": "see to it, then {}",
+    "fault": "remove the cause, then {}",
+    "state": "remove the cause, then {}",
 }
 CLEARED = "{} clears it"
 

@@ -43,6 +43,8 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
     reason = getattr(error, "reason", None)
     if reason is None or code_of_stop(reason) == FAULT:
         return ""
+    if isinstance(error, LegFailedError) and "hot, " in reason:
+        return "let its servo cool down, "
     if isinstance(error, LegFailedError):
         legs = ",".join(map(str, sorted({spec.broken.leg, *error.legs})))
         return f"repair the leg, or walk without it (hexctl run --failed-leg {legs}), "

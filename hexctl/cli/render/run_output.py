@@ -10,7 +10,11 @@ from rich.text import Text
 from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why_in_words
 from hexctl.cli.render.tables import label_table
 from hexctl.control.assessment.leg_sets import MOST_LOST
+<<<<<<< HEAD
 from hexctl.control.assessment.walk_quality import RAMP_TICKS
+=======
+from hexctl.control.telemetry_watch import hot_servos
+>>>>>>> w-fixrun
 from hexctl.gait.gait import AUTO, SWING_SHARE, is_crawl
 from hexctl.robot.failure import loses_leg
 from hexctl.wire.links import CLEAR_COMMAND
@@ -41,6 +45,7 @@ def summary(outcome: dict[str, Any], clear: str | None = CLEAR_COMMAND) -> list[
         *_posture_rows(outcome["gait"]),
         *_distance_rows(outcome),
         *_failure_rows(outcome),
+        *([("warnings", "; ".join(outcome["warnings"]))] if outcome["warnings"] else []),
         ("status", _status(outcome, clear)),
         *_trouble_rows(outcome),
         *([("recording", outcome["recording"])] if outcome["recording"] else []),
@@ -51,6 +56,8 @@ def summary(outcome: dict[str, Any], clear: str | None = CLEAR_COMMAND) -> list[
 def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
     if clearing := clearing_in_words(outcome["stopped"], clear=clear):
         return [f"next: {clearing}"]
+    if hot := hot_servos(outcome["warnings"], outcome["stopped"]):
+        return [f"next: let {hot} cool down before it walks again"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
     may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST
     ignored = _failed_legs_noticed(outcome) and outcome.get("options", {}).get("policy") == "walk-on"

@@ -14,7 +14,7 @@ HINTS = {
     "arena": "the walk was ended before it left the circle of --arena",
     "no position": "--arena needs a robot with a known position",
     "estop": "{} when it may move again",
-    "fault": "see to it, then {}",
+    "fault": "remove the cause, then {}",
     f"fault: {SERVER_ENDED}": "start it again",
 }
 

@@ -38,7 +38,7 @@ def check_commanded(outcome: Mapping[str, Any]) -> None:
 
 
 def _never_commanded() -> typer.Exit:
-    print_note("hexctl: interrupted before the robot was commanded")
+    print_note("hexctl: interrupted before the robot was commanded: nothing was recorded")
     return typer.Exit(INTERRUPTED)
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hexctl.control.drive.drive import Drive
     from hexctl.control.log import Recorder
     from hexctl.robot.failure import Failure
+    from hexctl.teleop.drive_session import DriveSession
 
 
 @with_options(DriveOptions, rare=("failed_leg", "failure"))
@@ -137,16 +138,21 @@ def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callab
             why = "the terminal is closed"
     except EStopError:
         why = drive.guard.stopped or "stopped"
-        _say(f"\nhexctl: the robot has stopped{_why(drive, why)}")
+        _say_end(session, f"the robot has stopped{_why(drive, why)}")
         return code_of_stop(why)
     rest = "the robot stands" if session.commanded else "the robot was not commanded"
-    _say(f"\nhexctl: {'ended' if why == 'q' else why}; {rest}")
+    _say_end(session, f"{'ended' if why == 'q' else why}; {rest}")
     return INTERRUPTED if why == "interrupted" else DONE
 
 
 def _say_unconfirmed(robot_stop: "ReadyStop") -> None:
     if robot_stop.trouble is not None:
         _say(f"hexctl: {robot_stop.trouble}; use hexctl estop or the switch")
+
+
+def _say_end(session: "DriveSession", end: str) -> None:
+    lines = [*(f"servos: {text}" for text in session.warned), end]
+    _say("\n" + "\n".join(f"hexctl: {line}" for line in lines))
 
 
 def _say(text: str) -> None:

@@ -1,7 +1,8 @@
 """`hexctl run`: walk."""
 
 import json
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -63,12 +64,12 @@ def run(
 ) -> None:
     """Walk, record the walk, and report the result.
 
-    Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
-    4 fell or was stopped, 130 interrupted.
+    Ctrl-C stops softly and keeps the recording. Exit codes: 0 done (even without progress), 2 bad input,
+    3 fault of robot or link, 4 fell or was stopped, 130 interrupted.
     """
     if no_record and (walk["record"] is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
-    with _WalkProgress(walk["duration_s"], quiet=as_json) as progress:
+    with _nothing_recorded_before(), _WalkProgress(walk["duration_s"], quiet=as_json) as progress:
         walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
         spec = RunSpec(
             **walk,
@@ -84,6 +85,16 @@ def run(
         raise typer.Exit(
             _walk(_with_best(spec), progress, view=view, as_json=as_json, found=found, fence=fence)
         )
+
+
+@contextmanager
+def _nothing_recorded_before() -> Iterator[None]:
+    """End the command if it is interrupted before its walk."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print_note("hexctl: interrupted before the walk: nothing was recorded")
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _with_best(spec: RunSpec) -> RunSpec:
@@ -106,11 +117,31 @@ def _walk(
     found: "Found | None" = None,
     fence: "ShouldStop | None" = None,
 ) -> int:
-    from hexctl.cli.render.run_output import summary
-
     run, clear = _checked(spec), clear_command(spec)
     if found is not None:
         run.broken = found.broken
+    try:
+        return _walk_run(run, clear, progress, view=view, as_json=as_json, found=found, fence=fence)
+    except KeyboardInterrupt:
+        if run.recording_path is None:
+            raise
+        print_note(f"hexctl: interrupted; recorded until then: {run.recording_path}")
+        return INTERRUPTED
+
+
+def _walk_run(
+    run: "Run",
+    clear: str | None,
+    progress: "_WalkProgress",
+    *,
+    view: bool,
+    as_json: bool,
+    found: "Found | None",
+    fence: "ShouldStop | None",
+) -> int:
+    from hexctl.cli.render.run_output import summary
+
+    spec = run.spec
     with progress, connected(run) as interrupt, ExitStack() as stack:
         live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
         if live is not None:

@@ -43,6 +43,7 @@ def score(
     true_positions_world: FloatArray | None = None,
     energy_j: float | None = None,
     noticed: tuple[NoticedFailure, ...] = (),
+    warnings: tuple[str, ...] = (),
     controller: str | None = None,
 ) -> TrialResult:
     """Result of a walk from base positions (T, 3) and orientations (T, 4); NaN or None if unknown.
@@ -87,6 +88,7 @@ def score(
         trim_rad=plan.trim_rad if hold == "heading" or plan.turn_trim_rad_s is not None else None,
         turn_trim_rad_s=plan.turn_trim_rad_s,
         noticed=noticed,
+        warnings=warnings,
         controller=controller,
     )
 

@@ -74,7 +74,7 @@ def test_gaits_are_ranked_by_the_speed_at_which_the_body_walks() -> None:
 
 
 def test_a_fast_walk_takes_no_pace_of_its_own() -> None:
-    with pytest.raises(UnusedError):
+    with pytest.raises(UnusedError, match="fast: got pace_hz too; allowed: one or the other"):
         RunSpec(fast=True, pace_hz=1.0).check()
 
 
