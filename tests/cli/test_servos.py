@@ -32,7 +32,7 @@ def test_another_driver_that_fits_is_named(driver: str, capsys: pytest.CaptureFi
         printed = capsys.readouterr()
         assert printed.out.strip() in ("", "[]")
         assert "these are Feetech servos (sts3215); use --driver feetech" in printed.err
-        words = ["servos", "scan", "--driver", driver, "--connect", board.path, "--baud", "all"]
+        words = ["servos", "scan", "--driver", driver, "--connect", bus.path, "--baud", "all"]
         assert exit_code(words) == 2
         said = capsys.readouterr().err
     assert (

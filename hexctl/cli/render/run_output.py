@@ -10,11 +10,8 @@ from rich.text import Text
 from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why_in_words
 from hexctl.cli.render.tables import label_table
 from hexctl.control.assessment.leg_sets import MOST_LOST
-<<<<<<< HEAD
 from hexctl.control.assessment.walk_quality import RAMP_TICKS
-=======
 from hexctl.control.telemetry_watch import hot_servos
->>>>>>> w-fixrun
 from hexctl.gait.gait import AUTO, SWING_SHARE, is_crawl
 from hexctl.robot.failure import loses_leg
 from hexctl.wire.links import CLEAR_COMMAND
