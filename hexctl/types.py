@@ -165,6 +165,8 @@ class JointTargets(ArrayFields):
     stamp_s: float
 
 
+GRAVITY_M_S2 = 9.81
+
 #: A servo this hot stops the robot (most switch off at 70 to 80 C), and one this warm slows it.
 TOO_HOT_C, WARM_C = 68.0, 60.0
 

@@ -17,10 +17,10 @@ from itertools import combinations
 import numpy as np
 
 from hexctl.ik.legs import link_points_body
-from hexctl.ik.statics import GRAVITY_M_S2, arms_m, link_torques_nm
+from hexctl.ik.statics import arms_m, link_torques_nm
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray
+from hexctl.types import GRAVITY_M_S2, JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray
 
 #: Determinants and distances below this are zero.
 TINY = 1e-12

@@ -18,9 +18,7 @@ import numpy as np
 from hexctl.ik.legs import link_points_body
 from hexctl.ik.support_polygon import centre_of_mass_of, link_centres_of
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
-
-GRAVITY_M_S2 = 9.81
+from hexctl.types import GRAVITY_M_S2, JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
 
 #: Passes over the geometry, each at the deflected pose of the one before.
 PASSES = 4

@@ -22,12 +22,11 @@ from hexctl.control.preparation import prepare, ticks_of
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, MissingExtraError, SimulationDivergedError
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
-from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, OBSERVED, LearnedWalk
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_coming_kind
 from hexctl.robot.model import Robot
-from hexctl.types import N_LEGS, FloatArray, JointTargets
+from hexctl.types import GRAVITY_M_S2, N_LEGS, FloatArray, JointTargets
 
 try:
     import gymnasium

@@ -103,6 +103,16 @@ def test_each_recorder_has_blocks_of_its_own_size() -> None:
         Recorders(TickLog(), TickLog())
 
 
+def test_a_log_is_not_changed_by_what_happens_to_the_messages_later() -> None:
+    log, wanted = TickLog(), np.zeros(18)
+    state = RobotState(wanted, 0.0, measured=True)
+    log.record(Tick(1, 0.02), state, wanted, JointTargets(wanted, 0.02))
+    wanted[:] = 9
+    assert (log["measured_rad"] == 0).all()
+    assert (log["wanted_rad"] == 0).all()
+    assert (log["commanded_rad"] == 0).all()
+
+
 def test_a_frame_has_a_row_per_tick_and_a_column_per_joint() -> None:
     log = TickLog()
     for index in range(4):

@@ -197,6 +197,23 @@ def _plan(**changes: Any) -> TrialPlan:
     return TrialPlan(gait=gait_of(shipped()), **{"duration_s": 1.0, **changes})
 
 
+class _Rounding(PosedMock):
+    """Servos that take whole hundredths of a radian."""
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        return super().write(JointTargets(np.round(targets.joint_positions_rad, 2), targets.stamp_s))
+
+
+def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
+    servos, log = _Rounding(), TickLog()
+    slow = replace(gait_of(shipped()), pace_hz=0.2, amplitude=0.05)
+    with Guard(servos) as guard:
+        result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), recorders=(log,))
+    assert result.clipped_ticks == guard.counters.clipped == 0
+    assert (log["commanded_rad"] != log["wanted_rad"]).any()
+    np.testing.assert_array_equal(log["commanded_rad"], np.round(log["wanted_rad"], 2))
+
+
 def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
     servos, log = PosedMock(), TickLog()
     servos.connect()

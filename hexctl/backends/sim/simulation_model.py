@@ -15,13 +15,12 @@ from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailedLegs, check
 from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
-from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.link_masses import link_capsule, link_mass
 from hexctl.robot.formats.mjcf import STICTION
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import Body, even_box_m
-from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, FloatArray
+from hexctl.types import GRAVITY_M_S2, JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, FloatArray
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7

@@ -83,8 +83,8 @@ class World(Section):
         payload_position_m: its position in the body frame.
         added_mass_share: mass added to the trunk, as a share of the complete robot's; negative takes away.
         body_mass_shift_m: shift of the trunk's centre of mass from the robot file's, in the body frame.
-        contact_time_s: time constant of contacts; longer is a softer floor. Blocks and pits are harder where
-            a foot that falls would sink in by more than its radius.
+        contact_time_s: time constant of contacts; longer is a softer floor. On blocks and pits it is at
+            most the one at which a falling foot sinks in by its radius.
         friction_cone: `pyramidal` is faster but weaker diagonally: walks depend on their compass direction by
             decimetres.
         time_step_s: step of the physics, an integer part of the 20 ms tick.

@@ -6,9 +6,8 @@ import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
-from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.model import Robot
-from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
+from hexctl.types import GRAVITY_M_S2, N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: Number of ticks per block of the sums: a tick then costs two copies.
 BLOCK_TICKS = 64

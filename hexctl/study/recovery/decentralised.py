@@ -20,9 +20,8 @@ import numpy as np
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.ik.legs import link_points_body
-from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState
+from hexctl.types import GRAVITY_M_S2, JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState
 
 #: sigma_1 and sigma_2, as multiples of omega: the fastest of 0.05 to 1 for `ant` with a failed leg. With
 #: 0.3 robots with weak servos lose speed, with 1 all do.

@@ -164,6 +164,22 @@ def test_a_yaw_that_freezes_turns_nothing_for_ever() -> None:
             assert abs(body.position_m[1]) < 0.05
 
 
+@pytest.mark.parametrize("yaw_rad", [2 * math.pi, -2 * math.pi])
+def test_a_course_with_a_whole_turn_more_is_the_same_course(yaw_rad: float) -> None:
+    velocities = []
+    for turns_rad in (0.0, yaw_rad):
+        body, hold = Body(np.array([0.0, 0.03]), np.array(0.02)), law()
+        for step in range(1500):
+            if step == 1000:
+                heading_rad = 0.3 + turns_rad
+                hold.follow(
+                    Course(origin_world=body.position_m[:2], heading_rad=heading_rad, yaw_rad=turns_rad)
+                )
+            body.move(hold.update(DT_S, body.swaying))
+        velocities.append(hold.velocity_body)
+    np.testing.assert_allclose(velocities[0], velocities[1], atol=1e-9)
+
+
 def test_what_cannot_be_held_is_refused() -> None:
     with pytest.raises(InputError, match="hold"):
         law(hold="both")
