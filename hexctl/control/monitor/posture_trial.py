@@ -7,7 +7,8 @@ robot makes up for what it falls short: it walks at the multiple h of its pace,
 
 from the second window on: in the first one a robot still turns back to its line.
 
-While it is slow, it glides to other postures, measures each in the same way, and keeps the fastest one.
+While p / h is small, at the mean h of a window, it glides to other postures, measures each in the same way,
+and keeps the one with the largest p / h.
 The result depends on dragging feet, friction and weak joints, which no model predicts.
 """
 
@@ -52,8 +53,10 @@ class PostureTrial:
         self._begin_tick = round(glide_cycles(gaits[0]) * cycle_ticks)
         self._ticks = round(MEASURED_CYCLES * cycle_ticks)
         self._tick, self._unknown_ticks, self._from_tick = 0, 0, 0
+        #: Sum of h over the ticks of a window.
+        self._hurried_ticks = 0.0
         self._progress_m, self._from_m = math.nan, math.nan
-        #: Shares of the commanded speed; unwalked gaits come first.
+        #: Shares p / h of the commanded speed; unwalked gaits come first.
         self._shares, self._now, self._slow = [math.inf] * len(gaits), 0, 0
         self.haste, self._goal, self._most_change = 1.0, 1.0, 1.0 / cycle_ticks
         self._turned_back = False
@@ -65,24 +68,29 @@ class PostureTrial:
         """
         self._tick, self._unknown_ticks = self._tick + 1, self._unknown_ticks + 1
         self.haste += min(self._most_change, max(-self._most_change, self._goal - self.haste))
+        self._hurried_ticks += self.haste
         if not math.isfinite(progress_m):
             return None
         before_m = progress_m if math.isnan(self._progress_m) else self._progress_m
         share = 1 - math.exp(-self._unknown_ticks / self._mean_ticks)
         self._progress_m, self._unknown_ticks = before_m + share * (progress_m - before_m), 0
         if self._tick >= self._begin_tick and math.isnan(self._from_m):
-            self._from_tick, self._from_m = self._tick, self._progress_m
+            self._begin_window()
         ticks = self._tick - self._from_tick
         if math.isnan(self._from_m) or ticks < self._ticks:
             return None
-        return self._next((self._progress_m - self._from_m) / (ticks * self._commanded_m))
+        walked = (self._progress_m - self._from_m) / self._commanded_m
+        return self._next(walked / ticks, walked / self._hurried_ticks)
 
-    def _next(self, share: float) -> Gait | None:
-        """The gait to change to after the share of this one; None keeps it."""
-        self._from_tick, self._from_m = self._tick, self._progress_m  # without a glide, the next window
+    def _begin_window(self) -> None:
+        self._from_tick, self._from_m, self._hurried_ticks = self._tick, self._progress_m, 0.0
+
+    def _next(self, p: float, share: float) -> Gait | None:
+        """The gait to change to after p of this one, and its share p / h; None keeps it."""
+        self._begin_window()  # without a glide, the next one
         self._shares[self._now] = share
         if self._turned_back:
-            self._goal = min(MOST_HASTE, max(1.0, self._goal + 1.0 - share))
+            self._goal = min(MOST_HASTE, max(1.0, self._goal + 1.0 - p))
         self._turned_back = True
         other = max(range(len(self._gaits)), key=lambda place: self._shares[place])
         self._slow = self._slow + 1 if share < SLOW else 0

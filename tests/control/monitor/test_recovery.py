@@ -82,7 +82,7 @@ def test_a_slow_robot_changes_its_posture_and_walks_the_fastest(
     gaits = [make_gait(shipped(), "tripod"), make_gait(shipped(), "wave")]
     trial, now, progress_m, changes = PostureTrial(gaits, 50.0, 0.003), 0, 5.0, []
     for tick in range(1000):
-        progress_m += 0.003 * speeds[now]
+        progress_m += 0.003 * speeds[now] * trial.haste
         gait = trial.update(progress_m if tick % 3 else math.nan)
         if gait is not None:
             now = gaits.index(gait)
