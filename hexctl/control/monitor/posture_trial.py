@@ -35,6 +35,9 @@ MOST_HASTE = 1.5
 #: Time constant that smooths the measured position, in cycles.
 MEAN_CYCLES = 0.1
 
+#: Cycles after which an unknown position no longer justifies a higher pace.
+LOST_CYCLES = 1.0
+
 
 class PostureTrial:
     """The trial of one robot that glides to the first of some gaits; one update in each control period.
@@ -51,11 +54,11 @@ class PostureTrial:
         self._gaits, self._commanded_m = list(gaits), commanded_m
         self._mean_ticks = MEAN_CYCLES * cycle_ticks
         self._begin_tick = round(glide_cycles(gaits[0]) * cycle_ticks)
-        self._ticks = round(MEASURED_CYCLES * cycle_ticks)
+        self._ticks, self._lost_ticks = round(MEASURED_CYCLES * cycle_ticks), LOST_CYCLES * cycle_ticks
         self._tick, self._unknown_ticks, self._from_tick = 0, 0, 0
         #: Sum of h over the ticks of a window.
         self._hurried_ticks = 0.0
-        self._progress_m, self._from_m = math.nan, math.nan
+        self._measured_m, self._progress_m, self._from_m = math.nan, math.nan, math.nan
         #: Shares p / h of the commanded speed; unwalked gaits come first.
         self._shares, self._now, self._slow = [math.inf] * len(gaits), 0, 0
         self.haste, self._goal, self._most_change = 1.0, 1.0, 1.0 / cycle_ticks
@@ -64,13 +67,16 @@ class PostureTrial:
     def update(self, progress_m: float) -> Gait | None:
         """Take the measured progress along the line, NaN if unknown; the gait to glide to now, or None.
 
-        A window begins and ends with a known progress: a robot that loses its position is not slow.
+        A window begins and ends with a known progress: a robot that loses its position is not slow. Progress
+        equal to the last one counts as unknown: the sensor may be frozen.
         """
         self._tick, self._unknown_ticks = self._tick + 1, self._unknown_ticks + 1
-        self.haste += min(self._most_change, max(-self._most_change, self._goal - self.haste))
+        goal = 1.0 if self._unknown_ticks > self._lost_ticks else self._goal
+        self.haste += min(self._most_change, max(-self._most_change, goal - self.haste))
         self._hurried_ticks += self.haste
-        if not math.isfinite(progress_m):
+        if not math.isfinite(progress_m) or progress_m == self._measured_m:
             return None
+        self._measured_m = progress_m
         before_m = progress_m if math.isnan(self._progress_m) else self._progress_m
         share = 1 - math.exp(-self._unknown_ticks / self._mean_ticks)
         self._progress_m, self._unknown_ticks = before_m + share * (progress_m - before_m), 0
