@@ -274,6 +274,9 @@ class MonitoredWalk(Controller):
         for index, trial in self._posture_trials.items():
             gait = trial.update(self._progress_m(state, index))
             self._hurry(index, trial.haste)
+            if (haste := trial.rise()) is not None:
+                pace_hz = haste * trial.gait.pace_hz
+                self._tell(f"policy: slow on this posture; pace raised to {pace_hz:.2f} Hz")
             if gait is not None:
                 wanted[index] = gait
                 self._tell(f"policy: slow; body height changed to {gait.posture.body_raise:+.3f} of the size")

@@ -32,6 +32,9 @@ LEAST_GAIN = 0.05
 #: Largest h: with it, the slowest pairs of limp legs on weak servos made 0.76 of their speed instead of 0.50.
 MOST_HASTE = 1.5
 
+#: Rise of h that is told.
+TOLD_RISE = 0.1
+
 #: Time constant that smooths the measured position, in cycles.
 MEAN_CYCLES = 0.1
 
@@ -62,7 +65,7 @@ class PostureTrial:
         #: Shares p / h of the commanded speed; unwalked gaits come first.
         self._shares, self._now, self._slow = [math.inf] * len(gaits), 0, 0
         self.haste, self._goal, self._most_change = 1.0, 1.0, 1.0 / cycle_ticks
-        self._turned_back = False
+        self._turned_back, self._told = False, 1.0
 
     def update(self, progress_m: float) -> Gait | None:
         """Take the measured progress along the line, NaN if unknown; the gait to glide to now, or None.
@@ -88,6 +91,19 @@ class PostureTrial:
         walked = (self._progress_m - self._from_m) / self._commanded_m
         return self._next(walked / ticks, walked / self._hurried_ticks)
 
+    @property
+    def gait(self) -> Gait:
+        """The gait of the present posture."""
+        return self._gaits[self._now]
+
+    def rise(self) -> float | None:
+        """The h that the robot goes to, if it is higher than the last one told by `TOLD_RISE`; else None."""
+        self._told = min(self._told, self._goal)
+        if self._goal < self._told + TOLD_RISE:
+            return None
+        self._told = self._goal
+        return self._goal
+
     def _begin_window(self) -> None:
         self._from_tick, self._from_m, self._hurried_ticks = self._tick, self._progress_m, 0.0
 
@@ -104,4 +120,4 @@ class PostureTrial:
             return None
         self._tick, self._from_m, self._slow, self._now = 0, math.nan, 0, other
         self._turned_back = False
-        return self._gaits[other]
+        return self.gait

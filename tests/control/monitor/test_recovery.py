@@ -12,7 +12,7 @@ from hexctl.control.assessment.crawl import CRAWL_SWING
 from hexctl.control.assessment.joint_path import JointPath
 from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor import recovery
-from hexctl.control.monitor.posture_trial import MOST_HASTE, PostureTrial
+from hexctl.control.monitor.posture_trial import MOST_HASTE, TOLD_RISE, PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.monitor.repertoire_store import save_repertoire
 from hexctl.gait.gait import Motion, ideal_speed_m_s
@@ -106,7 +106,7 @@ def test_a_robot_that_falls_short_steps_faster_while_it_knows_its_position(
 ) -> None:
     """A robot makes the share of its commanded speed, at any pace; its position is lost at the end."""
     gaits = [make_gait(shipped(), "tripod"), make_gait(shipped(), "wave")]
-    trial, progress_m, hastes = PostureTrial(gaits, 50.0, 0.003), 0.0, [1.0]
+    trial, progress_m, hastes, told = PostureTrial(gaits, 50.0, 0.003), 0.0, [1.0], list[float]()
     for tick in range(2000):
         if tick < 1500:
             progress_m += 0.003 * share * trial.haste
@@ -114,8 +114,11 @@ def test_a_robot_that_falls_short_steps_faster_while_it_knows_its_position(
             progress_m = math.nan
         assert trial.update(progress_m) is None
         hastes.append(trial.haste)
+        if (rise := trial.rise()) is not None:
+            told.append(rise)
     assert np.abs(np.diff(hastes)).max() <= 1 / 50 + 1e-9
     assert (hastes[1500], hastes[-1]) == (pytest.approx(haste, rel=0.01), 1.0)
+    assert [1.0, *told][-1] == pytest.approx(haste, abs=TOLD_RISE)
 
 
 def test_the_posture_of_the_plan_is_kept() -> None:
