@@ -289,6 +289,7 @@ class MonitoredWalk(Controller):
             if self.walk.haste is None:
                 self.walk.haste = np.ones(self._start.batch_shape)
             self.walk.haste[self._row(index)] = haste
+            self._monitor.hurry(self.walk.haste)
 
     def _progress_m(self, state: RobotState, index: int) -> float:
         """Measured position along the line of a walk; NaN if it is unknown."""
