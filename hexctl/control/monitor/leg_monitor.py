@@ -176,7 +176,9 @@ class LegMonitor:
         self._rho_of_many: FloatArray = np.zeros((*shape, 1))
         self._balance: BodyBalance | None = None
         if patterns_of is not None:
-            self._balance = BodyBalance(shape, period_s, cycles, shipped_signatures, patterns_of)
+            self._balance = BodyBalance(
+                shape, period_s, cycles, lambda seen: shipped_signatures()[seen], patterns_of
+            )
             self._balance.silence(self.failed.any(axis=-1))
         self._period_s, self._silent_s, self._some_silent = period_s, np.zeros(legs), False
         self._parts: NDArray[np.int64] = np.zeros(legs, dtype=np.int64)
