@@ -52,6 +52,7 @@ class WalkStart:
         turned_rad: turn since the trial began, (n,) for different starts, as the fields of the frame.
         frame: None if the robot knows no pose.
         true_frame: the same by the true pose of a simulation, for the score only; None for other robots.
+        echoes: whether the servos echo their targets instead of measured angles.
     """
 
     robot: Robot
@@ -61,6 +62,7 @@ class WalkStart:
     turned_rad: float
     frame: TrialFrame | None
     true_frame: TrialFrame | None = None
+    echoes: bool = False
 
     @property
     def motions(self) -> list[Motion]:
@@ -255,6 +257,7 @@ class Preparation:
             turned_rad=turned_rad,
             frame=frame,
             true_frame=true_frame,
+            echoes=self._trace.echoes,
         )
 
     def _stand(self, duration_s: float) -> int:

@@ -42,10 +42,15 @@ class TrialFrame(ArrayFields):
 
 
 class Trace:
-    """Base poses of a trial so far, NaN if unknown, and warnings; the frame is known from the walk on."""
+    """Base poses of a trial so far, NaN if unknown, and warnings; the frame is known from the walk on.
+
+    Attributes:
+        echoes: whether joints of the last tick are an echo of their targets.
+    """
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None
+        self.echoes = False
         self.warnings = SeenWarnings()
         self._rows = Table(COLUMNS)
         self._starts: dict[str, int] = {}
@@ -68,6 +73,7 @@ class Trace:
         if true_position_world is not None:
             columns["true_position_world"][row] = true_position_world
         self.warnings.take(state.warnings)
+        self.echoes = not state.measured
 
     def rows(self, phase: str) -> slice:
         """Rows of a phase, or none."""

@@ -44,7 +44,7 @@ BUDGETS = {
     "docs/reference/glossary.md": 530,
     "docs/explanation/gaits.md": 980,
     "docs/explanation/holding-a-line.md": 1020,
-    "docs/explanation/failed-legs.md": 1195,
+    "docs/explanation/failed-legs.md": 1201,
     "docs/explanation/priors.md": 850,
     "docs/explanation/architecture.md": 620,
     "docs/safety.md": 1200,

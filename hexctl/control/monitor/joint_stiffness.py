@@ -83,7 +83,6 @@ class JointStiffness:
     """Weak joints, block by block of ticks; joints have the leading shape + (18,).
 
     Args:
-        cycles: of one tick, leading shape.
         limits_nm: maximum torques of the servos, (18,).
 
     Attributes:
@@ -93,9 +92,9 @@ class JointStiffness:
         error: standard deviation of the share.
     """
 
-    def __init__(self, shape: tuple[int, ...], cycles: FloatArray, limits_nm: FloatArray) -> None:
+    def __init__(self, shape: tuple[int, ...], limits_nm: FloatArray) -> None:
         joints = (*shape, N_JOINTS)
-        self._cycles = np.broadcast_to(BLOCK_TICKS * np.asarray(cycles)[..., np.newaxis], joints)
+        self._cycles: FloatArray = np.zeros(joints)  # of the last block
         self._limits_nm = limits_nm
         self._walked: FloatArray = np.zeros(joints)
         self._shaft_rad: FloatArray = np.full(joints, np.nan)
@@ -105,7 +104,6 @@ class JointStiffness:
         # Means over the last half cycle: weight, torque, rest, and products of the torque with both.
         self._present: FloatArray = np.zeros((5, *joints))
         self._now: FloatArray = np.zeros((5, *joints, BLOCK_TICKS))
-        self._present_share = np.minimum(1.0, self._cycles / PRESENT_CYCLES)
         self._compliance, self._changes, self._spread = np.zeros(joints), np.zeros(joints), np.ones(joints)
         self._most, self._at_limit, self._doubted = np.zeros(joints), np.zeros(joints), np.zeros(joints)
         self._share_of_others: FloatArray = np.ones(joints)
@@ -127,6 +125,9 @@ class JointStiffness:
         self.new = self._none
         if rows is None:
             return
+        self._cycles = np.broadcast_to(
+            BLOCK_TICKS * np.asarray(motion.cycles)[..., np.newaxis], self._none.shape
+        )
         samples = self._samples(rows, age_ticks)
         # A sum is finite only if every term is.
         finite = np.isfinite(np.add.reduce(samples, axis=(-3, -2, -1)))[..., np.newaxis]
@@ -254,7 +255,8 @@ class JointStiffness:
         np.multiply(weighted, torque, out=now[3])
         np.multiply(weighted, rest, out=now[4])
         now = np.add.reduce(now, axis=-1) / BLOCK_TICKS
-        self._present = self._present + self._present_share * ready * (now - self._present)
+        present_share = np.minimum(1.0, self._cycles / PRESENT_CYCLES)
+        self._present = self._present + present_share * ready * (now - self._present)
         weight, mean, rest_mean, square, product = self._present
         self._fits = weight > LEAST_FIT
         weight = np.maximum(weight, LEAST_WEIGHT)

@@ -162,8 +162,8 @@ class LegMonitor:
         self._most = _of_each(legs, np.inf, MOST_MISSING, np.inf)
         self._ticks, self._alarm_ticks = 0, np.zeros(legs, dtype=int)
         self._alarm, self._suspected = np.ones(legs), False
-        self._motion = RecentMotion(shape, cycles)
-        self._stiffness = JointStiffness(shape, cycles, robot.joint_max_torque_nm)
+        self._cycles, self._motion = cycles, RecentMotion(shape, cycles)
+        self._stiffness = JointStiffness(shape, robot.joint_max_torque_nm)
         self._all_heard, self.weakened = True, False
         self.failed: BoolArray = np.zeros(legs, dtype=bool) if believed is None else believed.copy()
         self._watched = np.where(self.failed, 0.0, 1.0)
@@ -176,7 +176,9 @@ class LegMonitor:
         self._rho_of_many: FloatArray = np.zeros((*shape, 1))
         self._balance: BodyBalance | None = None
         if patterns_of is not None:
-            self._balance = BodyBalance(shape, period_s, cycles, shipped_signatures, patterns_of)
+            self._balance = BodyBalance(
+                shape, period_s, cycles, lambda seen: shipped_signatures()[seen], patterns_of
+            )
             self._balance.silence(self.failed.any(axis=-1))
         self._period_s, self._silent_s, self._some_silent = period_s, np.zeros(legs), False
         self._parts: NDArray[np.int64] = np.zeros(legs, dtype=np.int64)
@@ -235,6 +237,10 @@ class LegMonitor:
         """Take the targets sent in the tick, leading shape + (18,), after a state of an age."""
         self._following.sent(targets_rad, age_s)
         self._motion.sent(targets_rad)
+
+    def hurry(self, haste: FloatArray) -> None:
+        """Take the multiple of the pace at which robots walk now, leading shape, at least 1."""
+        self._motion.cycles = self._cycles * haste
 
     def believe_whole(self, leg: int, row: tuple[int, ...] = ()) -> None:
         """Watch a leg, 1..6, again, with the high thresholds of the start of a walk."""

@@ -85,14 +85,14 @@ def _made(_head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> dict[str, L
 
 
 @cache
-def shipped_signatures(seen: str) -> LegSignatures:
-    """The shipped signatures, for one of `SEEN`."""
-    return load_signatures(config_root() / "signatures" / "legs.npz")[seen]
+def shipped_signatures() -> dict[str, LegSignatures]:
+    """The shipped signatures, by what is seen; raises InputError for a damaged file."""
+    return load_signatures(config_root() / "signatures" / "legs.npz")
 
 
 @lru_cache(maxsize=512)
-def signatures(robot: Robot, gait: Gait, leg: int, seen: str) -> FloatArray:
+def leg_patterns(robot: Robot, gait: Gait, leg: int, seen: str) -> FloatArray:
     """Shipped patterns of a leg, 1..6, of a robot in a gait, as `LegSignatures.of_leg` has them."""
-    patterns = shipped_signatures(seen).of_leg(robot, gait, leg)
+    patterns = shipped_signatures()[seen].of_leg(robot, gait, leg)
     patterns.flags.writeable = False
     return patterns

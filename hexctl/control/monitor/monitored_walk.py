@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hexctl.control.controllers import Controller, Walk
 from hexctl.control.monitor.leg_monitor import SETTLED, LegMonitor, Suspicion
 from hexctl.control.monitor.leg_probe import AFTER_RELAPSE, FIRST_CYCLES, LegProbe
-from hexctl.control.monitor.leg_signatures import signatures
+from hexctl.control.monitor.leg_signatures import leg_patterns, shipped_signatures
 from hexctl.control.monitor.posture_trial import PostureTrial
 from hexctl.control.monitor.recovery import (
     GlideToStableGait,
@@ -75,6 +75,8 @@ class MonitoredWalk(Controller):
         self._posture_trials: dict[int, PostureTrial] = {}
         self._sent_rad: FloatArray = np.zeros((*start.batch_shape, N_JOINTS))
         self._news: Sequence[str] = ()
+        if start.echoes and _steady(walk):
+            shipped_signatures()  # not in a tick: it takes long, and the file may be damaged
         self._monitor = LegMonitor(
             start.robot,
             start.batch_shape,
@@ -91,7 +93,7 @@ class MonitoredWalk(Controller):
     def _patterns_of(self, leg: int, seen: str) -> FloatArray:
         """Patterns of a leg, 1..6, in the initial gaits of the walks (`BodyBalance`)."""
         robot, plans = self._start.robot, self._start.plans
-        return np.asarray(self._each([signatures(robot, plan.gait, leg, seen) for plan in plans]))
+        return np.asarray(self._each([leg_patterns(robot, plan.gait, leg, seen) for plan in plans]))
 
     @property
     def velocity_body(self) -> FloatArray | None:  # type: ignore[override]  # forwarded
@@ -274,6 +276,9 @@ class MonitoredWalk(Controller):
         for index, trial in self._posture_trials.items():
             gait = trial.update(self._progress_m(state, index))
             self._hurry(index, trial.haste)
+            if (haste := trial.rise()) is not None:
+                pace_hz = haste * trial.gait.pace_hz
+                self._tell(f"policy: slow on this posture; pace raised to {pace_hz:.2f} Hz")
             if gait is not None:
                 wanted[index] = gait
                 self._tell(f"policy: slow; body height changed to {gait.posture.body_raise:+.3f} of the size")
@@ -286,6 +291,7 @@ class MonitoredWalk(Controller):
             if self.walk.haste is None:
                 self.walk.haste = np.ones(self._start.batch_shape)
             self.walk.haste[self._row(index)] = haste
+            self._monitor.hurry(self.walk.haste)
 
     def _progress_m(self, state: RobotState, index: int) -> float:
         """Measured position along the line of a walk; NaN if it is unknown."""

@@ -64,11 +64,15 @@ class LegMotion(ArrayFields):
 
 
 class RecentMotion:
-    """Recent motion of all joints; `cycles` of one tick have the leading shape."""
+    """Recent motion of all joints.
+
+    Attributes:
+        cycles: of one tick now, leading shape; they may rise above the initial ones.
+    """
 
     def __init__(self, shape: tuple[int, ...], cycles: FloatArray) -> None:
-        self._cycle_ticks = 1 / cycles
-        longest = self._cycle_ticks.max()
+        self.cycles = cycles
+        longest = (1 / cycles).max()
         rows = math.ceil(max(MORE_ROWS + longest, MOST_STILL_CYCLES * longest))
         self._rows: FloatArray = np.full((3, rows, *shape, N_JOINTS), np.nan)
         self._row, self._robots = 0, np.indices(shape)
@@ -101,7 +105,7 @@ class RecentMotion:
         """
         targets, count = self._rows[1], self._rows.shape[1]
         newest = self._row - 1 - np.arange(ticks)
-        cycle = np.rint(self._cycle_ticks).astype(int)
+        cycle = np.rint(1 / self.cycles).astype(int)
         rows = np.subtract.outer(newest, cycle) % count
         change = targets[newest % count] - targets[(rows, *self._robots)]
         off = targets - np.add.reduce(targets, axis=0) / count
@@ -113,7 +117,7 @@ class RecentMotion:
     def of_leg(self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES) -> LegMotion:
         """Motion of a leg, 1..6, of one robot of a batch, in the last cycles, up to `MOST_STILL_CYCLES`."""
         index: tuple[Any, ...] = (*row, leg_slice(leg))
-        cycle_ticks, rows = float(self._cycle_ticks[row]), self._rows.shape[1]
+        cycle_ticks, rows = float(1 / self.cycles[row]), self._rows.shape[1]
         ticks = max(2, round(cycles * cycle_ticks))
         # The newest rows: measured in this tick, sent in the one before.
         newest = (self._row - np.arange(min(ticks, rows))) % rows

@@ -69,7 +69,7 @@ class BodyPoser:
         """Begin with level bodies; the longest stroke is a multiple of the gait's amplitude."""
         self._robot, self._longest, self.level = robot, longest_stroke, level
         self.poses: FloatArray = np.zeros((*shape, 6))
-        self.goals, self.commanded, self._measured_poses = self.poses, self.poses, self.poses
+        self.goals, self.commanded, self._poses_of_room = self.poses, self.poses, self.poses
         self._correction: FloatArray = np.zeros((*shape, 2))
         self._last_fitting = self._correction  # at the last measurement of the room
         self._least, self._most = self._correction - MOST_LEVEL_RAD, self._correction + MOST_LEVEL_RAD
@@ -167,7 +167,7 @@ class BodyPoser:
 
     def _measure_room(self, pattern: StepPattern) -> None:
         """Measure the room for strokes if it may have changed; levelling that leaves too little is undone."""
-        moved = np.asarray((np.abs(self.poses - self._measured_poses) > SAME_POSE * self._units).any(axis=-1))
+        moved = np.asarray((np.abs(self.poses - self._poses_of_room) > SAME_POSE * self._units).any(axis=-1))
         if self._pattern is not pattern:
             self._pattern, moved = pattern, np.ones_like(moved)
             self._free_levelling(moved)
@@ -187,7 +187,7 @@ class BodyPoser:
         turned_back = (away > SAME_POSE).all(axis=-1)
         self._free_levelling(np.asarray(moved & ~too_far & (turned_back | (share > self.stroke_share))))
         self._last_fitting = np.where(moved[..., np.newaxis], self._correction, self._last_fitting)
-        self._measured_poses = np.where(moved[..., np.newaxis], self.poses, self._measured_poses)
+        self._poses_of_room = np.where(moved[..., np.newaxis], self.poses, self._poses_of_room)
         self.stroke_share = np.where(moved, share, self.stroke_share)[()]
 
     def _share(self, pattern: StepPattern) -> FloatArray:

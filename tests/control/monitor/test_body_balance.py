@@ -1,30 +1,35 @@
 """The body's balance on made-up walks: the body leans to a failed leg, whose foot touches nothing."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hexctl import Failure, RobotState, SimTrial, TrialPlan, make_gait, run_sim_trials
-from hexctl.control.monitor import leg_monitor
+from hexctl import Failure, Guard, RobotState, SimTrial, TrialPlan, make_gait, run_sim_trials
+from hexctl.backends.mock import MockServos
+from hexctl.control.monitor import leg_monitor, monitored_walk
 from hexctl.control.monitor.body_balance import BodyBalance
 from hexctl.control.monitor.leg_monitor import LegMonitor
 from hexctl.control.monitor.leg_signatures import (
     SEEN,
     LegSignatures,
+    leg_patterns,
     load_signatures,
     save_signatures,
     shipped_signatures,
-    signatures,
 )
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import WalkOn
-from hexctl.control.preparation import WalkStart
+from hexctl.control.preparation import WalkStart, prepare
 from hexctl.control.trial import planned_walk
+from hexctl.errors import InputError
 from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.types import BoolArray, FloatArray
+from tests.backends.fake_time import FakeTime
+from tests.control.posed import PosedMock
 from tests.robots import shipped
 
 PERIOD_S, PACE_HZ = 0.02, 0.9
@@ -113,7 +118,7 @@ def _walk(
 
 @pytest.mark.parametrize("seen", SEEN)
 def test_patterns_turn_with_the_leg(seen: str) -> None:
-    one, other = (signatures(shipped(), TRIPOD, leg, seen) for leg in (1, 4))
+    one, other = (leg_patterns(shipped(), TRIPOD, leg, seen) for leg in (1, 4))
     angle_rad = shipped().mount_yaws_rad[3] - shipped().mount_yaws_rad[0]
     turn = np.array([[np.cos(angle_rad), -np.sin(angle_rad)], [np.sin(angle_rad), np.cos(angle_rad)]])
     lean, feet = np.einsum("ab,kbp->kap", turn, one[:, :2]), np.roll(one[:, 2:], 3, axis=1)
@@ -122,9 +127,25 @@ def test_patterns_turn_with_the_leg(seen: str) -> None:
 
 
 def test_signatures_are_saved_and_loaded(tmp_path: Path) -> None:
-    some = {seen: shipped_signatures(seen) for seen in SEEN}
+    some = shipped_signatures()
     save_signatures(tmp_path / "some.npz", some, {})
     assert (load_signatures(tmp_path / "some.npz")["lean"].patterns == some["lean"].patterns).all()
+
+
+@pytest.mark.parametrize("echoes", [True, False])
+def test_a_damaged_file_of_signatures_is_refused_before_the_walk_of_servos_that_echo(
+    monkeypatch: pytest.MonkeyPatch, echoes: bool
+) -> None:
+    def damaged() -> None:
+        raise InputError("signatures: damaged")
+
+    plan = TrialPlan(gait=TRIPOD, duration_s=0.5)
+    servos = MockServos(shipped(), clock=FakeTime().clock()) if echoes else PosedMock()
+    with Guard(servos) as guard:
+        start = prepare(guard, plan)
+        monkeypatch.setattr(monitored_walk, "shipped_signatures", damaged)
+        with pytest.raises(InputError) if echoes else nullcontext():
+            MonitoredWalk(start, planned_walk(start), WalkOn())
 
 
 @pytest.mark.parametrize(("leg", "contacts_told"), [(1, True), (2, False), (3, True), (6, False)])
@@ -136,7 +157,7 @@ def test_a_leg_that_carries_nothing_is_found_within_two_cycles(leg: int, contact
 
 def test_a_whole_robot_is_left_alone_on_any_floor() -> None:
     for bump_rad in (0.0, np.radians(1.0)):
-        walked = _walk(None, cycles=25.0, bump_rad=bump_rad, signatures_of=shipped_signatures)
+        walked = _walk(None, cycles=25.0, bump_rad=bump_rad, signatures_of=shipped_signatures().__getitem__)
         assert walked == []
 
 
@@ -195,7 +216,7 @@ def _drive(monitor: LegMonitor, ticks: range, change: FloatArray | None) -> list
 def test_how_the_leg_failed_stays_unknown_and_it_is_missed_again_after_a_trial(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(leg_monitor, "shipped_signatures", _made_up)
+    monkeypatch.setattr(leg_monitor, "shipped_signatures", lambda: {seen: _made_up(seen) for seen in SEEN})
     change = _change(4)
     monitor = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ), patterns_of=_patterns_of)
     assert _drive(monitor, range(500), None) == []
@@ -210,20 +231,24 @@ def test_how_the_leg_failed_stays_unknown_and_it_is_missed_again_after_a_trial(
 
 
 class _Echo(MonitoredWalk):
-    """A walk of a robot whose servos echo their targets."""
+    """A walk of a robot whose servos echo their targets, with or without contacts of its feet."""
+
+    contacts_told = True
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Targets, given an echo for the joints."""
         echo = replace(state, measured=False, joint_positions_rad=self._sent_rad, joint_torques_nm=None)
-        return super().targets_rad(step, echo)
+        return super().targets_rad(step, echo if self.contacts_told else replace(echo, foot_contacts=None))
 
 
 @pytest.mark.slow
-def test_a_limp_leg_of_servos_that_echo_is_found_in_the_simulation() -> None:
+@pytest.mark.parametrize("contacts_told", [True, False])
+def test_a_dead_leg_of_servos_that_echo_is_found_in_the_simulation(contacts_told: bool) -> None:
     walks: list[_Echo] = []
 
     def make(start: WalkStart) -> MonitoredWalk:
         walks.append(_Echo(start, planned_walk(start), WalkOn()))
+        walks[-1].contacts_told = contacts_told
         return walks[-1]
 
     plan = TrialPlan(gait=make_gait(shipped(), "tripod"), hold="line", duration_s=12.0)

@@ -8,6 +8,7 @@ from hexctl.control.monitor.recent_motion import RecentMotion
 from hexctl.types import FloatArray
 
 TICKS_PER_CYCLE, WEAKENS, WALKED = 55, 8 * 55, 10 * 55
+HURRIES = 3 * TICKS_PER_CYCLE
 LIMITS_NM, STIFFNESS = np.full(18, 2.0), 20.0
 
 
@@ -18,17 +19,21 @@ def _walk(
     limit_nm: float = 2.0,
     shape: tuple[int, ...] = (),
     turns: int = WALKED,
+    haste: float = 1.0,
 ) -> list[tuple[int, int, float]]:
     """Joints found weak: tick, joint and share of the first robot; others of a batch stay intact.
 
-    Joints move backwards from the tick `turns` on.
+    Joints move backwards from the tick `turns` on, and at a multiple of their pace from `HURRIES` on.
     """
     random, joints = np.random.default_rng(2), (*shape, 18)
     motion = RecentMotion(shape, np.full(shape, 1 / TICKS_PER_CYCLE))
-    stiffness = JointStiffness(shape, np.full(shape, 1 / TICKS_PER_CYCLE), LIMITS_NM)
+    stiffness = JointStiffness(shape, LIMITS_NM)
     phases, sent, found = random.uniform(0, 6, 18), np.zeros((4, 18)), []
     for tick in range(WALKED):
-        cycle = 2 * np.pi * (turns - abs(tick - turns)) / TICKS_PER_CYCLE + phases
+        ticks = turns - abs(tick - turns) + (haste - 1) * max(0, tick - HURRIES)
+        cycle = 2 * np.pi * ticks / TICKS_PER_CYCLE + phases
+        if tick == HURRIES:
+            motion.cycles = motion.cycles * haste
         load_nm = 0.5 * (np.sin(cycle + 1) + 0.5 * np.sin(3 * cycle)) ** 3
         shares: FloatArray = np.ones(joints)
         shares[(*[0] * len(shape), joint)] = share if tick >= weakens else 1.0
@@ -50,6 +55,14 @@ def test_a_joint_that_weakens_is_named_with_its_share_within_two_cycles(joint: i
     assert found == joint
     assert 0 < tick - WEAKENS <= 2 * TICKS_PER_CYCLE
     assert measured == pytest.approx(share, abs=0.1)
+
+
+@pytest.mark.parametrize("haste", [1.1, 1.25, 1.5])
+def test_a_joint_that_weakens_is_named_at_a_higher_pace(haste: float) -> None:
+    [(_, found, measured)] = _walk(10, 0.5, haste=haste)
+    assert found == 10
+    assert measured == pytest.approx(0.5, abs=0.1)
+    assert not _walk(10, 1.0, haste=haste)
 
 
 def test_a_joint_weak_from_the_first_step_is_compared_with_other_legs() -> None:

@@ -279,6 +279,33 @@ def test_a_sensor_that_freezes_costs_a_leg_and_no_fall(joint: int) -> None:
     assert abs(result.deviation.final) < 0.03
 
 
+class Tries(RecoveryPolicy):
+    """Keeps the gait, with a posture to try."""
+
+    def respond(self, robot: Robot, plan: TrialPlan, *_: object) -> Response:
+        return Response(gait=plan.gait, tries=(make_gait(robot, "wave"),))
+
+
+@pytest.mark.slow
+def test_a_robot_that_falls_short_tells_its_higher_pace_and_still_finds_a_weak_joint() -> None:
+    """Its sensor shows 0.8 of the distance."""
+
+    def shortened(state: RobotState) -> RobotState:
+        assert state.base_position_world is not None
+        return replace(state, base_position_world=0.8 * state.base_position_world)
+
+    trial, walks = _trial("5:missing@3", "2:weak:femur:0.4@12", duration_s=16.0), list[MonitoredWalk]()
+
+    def make(start: WalkStart) -> MonitoredWalk:
+        walks.append(recovering_walk(Tries())(start))
+        return walks[0]
+
+    with Guard(Faulty(trial.servos(), shortened, 0.0)) as guard:
+        run_trial(guard, trial.plan, make)
+    assert "policy: slow on this posture; pace raised to 1.35 Hz" in walks[0].news()
+    assert str(walks[0].noticed[0][-1].suspicion).startswith("leg 2 femur weak"), "found at that pace too"
+
+
 class Raises(RecoveryPolicy):
     """A policy with a mistake in it."""
 

@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hexctl import Failure, TrialPlan, make_gait
@@ -11,7 +12,7 @@ from hexctl.control.assessment.crawl import CRAWL_SWING
 from hexctl.control.assessment.joint_path import JointPath
 from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor import recovery
-from hexctl.control.monitor.posture_trial import MOST_HASTE, PostureTrial
+from hexctl.control.monitor.posture_trial import MOST_HASTE, TOLD_RISE, PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.monitor.repertoire_store import save_repertoire
 from hexctl.gait.gait import Motion, ideal_speed_m_s
@@ -82,7 +83,7 @@ def test_a_slow_robot_changes_its_posture_and_walks_the_fastest(
     gaits = [make_gait(shipped(), "tripod"), make_gait(shipped(), "wave")]
     trial, now, progress_m, changes = PostureTrial(gaits, 50.0, 0.003), 0, 5.0, []
     for tick in range(1000):
-        progress_m += 0.003 * speeds[now]
+        progress_m += 0.003 * speeds[now] * trial.haste
         gait = trial.update(progress_m if tick % 3 else math.nan)
         if gait is not None:
             now = gaits.index(gait)
@@ -99,17 +100,26 @@ def test_a_robot_that_loses_its_position_is_not_slow() -> None:
 
 
 @pytest.mark.parametrize(("share", "haste"), [(1.1, 1.0), (0.8, 1.25), (0.7, 1 / 0.7), (0.4, MOST_HASTE)])
-def test_a_robot_that_falls_short_of_its_speed_steps_faster_until_it_has_it(
-    share: float, haste: float
+@pytest.mark.parametrize("freezes", [False, True])
+def test_a_robot_that_falls_short_steps_faster_while_it_knows_its_position(
+    share: float, haste: float, freezes: bool
 ) -> None:
     """A robot makes the share of its commanded speed, at any pace; its position is lost at the end."""
-    trial, progress_m, before = PostureTrial([make_gait(shipped(), "tripod")], 50.0, 0.003), 0.0, 1.0
+    gaits = [make_gait(shipped(), "tripod"), make_gait(shipped(), "wave")]
+    trial, progress_m, hastes, told = PostureTrial(gaits, 50.0, 0.003), 0.0, [1.0], list[float]()
     for tick in range(2000):
-        progress_m += 0.003 * share * trial.haste
-        trial.update(progress_m if tick < 1500 else math.nan)
-        assert abs(trial.haste - before) <= 1 / 50 + 1e-9
-        before = trial.haste
-    assert trial.haste == pytest.approx(haste, rel=0.01)
+        if tick < 1500:
+            progress_m += 0.003 * share * trial.haste
+        elif not freezes:
+            progress_m = math.nan
+        assert trial.update(progress_m) is None
+        hastes.append(trial.haste)
+        if (rise := trial.rise()) is not None:
+            told.append(rise)
+    assert np.abs(np.diff(hastes)).max() <= 1 / 50 + 1e-9
+    assert hastes[1500] == pytest.approx(haste, rel=0.01)
+    assert hastes[-1] == 1.0
+    assert [1.0, *told][-1] == pytest.approx(haste, abs=TOLD_RISE)
 
 
 def test_the_posture_of_the_plan_is_kept() -> None:
