@@ -8,8 +8,8 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_160,
     "adapt": 8_470,
-    "backends": 10_440,
-    "cli": 7_330,
+    "backends": 10_449,
+    "cli": 7_338,
     "client": 1_100,
     "control": 13_841,
     "demo": 270,
