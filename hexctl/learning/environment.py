@@ -74,7 +74,7 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         failures: Sequence[str] = ("locked", "limp", "missing"),
         failing: float = 0.8,
         failure_s: tuple[float, float] = (1.0, 4.0),
-        headings_deg: Sequence[float] = (0.0,),
+        headings_deg: Sequence[float] | FloatArray = (0.0,),
         gait: int | str = "tripod",
         duration_s: float = 15.0,
     ) -> None:
