@@ -21,6 +21,11 @@ JOINT_KINDS = ("coxa", "femur", "tibia")
 JOINT_NAMES = tuple(f"leg{leg}_{kind}" for leg in range(1, N_LEGS + 1) for kind in JOINT_KINDS)
 
 
+def joint_in_words(joint: int) -> str:
+    """Name of joint 0..17 in messages: `leg 2 femur`."""
+    return f"leg {joint // JOINTS_PER_LEG + 1} {JOINT_KINDS[joint % JOINTS_PER_LEG]}"
+
+
 def leg_slice(leg: int) -> slice:
     """Indices of the three joints of leg 1..6 in an array of 18."""
     return slice(JOINTS_PER_LEG * (leg - 1), JOINTS_PER_LEG * leg)

@@ -6,12 +6,12 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_160,
+    "": 2_170,
     "adapt": 8_470,
-    "backends": 10_440,
-    "cli": 7_320,
+    "backends": 10_450,
+    "cli": 7_340,
     "client": 1_100,
-    "control": 13_860,
+    "control": 13_900,
     "demo": 270,
     "doctor": 570,
     "export": 1_900,
@@ -20,7 +20,7 @@ CEILINGS = {
     "ik": 1_170,
     "learning": 390,
     "recording": 4_470,
-    "robot": 6_530,
+    "robot": 6_520,
     "runs": 1_120,
     "server": 4_410,
     "simulators": 2_310,

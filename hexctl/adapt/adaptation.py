@@ -41,6 +41,7 @@ from hexctl.adapt.trial_loop import AdaptLoop, OnStored
 from hexctl.backends.base import LegServos
 from hexctl.control.assessment.static_stability import margin_m_of, stable_slots_of
 from hexctl.control.guard import Guard
+from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.gait.gait import AUTO
@@ -92,6 +93,7 @@ class Adaptation:
         self.spec = spec
         self._folder, self._record = Path(folder), record
         self._servos, self._operator, self._live, self._note = servos, operator, live, note
+        self._seen = SeenWarnings()
         self._optimizer = None if isinstance(optimizer, str) else optimizer
         self._objective = as_objective(spec.objective if objective is None else objective)
         self._resumed: Session | None = None
@@ -223,6 +225,8 @@ class Adaptation:
         setting = checked or self._checked(spec)
         begins = session is None or not session.trials
         servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
+        if servos is not None:
+            self._seen = SeenWarnings(servos.peek().warnings)  # the notes on the connection have them
         if session is None:
             spec = at_home(spec, servos)  # a robot that cannot be scored is refused before any advice
         self._tell(start_note(spec, setting), budget_note(spec), baseline_note(spec) if begins else None)
@@ -274,6 +278,7 @@ class Adaptation:
                 arena=arena_of(spec),
                 operator=self._operator,
                 note=self._note,
+                seen=self._seen,
             ).walk
         loop = AdaptLoop(
             session,

@@ -25,7 +25,7 @@ from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import drawn_failure, untold_note
-from hexctl.types import JOINT_NAMES, RobotState, ServoReadings
+from hexctl.types import RobotState, ServoReadings, joint_in_words
 from hexctl.waiting import StopRequested, comes_true
 
 #: How long a robot that has connected may take to tell its yaw.
@@ -197,7 +197,7 @@ def _hottest_c(readings: ServoReadings) -> float:
 
 def _hottest(readings: ServoReadings) -> str:
     joint = readings.hottest_joint
-    return "none" if joint is None else f"{JOINT_NAMES[joint]} {readings.temperatures_c[joint]:.0f} C"
+    return "none" if joint is None else f"{joint_in_words(joint)} {readings.temperatures_c[joint]:.0f} C"
 
 
 def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:

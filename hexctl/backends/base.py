@@ -16,8 +16,8 @@ from hexctl.types import N_JOINTS, JointTargets, RobotState, all_finite
 
 #: Note on a robot, or a simulated board, that this process moves itself.
 UNSERVED = (
-    "without hexctl serve there is no keeper and no estop: serve a real robot, and walk it with --backend "
-    "zenoh"
+    "without hexctl serve there is no keeper and no estop: for a real robot run hexctl serve with these "
+    "options, then this command with --backend zenoh"
 )
 
 
@@ -47,6 +47,11 @@ class LegServos(ABC):
     def remote(self) -> RemoteFacet | None:
         """The link to the robot's server and what that reports; None without a server."""
         return None
+
+    @property
+    def moves_hardware(self) -> bool:
+        """Whether this process itself moves a robot, or a simulated board."""
+        return self.simulation is None and self.remote is None
 
     @property
     def link_counts(self) -> dict[str, int]:
@@ -143,6 +148,11 @@ class ServosWrapper(LegServos):
         return self.wrapped.remote
 
     @property
+    def moves_hardware(self) -> bool:
+        """Whether the wrapped servos move a robot, or a simulated board, from this process."""
+        return self.wrapped.moves_hardware
+
+    @property
     def link_counts(self) -> dict[str, int]:
         """Messages on the link of the wrapped servos so far, by name."""
         return self.wrapped.link_counts
@@ -212,13 +222,10 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 def connection_notes(servos: LegServos, told: Failures) -> list[str]:
     """Notes on the robot, faults of its servos, and failures that differ from the `told` ones."""
-    from hexctl.backends.mock import MockServos
-
-    inner = servos.unwrapped if isinstance(servos, ServosWrapper) else servos
     simulation, remote = servos.simulation, servos.remote
     identity = None if remote is None else remote.identity
     notes = [] if identity is None else [f"the robot is {identity}"]
-    if simulation is None and remote is None and not isinstance(inner, MockServos):
+    if servos.moves_hardware:
         notes.append(UNSERVED)
     if simulation is not None and (note := untold_note(simulation.failures, told)) is not None:
         notes.append(note)

@@ -20,6 +20,8 @@ class MockServos(OwnServos):
     It has neither pose nor contacts: a walk on it has neither distance nor deviation.
     """
 
+    moves_hardware = False
+
     def __init__(self, robot: Robot | str | Path, *, clock: Clock | None = None) -> None:
         super().__init__(robot, clock or WallClock())
         self._connected = False

@@ -122,7 +122,7 @@ def check_options(
         allowed = _joined([known for known in takers if offered is None or known in offered])
         own = name not in BACKENDS
         raise UnusedError(
-            f"{argument(names.get(field, field))}: got {'it' if value is True else value} "
+            f"{argument(names.get(field, field))}: got {'yes' if value is True else value} "
             f"with {argument('backend')} {name}{f', whose class takes no `{field}`' if own else ''}; "
             f"allowed: with {allowed}{f', or a class that takes `{field}`' if own else ''}",
             field=names.get(field, field),

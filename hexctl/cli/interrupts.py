@@ -33,7 +33,8 @@ def defer_in_imports() -> None:
 
 def raise_deferred() -> None:
     """Raise a deferred KeyboardInterrupt."""
-    if signal.setitimer(signal.ITIMER_REAL, 0)[0] > 0:
+    defers = signal.getsignal(signal.SIGALRM) is _interrupt
+    if defers and signal.setitimer(signal.ITIMER_REAL, 0)[0] > 0:
         raise KeyboardInterrupt
 
 

@@ -10,6 +10,7 @@ from typer.core import TyperCommand
 from typer.main import get_group
 
 from hexctl.cli.grouped_help import HelpGroup
+from hexctl.cli.interrupts import raise_deferred
 from hexctl.cli.settings import Commands
 
 
@@ -76,6 +77,7 @@ class LazyCommands(HelpGroup):
 
 def _build(name: str, declared: Command) -> Any:
     module = importlib.import_module(declared.module)
+    raise_deferred()
     found, app = getattr(module, name), Commands()
     if isinstance(found, typer.Typer):
         app.add_typer(found, name=name, rich_help_panel=declared.panel)

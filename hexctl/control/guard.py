@@ -16,7 +16,7 @@ from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.backends.clock import Standstill
 from hexctl.control.position_check import PositionCheck
 from hexctl.control.stop_reason import reason_in_words
-from hexctl.control.telemetry_watch import BatteryWatch, Temperatures
+from hexctl.control.telemetry_watch import HOT, BatteryWatch, Temperatures
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,
@@ -28,7 +28,6 @@ from hexctl.errors import (
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import cos_tilt
 from hexctl.types import (
-    JOINT_NAMES,
     TOO_HOT_C,
     ArrayFields,
     BoolArray,
@@ -36,6 +35,7 @@ from hexctl.types import (
     JointTargets,
     RobotState,
     all_finite,
+    joint_in_words,
 )
 
 #: A body that leans further than this, for this long, has fallen.
@@ -89,8 +89,8 @@ MAX_EXPIRY_S = 1.0
 #: Targets that changed by more than this in the last control period belong to a motion.
 MOVES_RAD = 0.001
 
-#: Prefixes of the stops after which the robot sits down: a servo of `TOO_HOT_C`, and a low battery.
-HOT, LOW_BATTERY = "hot", "low battery"
+#: Prefix of a stop after which the robot sits down, as after `HOT`, for a servo of `TOO_HOT_C`.
+LOW_BATTERY = "low battery"
 
 #: Rounding of a time to a control period, as a share of one.
 ROUNDING = 1e-6
@@ -383,7 +383,7 @@ class Guard(ServosWrapper):
         temperatures_c = self._temperatures.take(reported_c, now_s)
         hottest = int(np.argmax(np.nan_to_num(temperatures_c, nan=-np.inf)))
         if temperatures_c[hottest] >= TOO_HOT_C:
-            self.stop(f"{HOT}: {JOINT_NAMES[hottest].replace('_', ' ')} {temperatures_c[hottest]:.0f} C")
+            self.stop(f"{HOT}: {joint_in_words(hottest)} {temperatures_c[hottest]:.0f} C")
 
     def _watch_pose(self, state: RobotState, now_s: float) -> None:
         orientation, tilt, lost = state.base_quaternion_world, self._tilt_of(state), False

@@ -26,8 +26,15 @@ GAP_S = 1.0
 #: A figure of a warning, which is the same warning with another one.
 _FIGURE = re.compile(r"[\d.]+(?= degrees C| %| V)")
 
-#: Temperature at the end of a guard's reason.
-_READING = re.compile(r" \d+ C$")
+#: Servos in a warning.
+ALL_SERVOS = "all servos"
+_SERVO = re.compile(ALL_SERVOS + r"|leg \d \w+(?: \(id \d+\))?")
+
+#: Beginning of a guard's stop for a hot servo.
+HOT = "hot"
+
+#: Servos that a warning, a guard's reason or a part of one calls hot, without their temperature.
+_HOT_SERVOS = re.compile(rf"(?:^|; )[^;:]*\b{HOT}\b[^;:]*: ([^;:]+?)(?: \d+ C)?(?=;|$)")
 
 
 def pace(temperatures_c: FloatArray) -> float:
@@ -93,26 +100,57 @@ class BatteryWatch:
 
 
 class SeenWarnings:
-    """Warnings of a robot, each once: another figure, such as a temperature, makes no new one."""
+    """Warnings of a robot, one of each kind, with all its servos so far.
 
-    def __init__(self) -> None:
+    Kinds differ by more than servos and figures, such as a temperature.
+    """
+
+    def __init__(self, known: tuple[str, ...] = ()) -> None:
+        """Begin; `known` are warnings that have been told."""
         self._newest: tuple[str, ...] = ()
         self._texts: dict[str, str] = {}
+        self._servos: dict[str, dict[str, None]] = {}  # in their order
+        self._new: dict[str, None] = {}
+        self.take(known)
+        self._new.clear()
 
     @property
     def texts(self) -> tuple[str, ...]:
         """All warnings so far, with their newest figures."""
         return tuple(self._texts.values())
 
+    @property
+    def news(self) -> tuple[str, ...]:
+        """Those of `texts` that the known ones did not tell."""
+        return tuple(self._texts[kind] for kind in self._new)
+
     def take(self, warnings: tuple[str, ...]) -> list[str]:
-        """Take the warnings of a state; the new ones."""
+        """Take the warnings of a state; the new ones, of a known kind with the new servos only."""
         if warnings == self._newest:
             return []
         self._newest = warnings
-        by_words = {_FIGURE.sub("", text): text for text in warnings}
-        new = [text for words, text in by_words.items() if words not in self._texts]
-        self._texts |= by_words
-        return new
+        return [new for text in warnings if (new := self._take(text))]
+
+    def _take(self, text: str) -> str:
+        """What is new in a warning; empty for nothing."""
+        named = _SERVO.findall(text)
+        kind = _FIGURE.sub("", _with_servos(text, []))
+        known, seen = kind in self._texts, self._servos.setdefault(kind, {})
+        added = [] if ALL_SERVOS in seen else [each for each in named if each not in seen]
+        seen |= dict.fromkeys(named)
+        self._texts[kind] = _with_servos(text, [ALL_SERVOS] if ALL_SERVOS in seen else list(seen))
+        if known and not added:
+            return ""
+        self._new[kind] = None
+        return _with_servos(text, added)
+
+
+def _with_servos(text: str, servos: Sequence[str]) -> str:
+    """A warning with other servos in place of its list."""
+    found = list(_SERVO.finditer(text))
+    if not found:
+        return text
+    return text[: found[0].start()] + ", ".join(servos) + text[found[-1].end() :]
 
 
 def with_troubles(reason: str, warnings: Sequence[str], legs: Collection[int]) -> str:
@@ -127,9 +165,6 @@ def with_troubles(reason: str, warnings: Sequence[str], legs: Collection[int]) -
     return "; ".join([reason, *troubles])
 
 
-def hot_servos(warnings: Sequence[str], stopped: str | None) -> str:
-    """Names of servos that must cool down, by the warnings of a walk and the reason of its stop, or none."""
-    for text in (*warnings, stopped or ""):
-        if text.startswith("hot"):
-            return _READING.sub("", text.partition(": ")[2])
-    return ""
+def hot_servos(*texts: str) -> str:
+    """Names of servos that must cool down, by the first warning or reason to stop with any; else empty."""
+    return next((found[1] for text in texts if (found := _HOT_SERVOS.search(text))), "")

@@ -177,7 +177,7 @@ class TrialResult(ArrayFields):
                 trim_rad=_radians(data["trim_deg"]),
                 turn_trim_rad_s=_radians(data["turn_trim_deg_s"]),
                 noticed=tuple(NoticedFailure.from_dict(each) for each in data["noticed"]),
-                warnings=tuple(data.get("warnings", ())),
+                warnings=tuple(data["warnings"]),
                 controller=data.get("controller"),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:

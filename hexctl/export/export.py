@@ -174,11 +174,11 @@ def _check_used(asked: ExportOptions, kind: str, *, table: bool) -> None:
     """Raise InputError for options that the format would ignore; `table` is a table of a session's trials."""
     if kind not in ("gif", "mp4") and asked.given:
         names = ", ".join(map(argument, asked.given))
-        raise InputError(f"{names}: got it for {kind}; allowed: for gif and mp4")
+        raise InputError(f"{names}: got the format {kind}; allowed: gif, mp4")
     if asked.ros2_control and kind != "urdf":
-        raise InputError(f"{argument('ros2_control')}: got it for {kind}; allowed: for urdf")
+        raise InputError(f"{argument('ros2_control')}: got the format {kind}; allowed: urdf")
     if asked.robot is not None and (kind in ROBOT_FORMATS or table):
-        raise InputError(f"{argument('robot')}: got it for {kind}; allowed: for recordings")
+        raise InputError(f"{argument('robot')}: got no recording for {kind}; allowed: with a recording")
 
 
 def _refuse_robots(sources: Sequence[str | Path | Robot], kind: str) -> None:

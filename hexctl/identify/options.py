@@ -12,7 +12,7 @@ from hexctl.files import write_trouble
 from hexctl.options import UNTYPED, Range, Typed, check_fields
 
 #: Why an option of motions is refused.
-WITHOUT_LOGS = "cannot be combined with LOG, with which nothing moves"
+WITHOUT_LOGS = "got LOG too, with which nothing moves; leave it out, or leave out LOG"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +48,7 @@ class IdentifyOptions(RecordedOptions):
         moving = () if not self.logs else (one for one in fields(RecordedOptions) if one.name != "robot")
         for field in moving:
             if getattr(self, field.name) != field.default:
-                raise UnusedError(f"{argument(field.name)} {WITHOUT_LOGS}", field=field.name)
+                raise UnusedError(f"{argument(field.name)}: {WITHOUT_LOGS}", field=field.name)
         if not self.logs:
             RecordedOptions.check(self)
         if self.p_gain is not None and not any(Path(log).suffix == ".json" for log in self.logs or ()):

@@ -73,14 +73,15 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         failures: Sequence[str] = ("locked", "limp", "missing"),
         failing: float = 0.8,
         failure_s: tuple[float, float] = (1.0, 4.0),
-        headings_deg: Sequence[float] = (0.0,),
+        headings_deg: Sequence[float] | FloatArray = (0.0,),
         gait: int | str = "tripod",
         duration_s: float = 15.0,
     ) -> None:
         self._robot, self._worlds = as_robot(robot), [as_world(world) for world in worlds]
         _check_failures(failures, failing, failure_s, duration_s)
-        if not worlds or not headings_deg:
-            raise InputError("worlds, headings_deg: got none; allowed: one or more of each")
+        for name, given in (("worlds", worlds), ("headings_deg", headings_deg)):
+            if len(given) == 0:  # of an array, too
+                raise InputError(f"{name}: got none; allowed: one or more")
         self._failures, self._failing, self._failure_s = list(failures), failing, failure_s
         self._plans = [
             TrialPlan(

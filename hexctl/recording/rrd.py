@@ -215,11 +215,11 @@ def _unwritable(path: Path, error: OSError) -> InputError:
 
 
 def _check_room(file: BinaryIO, path: Path) -> None:
-    """Remove the file and raise OSError if the disk has no room for the start of a recording."""
+    """Raise OSError if the disk has no room for the start of a recording; a failed file is removed."""
     try:
         os.posix_fallocate(file.fileno(), 0, ROOM_BYTES)
         file.truncate(0)
-    except OSError:
+    except BaseException:  # Ctrl-C, too
         path.unlink()
         raise
 

@@ -125,9 +125,6 @@ class DriveSession:
 
     A stop of a device is also latched at a robot on the network. After it, "stand" reconnects, which the
     robot refuses until its stop is cleared. `robot_stop` stops the robot for all its clients.
-
-    Attributes:
-        warned: new warnings of the robot during the drive.
     """
 
     def __init__(self, drive: Drive, robot_stop: RobotStop | None = None) -> None:
@@ -141,8 +138,12 @@ class DriveSession:
         self._quit: str | None = None
         self._noticed = 0
         self._travel = Travel()
-        self.warned: list[str] = []
         self._warnings = SeenWarnings()
+
+    @property
+    def warned(self) -> tuple[str, ...]:
+        """Warnings of the robot that came during the drive, one of each kind."""
+        return self._warnings.news
 
     def ask(self, request: str, why: str = "") -> None:
         """Queue one of `REQUESTS` or `POSE_REQUESTS`; thread-safe. Each tick executes one of them.
@@ -189,7 +190,7 @@ class DriveSession:
             self.ended = "interrupted"
             return self.ended
         ticks, self.commanded = 0, True
-        self._warnings.take(self.drive.guard.peek().warnings)  # the drive's notes have them
+        self._warnings = SeenWarnings(self.drive.guard.peek().warnings)  # the drive's notes have them
         while self.ended is None:
             if stop_requested():
                 self.ended = "interrupted"
@@ -298,7 +299,6 @@ class DriveSession:
     def _listen(self, state: RobotState) -> None:
         if new := self._warnings.take(state.warnings):
             self.said = f"servos: {'; '.join(new)}"
-            self.warned += new
         noticed = self.drive.noticed
         if len(noticed) > self._noticed:
             self.said = str(noticed[-1])

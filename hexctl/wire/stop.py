@@ -127,7 +127,8 @@ class Stop:
         without = (
             "" if proved or not self.claims else " without the key of the client that asked for the stop"
         )
-        return f"clear: got it{without} {hold_s - left_s:.1f} s after the stop; allowed: after {hold_s:g} s"
+        since_s = hold_s - left_s
+        return f"clear: got a request{without} {since_s:.1f} s after the stop; allowed: after {hold_s:g} s"
 
     def to_json(self, at_s: float, *, kept: bool) -> dict[str, Any]:
         """As in the status, at a time by the robot's time source; `kept` is whether it is on the disk."""

@@ -32,6 +32,7 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, WrongTypeError
+from hexctl.types import RobotState
 from tests.adapt.walking import Landscape, result_of
 from tests.cli.adaptkits import Blind, EStopped
 from tests.cli.kits import Kit
@@ -207,6 +208,31 @@ def test_a_connected_robot_and_an_operator() -> None:
     assert result.session.spec.backend == "tests.cli.adaptkits:Blind"
     (robot,) = Kit.made
     assert robot.closed
+
+
+class Warned(Blind):
+    """Warns from the beginning, and of another servo once it walks."""
+
+    def read(self) -> RobotState:
+        servos = "leg 2 femur (id 5)" + ", leg 5 femur (id 14)" * bool(self.sent)
+        return replace(super().read(), warnings=(f"warm, {60 + len(self.sent) % 7} degrees C: {servos}",))
+
+
+def test_a_warning_that_a_robot_has_from_the_beginning_is_noted_once() -> None:
+    notes: list[str] = []
+    adapt(
+        5,
+        budget=2,
+        duration_s=1.0,
+        servos=Warned(shipped()),
+        operator=Measures(),
+        prior="none",
+        record=False,
+        baseline=False,
+        note=notes.append,
+    )
+    told = [note.partition(": leg ")[2] for note in notes if note.startswith("servos: warm")]
+    assert told == ["2 femur (id 5)", "5 femur (id 14)"]
 
 
 def test_a_robot_that_stops_raises_and_the_session_stays() -> None:

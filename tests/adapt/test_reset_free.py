@@ -375,8 +375,8 @@ def test_a_hot_robot_sits_limp_until_it_has_cooled_down() -> None:
         assert servos.hottest_c == pytest.approx(50.0, abs=0.1)
         np.testing.assert_allclose(servos.read().joint_positions_rad, sitting_angles_rad(ROBOT), atol=1e-9)
         assert guard.clock.now_s == pytest.approx(82.0, abs=2.0)
-        assert notes[0] == "cooling down below 50 C: leg5_femur 58 C"
-        assert notes[1:] == ["still cooling down: leg5_femur 52 C"]
+        assert notes[0] == "cooling down below 50 C: leg 5 femur 58 C"
+        assert notes[1:] == ["still cooling down: leg 5 femur 52 C"]
         assert guard.stopped is None
 
 
@@ -398,7 +398,7 @@ def test_a_cool_robot_does_not_sit_and_one_that_stays_hot_is_reported(
         cool_down(guard, 60.0, lambda: False, notes.append)
         assert (servos.limp, notes) == (False, [])
         monkeypatch.setattr("hexctl.adapt.reset_free.COOLING_TIMEOUT_S", 60.0)
-        with pytest.raises(RobotFaultError, match=r"not below 30 C after 1 min: leg5_femur 52 C"):
+        with pytest.raises(RobotFaultError, match=r"not below 30 C after 1 min: leg 5 femur 52 C"):
             cool_down(guard, 30.0, lambda: False, notes.append)
 
 

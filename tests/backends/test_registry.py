@@ -96,7 +96,7 @@ def test_a_simulator_of_ones_own_gets_world_failure_and_seed(own_module: str) ->
     ("name", "given", "named"),
     [
         ("mock", {"seed": 3}, "seed: got 3 .*with sim"),
-        ("mock", {"realtime": True}, "realtime: got it .*with sim"),
+        ("mock", {"realtime": True}, "realtime: got yes .*with sim"),
         ("zenoh", {"seed": 3}, "seed: got 3 .*with sim"),
         ("sim", {"connect": "there"}, "connect: got there .*with zenoh"),
         ("mavlink", {"link": "lab"}, "link: got lab .*with zenoh"),

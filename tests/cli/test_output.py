@@ -106,7 +106,7 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"clipped_ticks": 9}, "guard", "9 of 500 commands clipped"),
         ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --policy glide"),
         ({**LEG_5, "status": "aborted", "warnings": HOT}, "next: let l", "eg 5 femur (id 15) cool down"),
-        ({"stopped": "hot: leg5 femur 72 C", "status": "aborted"}, "next: let l", "eg5 femur cool down"),
+        ({"stopped": "hot: leg 5 femur 72 C", "status": "aborted"}, "next: let l", "eg 5 femur cool down"),
         ({"warnings": ["mute: leg 5 coxa (id 14)", *HOT]}, "warnings", "mute: leg 5 coxa (id 14); hot, 72"),
         (SPOT, "walked", "10.0 s on the spot, ended 0.5 cm from the start"),
         (SPOT, "turned", "37.4 degrees, 75 % of ideal (50.0)"),
@@ -291,6 +291,8 @@ def test_a_hot_servo_cools_down_before_a_search_continues() -> None:
     assert reason == f"leg 5 locked, noticed 4.0 s into it; {HOT[0]}"
     spec = session().spec
     assert after_stop(spec, LegFailedError("", reason, (5,))) == "let its servo cool down, "
+    overheated = LegFailedError("", "leg 5 limp; hot: leg 5 femur (id 15)", (5,))
+    assert after_stop(spec, overheated) == "let its servo cool down, "
     assert "--failed-leg 2,5" in after_stop(spec, LegFailedError("", "leg 2 limp", (2,)))
 
 

@@ -13,7 +13,7 @@ from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
-from tests.backends.bus.boards import a_map, memory_bus
+from tests.backends.bus.boards import MemoryBus, a_map, memory_bus
 from tests.robots import edited_file, put
 
 ONLY_ONE = [
@@ -51,6 +51,24 @@ def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.
         assert exit_code([*words, "--baud", "all"]) == 0
         found = json.loads(capsys.readouterr().out)
     assert [(each["id"], each["baud"]) for each in found] == [(1, 115_200)]
+
+
+@pytest.mark.parametrize("driver", ["dynamixel", "feetech"])
+def test_servos_of_two_families_on_one_line_are_both_found(
+    driver: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow, fast = (
+        MemoryBus(a_map("dynamixel", "xl430-w250"), *ONLY_ONE, baud=57_600),
+        MemoryBus(a_map(), *ONLY_ONE),
+    )
+    monkeypatch.setattr(
+        "hexctl.backends.bus.tools.SerialLine",
+        lambda path, baud: (slow if baud == 57_600 else fast).open(path, baud),
+    )
+    words = ["servos", "scan", "--driver", driver, "--connect", fast.path, "--baud", "all", "--json"]
+    assert exit_code(words) == 0
+    (found,) = [each for each in json.loads(capsys.readouterr().out) if each["model"]]
+    assert found["baud"] == {"dynamixel": 57_600, "feetech": 1_000_000}[driver]
 
 
 def test_a_servo_is_tested_with_consent_only(

@@ -417,7 +417,7 @@ def test_how_long_the_body_has_leant_is_known_and_forgotten() -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "stopped"), [(np.nan, None), (67.9, None), (68.0, "hot: leg2 femur 68 C")]
+    ("degrees", "stopped"), [(np.nan, None), (67.9, None), (68.0, "hot: leg 2 femur 68 C")]
 )
 def test_a_servo_that_is_too_hot_stops_the_robot_which_may_then_sit(
     degrees: float, stopped: str | None

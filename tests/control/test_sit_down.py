@@ -70,8 +70,8 @@ def walked(servos: Reporting, seconds: float = 6.0) -> str | None:
     [
         (Reporting(volts=lambda at_s: 11.0 if at_s < 2 else 8.6), "low battery: 8.6 V"),
         (Reporting(volts=lambda at_s: 9.5 - 0.3 * at_s), "low battery: "),
-        (Reporting(degrees=lambda at_s: 62 + at_s), "hot: leg2 femur 68 C"),
-        (Reporting(degrees=lambda at_s: 40 if at_s < 1 else 80), "hot: leg2 femur 80 C"),
+        (Reporting(degrees=lambda at_s: 62 + at_s), "hot: leg 2 femur 68 C"),
+        (Reporting(degrees=lambda at_s: 40 if at_s < 1 else 80), "hot: leg 2 femur 80 C"),
     ],
 )
 def test_the_robot_sits_down_and_goes_limp(servos: Reporting, reason: str) -> None:
@@ -98,7 +98,7 @@ def test_spikes_and_missing_values_stop_nothing(servos: Reporting) -> None:
 
 def test_a_fall_outweighs_a_low_battery_and_a_low_battery_an_expired_command() -> None:
     guard = Guard(Reporting())
-    for reason in ("expired", "low battery: 8.0 V", "hot: leg1 coxa 70 C"):
+    for reason in ("expired", "low battery: 8.0 V", "hot: leg 1 coxa 70 C"):
         guard.stop(reason)
     assert guard.stopped == "low battery: 8.0 V"
     assert guard.stop_allows_sitting

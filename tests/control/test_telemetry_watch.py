@@ -10,14 +10,16 @@ from hypothesis import strategies as st
 
 from hexctl.control.position_check import MOST_CORRECTION_M, MOST_M, MOST_SPEED_M_S, TOLD_S, PositionCheck
 from hexctl.control.telemetry_watch import (
+    ALL_SERVOS,
     LEAST_PACE,
     BatteryWatch,
     SeenWarnings,
     Temperatures,
+    hot_servos,
     pace,
     with_troubles,
 )
-from hexctl.types import FloatArray
+from hexctl.types import N_JOINTS, FloatArray, joint_in_words
 from tests.control.posed import connected, read_for
 
 DT_S = 0.02
@@ -214,3 +216,33 @@ def test_a_warning_is_new_once_whatever_its_figure_and_those_of_failed_legs_expl
     assert with_troubles("leg 5 limp", seen.texts, [5]) == f"leg 5 limp; {mute}"
     assert with_troubles("leg 2 limp", seen.texts, [2]) == f"leg 2 limp; {hot}", "a warm servo works"
     assert with_troubles("leg 1 limp", seen.texts, [1]) == "leg 1 limp"
+
+
+def test_servos_that_warm_up_one_by_one_are_one_warning_and_each_is_new_once() -> None:
+    names = [f"{joint_in_words(joint)} (id {joint + 1})" for joint in range(N_JOINTS)]
+    seen = SeenWarnings((f"warm, 60 degrees C: {names[0]}",))
+    for count in range(1, N_JOINTS):
+        text = f"warm, {60 + count} degrees C: {', '.join(names[: count + 1])}"
+        assert seen.take((text,)) == [f"warm, {60 + count} degrees C: {names[count]}"]
+        assert seen.take((f"warm, 70 degrees C: {names[0]}",)) == [], "cooler ones are not warm again"
+        assert seen.news == seen.texts == (text.replace(str(60 + count), "70"),)
+    assert seen.take((f"warm, 71 degrees C: {ALL_SERVOS}",)) == [f"warm, 71 degrees C: {ALL_SERVOS}"]
+    assert seen.take((f"warm, 70 degrees C: {names[3]}",)) == []
+    assert seen.texts == (f"warm, 70 degrees C: {ALL_SERVOS}",)
+    assert SeenWarnings(seen.texts).news == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "servos"),
+    [
+        ("hot, 72 degrees C: leg 5 femur (id 15)", "leg 5 femur (id 15)"),
+        ("hot: leg 5 femur 72 C", "leg 5 femur"),
+        ("leg 5 limp, noticed 4.0 s into it; hot: leg 5 femur (id 15)", "leg 5 femur (id 15)"),
+        ("leg 5 limp; voltage, hot: leg 5 femur (id 15); mute: leg 5 tibia (id 16)", "leg 5 femur (id 15)"),
+        ("hardware alert (hot), limp: all servos", "all servos"),
+        ("warm, 62 degrees C: leg 5 femur (id 15)", ""),
+        ("leg 5 limp", ""),
+    ],
+)
+def test_hot_servos_are_found_in_any_text_that_names_them(text: str, servos: str) -> None:
+    assert hot_servos("mute: leg 1 coxa (id 1)", text) == servos

@@ -397,6 +397,6 @@ def test_a_stop_that_is_asked_for_still_aborts(stop_tick: int, asked_at: list[in
 def test_a_reason_to_stop_is_put_into_words() -> None:
     for reason, meaning in MEANINGS.items():
         assert meaning in reason_in_words(reason)
-    assert reason_in_words("hot: leg2 femur 72 C").startswith("hot: leg2 femur 72 C (")
+    assert reason_in_words("hot: leg 2 femur 72 C").startswith("hot: leg 2 femur 72 C (")
     for plain in ("by hand", "fault: low battery", "fault", ""):
         assert reason_in_words(plain) == plain

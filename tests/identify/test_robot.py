@@ -4,6 +4,7 @@ import itertools
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -276,7 +277,8 @@ def test_a_poor_fit_is_noted_and_the_file_is_the_next_step(
     left_rad: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     result = found(stiffness_nm_per_rad=(20.0, 0.5), max_torque_nm=(3.0, 0.1), dead_time_s=(0.06, 0.001))
-    log = SimpleNamespace(name="log", on_stand=True, stale_s=max(0.0, left_rad - 0.003))
+    log = Mock(spec=RobotLog, on_stand=True, stale_s=max(0.0, left_rad - 0.003))
+    log.name = "log"
     result = replace(result, fit=replace(result.fit, after_rad={"log": left_rad}), replays=(log,))
     monkeypatch.setattr("hexctl.identify.identification.identify", lambda *_, **__: result)
     assert exit_code(["identify", "some.rrd"]) == 0

@@ -108,9 +108,14 @@ def test_a_batch_of_learned_walks_equals_single_ones() -> None:
         ({"failing": 1.5}, "failing"),
         ({"failure_s": (4.0, 1.0)}, "failure_s"),
         ({"failure_s": (1.0, 15.0)}, "failure_s"),
-        ({"worlds": ()}, "worlds"),
+        ({"worlds": ()}, "^worlds: got none"),
+        ({"headings_deg": np.empty(0)}, "^headings_deg: got none"),
     ],
 )
 def test_an_episode_that_cannot_be_drawn_is_refused(options: dict[str, Any], named: str) -> None:
     with pytest.raises(ValueError, match=named):
         HexapodEnvironment(**options)
+
+
+def test_headings_may_be_an_array() -> None:
+    assert HexapodEnvironment(headings_deg=np.arange(0.0, 360.0, 90.0)).action_space.shape == (ACTION_SIZE,)

@@ -49,6 +49,18 @@ def test_a_probe_leaves_nothing_behind(tmp_path: Path) -> None:
         probe_file(tmp_path / "file" / "folder" / "walk.rrd")
 
 
+def test_a_probe_that_is_interrupted_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("os.posix_fallocate", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        probe_file(tmp_path / "folder" / "walk.rrd")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.slow
 def test_no_damage_ends_the_process(trial_file: Path, tmp_path: Path) -> None:
     chance, content = random.Random(0), trial_file.read_bytes()

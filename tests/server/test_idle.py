@@ -95,7 +95,7 @@ def test_after_any_other_stop_it_holds_for_good_and_after_the_clear_until_the_ne
     assert idle.after(5.0)[0] == "limp"
 
 
-@pytest.mark.parametrize(("reason", "sits_s"), [("expired", 1.5), ("hot: leg2 femur 72 C", 0.5)])
+@pytest.mark.parametrize(("reason", "sits_s"), [("expired", 1.5), ("hot: leg 2 femur 72 C", 0.5)])
 def test_a_stop_while_it_sits_down_ends_the_motion(reason: str, sits_s: float) -> None:
     idle = Idle()
     idle.guard.stop(reason)
@@ -108,7 +108,7 @@ def test_a_stop_while_it_sits_down_ends_the_motion(reason: str, sits_s: float) -
 
 def test_with_hot_servos_it_sits_at_once_and_goes_limp() -> None:
     idle = Idle()
-    idle.guard.stop("hot: leg2 femur 72 C")
+    idle.guard.stop("hot: leg 2 femur 72 C")
     assert idle.after(0.1)[0] == "sitting"
     assert idle.after(SITTING_S + 0.1)[0] == "limp"
     assert idle.servos.limp

@@ -197,8 +197,9 @@ def test_a_new_warning_of_the_servos_is_said() -> None:
         session = DriveSession(drive)
         script = Script(session, {100: "quit"})
         session.run([script])
-        assert session.warned == ["warm, 62 degrees C: leg 2 femur (id 5)"]
-        assert script.told["said"] == f"servos: {session.warned[0]}"
+        assert script.told["said"] == "servos: warm, 62 degrees C: leg 2 femur (id 5)"
+        (warned,) = session.warned
+        assert warned.endswith(": leg 2 femur (id 5)")
 
 
 def test_a_crowd_of_requests_keeps_no_other_from_being_done() -> None:

@@ -215,19 +215,21 @@ def other_bauds(path: str, driver: str, bauds: Collection[int]) -> list[int]:
     return [baud for baud in USUAL_BAUDS[driver] if baud not in bauds and _first_found(path, driver, baud)]
 
 
-def other_families(path: str, driver: str, bauds: Collection[int] | None = None) -> str:
-    """What servos of other drivers answer and how to reach them, as text; empty for none.
+def other_families(
+    path: str, driver: str, own_bauds: Collection[int], bauds: Collection[int] | None = None
+) -> str:
+    """What servos of other drivers answer and how to reach them, as text.
 
-    Those that report a model need a known one, and none that `driver` knows, because families answer each
-    other's requests. `bauds` None are the usual ones of each driver.
+    Empty for none, and if some of `driver` answer at `own_bauds`. Those that report a model need a known one,
+    because families answer each other's requests. `bauds` None are the usual ones of each driver.
     """
-    return " or ".join(
+    answers = [
         _family_text(each, found)
         for each in PROTOCOLS_OF
         if each != driver
         for found in _one_of_family(path, each, USUAL_BAUDS[each] if bauds is None else bauds)
-        if not _one_of_family(path, driver, (found.baud,))
-    )
+    ]
+    return "" if answers and _one_of_family(path, driver, own_bauds) else " or ".join(answers)
 
 
 def _one_of_family(path: str, driver: str, bauds: Collection[int]) -> list[FoundServo]:
@@ -275,7 +277,7 @@ def nothing_answers(path: str, driver: str, bauds: Sequence[int], *, all_asked: 
     others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
     at = f"at {', '.join(others)} and " if others else ""
     usual = "" if all_asked else f"; --baud all also asks {at}with other drivers"
-    if not all_asked and (others_answer := other_families(path, driver, bauds)):
+    if not all_asked and (others_answer := other_families(path, driver, bauds, bauds)):
         return f"no {driver} servo answers on {path} at {tried} baud; {others_answer}"
     return (
         f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?"

@@ -60,7 +60,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     bus = asked.address()
     bauds = asked.bauds_at(bus)
     if all_asked := asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
-        _check_family(bus)
+        _check_family(bus, bauds)
     with ScanProgress() as progress:
         damages: list[Damage] = []
         found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show, on_damage=damages.append)
@@ -82,16 +82,19 @@ def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
         print_note("these servos do not report their model")
         return
     if unknown and len(unknown) == len(found):
-        _check_family(bus, {each.baud for each in found})
+        heard = {each.baud for each in found}
+        _check_family(bus, heard, heard)
     if unknown:
         print_note(f"{len(unknown)} servos are of an unknown model: is {bus.driver} the right driver?")
 
 
-def _check_family(bus: BusAddress, bauds: "Collection[int] | None" = None) -> None:
-    """Raise InputError if servos of another driver answer, with a known model if they report one."""
+def _check_family(
+    bus: BusAddress, own_bauds: "Collection[int]", bauds: "Collection[int] | None" = None
+) -> None:
+    """Raise InputError if only servos of another driver answer; arguments as of `other_families`."""
     from hexctl.backends.bus.tools import other_families
 
-    if others := other_families(bus.path, bus.driver, bauds):
+    if others := other_families(bus.path, bus.driver, own_bauds, bauds):
         raise InputError(f"--driver: got {bus.driver}, but {others}")
 
 

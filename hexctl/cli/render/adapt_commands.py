@@ -11,6 +11,7 @@ from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord, WalkRecord
 from hexctl.cli.console import FAULT, code_of_stop
+from hexctl.control.telemetry_watch import hot_servos
 from hexctl.errors import HexctlError
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.robot.failure_grammar import option_of
@@ -43,7 +44,7 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
     reason = getattr(error, "reason", None)
     if reason is None or code_of_stop(reason) == FAULT:
         return ""
-    if isinstance(error, LegFailedError) and "hot, " in reason:
+    if isinstance(error, LegFailedError) and hot_servos(reason):
         return "let its servo cool down, "
     if isinstance(error, LegFailedError):
         legs = ",".join(map(str, sorted({spec.broken.leg, *error.legs})))

@@ -53,7 +53,7 @@ def summary(outcome: dict[str, Any], clear: str | None = CLEAR_COMMAND) -> list[
 def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
     if clearing := clearing_in_words(outcome["stopped"], clear=clear):
         return [f"next: {clearing}"]
-    if hot := hot_servos(outcome["warnings"], outcome["stopped"]):
+    if hot := hot_servos(*outcome["warnings"], outcome["stopped"] or ""):
         return [f"next: let {hot} cool down before it walks again"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
     may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST

@@ -64,12 +64,13 @@ def identify(
     world stand. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4 stopped, 130 interrupted.
     """
     from hexctl.cli.values import is_said
+    from hexctl.identify.robot_log import RobotLog
 
     options = IdentifyOptions(**given, logs=logs)
     options.check()
     options.check_output()
     if logs and yes:
-        raise InputError(f"--yes {WITHOUT_LOGS}")
+        raise InputError(f"--yes: {WITHOUT_LOGS}")
     # A recording without --robot is of a robot that is not the default one.
     next_time = options if is_said(context, "robot") or not logs else replace(options, robot="ROBOT")
     paths = list(logs or ())
@@ -88,7 +89,7 @@ def identify(
         print_note(f"hexctl: interrupted; the logs are kept; continue with: {_again(paths, next_time)}")
         raise typer.Exit(INTERRUPTED) from None
     for log in found.replays:
-        if stale_s := getattr(log, "stale_s", 0.0):
+        if isinstance(log, RobotLog) and (stale_s := log.stale_s):
             print_note(
                 f"hexctl: {log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
                 "values wrong; record it again with a faster link or a less busy computer"
@@ -183,7 +184,11 @@ class _SearchProgress(WithBar):
 
 def _left_deg(found: "Identification") -> float:
     """Largest error of the logs of a robot on a stand; 0 without one."""
-    of_stand = [found.fit.after_rad[one.name] for one in found.replays if getattr(one, "on_stand", False)]
+    from hexctl.identify.robot_log import RobotLog
+
+    of_stand = [
+        found.fit.after_rad[one.name] for one in found.replays if isinstance(one, RobotLog) and one.on_stand
+    ]
     return math.degrees(max(of_stand, default=0.0))
 
 

@@ -123,9 +123,13 @@ def _walk(
     try:
         return _walk_run(run, clear, progress, view=view, as_json=as_json, found=found, fence=fence)
     except KeyboardInterrupt:
-        if run.recording_path is None:
+        path = run.recording_path
+        if progress.walk_over:
+            print_note(f"hexctl: interrupted after the walk{'' if path is None else f'; recorded: {path}'}")
+        elif path is None:
             raise
-        print_note(f"hexctl: interrupted; recorded until then: {run.recording_path}")
+        else:
+            print_note(f"hexctl: interrupted; recorded until then: {path}")
         return INTERRUPTED
 
 
@@ -149,6 +153,7 @@ def _walk_run(
         progress.of_turn = _turn_note(run) if spec.paced else ""
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         done = _walked(run, recorders, interrupt, fence)
+        progress.walk_over = done is None or done.outcome["ticks"] > 0
         if done is None:
             return INTERRUPTED
         check_commanded(done.outcome)
@@ -230,13 +235,16 @@ def _turn_note(run: "Run") -> str:
 
 
 class _WalkProgress(WithBar):
-    """Progress on stderr during load and walk; `of_turn` is printed if the robot turns first."""
+    """Progress on stderr during load and walk; `of_turn` is printed if the robot turns first.
+
+    `walk_over` is whether it was commanded, and the walk has ended.
+    """
 
     #: A second: drawing must not delay the ticks.
     block_ticks: int | None = 50
 
     def __init__(self, total_s: float, *, quiet: bool) -> None:
-        self.of_turn = ""
+        self.of_turn, self.walk_over = "", False
         self._total_s = total_s
         self._bar = make_bar("{task.fields[walked]}", quiet=quiet)
         self._task = self._bar.add_task("loading", total=None, walked="")

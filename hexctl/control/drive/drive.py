@@ -38,7 +38,7 @@ from hexctl.types import FloatArray, JointTargets, RobotState
 #: Allowed values of `hold`.
 DRIVE_HOLDS = ("auto", "none")
 
-NOT_CONNECTED = "drive: got it before the robot is connected; allowed: inside `with Drive(...)`"
+NOT_CONNECTED = "drive: got a request before the robot is connected; allowed: inside `with Drive(...)`"
 
 
 class Drive:

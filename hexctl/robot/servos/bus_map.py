@@ -11,13 +11,12 @@ from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, check_
 from hexctl.robot.servos.servo_models import DEFAULT_MODELS, ServoType, servo_type
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import (
-    JOINT_KINDS,
     JOINT_NAMES,
-    JOINTS_PER_LEG,
     N_JOINTS,
     BoolArray,
     FloatArray,
     check_finite,
+    joint_in_words,
 )
 
 
@@ -60,8 +59,7 @@ class BusMap(RawMap):
         if joints.all():
             return "all servos"
         return ", ".join(
-            f"leg {joint // JOINTS_PER_LEG + 1} {JOINT_KINDS[joint % JOINTS_PER_LEG]} (id {self.ids[joint]})"
-            for joint in np.flatnonzero(joints).tolist()
+            f"{joint_in_words(joint)} (id {self.ids[joint]})" for joint in np.flatnonzero(joints).tolist()
         )
 
 

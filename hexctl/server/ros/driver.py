@@ -139,7 +139,9 @@ class RosDriver:
 
     def _follow(self, velocity: FloatArray, at_s: float) -> None:
         if at_s <= self._joints_until_s:
-            raise CommandRefusedError("cmd_vel: got it while joint commands come; allowed: one of both")
+            raise CommandRefusedError(
+                "cmd_vel: got a velocity while joint commands come; allowed: one of both"
+            )
         velocity = np.where(np.abs(velocity) < SLOWEST, 0.0, np.clip(velocity, -FASTEST, FASTEST))
         if self._lease is None and not velocity.any():
             return  # a planner that repeats zero must not hold the robot
@@ -153,7 +155,7 @@ class RosDriver:
 
     def _lean(self, pose: BodyPose, at_s: float) -> None:
         if at_s <= self._joints_until_s:
-            raise CommandRefusedError("body_pose: got it while joint commands come; allowed: one of both")
+            raise CommandRefusedError("body_pose: got a pose while joint commands come; allowed: one of both")
         if pose == self._pose and (self._pilot is not None or pose == LEVEL):
             return  # a node that repeats its pose must not hold the robot
         self._hold(at_s)

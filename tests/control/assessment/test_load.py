@@ -8,7 +8,7 @@ import pytest
 
 from hexctl import InputError, Robot
 from hexctl.control.assessment.check_options import CheckOptions
-from hexctl.control.assessment.feasibility import check_robot
+from hexctl.control.assessment.feasibility import LEAST_SPEED, check_robot
 from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.clearance import PARTS
@@ -111,6 +111,24 @@ def test_a_soft_robot_is_told_how_many_like_it_walked(stiffness: float, walked: 
     soft = [warning for warning in verdict.warnings if warning.startswith("soft")]
     assert verdict.doubtful == bool(soft) == (walked is not None)
     assert all(f"of 20 such robots that were simulated, {walked} walked half" in warning for warning in soft)
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [
+        (0.05, "8 robots simulated at 13 %, 2 walked"),
+        (0.2, "8 robots simulated at 13 %, 2 walked"),
+        (0.31, "8 robots simulated at 25 %, 7 walked"),
+        (0.39, "8 robots simulated at 35 %, 8 walked"),
+        (0.4, None),
+    ],
+)
+def test_a_slow_robot_is_told_how_many_walked_that_were_no_faster(share: float, said: str | None) -> None:
+    check = check_robot("ant")
+    slow = replace(check, demand=replace(check.demand, speed_share=share))
+    assert slow.possible == (share >= LEAST_SPEED)
+    told = [text.partition("; of ")[2] for text in slow.warnings if text.startswith("slow")]
+    assert told == ([] if said is None else [f"{said} half of the distance"])
 
 
 def test_legs_that_touch_or_cross_are_warned_of() -> None:
