@@ -239,7 +239,7 @@ class Shell:
     def _start_board(self, arguments: list[str]) -> None:
         self._boards.close()
         said = self._start(arguments, "bus of " if "--bus" in arguments else "board of ", self._boards)
-        found = re.search(r" at (\S+),", said)
+        found = re.search(r" at ([^\s,;]+)", said)
         assert found, said
         self._board = found[1]
 
