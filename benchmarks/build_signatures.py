@@ -20,7 +20,7 @@ from hexctl.backends.sim.world import World, load_randomization
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.monitor.body_balance import KNOWN_AFTER_CYCLES, LOOK_TICKS, SETTLED_S, BodyBalance
-from hexctl.control.monitor.leg_signatures import SEEN, LegSignatures, save_signatures
+from hexctl.control.monitor.leg_signatures import SENSORS, LegSignatures, save_signatures
 from hexctl.control.monitor.phase_habit import PARTS
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
@@ -158,7 +158,7 @@ class Observer:
         self._at_s = np.array([walk.at_s for walk in walks])
         self._until_s = np.array([walk.trial.plan.duration_s for walk in walks])
         self._pace_hz, self._from_s = pace_hz, SETTLED_S + KNOWN_AFTER_CYCLES / pace_hz
-        self._balances = {seen: _blank(len(walks), period_s, pace_hz, seen) for seen in SEEN}
+        self._balances = {seen: _blank(len(walks), period_s, pace_hz, seen) for seen in SENSORS}
         self._ticks, self._found = 0, list[Looks]()
 
     def update(self, state: RobotState, phases: FloatArray) -> None:
@@ -384,7 +384,7 @@ def build(path: Path, folder: Path, batches: tuple[Batch, ...] = BATCHES) -> Non
         walks = walks_of(batch)
         found.append((walks, looks_of(batch, walks, folder)))
         print(batch.name, len(walks), flush=True)
-    signatures = {seen: learned(examples(found, seen), seen) for seen in SEEN}
+    signatures = {seen: learned(examples(found, seen), seen) for seen in SENSORS}
     save_signatures(path, signatures, {"batches": [asdict(batch) for batch in batches]})
 
 

@@ -184,7 +184,7 @@ def _temperatures(state: RobotState) -> ServoReadings:
     readings = state.servos
     if readings is None or readings.hottest_joint is None:
         raise InputError(
-            f"{argument('cool_down_c')}: used with a robot that tells no temperatures; allowed: with "
+            f"{argument('cool_down_c')}: used with a robot that measures no temperatures; allowed: with "
             "servos on a bus, here or behind hexctl serve"
         )
     return readings

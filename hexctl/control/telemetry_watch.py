@@ -1,4 +1,4 @@
-"""What robots report of themselves: temperatures and voltages with spikes and gaps, and warnings."""
+"""Reports of robots on themselves: temperatures and voltages with spikes and gaps, and warnings."""
 
 import re
 from collections import deque

@@ -110,8 +110,8 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
         return False
     if spec.count_repeats:
         raise InputError(
-            f"{argument('count_repeats')}: used with bayes; allowed: without, bayes repeats a gait when "
-            "that tells most"
+            f"{argument('count_repeats')}: used with bayes; allowed: without, as bayes repeats a gait when "
+            "that is most informative"
         )
     return True
 
@@ -140,7 +140,7 @@ def _check_scored(spec: SessionSpec) -> None:
     if spec.early_stop:
         raise InputError(
             f"{argument('early_stop')}: used with {argument('objective')} {spec.objective}; allowed: with "
-            "final, which the course of a walk tells before its end"
+            "final, which can be predicted before the end of a walk"
         )
     if spec.worth_m:
         raise InputError(

@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hexctl.control.monitor.leg_signatures import SEEN, LegSignatures
+from hexctl.control.monitor.leg_signatures import SENSORS, LegSignatures
 from hexctl.control.monitor.phase_habit import PARTS, PhaseHabit, cycle_parts
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
@@ -65,7 +65,7 @@ class BodyBalance:
     The first state decides whether contacts are used.
 
     Args:
-        signatures_of: signatures, for one of `SEEN`.
+        signatures_of: signatures, for one of `SENSORS`.
         patterns_of: patterns of a leg, 1..6, of what is seen, leading shape + (K, 2 or 8, 12), as
             `LegSignatures.of_leg` has them; called for one leg in a tick.
 
@@ -87,7 +87,7 @@ class BodyBalance:
         self._shape, self._period_s, self._cycles = shape, period_s, np.asarray(cycles)
         self._signatures_of, self._patterns_of = signatures_of, patterns_of
         self._patterns: list[FloatArray] = []
-        self._ticks, self._some_paused, self._seen_kinds = 0, False, ""
+        self._ticks, self._some_paused, self._sensors = 0, False, ""
         # A robot that returns to its gait learns nothing until it is settled: its leg may still fail.
         self._silent: BoolArray = np.zeros(shape, dtype=bool)
         self._paused: BoolArray = np.zeros(shape, dtype=bool)
@@ -104,8 +104,8 @@ class BodyBalance:
 
     def _begin(self, contacts: bool) -> None:
         """Decide what is seen."""
-        self._seen_kinds = SEEN[contacts]
-        self._signatures = self._signatures_of(self._seen_kinds)
+        self._sensors = SENSORS[contacts]
+        self._signatures = self._signatures_of(self._sensors)
         self._groups = np.repeat([0, 1], [LEAN_CHANNELS, N_LEGS * contacts])
         shape, kinds = (*self._shape, len(self._groups)), 1 + contacts
         # Last cycle, habit, and how often each part was seen.
@@ -123,11 +123,11 @@ class BodyBalance:
 
     def update(self, state: RobotState, phases: FloatArray) -> None:
         """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
-        if not self._seen_kinds:
+        if not self._sensors:
             self._begin(state.foot_contacts is not None)
         self._ticks += 1
         if len(self._patterns) < N_LEGS:
-            self._patterns.append(self._patterns_of(len(self._patterns) + 1, self._seen_kinds))
+            self._patterns.append(self._patterns_of(len(self._patterns) + 1, self._sensors))
             if len(self._patterns) == N_LEGS:
                 self._weights = self._all_weights()
         if self._ticks * self._period_s < SETTLED_S:
@@ -202,7 +202,7 @@ class BodyBalance:
         mean = self._evidence + self._evidence_share * (now - self._evidence)
         self._evidence = np.where(speaks, mean, -MOST_EVIDENCE)
         floor = np.maximum(0.5 * np.log(variance[..., :1] / self._first[0]), LEAST_FLOOR)
-        alarm = ALARM[self._seen_kinds] + floor
+        alarm = ALARM[self._sensors] + floor
         self.ratio = np.maximum(1.0 + (self._evidence - alarm) / SPAN, 0.0)
 
     def _means(self, squares: FloatArray) -> FloatArray:

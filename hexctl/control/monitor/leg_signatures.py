@@ -24,8 +24,8 @@ VERSION = 1
 
 KIND = ArchiveKind(name="signatures", versions=(VERSION,), command="python -m benchmarks.build_signatures")
 
-#: What is seen: the lean ahead and to the left, or also the contact of each foot.
-SEEN = ("lean", "contacts")
+#: Sensors of a failure: the lean ahead and to the left, or also the contact of each foot.
+SENSORS = ("lean", "contacts")
 
 ARRAYS = ("patterns", "sizes", "biases", "outputs")
 
@@ -63,10 +63,10 @@ class LegSignatures:
 
 
 def save_signatures(path: Any, signatures: Mapping[str, LegSignatures], origin: dict[str, Any]) -> None:
-    """Write signatures by what is seen, in single precision; raises ArchiveFileError if the disk refuses."""
+    """Write signatures by their sensors, in single precision; raises ArchiveFileError if the disk refuses."""
     arrays = {
         f"{seen}_{name}": getattr(signatures[seen], name).astype(np.float32)
-        for seen in SEEN
+        for seen in SENSORS
         for name in ARRAYS
     }
     KIND.save(path, VERSION, {"origin": origin}, arrays)
@@ -80,7 +80,7 @@ def load_signatures(path: Any) -> dict[str, LegSignatures]:
 def _made(_head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> dict[str, LegSignatures]:
     return {
         seen: LegSignatures(**{name: arrays[f"{seen}_{name}"].astype(float) for name in ARRAYS})
-        for seen in SEEN
+        for seen in SENSORS
     }
 
 

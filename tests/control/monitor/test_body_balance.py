@@ -14,7 +14,7 @@ from hexctl.control.monitor import leg_monitor, monitored_walk
 from hexctl.control.monitor.body_balance import BodyBalance
 from hexctl.control.monitor.leg_monitor import LegMonitor
 from hexctl.control.monitor.leg_signatures import (
-    SEEN,
+    SENSORS,
     LegSignatures,
     leg_patterns,
     load_signatures,
@@ -116,7 +116,7 @@ def _walk(
     return alarms
 
 
-@pytest.mark.parametrize("seen", SEEN)
+@pytest.mark.parametrize("seen", SENSORS)
 def test_patterns_turn_with_the_leg(seen: str) -> None:
     one, other = (leg_patterns(shipped(), TRIPOD, leg, seen) for leg in (1, 4))
     angle_rad = shipped().mount_yaws_rad[3] - shipped().mount_yaws_rad[0]
@@ -216,7 +216,7 @@ def _drive(monitor: LegMonitor, ticks: range, change: FloatArray | None) -> list
 def test_how_the_leg_failed_stays_unknown_and_it_is_missed_again_after_a_trial(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(leg_monitor, "shipped_signatures", lambda: {seen: _made_up(seen) for seen in SEEN})
+    monkeypatch.setattr(leg_monitor, "shipped_signatures", lambda: {seen: _made_up(seen) for seen in SENSORS})
     change = _change(4)
     monitor = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ), patterns_of=_patterns_of)
     assert _drive(monitor, range(500), None) == []
