@@ -7,12 +7,12 @@ import pytest
 
 from benchmarks import build_signatures
 from benchmarks.build_signatures import BATCHES, Examples, learned, mirrored, to_legs, walks_of
-from hexctl.control.monitor.leg_signatures import SEEN
+from hexctl.control.monitor.leg_signatures import SENSORS
 from hexctl.gait.gait import make_gait
 from tests.robots import shipped
 
 
-@pytest.mark.parametrize("seen", SEEN)
+@pytest.mark.parametrize("seen", SENSORS)
 def test_frames_of_legs_and_mirror_images_keep_sizes(seen: str) -> None:
     turns = to_legs(shipped(), make_gait(shipped(), "ripple"), seen)
     assert turns @ np.swapaxes(turns, 1, 2) == pytest.approx(np.stack([np.eye(turns.shape[-1])] * 6))
