@@ -233,6 +233,11 @@ class LegMonitor:
         if self._ticks % BLOCK_TICKS == 0:
             self._compare_stiffness(state)
 
+    def rests(self, state: RobotState) -> None:
+        """Take the state of a tick in which no leg steps: what joints do meanwhile is no sudden jump."""
+        state = self._without_wild(state)
+        self._motion.measured(state.joint_positions_rad, state.joint_torques_nm)
+
     def sent(self, targets_rad: FloatArray, age_s: float = 0.0) -> None:
         """Take the targets sent in the tick, leading shape + (18,), after a state of an age."""
         self._following.sent(targets_rad, age_s)

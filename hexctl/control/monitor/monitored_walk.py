@@ -121,7 +121,9 @@ class MonitoredWalk(Controller):
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, leading shape + (18,)."""
-        if (phases := self.walk.leg_phases) is not None and not self._stopping:
+        if (phases := self.walk.leg_phases) is None:
+            self._monitor.rests(state)
+        elif not self._stopping:
             self._monitor.update(state, phases)
             if np.count_nonzero(self._monitor.new):  # half the time of `any`
                 self._respond(step)

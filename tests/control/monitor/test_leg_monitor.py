@@ -164,6 +164,27 @@ def test_a_joint_at_its_target_needs_no_torque_and_echoed_targets_say_nothing() 
     assert _walk(_held((0, 1, 2), torque_nm=0.3), measured=False) == []
 
 
+def test_what_a_joint_does_while_the_robot_stands_is_no_jump_when_it_walks_again() -> None:
+    """A leg that is put down from its highest place by a halt was accused of a stuck joint."""
+    monitor, accused = LegMonitor(shipped(), (), PERIOD_S, np.float64(PACE_HZ)), False  # type: ignore[arg-type]
+    stands_at = round(5.75 / PACE_HZ / PERIOD_S)
+    for tick in range(stands_at + 60):
+        phases, joints = _targets(tick * PERIOD_S * PACE_HZ)
+        stands = stands_at <= tick < stands_at + 12
+        if not stands:
+            joints[11] -= (
+                max(0.0, np.sin(2 * np.pi * phases[3])) ** 3
+            )  # the tibia of leg 4 lifts its foot high
+        state = RobotState(joints, tick * PERIOD_S, measured=True)
+        if stands:
+            monitor.rests(state)
+        else:
+            monitor.update(state, phases)
+            accused |= bool(monitor.new.any())
+        monitor.sent(joints)
+    assert not accused
+
+
 def test_where_many_legs_do_not_follow_or_are_silent_at_once_it_is_the_robot() -> None:
     """A load that is too much for the servos, or the bus."""
     for legs in ((1, 3, 5), (1, 2, 3, 4, 5, 6)):
