@@ -132,7 +132,7 @@ def floor_errors(
         near = {number: one.corners_px for number, one in found.items()}
         views = [finder.near(gray, near) for gray in empty]
         edges_m = {number: one.edge_m for number, one in FLOOR_TAGS.items()}
-        floor = learn_floor(believed, [averaged_corners(views)], edges_m)
+        floor = learn_floor(believed, averaged_corners(views), edges_m)
         for row, (x_m, y_m) in enumerate(places):
             true = PlanarPose(float(x_m), float(y_m), float(random.uniform(-np.pi, np.pi)))
             drawn = [renderer.draw(_standing(robot, true)) for _ in range(pictures + 1)]
@@ -158,7 +158,7 @@ def _looked(
 ) -> tuple[PlanarPose | None, float]:
     """Where the robot is by some pictures, and the processor time of each; the first only finds the tag."""
     corners = {number: one.corners for number, one in floor.tags.items()}
-    observer = Observer(robot, floor.cameras[0], corners, tag, finder=finder)
+    observer = Observer(robot, floor.camera, corners, tag, finder=finder)
     began_s, seen, pose = 0.0, None, None
     for number, picture in enumerate(pictures):
         at_s = number * PERIOD_S

@@ -95,8 +95,8 @@ def found_place(
     if stop_requested():
         return None
     height_px, width_px = pictures[0][0].shape
-    views = [averaged_corners([found for _, found in pictures])]
-    place, doubts = learned_place(given, views, (width_px, height_px), robot, known)
+    corners_px = averaged_corners([found for _, found in pictures])
+    place, doubts = learned_place(given, corners_px, (width_px, height_px), robot, known)
     save_place(place, path)
     return place, True, doubts
 
@@ -174,7 +174,7 @@ def measured(place: Place, bar_mm: float | None) -> tuple[Place, tuple[str, ...]
 
 def learned_place(
     given: RobotCameraOptions,
-    views: Sequence[CornersPx],
+    corners_px: CornersPx,
     size_px: tuple[int, int],
     robot: Robot,
     before: Place | None,
@@ -183,7 +183,7 @@ def learned_place(
 
     Args:
         given: options; missing ones are taken from the earlier place or the defaults.
-        views: corners (4, 2) in px by number, for each position of the camera (`learn_floor`).
+        corners_px: corners (4, 2) of the tags, by number.
         size_px: picture size.
         robot: robot with the tag.
         before: the earlier place if it is learned again.
@@ -201,14 +201,14 @@ def learned_place(
     opened = lens.opened() if isinstance(lens, AssumedLens) else load_lens(lens).scaled(*size_px)
     bar_mm = given.bar_mm or (BAR_MM if before is None else before.bar_mm)
     edges_m = {number: edge_mm * bar_mm / BAR_MM / 1000 for number, edge_mm in edges_mm.items()}
-    floor = learn_floor(opened, views, edges_m)
+    floor = learn_floor(opened, corners_px, edges_m)
     place = Place(
         lens=lens if isinstance(lens, Path) else None,
         assumed_lens=lens if isinstance(lens, AssumedLens) else None,
         bar_mm=bar_mm,
         floor_tags={number: FloorTag.at(tag.pose, edges_mm[number]) for number, tag in floor.tags.items()},
         robot_tag=robot_tag,
-        camera=CameraPose.of(floor.cameras[0]),
+        camera=CameraPose.of(floor.camera),
         latency_s=None if before is None else before.latency_s,
     )
     unseen = _unseen_doubt(sorted(set(edges_mm) - set(floor.tags)))
