@@ -18,8 +18,7 @@ from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 from hexctl.vision.observer import Observer
 from hexctl.vision.place_learning import LEARNING_PICTURES
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_camera import tag_on
+from hexctl.vision.twin.rendering import RobotPosture, SceneRenderer, tag_on
 
 #: Half of the floor: ahead of the camera, and to its side, in m.
 HALF_FLOOR_M = (1.0, 1.5)
@@ -126,7 +125,7 @@ def floor_errors(
     reach_x, reach_y = (np.arange(-half_m, half_m + 1e-9, step_m) for half_m in HALF_FLOOR_M)
     places = np.array([(x, y) for x in reach_x for y in reach_y])
     off, frame_s = np.full((len(places), 3), np.nan), np.zeros(len(places))
-    with SceneRenderer(robot, camera, FLOOR_TAGS, tag, CameraFlaws(), seed=seed) as renderer:
+    with SceneRenderer(robot, camera, FLOOR_TAGS, tag, seed=seed) as renderer:
         empty = [renderer.draw(_standing(robot, AWAY)) for _ in range(LEARNING_PICTURES)]
         found = finder.search(empty[0], thorough=True)
         near = {number: one.corners_px for number, one in found.items()}

@@ -16,7 +16,7 @@ from hexctl.vision.detection.tags import MODULES, UNIT_CORNERS, Picture, tag_mod
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observer
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
+from hexctl.vision.twin.rendering import RobotPosture, SceneRenderer
 from tests.driven import Driven, driven
 from tests.vision.scenes import CAMERA, FLOOR_CORNERS, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 
@@ -45,7 +45,7 @@ def filmed() -> Filmed:
     """It stands for a second, walks ahead for 3 s and turns for 2 s, in an arc."""
     walk = driven("ant", ((1, 0, 0, 0), (3, 1, 0, 0), (2, 0.6, 0, 0.5)))
     pictures = []
-    with SceneRenderer(ROBOT, HERE, FLOOR_TAGS, TAG, CameraFlaws()) as renderer:
+    with SceneRenderer(ROBOT, HERE, FLOOR_TAGS, TAG) as renderer:
         for tick in range(0, len(walk.times_s), TICKS):
             x_m, y_m, yaw_rad = walk.poses[tick].tolist()
             position = np.array([x_m, y_m, walk.height_m[tick]])

@@ -17,11 +17,9 @@ from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
 from hexctl.vision.detection.tags import SeenTag, TagFinder
 from hexctl.vision.twin import posture_history
 from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
-from hexctl.vision.twin.delivery import Delivery, TakenPicture
 from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_robot
-from hexctl.vision.twin.rendering import CameraFlaws
-from hexctl.vision.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
-from hexctl.vision.twin.twin_options import parse_point
+from hexctl.vision.twin.shooting import Delivery, TwinReport
+from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted, parse_point
 from hexctl.vision.video.video_source import VideoSource, open_video
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
@@ -47,7 +45,7 @@ def test_a_camera_stands_still_until_it_is_moved_and_turned() -> None:
 def test_a_covered_tag_is_not_seen_and_the_others_are() -> None:
     robot = load_robot("ant")
     posture = standing(robot, PlanarPose(0.2, -0.1, 0.5))
-    with scene(flaws=CameraFlaws()) as renderer:
+    with scene() as renderer:
         picture = renderer.draw_color(posture)
         covered = with_hand(picture, CAMERA, posture, tag_on(robot))
     finder = TagFinder()
@@ -69,9 +67,9 @@ def test_pictures_arrive_in_order_and_none_before_it_is_due() -> None:
     began_s = time.monotonic()
     due_s = [began_s + 0.1 + 0.02 * number for number in range(8)]
     for number, due_at_s in enumerate(due_s):
-        delivery.send(TakenPicture(partial(plain, 10 * number), began_s, due_at_s))
+        delivery.send(partial(plain, 10 * number), began_s, due_at_s)
     wait_for(lambda: len(arrived) == 8, 10, "not all pictures arrived")
-    delivery.send(TakenPicture(lambda: plain(0), 0.0, time.monotonic() + 3600))
+    delivery.send(lambda: plain(0), 0.0, time.monotonic() + 3600)
     delivery.close()
     assert [bright for bright, _ in arrived] == [10 * number for number in range(8)]
     assert all(at_s >= due_at_s for (_, at_s), due_at_s in zip(arrived, due_s, strict=True))
