@@ -29,7 +29,7 @@ from hexctl.vision.place import (
     load_place,
     save_place,
 )
-from hexctl.vision.robot_camera_options import RobotCameraOptions
+from hexctl.vision.robot_camera import RobotCamera
 from hexctl.vision.sheet import BAR_MM, Sheet
 from hexctl.vision.video.video_source import VideoSource
 
@@ -58,7 +58,7 @@ PLACING_PICTURES = 8
 ELSEWHERE_M, ELSEWHERE_RAD = 0.02, math.radians(0.5)
 
 
-def known_place(given: RobotCameraOptions) -> Place | None:
+def known_place(given: RobotCamera) -> Place | None:
     """The place of the file, if there is one; raises InputError for options that contradict it."""
     path = Path(given.place)
     known = load_place(path) if path.exists() else None
@@ -70,7 +70,7 @@ def known_place(given: RobotCameraOptions) -> Place | None:
 
 
 def found_place(
-    given: RobotCameraOptions,
+    given: RobotCamera,
     known: Place | None,
     video: VideoSource,
     robot: Robot,
@@ -142,7 +142,7 @@ def _searched(
         raise RobotFaultError(f"camera {video.name} sends no pictures")
 
 
-def check_known(given: RobotCameraOptions, place: Place, path: Path) -> None:
+def check_known(given: RobotCamera, place: Place, path: Path) -> None:
     """Raise InputError for an option that a known place contradicts; its bar may differ (`measured`)."""
     numbers = Sheet(**given.printed).floor_edges_mm
     known: list[tuple[str, float | None]] = [
@@ -173,7 +173,7 @@ def measured(place: Place, bar_mm: float | None) -> tuple[Place, tuple[str, ...]
 
 
 def learned_place(
-    given: RobotCameraOptions,
+    given: RobotCamera,
     corners_px: CornersPx,
     size_px: tuple[int, int],
     robot: Robot,
@@ -215,7 +215,7 @@ def learned_place(
     return place, (*unseen, *floor.doubts, *(BAR_DOUBT,) * (given.bar_mm is None and before is None))
 
 
-def _lens(given: RobotCameraOptions, size_px: tuple[int, int], before: Place | None) -> Path | AssumedLens:
+def _lens(given: RobotCamera, size_px: tuple[int, int], before: Place | None) -> Path | AssumedLens:
     if given.lens is not None:
         return Path(given.lens)
     usual_deg = USUAL_FOV_DEG
@@ -226,7 +226,7 @@ def _lens(given: RobotCameraOptions, size_px: tuple[int, int], before: Place | N
     return AssumedLens(width_px=size_px[0], height_px=size_px[1], fov_deg=given.fov_deg or usual_deg)
 
 
-def _robot_tag(given: RobotCameraOptions, robot: Robot, before: Place | None) -> RobotTag:
+def _robot_tag(given: RobotCamera, robot: Robot, before: Place | None) -> RobotTag:
     sheet, height_m = Sheet(**given.printed), robot.body.size_m[2] / 2
     usual = RobotTag(id=sheet.robot_tag, edge_mm=sheet.robot_edge_mm, height_m=height_m)
     changes: dict[str, Any] = {
@@ -238,7 +238,7 @@ def _robot_tag(given: RobotCameraOptions, robot: Robot, before: Place | None) ->
     return replace(known, **{name: value for name, value in changes.items() if value is not None})
 
 
-def _edges_mm(given: RobotCameraOptions, before: Place | None, robot_tag: int) -> dict[int, float]:
+def _edges_mm(given: RobotCamera, before: Place | None, robot_tag: int) -> dict[int, float]:
     """Edges of the floor's tags as the sheet names them, by number; new ones are as those before."""
     sheet = Sheet(**given.printed)
     if before is None:

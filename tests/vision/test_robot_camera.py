@@ -23,7 +23,7 @@ from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.place import CameraPose, FloorTag, Place, RobotTag, arena_of, load_place
-from hexctl.vision.pose_stream import COLUMNS, CameraReport, CameraStatus, PoseOutputs, PoseStream, PoseTable
+from hexctl.vision.pose_stream import COLUMNS, CameraReport, CameraStatus, PoseStream, PoseTable
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
 from hexctl.vision.video.video_source import Frame, VideoSource, open_video
 from hexctl.vision.video.video_writer import VideoWriter
@@ -192,7 +192,7 @@ def test_what_loses_the_robot_is_told_once(
         floor_tags={number: FloorTag.at(one.pose, 1000 * one.edge_m) for number, one in FLOOR_TAGS.items()},
         robot_tag=RobotTag(id=tag.tag_id, edge_mm=1000 * tag.edge_m, height_m=tag.height_m),
     )
-    stream = PoseStream(Observer.at(place, ANT, TagFinder(), 0.0), PoseOutputs(None, None, None, None))
+    stream = PoseStream(Observer.at(place, ANT, TagFinder(), 0.0))
     stream.run(film, lambda: False, on_pose=lambda _: None, on_status=statuses.append, on_event=events.append)
     told = ["seen", "its tag", "seen", "no pictures", "seen", "640x360", "no pictures"]
     assert len(events) == len(told)
