@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -75,12 +75,10 @@ class RobotLink:
 
     Attributes:
         robot: as it describes itself.
-        malformed: messages that could not be read.
     """
 
     def __init__(self, robot: Robot, session: zenoh.Session, keys: KeyMap, *, plain: bool) -> None:
         self.robot, self._plain = robot, plain
-        self.malformed = 0
         self._states: deque[LegState] = deque(maxlen=MOST_STATES)
         self._yaw: tuple[float, float] | None = None
         self._clock = SenderClock()
@@ -117,11 +115,9 @@ class RobotLink:
         self._publisher.put(payload)
 
     def _guarded(self, take: Any, sample: Any) -> None:
-        """Take a sample; one that cannot be read is counted, and never ends the thread of Zenoh."""
-        try:
+        """Take a sample; one that cannot be read never ends the thread of Zenoh."""
+        with suppress(MessageError):
             take(sample, time.monotonic())
-        except MessageError:
-            self.malformed += 1
 
     def _take_yaw(self, sample: Any, now_s: float) -> None:
         quaternion = decode_orientation(bytes(sample.payload))

@@ -126,7 +126,7 @@ class Empty(VideoSource):
     def read(self, timeout_s: float = 1.0) -> Frame:
         """A picture."""
         self.taken += 1
-        return Frame(np.full((720, 1280, 3), 90, dtype=np.uint8), time.monotonic(), 1)
+        return Frame(np.full((720, 1280, 3), 90, dtype=np.uint8), time.monotonic())
 
     def close(self) -> None:
         """Nothing is open."""

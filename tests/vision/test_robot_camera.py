@@ -156,7 +156,7 @@ class Film(VideoSource):
         self._number += 1
         self.now_s += FRAME_S
         self.ended = self._number == len(self._pictures)
-        return None if picture is None else Frame(picture, self.now_s, self._number)
+        return None if picture is None else Frame(picture, self.now_s)
 
     def close(self) -> None:
         """Nothing is open."""

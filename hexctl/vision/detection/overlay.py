@@ -50,7 +50,7 @@ class Overlay:
         height_m: float,
         lines: Sequence[str],
     ) -> Picture:
-        """Copy of a picture, grey or (H, W, 3) with blue first, with what was seen in it.
+        """Copy of a picture, (H, W, 3) with blue first, with what was seen in it.
 
         Args:
             picture: as the camera took it.
@@ -61,7 +61,7 @@ class Overlay:
             height_m: of the robot's tag above the floor.
             lines: text for the upper left corner.
         """
-        drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
+        drawn = picture.copy()
         self._floor(drawn, camera, floor_corners)
         if sighting is not None:
             _polygon(drawn, sighting.tag.corners_px, _SEEN, 2)

@@ -43,12 +43,10 @@ class Frame:
     Attributes:
         picture: (H, W, 3), blue first, as OpenCV has it.
         at_s: of a live source, when it arrived, on time.monotonic; of a file, its time since the beginning.
-        number: of the source, from 1 on; numbers are missing where frames were dropped.
     """
 
     picture: Picture
     at_s: float
-    number: int
 
     def gray(self) -> Picture:
         """The picture in grey, (H, W)."""
@@ -126,11 +124,7 @@ def open_video(
 
 
 class VideoFile(VideoSource):
-    """All frames of a file.
-
-    Attributes:
-        fps: frame rate of the file.
-    """
+    """All frames of a file."""
 
     def __init__(self, path: Path) -> None:
         """Open it. Raises InputError for a missing file or no video."""
@@ -142,8 +136,6 @@ class VideoFile(VideoSource):
         self._capture = quietly(lambda: cv2.VideoCapture(str(path), cv2.CAP_FFMPEG))
         if not self._capture.isOpened():
             raise InputError(f"{path}: is no video that can be read; allowed: MP4, AVI, MKV and others")
-        self.fps = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self._number = 0
 
     def read(self, timeout_s: float = 1.0) -> Frame | None:
         """The next frame, or None after the last."""
@@ -151,9 +143,8 @@ class VideoFile(VideoSource):
         if not good or picture is None:
             self.ended = True
             return None
-        self._number += 1
         at_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-        return Frame(np.asarray(picture, dtype=np.uint8), at_s, self._number)
+        return Frame(np.asarray(picture, dtype=np.uint8), at_s)
 
     def close(self) -> None:
         """Close the file."""
@@ -172,7 +163,6 @@ class LiveVideo(VideoSource):
         self._opened, self._on_event = opened, on_event
         self._arrived = threading.Condition()
         self._newest: Frame | None = None
-        self._number = 0
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(opened(),), name="video", daemon=True)
         self._thread.start()
@@ -210,15 +200,12 @@ class LiveVideo(VideoSource):
         while not self._closing.is_set() and capture.grab():
             at_s = time.monotonic()
             good, picture = capture.retrieve()
-            if good:
-                self._keep(np.asarray(picture, dtype=np.uint8), at_s)
-
-    def _keep(self, picture: Picture, at_s: float) -> None:
-        with self._arrived:
-            self.dropped += self._newest is not None
-            self._number += 1
-            self._newest = Frame(picture, at_s, self._number)
-            self._arrived.notify_all()
+            if not good:
+                continue
+            with self._arrived:
+                self.dropped += self._newest is not None
+                self._newest = Frame(np.asarray(picture, dtype=np.uint8), at_s)
+                self._arrived.notify_all()
 
     def _found_again(self) -> Any:
         while not self._closing.wait(REOPEN_S):

@@ -20,10 +20,6 @@ class VideoWriter:
     """Writes pictures into a new video, each for as long as it was the newest; close it.
 
     The file is made with the first picture, in its size.
-
-    Attributes:
-        path: of the file.
-        frames: written so far.
     """
 
     def __init__(self, path: Path, fps: float = 30.0) -> None:
@@ -33,40 +29,32 @@ class VideoWriter:
             path: file; its suffix selects the format.
             fps: frame rate of the video.
 
-        Raises InputError for a suffix not in `CODECS` and for a missing folder.
+        Raises InputError for a suffix not in `CODECS`.
         """
         if path.suffix.lower() not in CODECS:
             raise InputError(
                 f"{argument('output')}: got {path}; allowed: names that end in {', '.join(CODECS)}"
             )
-        if not path.parent.is_dir():
-            raise InputError(f"{argument('output')}: got {path}; allowed: an existing folder")
         hide_library_messages()
-        self.path, self.frames = path, 0
-        self._fps = fps
+        self._path, self._fps, self._frames = path, fps, 0
         self._writer: Any = None
         self._last: Picture | None = None
-        self._size_px = (0, 0)
         self._began_at_s = 0.0
 
     def write(self, picture: Picture, at_s: float) -> None:
-        """Write a picture (H, W, 3), BGR, with its time in s.
+        """Write a picture (H, W, 3), BGR, in the size of the first one, with its time in s.
 
-        Raises RecordingError if writing fails, and InputError if its size differs from the first one.
+        Raises RecordingError if writing fails.
         """
-        height_px, width_px = picture.shape[:2]
         if self._writer is None:
-            self._begin((width_px, height_px), at_s)
-        if (width_px, height_px) != self._size_px:
-            wanted = "x".join(map(str, self._size_px))
-            raise InputError(f"{self.path}: got a picture of {width_px}x{height_px} px; allowed: {wanted}")
+            self._begin((picture.shape[1], picture.shape[0]), at_s)
         due = int((at_s - self._began_at_s) * self._fps + 0.5) + 1
-        if due - self.frames > MOST_GAP_S * self._fps:
-            self._began_at_s += (due - self.frames - 1) / self._fps
-            due = self.frames + 1
-        for left in range(due - self.frames, 0, -1):
+        if due - self._frames > MOST_GAP_S * self._fps:
+            self._began_at_s += (due - self._frames - 1) / self._fps
+            due = self._frames + 1
+        for left in range(due - self._frames, 0, -1):
             self._writer.write(picture if left == 1 or self._last is None else self._last)
-            self.frames += 1
+            self._frames += 1
         self._last = picture
 
     def close(self) -> None:
@@ -82,13 +70,11 @@ class VideoWriter:
         self.close()
 
     def _begin(self, size_px: tuple[int, int], at_s: float) -> None:
-        if self.frames:
-            raise RecordingError(f"{self.path}: the video is closed")
-        code = cv2.VideoWriter.fourcc(*CODECS[self.path.suffix.lower()])
+        code = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
         self._writer = quietly(
-            lambda: cv2.VideoWriter(str(self.path), cv2.CAP_FFMPEG, code, self._fps, size_px)
+            lambda: cv2.VideoWriter(str(self._path), cv2.CAP_FFMPEG, code, self._fps, size_px)
         )
         if not self._writer.isOpened():
             self._writer = None
-            raise RecordingError(f"{self.path}: the video cannot be written here")
-        self._size_px, self._began_at_s = size_px, at_s
+            raise RecordingError(f"{self._path}: the video cannot be written here")
+        self._began_at_s = at_s
