@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -303,11 +304,27 @@ def stance_angles(coxa: Vector2, femur: Vector2, tibia: Vector2, foot: Vector2) 
     return math.remainder(femur_rad, math.tau), math.remainder(tibia_rad, math.tau)
 
 
+def stance(
+    mounts_body: FloatArray, yaws_rad: FloatArray, links: Sequence[Vector2], foot: Vector2
+) -> tuple[FloatArray, FloatArray]:
+    """Nominal feet in the body frame, (6, 3), all at one height, and joint angles, (18,).
+
+    The foot is outward from the coxa axis and up from the body frame. Raises InputError out of reach.
+    """
+    outward_m, up_m = foot
+    level = mounts_body[:, :2] + outward_m * np.stack([np.cos(yaws_rad), np.sin(yaws_rad)], axis=-1)
+    angles: list[float] = []
+    for leg, mount_z in enumerate(mounts_body[:, 2].tolist(), start=1):
+        try:
+            angles += [0.0, *stance_angles(*links, (outward_m, up_m - mount_z))]
+        except InputError as error:
+            raise InputError(f"stance: out of reach for leg {leg}: {error}") from error
+    return np.column_stack([level, np.full(N_LEGS, up_m)]), np.array(angles)
+
+
 def in_stance_of(robot: Robot, outward_m: float) -> Robot:
     """The robot with its nominal feet at a distance outward from the coxa axes; raises InputError."""
-    feet, yaws = robot.stance_feet_body.copy(), robot.mount_yaws_rad
-    feet[:, :2] = robot.mount_positions_body[:, :2] + outward_m * np.stack([np.cos(yaws), np.sin(yaws)], -1)
-    coxa, femur, tibia = ((float(out), float(up)) for out, up in robot.link_vectors_m)
-    heights_m = (feet[:, 2] - robot.mount_positions_body[:, 2]).tolist()
-    angles = [(0.0, *stance_angles(coxa, femur, tibia, (outward_m, up_m))) for up_m in heights_m]
-    return replace(robot, stance_feet_body=feet, stance_angles_rad=np.ravel(angles))
+    links = [(float(out), float(up)) for out, up in robot.link_vectors_m]
+    foot = (outward_m, float(robot.stance_feet_body[0, 2]))
+    feet, angles = stance(robot.mount_positions_body, robot.mount_yaws_rad, links, foot)
+    return replace(robot, stance_feet_body=feet, stance_angles_rad=angles)

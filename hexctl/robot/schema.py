@@ -186,6 +186,11 @@ class LinksSection(Section):
         """Coxa, femur and tibia."""
         return self.coxa, self.femur, self.tibia
 
+    @property
+    def ends_m(self) -> tuple[tuple[float, float], ...]:
+        """Vectors of coxa, femur and tibia."""
+        return tuple(link.end_m for link in self.each)
+
 
 class JointSection(Section):
     """Range, speed, torque and play of one joint; None for the stiffness is the servo's.
