@@ -86,20 +86,20 @@ class RobotFile:
 def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:
     """Robot file of a shipped name (`ant`, `phantomx`, `jethexa` ...) or of a path; raises InputError."""
     path = find_config("robots", name_or_path)
-    content = validate(RobotSchema, read_mapping(path), path)
-    try:
-        return RobotFile(path, _build(content), content)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    return _robot_file(read_mapping(path), path)
 
 
 def robot_of_content(content: dict[str, Any], path: Path) -> Robot:
     """Robot of the content of a robot file; raises what `load_robot_file` raises."""
+    return _robot_file(content, path).robot
+
+
+def _robot_file(content: dict[str, Any], path: Path) -> RobotFile:
+    schema = validate(RobotSchema, content, path)
     try:
-        return _build(validate(RobotSchema, content, path))
+        return RobotFile(path, _build(schema), schema)
     except InputError as error:
-        text = str(error)
-        raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
+        raise InputError(f"{path}: {error}") from error
 
 
 def load_robot(name_or_path: str | Path = "ant") -> Robot:

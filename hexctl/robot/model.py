@@ -5,13 +5,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from hexctl.errors import InputError, check_type
 from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_finite, same_value
+
+#: Arrays with their shapes.
+PerLink = Annotated[FloatArray, (JOINTS_PER_LEG,)]
+PerJoint = Annotated[FloatArray, (N_JOINTS,)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,26 +51,26 @@ class Robot(ArrayFields):
     name: str
     size_m: float
     body: Body
-    mount_positions_body: FloatArray
-    mount_yaws_rad: FloatArray
-    link_vectors_m: FloatArray
-    link_masses_kg: FloatArray
-    link_radii_m: FloatArray
+    mount_positions_body: Annotated[FloatArray, (N_LEGS, 3)]
+    mount_yaws_rad: Annotated[FloatArray, (N_LEGS,)]
+    link_vectors_m: Annotated[FloatArray, (JOINTS_PER_LEG, 2)]
+    link_masses_kg: PerLink
+    link_radii_m: PerLink
     foot_radius_m: float
-    joint_lower_rad: FloatArray
-    joint_upper_rad: FloatArray
-    joint_max_speed_rad_s: FloatArray
-    joint_max_torque_nm: FloatArray
-    stance_feet_body: FloatArray
-    stance_angles_rad: FloatArray
+    joint_lower_rad: PerJoint
+    joint_upper_rad: PerJoint
+    joint_max_speed_rad_s: PerJoint
+    joint_max_torque_nm: PerJoint
+    stance_feet_body: Annotated[FloatArray, (N_LEGS, 3)]
+    stance_angles_rad: PerJoint
     servo: ServoModel
     gait: GaitDefaults
-    link_coms_m: FloatArray | None = None
-    joint_stiffness_nm_per_rad: FloatArray | None = None
-    joint_dry_friction_nm: FloatArray | None = None
-    joint_no_load_speed_rad_s: FloatArray | None = None
-    joint_play_rad: FloatArray | None = None
-    link_inertias_kg_m2: FloatArray | None = None
+    link_coms_m: Annotated[FloatArray, (JOINTS_PER_LEG, 2)] | None = None
+    joint_stiffness_nm_per_rad: PerJoint | None = None
+    joint_dry_friction_nm: PerJoint | None = None
+    joint_no_load_speed_rad_s: PerJoint | None = None
+    joint_play_rad: PerJoint | None = None
+    link_inertias_kg_m2: Annotated[FloatArray, (JOINTS_PER_LEG, 4)] | None = None
 
     def __post_init__(self) -> None:
         check_type(self.name, str, "robot.name")
@@ -75,9 +79,7 @@ class Robot(ArrayFields):
         for name, part in (("body", Body), ("servo", ServoModel), ("gait", GaitDefaults)):
             check_type(getattr(self, name), part, f"robot.{name}")
         for name, shape in _SHAPES.items():
-            check_finite(getattr(self, name), shape, f"robot.{name}")
-        for name, shape in _OPTIONAL_SHAPES.items():
-            if getattr(self, name) is not None:
+            if not (name in _OPTIONAL and getattr(self, name) is None):
                 check_finite(getattr(self, name), shape, f"robot.{name}")
         self._freeze()
 
@@ -102,7 +104,7 @@ class Robot(ArrayFields):
         digest = hashlib.sha256()
         for name, value in changed_fields(self):
             digest.update(value.tobytes() if isinstance(value, np.ndarray) else _text(value).encode())
-            if name in _OPTIONAL_SHAPES:
+            if name in _OPTIONAL:
                 digest.update(name.encode())
         return digest.hexdigest()
 
@@ -234,29 +236,20 @@ class LegTriangle(ArrayFields):
         return cls(**{name: np.array(value) for name, value in values.items()})
 
 
-_SHAPES = {
-    "mount_positions_body": (N_LEGS, 3),
-    "mount_yaws_rad": (N_LEGS,),
-    "link_vectors_m": (JOINTS_PER_LEG, 2),
-    "link_masses_kg": (JOINTS_PER_LEG,),
-    "link_radii_m": (JOINTS_PER_LEG,),
-    "joint_lower_rad": (N_JOINTS,),
-    "joint_upper_rad": (N_JOINTS,),
-    "joint_max_speed_rad_s": (N_JOINTS,),
-    "joint_max_torque_nm": (N_JOINTS,),
-    "stance_feet_body": (N_LEGS, 3),
-    "stance_angles_rad": (N_JOINTS,),
-}
+def _array_shapes() -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays of a robot by name, as its annotations have them."""
+    hints = get_type_hints(Robot, include_extras=True)
+    kinds = {name: [hint, *get_args(hint)] for name, hint in hints.items()}
+    return {
+        name: kind.__metadata__[0]
+        for name, each in kinds.items()
+        for kind in each
+        if get_origin(kind) is Annotated
+    }
 
-#: Optional arrays.
-_OPTIONAL_SHAPES = {
-    "link_coms_m": (JOINTS_PER_LEG, 2),
-    "joint_stiffness_nm_per_rad": (N_JOINTS,),
-    "joint_dry_friction_nm": (N_JOINTS,),
-    "joint_no_load_speed_rad_s": (N_JOINTS,),
-    "joint_play_rad": (N_JOINTS,),
-    "link_inertias_kg_m2": (JOINTS_PER_LEG, 4),
-}
+
+_SHAPES = _array_shapes()
+_OPTIONAL = {field.name for field in fields(Robot) if field.default is None}
 
 
 def changed_fields(part: Any) -> list[tuple[str, Any]]:
@@ -311,12 +304,12 @@ def stance(
 
     The foot is outward from the coxa axis and up from the body frame. Raises InputError out of reach.
     """
-    outward_m, up_m = foot
+    (coxa, femur, tibia), (outward_m, up_m) = links, foot
     level = mounts_body[:, :2] + outward_m * np.stack([np.cos(yaws_rad), np.sin(yaws_rad)], axis=-1)
     angles: list[float] = []
     for leg, mount_z in enumerate(mounts_body[:, 2].tolist(), start=1):
         try:
-            angles += [0.0, *stance_angles(*links, (outward_m, up_m - mount_z))]
+            angles += [0.0, *stance_angles(coxa, femur, tibia, (outward_m, up_m - mount_z))]
         except InputError as error:
             raise InputError(f"stance: out of reach for leg {leg}: {error}") from error
     return np.column_stack([level, np.full(N_LEGS, up_m)]), np.array(angles)

@@ -5,7 +5,7 @@
 
 import math
 from dataclasses import field
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -25,6 +25,7 @@ from hexctl.robot.configs import (
     Section,
     file_part,
     keys_of,
+    section_in,
 )
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_KINDS, N_LEGS
@@ -348,13 +349,7 @@ def _check_key(schema: type, path: str) -> None:
         if name not in fields:
             keys = f"one of {', '.join(sorted(fields))}" if fields else "nothing after it"
             raise ValueError(f"got {path}; allowed: keys of a robot file; in place of {name!r}, {keys}")
-        place = _section_in(fields[name].annotation)
-
-
-def _section_in(annotation: Any) -> type | None:
-    if isinstance(annotation, type) and keys_of(annotation) is not None:
-        return annotation
-    return next((found for part in get_args(annotation) if (found := _section_in(part))), None)
+        place = section_in(fields[name].annotation)
 
 
 P_GAIN = "p_gain"

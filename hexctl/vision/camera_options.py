@@ -47,9 +47,6 @@ class LinkedRobotOptions(LinkOptions):
     robot: str | None = None
     """Name of the robot on the link. (default: the only one there)"""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     def load_link(self) -> Link:
         """The link; raises InputError for an invalid one."""
         credentials = None if self.credentials is None else Path(self.credentials)

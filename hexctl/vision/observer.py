@@ -43,14 +43,6 @@ class Observation(ArrayFields):
 class Observer:
     """Estimates the robot's pose from pictures and leg states. All times are on one clock.
 
-    Args:
-        robot: robot with the tag.
-        camera: current pose of the camera.
-        floor_corners: corners (4, 2) of the tags on the floor in m, by number.
-        tag: tag on the robot.
-        latency_s: age of a picture on arrival.
-        finder: tag detector; a new one by default.
-
     Attributes:
         latency_s: age of a picture on arrival.
         tag: tag on the robot.

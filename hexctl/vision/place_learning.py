@@ -179,16 +179,10 @@ def learned_place(
     robot: Robot,
     before: Place | None,
 ) -> tuple[Place, tuple[str, ...]]:
-    """A place from pictures, and doubts, one sentence each.
+    """A place from the corners (4, 2) of tags in px by number, and doubts, one sentence each.
 
-    Args:
-        given: options; missing ones are taken from the earlier place or the defaults.
-        corners_px: corners (4, 2) of the tags, by number.
-        size_px: picture size.
-        robot: robot with the tag.
-        before: the earlier place if it is learned again.
-
-    Raises InputError for invalid lenses and floors.
+    Missing options are taken from the earlier place, if it is learned again, or the defaults. Raises
+    InputError for invalid lenses and floors.
     """
     robot_tag = _robot_tag(given, robot, before)
     edges_mm = _edges_mm(given, before, robot_tag.id)

@@ -135,15 +135,7 @@ def _numbers(pose: PlanarPose | None) -> list[str]:
 
 
 class PoseStream:
-    """The loop: a picture, the states that came meanwhile, the pose to the robot.
-
-    Args:
-        observer: of camera and robot.
-        robot: receives poses and sends its joint states.
-        page: shows the pictures.
-        video: file with the pictures.
-        table: file with the poses.
-    """
+    """The loop: a picture, the states that came meanwhile, the pose to the robot and the other outputs."""
 
     def __init__(
         self,

@@ -10,7 +10,7 @@ import pytest
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.vision.camera_lens import CameraLens
-from hexctl.vision.camera_options import CameraOptions, LinkedRobotOptions, parse_size
+from hexctl.vision.camera_options import CameraOptions, parse_size
 from hexctl.vision.detection.calibration_board import N_CORNERS, SQUARE_M, BoardFinder
 from hexctl.vision.detection.lens import load_lens
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
@@ -147,7 +147,7 @@ def test_the_command_writes_the_file_once(tmp_path: Path, capsys: pytest.Capture
         (CameraOptions, {}, "camera"),
         (CameraOptions, {"camera": 0.5}, "camera"),
         (CameraOptions, {"camera": 0, "place": 5}, "place"),
-        (LinkedRobotOptions, {"robot": 5}, "robot"),
+        (CameraOptions, {"camera": 0, "robot": 5}, "robot"),
         (CameraLens, {}, "pictures"),
         (CameraLens, {"pictures": ["a.png"], "camera": 0}, "pictures"),
         (CameraLens, {"pictures": ["a.png"], "size_px": (640, 480)}, "size_px"),

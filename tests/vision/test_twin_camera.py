@@ -16,7 +16,7 @@ from hexctl.types import FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
 from hexctl.vision.detection.tags import SeenTag, TagFinder
 from hexctl.vision.twin import posture_history
-from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
+from hexctl.vision.twin.camera_faults import faulty_camera, is_covered, parse_camera_fault, with_hand
 from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_robot
 from hexctl.vision.twin.shooting import Delivery, TwinReport
 from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted, parse_point
@@ -28,14 +28,14 @@ from tests.vision.scenes import CAMERA, FLOOR_TAGS, ROBOT_TAG, plain, scene, sta
 
 
 def test_a_camera_stands_still_until_it_is_moved_and_turned() -> None:
-    faults = CameraFaults((parse_camera_fault("moved:0.1,0,0.2@5"), parse_camera_fault("turned:90@6")))
-    assert faults.camera(CAMERA, 4.9) == CAMERA
-    moved = faults.camera(CAMERA, 5.0)
+    faults = [parse_camera_fault("moved:0.1,0,0.2@5"), parse_camera_fault("turned:90@6")]
+    assert faulty_camera(CAMERA, faults, 4.9) == CAMERA
+    moved = faulty_camera(CAMERA, faults, 5.0)
     assert np.allclose(moved.position_floor, CAMERA.position_floor + np.array([0.1, 0, 0.2]))
     assert (moved.rotation == CAMERA.rotation).all()
-    turned = faults.camera(CAMERA, 6.0)
-    covered = CameraFaults((parse_camera_fault("covered:2@3"),))
-    assert [covered.cover(at_s) for at_s in (2.9, 3.0, 4.9, 5.0)] == [False, True, True, False]
+    turned = faulty_camera(CAMERA, faults, 6.0)
+    covered = [parse_camera_fault("covered:2@3")]
+    assert [is_covered(covered, at_s) for at_s in (2.9, 3.0, 4.9, 5.0)] == [False, True, True, False]
     assert np.allclose(CAMERA.rotation[:2, 2] @ turned.rotation[:2, 2], 0)
     assert turned.rotation[1, 2] > 0  # from ahead to the left
     assert turned.rotation[2, 2] == pytest.approx(CAMERA.rotation[2, 2])

@@ -66,10 +66,7 @@ def place_camera(
 ) -> Camera | None:
     """Camera that sees tags on the floor where they are seen, or None without a solution.
 
-    Args:
-        lens: of the camera.
-        corners_px: corners (4, 2) of tags in the picture, by number.
-        corners_floor: corners (4, 2) of tags on the floor in m, by number; tags without are not used.
+    Corners (4, 2) are by number, in the picture and on the floor; tags that only one has are not used.
     """
     shared = sorted(set(corners_px) & set(corners_floor))
     if not shared:
@@ -117,12 +114,7 @@ def reprojection_px(
 
 
 def visible_circle(camera: Camera, height_m: float, edge_m: float) -> tuple[tuple[float, float], float]:
-    """Middle (x, y) in m and radius in m of the largest circle on the floor in which a tag is seen.
-
-    Args:
-        camera: as it stands.
-        height_m: of the tag above the floor.
-        edge_m: of the tag.
+    """Middle (x, y) and radius in m of the largest circle on the floor in which a tag at a height is seen.
 
     Raises InputError for a camera that sees none.
     """

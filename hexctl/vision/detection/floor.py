@@ -43,13 +43,7 @@ CornersPx = Mapping[int, FloatArray]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LearnedFloor(ArrayFields):
-    """The tags on the floor and the pose of the camera that saw them.
-
-    Attributes:
-        tags: by number.
-        camera: as it stands.
-        doubts: reasons not to trust the result, one sentence each.
-    """
+    """The tags on the floor by number, the camera that saw them, and reasons not to trust them."""
 
     tags: Mapping[int, PlacedTag]
     camera: Camera

@@ -69,11 +69,7 @@ class CalibratedLens(ArrayFields):
 
 
 class LensCalibration:
-    """Collects pictures of the board that differ from one another.
-
-    Args:
-        fisheye: whether lines at the edge of the picture are strongly bent (more than 110 deg).
-    """
+    """Collects pictures of the board that differ from one another; a fisheye sees more than 110 deg."""
 
     def __init__(self, *, fisheye: bool = False) -> None:
         self._fisheye, self._finder = fisheye, BoardFinder()

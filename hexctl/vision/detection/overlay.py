@@ -52,14 +52,8 @@ class Overlay:
     ) -> Picture:
         """Copy of a picture, (H, W, 3) with blue first, with what was seen in it.
 
-        Args:
-            picture: as the camera took it.
-            camera: as it stands.
-            floor_corners: corners (4, 2) of the tags on the floor in m, by number.
-            sighting: of the robot in this picture.
-            pose_floor: of the robot as believed, if it is known.
-            height_m: of the robot's tag above the floor.
-            lines: text for the upper left corner.
+        Corners of the tags on the floor are (4, 2) in m, by number. The pose is the believed one of the
+        robot, the height that of its tag above the floor. The lines go into the upper left corner.
         """
         drawn = picture.copy()
         self._floor(drawn, camera, floor_corners)

@@ -70,12 +70,7 @@ class SeenRobot(ArrayFields):
 
 
 class RobotTracker:
-    """Finds the tag of a robot in one picture after the other.
-
-    Args:
-        tag: on the robot.
-        finder: of the tags.
-    """
+    """Finds the tag of a robot in one picture after the other."""
 
     def __init__(self, tag: PlacedTag, finder: TagFinder) -> None:
         self.tag, self._finder = tag, finder
@@ -91,14 +86,10 @@ class RobotTracker:
         expected: PlanarPose | None = None,
         up_body: FloatArray = LEVEL,
     ) -> SeenRobot | None:
-        """The robot in a picture, or None.
+        """The robot in a grey picture (H, W), or None.
 
-        Args:
-            gray: the picture, (H, W).
-            camera: current pose of the camera.
-            base_height_m: height of the robot's base above the floor.
-            expected: expected pose of the robot, or None.
-            up_body: vertical unit vector in the body frame; the tag leans with the robot.
+        The base of the robot is at a height above the floor. The tag leans with the robot: `up_body` is the
+        vertical in the body frame.
         """
         corners = levelled(self.tag.corners_body, up_body) + np.array([0.0, 0.0, base_height_m])
         seen_tag = self._tag_at(gray, camera, corners, expected)

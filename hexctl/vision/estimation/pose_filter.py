@@ -76,13 +76,7 @@ class PoseEstimate(ArrayFields):
 
 
 class PoseFilter:
-    """Fuses sightings of a robot with its own motion.
-
-    All times are on one clock; see `hexctl.vision.estimation.latency` for that of a camera.
-
-    Attributes:
-        restarts: number of restarts because the robot was elsewhere.
-    """
+    """Fuses sightings of a robot with its own motion, all on one clock; `restarts` counts carried robots."""
 
     def __init__(self) -> None:
         self._motions: list[OwnMotion] = []

@@ -72,11 +72,7 @@ def _interpolated(samples: list[tuple[float, FloatArray]], at_s: float) -> Float
 
 @contextmanager
 def followed_robot(link: Link, name: str | None = None) -> Iterator[tuple[Robot, PostureHistory]]:
-    """Collect the postures of a simulated robot on a link for a block.
-
-    Args:
-        link: link to the robot.
-        name: name of the robot; None for the only one.
+    """Collect the postures of a simulated robot, the only one or that of a name, on a link for a block.
 
     Raises RobotFaultError if no robot answers or it does not publish its true pose, and InputError if several
     answer.

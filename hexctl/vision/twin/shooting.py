@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from hexctl.robot.model import Robot
-from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.planar_pose import PlacedTag
 from hexctl.vision.detection.tags import Picture
-from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
+from hexctl.vision.twin.camera_faults import faulty_camera, is_covered, parse_camera_fault, with_hand
 from hexctl.vision.twin.posture_history import PostureHistory
-from hexctl.vision.twin.rendering import RobotPosture, SceneRenderer, tag_on
+from hexctl.vision.twin.rendering import RobotPosture, SceneRenderer
 
 if TYPE_CHECKING:
     from hexctl.vision.twin.twin_camera import TwinCamera
@@ -100,11 +99,7 @@ class Delivery:
     LATE_S = 0.005
 
     def __init__(self, publish: Callable[[bytes], None]) -> None:
-        """Begin to wait.
-
-        Args:
-            publish: called on the thread with each JPEG.
-        """
+        """Begin to wait; `publish` is called on the thread with each JPEG."""
         self._publish = publish
         self.delivered, self.late, self.latency_s, self.developing_s = 0, 0, 0.0, 0.02
         self._waiting: Queue[tuple[Callable[[], Picture], float, float] | None] = Queue(MOST_WAITING)
@@ -113,12 +108,9 @@ class Delivery:
         self._thread.start()
 
     def send(self, develop: Callable[[], Picture], taken_at_s: float, due_at_s: float) -> None:
-        """Put a picture on its way, after those before it.
+        """Put a picture on its way, after those before it; times are on time.monotonic.
 
-        Args:
-            develop: gives the picture (H, W, 3), blue first; called on the thread of the delivery.
-            taken_at_s: when the camera saw it, on time.monotonic.
-            due_at_s: when it is to arrive.
+        `develop` gives the picture (H, W, 3), blue first, on the thread of the delivery.
         """
         self._waiting.put((develop, taken_at_s, due_at_s))
 
@@ -147,36 +139,20 @@ class Delivery:
         self.late += now_s - due_at_s > self.LATE_S
 
 
-class Scene:
-    """What the camera sees, faults included."""
-
-    def __init__(self, options: "TwinCamera", robot: Robot, camera: Camera, renderer: SceneRenderer) -> None:
-        self._still, self._renderer, self._tag = camera, renderer, tag_on(robot)
-        self._faults = CameraFaults(tuple(map(parse_camera_fault, options.faults)))
-
-    def take(self, posture: RobotPosture, at_s: float) -> Callable[[], Picture]:
-        """Take a picture at a time since the start; return a function that processes it to (H, W, 3), BGR."""
-        camera = self._faults.camera(self._still, at_s)
-        if camera != self._renderer.camera:
-            self._renderer.move_camera(camera)
-        exposed = self._renderer.expose(posture)
-
-        def develop() -> Picture:
-            picture = self._renderer.develop(exposed, at_s)
-            if self._faults.cover(at_s):
-                picture = with_hand(picture, camera, posture, self._tag)
-            return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-
-        return develop
-
-
 class Shooting:
     """Takes pictures at a constant rate, or as often as the computer manages in time."""
 
     def __init__(
-        self, options: "TwinCamera", scene: Scene, history: PostureHistory, on_event: Callable[[str], None]
+        self,
+        options: "TwinCamera",
+        renderer: SceneRenderer,
+        robot_tag: PlacedTag,
+        history: PostureHistory,
+        on_event: Callable[[str], None],
     ) -> None:
-        self._options, self._scene, self._history, self._on_event = options, scene, history, on_event
+        self._options, self._history, self._on_event = options, history, on_event
+        self._still, self._renderer, self._tag = renderer.camera, renderer, robot_tag
+        self._faults = tuple(map(parse_camera_fault, options.faults))
         self._random = np.random.default_rng(options.seed)
         self._drawing_s = 0.03
         self._drawn = self._dropped = self._skipped = 0
@@ -212,13 +188,28 @@ class Shooting:
             posture = self._history.at(taken_at_s)
             if posture is None:
                 raise AssertionError("a posture was waited for")
-            develop = self._scene.take(posture, taken_at_s - started_s)
+            develop = self._take(posture, taken_at_s - started_s)
             self._drawn += 1
             self._drawing_s += 0.2 * (time.monotonic() - now_s - self._drawing_s)
             if self._random.random() < self._options.drop:
                 self._dropped += 1
             else:
                 delivery.send(develop, taken_at_s, due_at_s)
+
+    def _take(self, posture: RobotPosture, at_s: float) -> Callable[[], Picture]:
+        """Take a picture at a time since the start; return a function that processes it to (H, W, 3), BGR."""
+        camera = faulty_camera(self._still, self._faults, at_s)
+        if camera != self._renderer.camera:
+            self._renderer.move_camera(camera)
+        exposed = self._renderer.expose(posture)
+
+        def develop() -> Picture:
+            picture = self._renderer.develop(exposed, at_s)
+            if is_covered(self._faults, at_s):
+                picture = with_hand(picture, camera, posture, self._tag)
+            return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+
+        return develop
 
     def _cost_s(self, delivery: Delivery) -> float:
         return self._drawing_s + delivery.developing_s

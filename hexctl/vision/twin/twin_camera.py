@@ -173,7 +173,7 @@ class TwinCamera(LinkedRobotOptions):
         """
         from hexctl.vision.twin.posture_history import followed_robot
         from hexctl.vision.twin.rendering import FLOOR_TAGS, SceneRenderer, tag_on
-        from hexctl.vision.twin.shooting import Scene, Shooting
+        from hexctl.vision.twin.shooting import Shooting
         from hexctl.vision.video.mjpeg import MjpegServer
 
         camera, link = self.camera(), self.load_link()
@@ -184,5 +184,5 @@ class TwinCamera(LinkedRobotOptions):
             MjpegServer(self.http_port) as server,
         ):
             on_started(TwinStarted(robot=robot.name, url=server.url, page_url=server.page_url))
-            shooting = Shooting(self, Scene(self, robot, camera, renderer), history, on_event)
+            shooting = Shooting(self, renderer, tag_on(robot), history, on_event)
             return shooting.run(stop_requested, server.publish)

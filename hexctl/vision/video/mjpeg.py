@@ -38,20 +38,11 @@ class MjpegServer:
     """Serve the newest picture to all clients on loopback until it is closed.
 
     Each client has a thread and gets the newest picture when it is ready. A slow client misses pictures and
-    delays no other.
-
-    Attributes:
-        url: address of the stream.
-        page_url: address of the page that shows it.
+    delays no other. The stream is at `url`, a page that shows it at `page_url`.
     """
 
     def __init__(self, port: int = 0, *, host: str = HOST, option: str = "http_port") -> None:
-        """Listen.
-
-        Args:
-            port: of this computer; 0 for any free one.
-            host: a name or address of this computer that no other one reaches.
-            option: name of the argument that gave the port, for messages.
+        """Listen on a loopback address; port 0 is any free one. `option` names the port in messages.
 
         Raises RobotFaultError where the port cannot be used.
         """

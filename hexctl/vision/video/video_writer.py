@@ -23,11 +23,7 @@ class VideoWriter:
     """
 
     def __init__(self, path: Path, fps: float = 30.0) -> None:
-        """Prepare to write.
-
-        Args:
-            path: file; its suffix selects the format.
-            fps: frame rate of the video.
+        """Prepare to write; the suffix selects the format.
 
         Raises InputError for a suffix not in `CODECS`.
         """
