@@ -26,18 +26,6 @@ def test_a_size_is_two_numbers() -> None:
             parse_size(text)
 
 
-@pytest.mark.parametrize(
-    ("page", "host", "port"),
-    [(8019, "127.0.0.1", 8019), ("0", "127.0.0.1", 0), ("localhost:8019", "localhost", 8019),
-     ("[::1]:8019", "::1", 8019)],
-)  # fmt: skip
-def test_a_page_is_a_port_or_an_address_of_this_computer(page: int | str, host: str, port: int) -> None:
-    address = RobotCamera(camera=0, page=page).page_address
-    assert address is not None
-    assert (address.host, address.port) == (host, port)
-    assert RobotCamera(camera=0).page_address is None
-
-
 def board_files(folder: Path, count: int) -> list[Path]:
     """Files of pictures of the board, in a folder."""
     import cv2
