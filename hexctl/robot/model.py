@@ -4,7 +4,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -78,10 +78,7 @@ class Robot(ArrayFields):
             check_type(getattr(self, name), float, f"robot.{name}")
         for name, part in (("body", Body), ("servo", ServoModel), ("gait", GaitDefaults)):
             check_type(getattr(self, name), part, f"robot.{name}")
-        for name, shape in _SHAPES.items():
-            if not (name in _OPTIONAL and getattr(self, name) is None):
-                check_finite(getattr(self, name), shape, f"robot.{name}")
-        self._freeze()
+        check_arrays(self, "robot")
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, mass_kg={self.mass_kg:g}, fingerprint={self.fingerprint[:12]!r})"
@@ -91,12 +88,7 @@ class Robot(ArrayFields):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._freeze()
-
-    def _freeze(self) -> None:
-        for value in vars(self).values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+        _freeze(self)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -236,19 +228,36 @@ class LegTriangle(ArrayFields):
         return cls(**{name: np.array(value) for name, value in values.items()})
 
 
-def _array_shapes() -> dict[str, tuple[int, ...]]:
-    """Shapes of the arrays of a robot by name, as its annotations have them."""
-    hints = get_type_hints(Robot, include_extras=True)
-    kinds = {name: [hint, *get_args(hint)] for name, hint in hints.items()}
-    return {
-        name: kind.__metadata__[0]
-        for name, each in kinds.items()
-        for kind in each
-        if get_origin(kind) is Annotated
-    }
+def check_arrays(part: object, name: str) -> None:
+    """Check shapes and numbers of the arrays of a dataclass by its annotations, and make them read-only.
+
+    Raises InputError that names the part.
+    """
+    for key, shape, optional in _array_shapes(type(part)):
+        value = getattr(part, key)
+        if not (optional and value is None):
+            check_finite(value, shape, f"{name}.{key}")
+    _freeze(part)
 
 
-_SHAPES = _array_shapes()
+@cache
+def _array_shapes(kind: type) -> list[tuple[str, tuple[int, ...], bool]]:
+    """Name and shape of each array of a dataclass, and whether it may be None."""
+    hints = get_type_hints(kind, include_extras=True)
+    each = [(key, hint, part) for key, hint in hints.items() for part in (hint, *get_args(hint))]
+    return [
+        (key, part.__metadata__[0], part is not hint)
+        for key, hint, part in each
+        if get_origin(part) is Annotated
+    ]
+
+
+def _freeze(part: object) -> None:
+    for value in vars(part).values():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+
+
 _OPTIONAL = {field.name for field in fields(Robot) if field.default is None}
 
 

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, check_once, joint_value
+from hexctl.robot.servos.raw_map import IntPerJoint, RawMap, calibration_of, check_once, joint_value
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray, check_finite
+from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
 
 #: Default pulse limits: 180 degrees of travel about the centre pulse.
 DEFAULT_MIN_US, DEFAULT_MAX_US = 500, 2500
@@ -25,11 +25,10 @@ class ServoMap(RawMap):
     """
 
     unit: ClassVar[str] = "us"
-    channels: IntArray
+    channels: IntPerJoint
     low_battery_v: float | None = None
 
     def __post_init__(self) -> None:
-        check_finite(self.channels, (N_JOINTS,), "servos.channels")
         super().__post_init__()
         check_once("channel", JOINT_NAMES, self.channels)
 

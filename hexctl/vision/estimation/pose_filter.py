@@ -83,7 +83,6 @@ class PoseFilter:
         self._yaw: tuple[float, float] | None = None
         self._base: PoseBelief | None = None
         self._fused: list[tuple[Sighting, PoseBelief]] = []
-        self._tip: PoseBelief | None = None
         self._mark: tuple[PoseBelief, PoseBelief] | None = None
         self._suspects: list[Sighting] = []
         self._slip_of: PoseBelief | None = None
@@ -125,7 +124,6 @@ class PoseFilter:
             return self._suspect(sighting)
         with self._blended(max(self._published_s, sighting.at_s)):
             self._fused.insert(index, (sighting, prior.after(sighting)))
-            self._tip = None
             self._replay(index + 1)
         self._believed_s = max(self._believed_s, sighting.at_s)
         return True
@@ -160,14 +158,11 @@ class PoseFilter:
         return self._advanced(self._newest(), at_s)
 
     def _newest(self) -> PoseBelief:
+        """Belief after the newest sighting and motion."""
         last = self._fused[-1][1] if self._fused else self._base
         assert last is not None  # noqa: S101  asked for only where something is believed
-        tip = last if self._tip is None or self._tip.at_s < last.at_s else self._tip
         until_s = self._motions[-1].to_s if self._motions else -math.inf
-        if tip.at_s < until_s:
-            tip = self._advanced(tip, until_s)
-        self._tip = tip
-        return tip
+        return self._exactly(max(last.at_s, until_s)) or last
 
     def _advanced(self, belief: PoseBelief, to_s: float) -> PoseBelief:
         """A belief after the robot's motions until a time."""
@@ -192,14 +187,12 @@ class PoseFilter:
 
     def _replay(self, index: int) -> None:
         """Take in the sightings from an index on once more, after something before them has changed."""
-        if index < len(self._fused):
-            self._tip = None
-            belief = self._fused[index - 1][1] if index else self._base
-            for later in range(index, len(self._fused)):
-                sighting = self._fused[later][0]
-                assert belief is not None  # noqa: S101  there are sightings, so there is a base
-                belief = self._advanced(belief, sighting.at_s).after(sighting)
-                self._fused[later] = (sighting, belief)
+        belief = self._fused[index - 1][1] if index else self._base
+        for later in range(index, len(self._fused)):
+            sighting = self._fused[later][0]
+            assert belief is not None  # noqa: S101  there are sightings, so there is a base
+            belief = self._advanced(belief, sighting.at_s).after(sighting)
+            self._fused[later] = (sighting, belief)
 
     def _suspect(self, sighting: Sighting) -> bool:
         """Keep a rejected sighting, and restart if enough others agree with it."""
@@ -225,7 +218,7 @@ class PoseFilter:
     def _begin(self, sightings: Sequence[Sighting]) -> None:
         """Believe in sightings that agree, and in nothing before them."""
         belief = PoseBelief.of(sightings[0], self._slip())
-        self._base, self._fused, self._tip, self._suspects = belief, [], None, []
+        self._base, self._fused, self._suspects = belief, [], []
         for sighting in sightings[1:]:
             belief = self._advanced(belief, sighting.at_s).after(sighting)
             self._fused.append((sighting, belief))
@@ -238,7 +231,7 @@ class PoseFilter:
     def _forget(self) -> None:
         """Believe in no pose any more; the slip stays."""
         self._slip_of = self._slip()
-        self._base, self._fused, self._tip = None, [], None
+        self._base, self._fused = None, []
 
     def _seen_until(self, at_s: float) -> None:
         """Note how far time is, and drop what will not be played again."""
