@@ -228,7 +228,7 @@ class LegTriangle(ArrayFields):
         return cls(**{name: np.array(value) for name, value in values.items()})
 
 
-def check_arrays(part: object, name: str) -> None:
+def check_arrays(part: Any, name: str) -> None:
     """Check shapes and numbers of the arrays of a dataclass by its annotations, and make them read-only.
 
     Raises InputError that names the part.

@@ -11,9 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.vision.detection.camera import Camera, place_camera
@@ -30,7 +27,7 @@ from hexctl.vision.place import (
     save_place,
 )
 from hexctl.vision.robot_camera import RobotCamera
-from hexctl.vision.sheet import BAR_MM, Sheet
+from hexctl.vision.sheet import BAR_MM
 from hexctl.vision.video.video_source import VideoSource
 
 #: Field of view of a lens of which nothing is known: that of many webcams.
@@ -119,8 +116,7 @@ def seen_place(
 
 def _stands_elsewhere(camera: Camera, known: Camera) -> bool:
     """Whether a camera shows another part of the floor than the known one."""
-    shift_m = float(np.linalg.norm(camera.position_floor - known.position_floor))
-    turned_rad = Rotation.from_matrix(camera.rotation.T @ known.rotation).magnitude()
+    shift_m, turned_rad = camera.moved_from(known)
     return shift_m > ELSEWHERE_M or turned_rad > ELSEWHERE_RAD or camera.lens.size_px != known.lens.size_px
 
 
@@ -144,7 +140,7 @@ def _searched(
 
 def check_known(given: RobotCamera, place: Place, path: Path) -> None:
     """Raise InputError for an option that a known place contradicts; its bar may differ (`measured`)."""
-    numbers = Sheet(**given.printed).floor_edges_mm
+    numbers = given.sheet.floor_edges_mm
     known: list[tuple[str, float | None]] = [
         ("fov_deg", None if place.assumed_lens is None else place.assumed_lens.fov_deg),
         ("tag_height_mm", 1000 * place.robot_tag.height_m),
@@ -221,7 +217,7 @@ def _lens(given: RobotCamera, size_px: tuple[int, int], before: Place | None) ->
 
 
 def _robot_tag(given: RobotCamera, robot: Robot, before: Place | None) -> RobotTag:
-    sheet, height_m = Sheet(**given.printed), robot.body.size_m[2] / 2
+    sheet, height_m = given.sheet, robot.body.size_m[2] / 2
     usual = RobotTag(id=sheet.robot_tag, edge_mm=sheet.robot_edge_mm, height_m=height_m)
     changes: dict[str, Any] = {
         "id": given.robot_tag,
@@ -234,7 +230,7 @@ def _robot_tag(given: RobotCamera, robot: Robot, before: Place | None) -> RobotT
 
 def _edges_mm(given: RobotCamera, before: Place | None, robot_tag: int) -> dict[int, float]:
     """Edges of the floor's tags as the sheet names them, by number; new ones are as those before."""
-    sheet = Sheet(**given.printed)
+    sheet = given.sheet
     if before is None:
         return sheet.floor_edges_mm
     known = {number: tag.edge_mm for number, tag in before.floor_tags.items()}

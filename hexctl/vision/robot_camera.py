@@ -3,11 +3,11 @@
 Importing it does not load OpenCV.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed
@@ -135,18 +135,17 @@ class RobotCamera(CameraOptions):
 
     def __post_init__(self) -> None:
         CameraOptions.__post_init__(self)
-        Sheet(**self.printed)
-        _ = self.page_address
+        _ = self.sheet, self.page_address
         for name in ("output", "poses"):
             if (path := getattr(self, name)) is not None:
                 check_new_file(name, path)
         check_folder("place", self.place)
 
     @property
-    def printed(self) -> Mapping[str, Any]:
-        """Given values of the sheet, by the field names of `Sheet`."""
+    def sheet(self) -> Sheet:
+        """The printed sheet, with the given values; raises InputError for one that cannot be."""
         names = ("robot_tag", "robot_edge_mm", "home_edge_mm", "floor_tags", "floor_edge_mm")
-        return {name: value for name in names if (value := getattr(self, name)) is not None}
+        return Sheet(**{name: value for name in names if (value := getattr(self, name)) is not None})
 
     @property
     def page_address(self) -> PageAddress | None:

@@ -63,6 +63,11 @@ class Camera(ArrayFields):
         """Project points (N, 3) in the floor's frame to pixels (N, 2); NaN behind the camera."""
         return self.lens.pixels((points_floor - self.position_floor) @ self.rotation)
 
+    def moved_from(self, other: "Camera") -> tuple[float, float]:
+        """Distance in m and angle in rad from another pose to this one."""
+        shift_m = float(np.linalg.norm(self.position_floor - other.position_floor))
+        return shift_m, float(np.linalg.norm(cv2.Rodrigues(self.rotation.T @ other.rotation)[0]))
+
     def pixels_in_view(self, points_floor: FloatArray) -> FloatArray:
         """As `pixels`; NaN far outside too, where the distortion of a lens folds back into the picture."""
         lens = self.lens

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from hexctl.types import FloatArray
@@ -144,14 +143,13 @@ class CameraWatch:
         errors_px = reprojection_px(camera, corners_px, self._floor)
         if max(errors_px.values()) > MOVED_PX:
             return None
-        shift_m = float(np.linalg.norm(camera.position_floor - self.camera.position_floor))
-        turned_rad = np.linalg.norm(cv2.Rodrigues(camera.rotation.T @ self.camera.rotation)[0])
+        shift_m, turned_rad = camera.moved_from(self.camera)
         for tag_id in self._floor:
             self._looks[tag_id].clear()
             self._elsewhere[tag_id] = 0
             self._seen[tag_id] = True
         self.camera, self.doubt, self._blind, self._enough = camera, None, 0, LEAST_LOOKS
-        return CameraChange(None, shift_m, float(turned_rad))
+        return CameraChange(None, shift_m, turned_rad)
 
     def _refine(self) -> None:
         """Place the camera by the mean of many looks at each tag, once a round."""
