@@ -21,8 +21,7 @@ from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
-from hexctl.robot.yaml_edit import with_values
-from hexctl.robot.yaml_text import yaml_content
+from hexctl.robot.yaml_text import with_values, yaml_content
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 

@@ -15,7 +15,7 @@ from hexctl.waiting import StopRequested, never
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
-    from hexctl.vision.video.video_source import VideoSource
+    from hexctl.vision.video.videos import VideoSource
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from hexctl.options import RARE, Range, Typed, check_fields
 from hexctl.wire.links import Link, LinkOptions, link_of
 
 if TYPE_CHECKING:
-    from hexctl.vision.video.video_source import VideoSource
+    from hexctl.vision.video.videos import VideoSource
 
 FPS = Range(low=1, high=60, unit="Hz")
 LATENCY_MS = Range(low=0, high=2000, unit="ms")
@@ -73,7 +73,7 @@ class VideoOptions:
 
     def open_video(self, on_event: Callable[[str], None] = lambda _: None) -> "VideoSource":
         """Pictures of the camera, to be closed; for events and errors see `open_video` of the video room."""
-        from hexctl.vision.video.video_source import open_video
+        from hexctl.vision.video.videos import open_video
 
         return open_video(str(self.camera), size_px=self.size_px, fps=self.fps, on_event=on_event)
 

@@ -27,7 +27,7 @@ from hexctl.vision.observer import Observer
 from hexctl.vision.place import USUAL_LATENCY_S, Place, load_place, save_place
 from hexctl.vision.place_learning import seen_place
 from hexctl.vision.robot_link import LegState, RobotLink, robot_link
-from hexctl.vision.video.video_source import VideoSource
+from hexctl.vision.video.videos import VideoSource
 from hexctl.waiting import StopRequested, never
 from hexctl.wire.links import Link
 

@@ -14,7 +14,7 @@ from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
 from hexctl.robot.configs import Number, file_part, read_mapping, validate
 from hexctl.robot.model import Robot
-from hexctl.robot.yaml_edit import with_values
+from hexctl.robot.yaml_text import with_values
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera, visible_circle
 from hexctl.vision.detection.lens import Lens, load_lens

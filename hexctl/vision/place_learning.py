@@ -28,7 +28,7 @@ from hexctl.vision.place import (
 )
 from hexctl.vision.robot_camera import RobotCamera
 from hexctl.vision.sheet import BAR_MM
-from hexctl.vision.video.video_source import VideoSource
+from hexctl.vision.video.videos import VideoSource
 
 #: Field of view of a lens of which nothing is known: that of many webcams.
 USUAL_FOV_DEG = 67.0

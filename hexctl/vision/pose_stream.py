@@ -20,8 +20,7 @@ from hexctl.vision.estimation.pose_filter import PoseEstimate, Sight
 from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.robot_link import RobotLink
 from hexctl.vision.video.mjpeg import MjpegServer
-from hexctl.vision.video.video_source import Frame, VideoSource
-from hexctl.vision.video.video_writer import VideoWriter
+from hexctl.vision.video.videos import Frame, VideoSource, VideoWriter
 
 #: Period of poses without pictures.
 TELL_S = 0.03

@@ -188,7 +188,7 @@ class RobotCamera(CameraOptions):
         from hexctl.vision.pose_stream import CameraReport, PoseStream, PoseTable
         from hexctl.vision.robot_link import robot_link
         from hexctl.vision.video.mjpeg import MjpegServer
-        from hexctl.vision.video.video_writer import VideoWriter
+        from hexctl.vision.video.videos import VideoWriter
 
         before = known_place(self)
         with ExitStack() as opened:

@@ -22,7 +22,7 @@ from hexctl.vision.twin.rendering import (
     SceneRenderer,
     tag_on,
 )
-from hexctl.vision.video.video_writer import VideoWriter
+from hexctl.vision.video.videos import VideoWriter
 
 __all__ = ["CAMERA", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "tag_on"]
 FLOOR_CORNERS = {number: tag.corners for number, tag in FLOOR_TAGS.items()}

@@ -25,8 +25,7 @@ from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.place import CameraPose, FloorTag, Place, RobotTag, arena_of, load_place
 from hexctl.vision.pose_stream import COLUMNS, CameraReport, CameraStatus, PoseStream, PoseTable
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
-from hexctl.vision.video.video_source import Frame, VideoSource, open_video
-from hexctl.vision.video.video_writer import VideoWriter
+from hexctl.vision.video.videos import Frame, VideoSource, VideoWriter, open_video
 from tests.vision.scenes import (
     CAMERA,
     FILM_FPS,

@@ -20,7 +20,7 @@ from hexctl.vision.twin.camera_faults import faulty_camera, is_covered, parse_ca
 from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_robot
 from hexctl.vision.twin.shooting import Delivery, TwinReport
 from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted, parse_point
-from hexctl.vision.video.video_source import VideoSource, open_video
+from hexctl.vision.video.videos import VideoSource, open_video
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.server.processes import served

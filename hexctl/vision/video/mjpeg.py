@@ -11,8 +11,8 @@ from hexctl.wire.links import is_loopback
 
 HOST = "127.0.0.1"
 
-#: Paths of the stream, of a single picture, and of a page that shows the stream.
-STREAM_PATH, PICTURE_PATH, PAGE_PATH = "/stream.mjpg", "/picture.jpg", "/"
+#: Paths of the stream, and of a page that shows it.
+STREAM_PATH, PAGE_PATH = "/stream.mjpg", "/"
 
 #: Clients at a time; further ones are refused.
 MOST_CLIENTS = 8
@@ -148,15 +148,13 @@ class _Handler(BaseHTTPRequestHandler):
         """Log nothing."""
 
     def do_GET(self) -> None:
-        """Send the stream, a picture, or the page."""
+        """Send the stream or the page."""
         if not self._asks_for_this_computer():
             self.send_error(HTTPStatus.FORBIDDEN)
         elif self.path == STREAM_PATH:
             self._stream()
-        elif self.path == PICTURE_PATH:
-            self._picture()
         elif self.path == PAGE_PATH:
-            self._send("text/html; charset=utf-8", _PAGE)
+            self._page()
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
@@ -165,20 +163,13 @@ class _Handler(BaseHTTPRequestHandler):
         name = self.headers.get("Host", HOST).rpartition(":")[0] or self.headers.get("Host", HOST)
         return is_loopback(name.removeprefix("[").removesuffix("]"))
 
-    def _send(self, kind: str, content: bytes) -> None:
+    def _page(self) -> None:
         self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(_PAGE)))
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        self.wfile.write(content)
-
-    def _picture(self) -> None:
-        newest = self.server.newest.after(0)
-        if newest is None:
-            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "no picture yet")
-        else:
-            self._send("image/jpeg", newest[1])
+        self.wfile.write(_PAGE)
 
     def _stream(self) -> None:
         newest = self.server.newest
