@@ -233,7 +233,7 @@ def check_arrays(part: Any, name: str) -> None:
 
     Raises InputError that names the part.
     """
-    for key, shape, optional in _array_shapes(type(part)):
+    for key, shape, optional in _array_shapes(part.__class__):
         value = getattr(part, key)
         if not (optional and value is None):
             check_finite(value, shape, f"{name}.{key}")
