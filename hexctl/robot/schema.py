@@ -79,11 +79,6 @@ class Body:
     com_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     inertia_kg_m2: Inertia | None = None
 
-    @property
-    def even_box_m(self) -> tuple[float, float, float] | None:
-        """Length, width and height of the evenly filled box with the trunk's mass and inertia, or None."""
-        return None if self.inertia_kg_m2 is None else even_box_m(self.mass_kg, self.inertia_kg_m2)
-
 
 class MountSection(Section):
     """Mount of a leg: `position_m` and `yaw_deg`, or `radius_m` and `azimuth_deg` for a radial leg.
