@@ -12,8 +12,8 @@ from benchmarks.scale import Scale
 from benchmarks.see_floor import floor_errors
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.twin.twin_camera import CAMERA, FOV_DEG, WEBCAM
-from hexctl.vision.twin.twin_options import LOOK_AT_M, POSITION_M
+from hexctl.vision.twin.rendering import CAMERA, FOV_DEG, WEBCAM
+from hexctl.vision.twin.twin_camera import LOOK_AT_M, POSITION_M
 
 #: Turn of a camera about the direction in which it looks, and height of one that stands low.
 ROLL_DEG, LOW_M = 20.0, 0.8

@@ -18,8 +18,7 @@ from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 from hexctl.vision.observer import Observer
 from hexctl.vision.place_learning import LEARNING_PICTURES
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_camera import tag_on
+from hexctl.vision.twin.rendering import RobotPosture, SceneRenderer, tag_on
 
 #: Half of the floor: ahead of the camera, and to its side, in m.
 HALF_FLOOR_M = (1.0, 1.5)
@@ -126,13 +125,13 @@ def floor_errors(
     reach_x, reach_y = (np.arange(-half_m, half_m + 1e-9, step_m) for half_m in HALF_FLOOR_M)
     places = np.array([(x, y) for x in reach_x for y in reach_y])
     off, frame_s = np.full((len(places), 3), np.nan), np.zeros(len(places))
-    with SceneRenderer(robot, camera, FLOOR_TAGS, tag, CameraFlaws(), seed=seed) as renderer:
+    with SceneRenderer(robot, camera, FLOOR_TAGS, tag, seed=seed) as renderer:
         empty = [renderer.draw(_standing(robot, AWAY)) for _ in range(LEARNING_PICTURES)]
         found = finder.search(empty[0], thorough=True)
         near = {number: one.corners_px for number, one in found.items()}
         views = [finder.near(gray, near) for gray in empty]
         edges_m = {number: one.edge_m for number, one in FLOOR_TAGS.items()}
-        floor = learn_floor(believed, [averaged_corners(views)], edges_m)
+        floor = learn_floor(believed, averaged_corners(views), edges_m)
         for row, (x_m, y_m) in enumerate(places):
             true = PlanarPose(float(x_m), float(y_m), float(random.uniform(-np.pi, np.pi)))
             drawn = [renderer.draw(_standing(robot, true)) for _ in range(pictures + 1)]
@@ -158,7 +157,7 @@ def _looked(
 ) -> tuple[PlanarPose | None, float]:
     """Where the robot is by some pictures, and the processor time of each; the first only finds the tag."""
     corners = {number: one.corners for number, one in floor.tags.items()}
-    observer = Observer(robot, floor.cameras[0], corners, tag, finder=finder)
+    observer = Observer(robot, floor.camera, corners, tag, finder=finder)
     began_s, seen, pose = 0.0, None, None
     for number, picture in enumerate(pictures):
         at_s = number * PERIOD_S

@@ -22,8 +22,7 @@ from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.observer import Observer
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_camera import WEBCAM, tag_on
+from hexctl.vision.twin.rendering import WEBCAM, RobotPosture, SceneRenderer, tag_on
 
 #: Pictures per second, how late they come, and the share that never does.
 FPS, LATENCY_S, DROPPED = 30.0, 0.08, 0.02
@@ -72,10 +71,10 @@ class SeenServos(ServosWrapper):
         errors: of the pose.
     """
 
-    def __init__(self, servos: SimServos, flaws: CameraFlaws | None = None, seed: int = 0) -> None:
+    def __init__(self, servos: SimServos, seed: int = 0) -> None:
         super().__init__(servos)
         self._simulated, self._tag = servos, tag_on(servos.robot)
-        self._flaws, self._seed = CameraFlaws() if flaws is None else flaws, seed
+        self._seed = seed
         self._random = np.random.default_rng(seed)
         self._late: deque[tuple[float, Picture]] = deque()
         self._renderer: SceneRenderer | None = None
@@ -84,7 +83,7 @@ class SeenServos(ServosWrapper):
     def connect(self) -> None:
         """Connect, place the camera by the tags, and look at the standing robot for a while."""
         super().connect()
-        renderer = SceneRenderer(self.robot, CAMERA, TAGS, self._tag, self._flaws, seed=self._seed)
+        renderer = SceneRenderer(self.robot, CAMERA, TAGS, self._tag, seed=self._seed)
         self._renderer, finder = renderer, TagFinder()
         corners = {number: tag.corners for number, tag in TAGS.items()}
         views = [finder.search(renderer.draw(self._posture()), thorough=True) for _ in range(20)]

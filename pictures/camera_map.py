@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.see import SEED
 from benchmarks.see_floor import FLOOR_TAGS, HALF_FLOOR_M, floor_errors
 from hexctl.study.figure_style import new_figure
-from hexctl.vision.twin.twin_camera import CAMERA, WEBCAM
+from hexctl.vision.twin.rendering import CAMERA, WEBCAM
 from pictures.picture import Picture
 
 #: Grid of the floor, in m, and the greatest error that has a colour of its own, in mm.

@@ -13,8 +13,7 @@ from hexctl.identify.identification import Identification
 from hexctl.identify.parameters import SCALE, RobotValues, play_shares
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
-from hexctl.robot.yaml_edit import with_values
-from hexctl.robot.yaml_text import yaml_content
+from hexctl.robot.yaml_text import with_values, yaml_content
 from hexctl.types import JOINT_KINDS
 
 #: Digits of identified values: more than any identification knows.

@@ -5,6 +5,7 @@ from collections import deque
 
 import numpy as np
 
+from hexctl.robot.rotations import inverse, product, turned
 from hexctl.types import FloatArray
 
 #: Averaging time: the difference of two poses a tick apart is mostly noise.
@@ -35,31 +36,13 @@ class BodyTwist:
         took_s = at_s - before_s
         if took_s <= 0:
             return np.zeros(6)
-        moved = _turned_back(quaternion_world, (position_world - before_m) / took_s)
-        return np.array([*moved, *(one / took_s for one in _turn_between(before, quaternion_world))])
+        moved = turned(inverse(quaternion_world), (position_world - before_m) / took_s)
+        turn_rad = _rotation_vector(product(inverse(before), quaternion_world))
+        return np.concatenate([moved, turn_rad / took_s])
 
 
-def _turned_back(quaternion: FloatArray, vector: FloatArray) -> tuple[float, float, float]:
-    """Vector of the world in the frame of a body, R(q)^T v."""
-    w, i, j, k = quaternion.tolist()
-    x, y, z = vector.tolist()
-    a, b, c = y * k - z * j, z * i - x * k, x * j - y * i  # v x u, with u the vector part of q
-    return (
-        x + 2 * (w * a + b * k - c * j),
-        y + 2 * (w * b + c * i - a * k),
-        z + 2 * (w * c + a * j - b * i),
-    )
-
-
-def _turn_between(before: FloatArray, now: FloatArray) -> tuple[float, float, float]:
-    """Rotation vector between two orientations, in the frame of the body."""
-    w0, x0, y0, z0 = before.tolist()
-    w1, x1, y1, z1 = now.tolist()
-    w = w0 * w1 + x0 * x1 + y0 * y1 + z0 * z1
-    x = w0 * x1 - x0 * w1 - y0 * z1 + z0 * y1
-    y = w0 * y1 + x0 * z1 - y0 * w1 - z0 * x1
-    z = w0 * z1 - x0 * y1 + y0 * x1 - z0 * w1
-    sine = math.sqrt(x * x + y * y + z * z)
+def _rotation_vector(quaternion: FloatArray) -> FloatArray:
+    """Axis times angle, (3,), of the shorter turn."""
+    w, sine = float(quaternion[0]), float(np.linalg.norm(quaternion[1:]))
     scale = 2.0 if sine < 1e-9 else 2 * math.atan2(sine, abs(w)) / sine
-    scale = -scale if w < 0 else scale
-    return scale * x, scale * y, scale * z
+    return np.asarray((-scale if w < 0 else scale) * quaternion[1:])

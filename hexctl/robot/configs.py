@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, dataclass_transform
+from typing import Annotated, Any, TypeVar, dataclass_transform, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -201,10 +201,15 @@ def _keys_beside(schema: type, location: Location) -> Sequence[str]:
         # An index of a list, or a key of a mapping of models: the model is already that of its elements.
         if isinstance(part, int) or part not in fields:
             continue
-        annotation = fields[part].annotation
-        inner = [annotation, *getattr(annotation, "__args__", ())]
-        here = next((candidate for candidate in inner if keys_of(candidate) is not None), here)
+        here = section_in(fields[part].annotation) or here
     return sorted(here.__pydantic_fields__)
+
+
+def section_in(annotation: Any) -> type | None:
+    """The first pydantic model or dataclass in an annotation, or None."""
+    if isinstance(annotation, type) and keys_of(annotation) is not None:
+        return annotation
+    return next((found for part in get_args(annotation) if (found := section_in(part))), None)
 
 
 class Section(BaseModel):

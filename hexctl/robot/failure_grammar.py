@@ -124,8 +124,7 @@ def read_healings(asked: Sequence[str | FailureEvent]) -> tuple[FailureEvent, ..
 def parse_leg(text: str, what: str = "") -> int:
     """Number of a leg; raises InputError that names `what` for anything but 1..6."""
     if not _is_leg(text):
-        named = f"{what}: " if what else ""
-        raise InputError(f"{named}got {text!r}; allowed: {_LEGS}")
+        raise InputError(_refusal(text, what) + _LEGS)
     return int(text)
 
 
@@ -133,22 +132,18 @@ def parse_legs(text: str, what: str = "") -> tuple[int, ...]:
     """Legs of a text such as `2,5`, ascending; raises InputError that names `what` for anything else."""
     parts = [part for part in text.split(",") if part.strip(" ")]
     if not parts or not all(map(_is_leg, parts)):
-        named = f"{what}: " if what else ""
-        raise InputError(f"{named}got {text!r}; allowed: {_LEGS}, several with commas such as 2,5")
+        raise InputError(_refusal(text, what) + f"{_LEGS}, several with commas such as 2,5")
     return tuple(sorted(map(int, parts)))
 
 
 def parse_failure(text: str) -> Failure:
     """Failure before a walk, of a text such as `5:stuck:femur:30`; raises InputError for anything else."""
-    leg, kind = _leg_and_kind(text, text, argument("failure"))
-    return _of_kind(leg, kind, _refusal(text, argument("failure")), coming=False)
+    return _of_leg(text, text, argument("failure"), FORMS, coming=False)
 
 
 def parse_failure_now(text: str) -> Failure:
     """Failure now, of a text without angle such as `5:stuck:femur`; raises InputError for anything else."""
-    what = "LEG:KIND"
-    leg, kind = _leg_and_kind(text, text, what, NOW_FORMS)
-    return _of_kind(leg, kind, _refusal(text, what), coming=True)
+    return _of_leg(text, text, "LEG:KIND", NOW_FORMS, coming=True)
 
 
 def parse_failure_event(text: str) -> FailureEvent:
@@ -156,17 +151,16 @@ def parse_failure_event(text: str) -> FailureEvent:
     what = argument("failure")
     before, at, time_text = text.rpartition("@")
     if not at:
-        raise InputError(f"{what}: got {text!r}; allowed: LEG:KIND@SECONDS such as 5:locked@8")
-    leg, kind = _leg_and_kind(before, text, what)
-    failure = _of_kind(leg, kind, _refusal(text, what), coming=True)
-    return FailureEvent(at_s=_seconds(time_text, text, what), leg=leg, failure=failure)
+        raise InputError(_refusal(text, what) + "LEG:KIND@SECONDS such as 5:locked@8")
+    failure = _of_leg(before, text, what, FORMS, coming=True)
+    return FailureEvent(at_s=_seconds(time_text, text, what), leg=failure.leg, failure=failure)
 
 
 def parse_healing(text: str) -> FailureEvent:
     """Event of a text such as `5@20`, the leg and the time; raises InputError for anything else."""
     leg, at, time_text = text.partition("@")
     if not (at and _is_leg(leg)):
-        raise InputError(f"{argument('heal')}: got {text!r}; allowed: {HEALING_FORMS}")
+        raise InputError(_refusal(text, argument("heal")) + HEALING_FORMS)
     return FailureEvent(at_s=_seconds(time_text, text, argument("heal")), leg=int(leg))
 
 
@@ -183,7 +177,7 @@ def parse_coming_kind(leg: int, text: str) -> Failure:
 
 
 def _refusal(text: str, what: str) -> str:
-    return f"{what}: got {text!r}; allowed: "
+    return f"{what}: got {text!r}; allowed: ".removeprefix(": ")
 
 
 def _is_leg(text: str) -> bool:
@@ -191,14 +185,15 @@ def _is_leg(text: str) -> bool:
     return text.strip(" ") in map(str, range(1, N_LEGS + 1))
 
 
-def _leg_and_kind(part: str, text: str, what: str, forms: str = FORMS) -> tuple[int, str]:
-    """Leg and kind of a part such as `5:limp` of a text; a leg without a kind is locked."""
+def _of_leg(part: str, text: str, what: str, forms: str, *, coming: bool) -> Failure:
+    """Failure of a part such as `5:limp` of a text; a leg without a kind is locked."""
     check_type(part, str, what, forms)
     leg, colon, kind = part.partition(":")
-    if _is_leg(leg) and "@" not in kind:
-        return int(leg), kind if colon else "locked"
-    number = leg.strip().lstrip("-").isdecimal()
-    raise InputError(_refusal(text, what) + (f"a leg, {_LEGS}, as in 5:limp" if number else forms))
+    refused = _refusal(text, what)
+    if not _is_leg(leg) or "@" in kind:
+        number = leg.strip().lstrip("-").isdecimal()
+        raise InputError(refused + (f"a leg, {_LEGS}, as in 5:limp" if number else forms))
+    return _of_kind(int(leg), kind if colon else "locked", refused, coming=coming)
 
 
 def _of_kind(leg: int, text: str, refused: str, *, coming: bool) -> Failure:

@@ -14,15 +14,14 @@ from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
 from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.meshes import Meshes, read_meshes
-from hexctl.robot.model import Robot, stance_angles
+from hexctl.robot.model import Robot, stance
 from hexctl.robot.schema import JointSection, LinkSection, RobotSchema
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
-from hexctl.robot.yaml_edit import with_values
-from hexctl.robot.yaml_text import yaml_content
+from hexctl.robot.yaml_text import with_values, yaml_content
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 
@@ -86,20 +85,20 @@ class RobotFile:
 def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:
     """Robot file of a shipped name (`ant`, `phantomx`, `jethexa` ...) or of a path; raises InputError."""
     path = find_config("robots", name_or_path)
-    content = validate(RobotSchema, read_mapping(path), path)
-    try:
-        return RobotFile(path, _build(content), content)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    return _robot_file(read_mapping(path), path)
 
 
 def robot_of_content(content: dict[str, Any], path: Path) -> Robot:
     """Robot of the content of a robot file; raises what `load_robot_file` raises."""
+    return _robot_file(content, path).robot
+
+
+def _robot_file(content: dict[str, Any], path: Path) -> RobotFile:
+    schema = validate(RobotSchema, content, path)
     try:
-        return _build(validate(RobotSchema, content, path))
+        return RobotFile(path, _build(schema), schema)
     except InputError as error:
-        text = str(error)
-        raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
+        raise InputError(f"{path}: {error}") from error
 
 
 def load_robot(name_or_path: str | Path = "ant") -> Robot:
@@ -122,8 +121,7 @@ def _build(schema: RobotSchema) -> Robot:
     links, joints = schema.links.each, schema.joints.each
     positions = np.array([mount.place_m for mount in schema.mounts])
     yaws = np.array([mount.yaw_rad for mount in schema.mounts])
-    stance_feet = _stance_feet(schema, positions, yaws)
-    angles = _stance_angles(schema, positions)
+    feet, angles = stance(positions, yaws, schema.links.ends_m, (schema.stance.outward_m, schema.stance.up_m))
     robot = Robot(
         name=schema.name,
         size_m=schema.size_m,
@@ -138,15 +136,17 @@ def _build(schema: RobotSchema) -> Robot:
         joint_upper_rad=_per_joint([math.radians(joint.max_deg) for joint in joints]),
         joint_max_speed_rad_s=_per_joint([math.radians(joint.max_speed_deg_s) for joint in joints]),
         joint_max_torque_nm=_per_joint([joint.max_torque_nm for joint in joints]),
-        stance_feet_body=stance_feet,
+        stance_feet_body=feet,
         stance_angles_rad=angles,
         servo=schema.servo,
         gait=schema.gait,
         link_coms_m=_link_coms(links),
         joint_stiffness_nm_per_rad=_stiffness(schema, joints),
-        joint_dry_friction_nm=_dry_friction(joints),
-        joint_no_load_speed_rad_s=_no_load_speeds(joints),
-        joint_play_rad=_play(joints),
+        joint_dry_friction_nm=_if_any([joint.dry_friction_nm for joint in joints]),
+        joint_no_load_speed_rad_s=_if_any(
+            [math.radians(joint.no_load_speed_deg_s or 0.0) for joint in joints]
+        ),
+        joint_play_rad=_if_any([math.radians(joint.play_deg) for joint in joints]),
     )
     _check_stance_limits(robot)
     _check_leg_order(robot)
@@ -183,40 +183,9 @@ def _stiffness(schema: RobotSchema, joints: Sequence[JointSection]) -> FloatArra
     return _per_joint([one or usual for one in own]) if any(own) else None
 
 
-def _dry_friction(joints: Sequence[JointSection]) -> FloatArray | None:
-    friction = [joint.dry_friction_nm for joint in joints]
-    return _per_joint(friction) if any(friction) else None
-
-
-def _play(joints: Sequence[JointSection]) -> FloatArray | None:
-    play_rad = [math.radians(joint.play_deg) for joint in joints]
-    return _per_joint(play_rad) if any(play_rad) else None
-
-
-def _no_load_speeds(joints: Sequence[JointSection]) -> FloatArray | None:
-    """Speed without load of each joint, (18,), or None if torque does not depend on speed."""
-    given = [joint.no_load_speed_deg_s for joint in joints]
-    known = [math.radians(speed) for speed in given if speed is not None]
-    return _per_joint(known) if known else None
-
-
-def _stance_feet(schema: RobotSchema, positions: FloatArray, yaws: FloatArray) -> FloatArray:
-    """Nominal feet in the body frame, (6, 3), all at one height."""
-    reach = schema.stance.outward_m
-    x, y = positions[:, 0] + reach * np.cos(yaws), positions[:, 1] + reach * np.sin(yaws)
-    return np.stack([x, y, np.full(N_LEGS, schema.stance.up_m)], axis=-1)
-
-
-def _stance_angles(schema: RobotSchema, positions: FloatArray) -> FloatArray:
-    coxa, femur, tibia = (link.end_m for link in schema.links.each)
-    angles: list[float] = []
-    for leg, mount_z in enumerate(positions[:, 2].tolist(), start=1):
-        foot = (schema.stance.outward_m, schema.stance.up_m - mount_z)
-        try:
-            angles += [0.0, *stance_angles(coxa, femur, tibia, foot)]
-        except InputError as error:
-            raise InputError(f"stance: out of reach for leg {leg}: {error}") from error
-    return np.array(angles)
+def _if_any(values: list[float]) -> FloatArray | None:
+    """Values of the three kinds for each joint, (18,), or None if all are 0."""
+    return _per_joint(values) if any(values) else None
 
 
 def _check_stance_limits(robot: Robot) -> None:

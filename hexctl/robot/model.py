@@ -2,15 +2,20 @@
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cache, cached_property
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from hexctl.errors import InputError, check_type
 from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_finite, same_value
+
+#: Arrays with their shapes.
+PerLink = Annotated[FloatArray, (JOINTS_PER_LEG,)]
+PerJoint = Annotated[FloatArray, (N_JOINTS,)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,26 +51,26 @@ class Robot(ArrayFields):
     name: str
     size_m: float
     body: Body
-    mount_positions_body: FloatArray
-    mount_yaws_rad: FloatArray
-    link_vectors_m: FloatArray
-    link_masses_kg: FloatArray
-    link_radii_m: FloatArray
+    mount_positions_body: Annotated[FloatArray, (N_LEGS, 3)]
+    mount_yaws_rad: Annotated[FloatArray, (N_LEGS,)]
+    link_vectors_m: Annotated[FloatArray, (JOINTS_PER_LEG, 2)]
+    link_masses_kg: PerLink
+    link_radii_m: PerLink
     foot_radius_m: float
-    joint_lower_rad: FloatArray
-    joint_upper_rad: FloatArray
-    joint_max_speed_rad_s: FloatArray
-    joint_max_torque_nm: FloatArray
-    stance_feet_body: FloatArray
-    stance_angles_rad: FloatArray
+    joint_lower_rad: PerJoint
+    joint_upper_rad: PerJoint
+    joint_max_speed_rad_s: PerJoint
+    joint_max_torque_nm: PerJoint
+    stance_feet_body: Annotated[FloatArray, (N_LEGS, 3)]
+    stance_angles_rad: PerJoint
     servo: ServoModel
     gait: GaitDefaults
-    link_coms_m: FloatArray | None = None
-    joint_stiffness_nm_per_rad: FloatArray | None = None
-    joint_dry_friction_nm: FloatArray | None = None
-    joint_no_load_speed_rad_s: FloatArray | None = None
-    joint_play_rad: FloatArray | None = None
-    link_inertias_kg_m2: FloatArray | None = None
+    link_coms_m: Annotated[FloatArray, (JOINTS_PER_LEG, 2)] | None = None
+    joint_stiffness_nm_per_rad: PerJoint | None = None
+    joint_dry_friction_nm: PerJoint | None = None
+    joint_no_load_speed_rad_s: PerJoint | None = None
+    joint_play_rad: PerJoint | None = None
+    link_inertias_kg_m2: Annotated[FloatArray, (JOINTS_PER_LEG, 4)] | None = None
 
     def __post_init__(self) -> None:
         check_type(self.name, str, "robot.name")
@@ -73,12 +78,7 @@ class Robot(ArrayFields):
             check_type(getattr(self, name), float, f"robot.{name}")
         for name, part in (("body", Body), ("servo", ServoModel), ("gait", GaitDefaults)):
             check_type(getattr(self, name), part, f"robot.{name}")
-        for name, shape in _SHAPES.items():
-            check_finite(getattr(self, name), shape, f"robot.{name}")
-        for name, shape in _OPTIONAL_SHAPES.items():
-            if getattr(self, name) is not None:
-                check_finite(getattr(self, name), shape, f"robot.{name}")
-        self._freeze()
+        check_arrays(self, "robot")
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, mass_kg={self.mass_kg:g}, fingerprint={self.fingerprint[:12]!r})"
@@ -88,12 +88,7 @@ class Robot(ArrayFields):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._freeze()
-
-    def _freeze(self) -> None:
-        for value in vars(self).values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+        _freeze(self)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -101,7 +96,7 @@ class Robot(ArrayFields):
         digest = hashlib.sha256()
         for name, value in changed_fields(self):
             digest.update(value.tobytes() if isinstance(value, np.ndarray) else _text(value).encode())
-            if name in _OPTIONAL_SHAPES:
+            if name in _OPTIONAL:
                 digest.update(name.encode())
         return digest.hexdigest()
 
@@ -233,29 +228,37 @@ class LegTriangle(ArrayFields):
         return cls(**{name: np.array(value) for name, value in values.items()})
 
 
-_SHAPES = {
-    "mount_positions_body": (N_LEGS, 3),
-    "mount_yaws_rad": (N_LEGS,),
-    "link_vectors_m": (JOINTS_PER_LEG, 2),
-    "link_masses_kg": (JOINTS_PER_LEG,),
-    "link_radii_m": (JOINTS_PER_LEG,),
-    "joint_lower_rad": (N_JOINTS,),
-    "joint_upper_rad": (N_JOINTS,),
-    "joint_max_speed_rad_s": (N_JOINTS,),
-    "joint_max_torque_nm": (N_JOINTS,),
-    "stance_feet_body": (N_LEGS, 3),
-    "stance_angles_rad": (N_JOINTS,),
-}
+def check_arrays(part: Any, name: str) -> None:
+    """Check shapes and numbers of the arrays of a dataclass by its annotations, and make them read-only.
 
-#: Optional arrays.
-_OPTIONAL_SHAPES = {
-    "link_coms_m": (JOINTS_PER_LEG, 2),
-    "joint_stiffness_nm_per_rad": (N_JOINTS,),
-    "joint_dry_friction_nm": (N_JOINTS,),
-    "joint_no_load_speed_rad_s": (N_JOINTS,),
-    "joint_play_rad": (N_JOINTS,),
-    "link_inertias_kg_m2": (JOINTS_PER_LEG, 4),
-}
+    Raises InputError that names the part.
+    """
+    for key, shape, optional in _array_shapes(part.__class__):
+        value = getattr(part, key)
+        if not (optional and value is None):
+            check_finite(value, shape, f"{name}.{key}")
+    _freeze(part)
+
+
+@cache
+def _array_shapes(kind: type) -> list[tuple[str, tuple[int, ...], bool]]:
+    """Name and shape of each array of a dataclass, and whether it may be None."""
+    hints = get_type_hints(kind, include_extras=True)
+    each = [(key, hint, part) for key, hint in hints.items() for part in (hint, *get_args(hint))]
+    return [
+        (key, part.__metadata__[0], part is not hint)
+        for key, hint, part in each
+        if get_origin(part) is Annotated
+    ]
+
+
+def _freeze(part: object) -> None:
+    for value in vars(part).values():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+
+
+_OPTIONAL = {field.name for field in fields(Robot) if field.default is None}
 
 
 def changed_fields(part: Any) -> list[tuple[str, Any]]:
@@ -303,11 +306,27 @@ def stance_angles(coxa: Vector2, femur: Vector2, tibia: Vector2, foot: Vector2) 
     return math.remainder(femur_rad, math.tau), math.remainder(tibia_rad, math.tau)
 
 
+def stance(
+    mounts_body: FloatArray, yaws_rad: FloatArray, links: Sequence[Vector2], foot: Vector2
+) -> tuple[FloatArray, FloatArray]:
+    """Nominal feet in the body frame, (6, 3), all at one height, and joint angles, (18,).
+
+    The foot is outward from the coxa axis and up from the body frame. Raises InputError out of reach.
+    """
+    (coxa, femur, tibia), (outward_m, up_m) = links, foot
+    level = mounts_body[:, :2] + outward_m * np.stack([np.cos(yaws_rad), np.sin(yaws_rad)], axis=-1)
+    angles: list[float] = []
+    for leg, mount_z in enumerate(mounts_body[:, 2].tolist(), start=1):
+        try:
+            angles += [0.0, *stance_angles(coxa, femur, tibia, (outward_m, up_m - mount_z))]
+        except InputError as error:
+            raise InputError(f"stance: out of reach for leg {leg}: {error}") from error
+    return np.column_stack([level, np.full(N_LEGS, up_m)]), np.array(angles)
+
+
 def in_stance_of(robot: Robot, outward_m: float) -> Robot:
     """The robot with its nominal feet at a distance outward from the coxa axes; raises InputError."""
-    feet, yaws = robot.stance_feet_body.copy(), robot.mount_yaws_rad
-    feet[:, :2] = robot.mount_positions_body[:, :2] + outward_m * np.stack([np.cos(yaws), np.sin(yaws)], -1)
-    coxa, femur, tibia = ((float(out), float(up)) for out, up in robot.link_vectors_m)
-    heights_m = (feet[:, 2] - robot.mount_positions_body[:, 2]).tolist()
-    angles = [(0.0, *stance_angles(coxa, femur, tibia, (outward_m, up_m))) for up_m in heights_m]
-    return replace(robot, stance_feet_body=feet, stance_angles_rad=np.ravel(angles))
+    links = [(float(out), float(up)) for out, up in robot.link_vectors_m]
+    foot = (outward_m, float(robot.stance_feet_body[0, 2]))
+    feet, angles = stance(robot.mount_positions_body, robot.mount_yaws_rad, links, foot)
+    return replace(robot, stance_feet_body=feet, stance_angles_rad=angles)

@@ -5,7 +5,7 @@
 
 import math
 from dataclasses import field
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -25,6 +25,7 @@ from hexctl.robot.configs import (
     Section,
     file_part,
     keys_of,
+    section_in,
 )
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_KINDS, N_LEGS
@@ -77,11 +78,6 @@ class Body:
     mass_kg: Mass
     com_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     inertia_kg_m2: Inertia | None = None
-
-    @property
-    def even_box_m(self) -> tuple[float, float, float] | None:
-        """Length, width and height of the evenly filled box with the trunk's mass and inertia, or None."""
-        return None if self.inertia_kg_m2 is None else even_box_m(self.mass_kg, self.inertia_kg_m2)
 
 
 class MountSection(Section):
@@ -185,6 +181,11 @@ class LinksSection(Section):
     def each(self) -> tuple[LinkSection, LinkSection, LinkSection]:
         """Coxa, femur and tibia."""
         return self.coxa, self.femur, self.tibia
+
+    @property
+    def ends_m(self) -> tuple[tuple[float, float], ...]:
+        """Vectors of coxa, femur and tibia."""
+        return tuple(link.end_m for link in self.each)
 
 
 class JointSection(Section):
@@ -343,13 +344,7 @@ def _check_key(schema: type, path: str) -> None:
         if name not in fields:
             keys = f"one of {', '.join(sorted(fields))}" if fields else "nothing after it"
             raise ValueError(f"got {path}; allowed: keys of a robot file; in place of {name!r}, {keys}")
-        place = _section_in(fields[name].annotation)
-
-
-def _section_in(annotation: Any) -> type | None:
-    if isinstance(annotation, type) and keys_of(annotation) is not None:
-        return annotation
-    return next((found for part in get_args(annotation) if (found := _section_in(part))), None)
+        place = section_in(fields[name].annotation)
 
 
 P_GAIN = "p_gain"

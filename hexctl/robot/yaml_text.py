@@ -1,5 +1,6 @@
-"""YAML of configuration files: plain, without duplicate keys, limited in size."""
+"""YAML of configuration files: read within limits and without duplicate keys, edited with its comments."""
 
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from functools import lru_cache
 from typing import Any
@@ -93,3 +94,117 @@ def _problem(error: Exception) -> str:
     if isinstance(error, yaml.MarkedYAMLError) and mark is not None:
         return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
     return " ".join(str(error).split())
+
+
+#: A replacement in a text: begin, end and new text.
+Edit = tuple[int, int, str]
+
+
+def with_values(text: str, wanted: Mapping[str, Any]) -> str:
+    """Text of a mapping with other content; only a section whose values share anchors loses its comments.
+
+    A text that is no mapping is replaced.
+    """
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError:
+        root = None
+    if not isinstance(root, yaml.MappingNode):
+        return _entries(wanted)
+    edited = _edited(text, _edits(text, root, wanted))
+    if _says(edited, wanted):
+        return edited
+    return _edited(text, _edits(text, root, wanted, deep=False))
+
+
+def _says(text: str, wanted: Mapping[str, Any]) -> bool:
+    try:
+        return bool(yaml_content(text) == wanted)
+    except ValueError:
+        return False
+
+
+def _edits(
+    text: str, node: yaml.MappingNode, wanted: Mapping[Any, Any], *, deep: bool = True
+) -> Iterator[Edit]:
+    there = {_content(key): (key, value) for key, value in node.value}
+    for name, (key, value) in there.items():
+        new = wanted.get(name)
+        if name not in wanted:
+            yield key.start_mark.index, _end(text, value), ""
+        elif _content(value) == new:
+            continue
+        elif deep and isinstance(value, yaml.MappingNode) and isinstance(new, Mapping) and new:
+            yield from _edits(text, value, new)
+        elif deep and isinstance(value, yaml.ScalarNode) and not isinstance(new, Mapping | list):
+            yield value.start_mark.index, _end(text, value), _scalar(new)
+        elif node.flow_style:
+            yield key.start_mark.index, _end(text, value), _flow({name: new})
+        else:
+            lines = _entries({name: new}).rstrip("\n").split("\n")
+            yield key.start_mark.index, _end(text, value), f"\n{_indent(node)}".join(lines)
+    if added := {name: value for name, value in wanted.items() if name not in there}:
+        yield _added(text, node, added)
+
+
+def _added(text: str, mapping: yaml.MappingNode, entries: dict[Any, Any]) -> Edit:
+    if mapping.flow_style:
+        at = mapping.end_mark.index - 1
+        within = text[mapping.start_mark.index + 1 : at].rstrip()
+        comma = ", " if mapping.value and not within.endswith(",") else ""
+        return at, at, f"{comma}{_flow(entries)}"
+    at = _end(text, mapping)
+    indent = _indent(mapping)
+    return at, at, "".join(f"\n{indent}{line}" for line in _entries(entries).rstrip("\n").split("\n"))
+
+
+def _end(text: str, node: yaml.Node) -> int:
+    """End of a node; comments and blank lines before the next key belong to that key."""
+    begin, end = node.start_mark.index, node.end_mark.index
+    if not isinstance(node, yaml.CollectionNode) or node.flow_style:
+        return int(end) - text[begin:end].endswith("\n")  # of a text over lines
+    lines = text[begin:end].split("\n")
+    while len(lines) > 1 and (not lines[-1].strip() or lines[-1].lstrip().startswith("#")):
+        lines.pop()
+    return int(begin) + len("\n".join(lines))
+
+
+def _content(node: yaml.Node) -> Any:
+    loader = yaml.SafeLoader("")
+    return loader.construct_document(node)
+
+
+def _indent(mapping: yaml.MappingNode) -> str:
+    return " " * int(mapping.value[0][0].start_mark.column)
+
+
+def _edited(text: str, edits: Iterator[Edit]) -> str:
+    for begin, end, new in sorted(set(edits), reverse=True):
+        text = text[:begin] + new + text[end:]
+    return text if text.endswith("\n") else f"{text}\n"
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes shared values in full."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _entries(content: Mapping[Any, Any]) -> str:
+    """Lines of a mapping, one for each key unless its value has further mappings or lists."""
+    entries = (_dumped({key: value}, flow=None) for key, value in content.items())
+    return "".join(f"{entry[1:-2]}\n" if entry.startswith("{") else entry for entry in entries)
+
+
+def _flow(content: Mapping[Any, Any]) -> str:
+    return _dumped(dict(content), flow=True)[1:-2]
+
+
+def _dumped(content: object, *, flow: bool | None) -> str:
+    return str(yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, width=10_000))
+
+
+def _scalar(value: object) -> str:
+    """A value as YAML reads it back to the last bit: 1e-05 would be text there."""
+    return _dumped(value, flow=None).split("\n")[0]

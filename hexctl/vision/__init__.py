@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
     from hexctl.vision.robot_camera import CameraStarted, RobotCamera
     from hexctl.vision.sheet import Sheet, save_sheet
-    from hexctl.vision.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
+    from hexctl.vision.twin.shooting import TwinReport
+    from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted
 
 # OpenCV reads this as it is loaded: a file of a hundred bytes may claim to hold a picture of a gigabyte. The
 # largest pictures of telephones have 200 million pixels.
@@ -73,7 +74,8 @@ _load = lazy_names(
         "detection.lens_calibration": "CalibratedLens",
         "latency_trial": "CameraLatency TwistAhead LatencyTrial",
         "estimation.latency": "Latency",
-        "twin.twin_camera": "TwinCamera TwinStarted TwinReport",
+        "twin.twin_camera": "TwinCamera TwinStarted",
+        "twin.shooting": "TwinReport",
         "camera_options": "CameraOptions LinkedRobotOptions",
         "place": "Place FloorTag RobotTag CameraPose AssumedLens load_place save_place arena_of",
         "detection.camera": "Camera",

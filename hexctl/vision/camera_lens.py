@@ -3,7 +3,7 @@
 Light to import, without OpenCV, until it runs.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,8 +15,7 @@ from hexctl.waiting import StopRequested, never
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
-    from hexctl.vision.detection.tags import Picture
-    from hexctl.vision.video.video_source import VideoSource
+    from hexctl.vision.video.videos import VideoSource
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +70,7 @@ class CameraLens(VideoOptions):
         RobotFaultError for a missing camera.
         """
         from hexctl.vision.detection.lens import save_lens
-        from hexctl.vision.detection.lens_calibration import LensCalibration, add_video, read_picture
+        from hexctl.vision.detection.lens_calibration import LensCalibration, read_picture
 
         calibration = LensCalibration(fisheye=self.fisheye)
         for path in self.pictures:
@@ -84,7 +83,7 @@ class CameraLens(VideoOptions):
                 on_event(f"{path} is left out: {refused}")
         if self.camera is not None:
             with self.open_video(on_event) as video:
-                add_video(calibration, _grey_frames(video, stop_requested), on_kept=on_kept)
+                _add_video(calibration, video, stop_requested, on_kept)
         calibrated = calibration.solve()
         try:
             save_lens(calibrated.lens, Path(self.output))
@@ -95,8 +94,16 @@ class CameraLens(VideoOptions):
         return calibrated
 
 
-def _grey_frames(video: "VideoSource", stop_requested: Callable[[], bool]) -> "Iterator[Picture]":
+def _add_video(
+    calibration: "LensCalibration",
+    video: "VideoSource",
+    stop_requested: StopRequested,
+    on_kept: "Callable[[LensCalibration], None]",
+) -> None:
+    """Keep frames in which the board is held still, until they end or nothing is missing any more."""
     while not video.ended and not stop_requested():
         frame = video.read()
-        if frame is not None:
-            yield frame.gray()
+        if frame is not None and calibration.add_steady(frame.gray()):
+            on_kept(calibration)
+            if not calibration.missing():
+                return

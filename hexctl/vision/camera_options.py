@@ -13,7 +13,7 @@ from hexctl.options import RARE, Range, Typed, check_fields
 from hexctl.wire.links import Link, LinkOptions, link_of
 
 if TYPE_CHECKING:
-    from hexctl.vision.video.video_source import VideoSource
+    from hexctl.vision.video.videos import VideoSource
 
 FPS = Range(low=1, high=60, unit="Hz")
 LATENCY_MS = Range(low=0, high=2000, unit="ms")
@@ -47,9 +47,6 @@ class LinkedRobotOptions(LinkOptions):
     robot: str | None = None
     """Name of the robot on the link. (default: the only one there)"""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     def load_link(self) -> Link:
         """The link; raises InputError for an invalid one."""
         credentials = None if self.credentials is None else Path(self.credentials)
@@ -76,7 +73,7 @@ class VideoOptions:
 
     def open_video(self, on_event: Callable[[str], None] = lambda _: None) -> "VideoSource":
         """Pictures of the camera, to be closed; for events and errors see `open_video` of the video room."""
-        from hexctl.vision.video.video_source import open_video
+        from hexctl.vision.video.videos import open_video
 
         return open_video(str(self.camera), size_px=self.size_px, fps=self.fps, on_event=on_event)
 

@@ -27,7 +27,7 @@ from hexctl.vision.observer import Observer
 from hexctl.vision.place import USUAL_LATENCY_S, Place, load_place, save_place
 from hexctl.vision.place_learning import seen_place
 from hexctl.vision.robot_link import LegState, RobotLink, robot_link
-from hexctl.vision.video.video_source import VideoSource
+from hexctl.vision.video.videos import VideoSource
 from hexctl.waiting import StopRequested, never
 from hexctl.wire.links import Link
 
@@ -195,9 +195,7 @@ class _Watch:
 def course(robot: Robot, states: Sequence[LegState]) -> FloatArray:
     """Poses of a body by its joints, x and y in m and unwrapped yaw in rad, from (0, 0, 0) on, (T, 3).
 
-    Args:
-        robot: whose legs they are.
-        states: of two moments or more, which ascend.
+    The states are two or more, and ascend.
     """
     times_s = np.array([state.at_s for state in states])
     motions = leg_motions(robot, times_s, np.array([state.joint_positions_rad for state in states])).motions

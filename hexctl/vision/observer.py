@@ -43,15 +43,6 @@ class Observation(ArrayFields):
 class Observer:
     """Estimates the robot's pose from pictures and leg states. All times are on one clock.
 
-    Args:
-        robot: robot with the tag.
-        camera: current pose of the camera.
-        floor_corners: corners (4, 2) of the tags on the floor in m, by number.
-        tag: tag on the robot.
-        latency_s: age of a picture on arrival.
-        lost_after_s: how long odometry continues without sightings.
-        finder: tag detector; a new one by default.
-
     Attributes:
         latency_s: age of a picture on arrival.
         tag: tag on the robot.
@@ -67,7 +58,6 @@ class Observer:
         tag: PlacedTag,
         *,
         latency_s: float = 0.0,
-        lost_after_s: float = 3.0,
         finder: TagFinder | None = None,
     ) -> None:
         finder = TagFinder() if finder is None else finder
@@ -75,7 +65,7 @@ class Observer:
         self.watch = CameraWatch(camera, floor_corners, finder)
         self.height_m = robot.standing_height_m
         self._tracker = RobotTracker(tag, finder)
-        self._filter = PoseFilter(lost_after_s=lost_after_s)
+        self._filter = PoseFilter()
         self._odometer = LegOdometer(robot)
         self._up_body = LEVEL
         self._newest: PoseEstimate | None = None

@@ -14,7 +14,7 @@ from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
 from hexctl.robot.configs import Number, file_part, read_mapping, validate
 from hexctl.robot.model import Robot
-from hexctl.robot.yaml_edit import with_values
+from hexctl.robot.yaml_text import with_values
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera, visible_circle
 from hexctl.vision.detection.lens import Lens, load_lens
@@ -199,20 +199,13 @@ class Place:
         return replace(placed, height_m=self.robot_tag.height_m)
 
     @cached_property
-    def source_lens(self) -> Lens:
-        """The lens as it was calibrated or assumed. Raises InputError as `load_lens` does."""
-        if self.assumed_lens is not None:
-            return self.assumed_lens.opened()
-        assert self.lens is not None  # noqa: S101  one of them is there
-        return load_lens(self.lens)
-
-    @cached_property
     def viewpoint(self) -> Camera:
         """The camera with its pose and its lens scaled to the picture size.
 
         Raises InputError for an unreadable lens file and for another aspect ratio.
         """
-        lens, rotation = self.source_lens, Rotation.from_quat(self.camera.orientation, scalar_first=True)
+        rotation = Rotation.from_quat(self.camera.orientation, scalar_first=True)
+        lens = load_lens(self.lens or "") if self.assumed_lens is None else self.assumed_lens.opened()
         if self.camera.picture_px is not None:
             lens = lens.scaled(*self.camera.picture_px)
         return Camera(lens, rotation.as_matrix(), np.array(self.camera.position_m))
@@ -256,7 +249,7 @@ def load_place(path: str | Path) -> Place:
         if not (path.parent / place.lens).is_file():
             raise InputError(f"{path}: lens: got {place.lens}; allowed: an existing file")
         place = replace(place, lens=path.parent / place.lens)
-    _ = place.source_lens
+        load_lens(place.lens or "")  # its problems are not those of the place
     try:
         _ = place.viewpoint
     except InputError as error:

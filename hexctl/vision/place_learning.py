@@ -11,9 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.vision.detection.camera import Camera, place_camera
@@ -29,9 +26,9 @@ from hexctl.vision.place import (
     load_place,
     save_place,
 )
-from hexctl.vision.robot_camera_options import RobotCameraOptions
-from hexctl.vision.sheet import BAR_MM, Sheet
-from hexctl.vision.video.video_source import VideoSource
+from hexctl.vision.robot_camera import RobotCamera
+from hexctl.vision.sheet import BAR_MM
+from hexctl.vision.video.videos import VideoSource
 
 #: Field of view of a lens of which nothing is known: that of many webcams.
 USUAL_FOV_DEG = 67.0
@@ -58,7 +55,7 @@ PLACING_PICTURES = 8
 ELSEWHERE_M, ELSEWHERE_RAD = 0.02, math.radians(0.5)
 
 
-def known_place(given: RobotCameraOptions) -> Place | None:
+def known_place(given: RobotCamera) -> Place | None:
     """The place of the file, if there is one; raises InputError for options that contradict it."""
     path = Path(given.place)
     known = load_place(path) if path.exists() else None
@@ -70,7 +67,7 @@ def known_place(given: RobotCameraOptions) -> Place | None:
 
 
 def found_place(
-    given: RobotCameraOptions,
+    given: RobotCamera,
     known: Place | None,
     video: VideoSource,
     robot: Robot,
@@ -95,8 +92,8 @@ def found_place(
     if stop_requested():
         return None
     height_px, width_px = pictures[0][0].shape
-    views = [averaged_corners([found for _, found in pictures])]
-    place, doubts = learned_place(given, views, (width_px, height_px), robot, known)
+    corners_px = averaged_corners([found for _, found in pictures])
+    place, doubts = learned_place(given, corners_px, (width_px, height_px), robot, known)
     save_place(place, path)
     return place, True, doubts
 
@@ -119,8 +116,7 @@ def seen_place(
 
 def _stands_elsewhere(camera: Camera, known: Camera) -> bool:
     """Whether a camera shows another part of the floor than the known one."""
-    shift_m = float(np.linalg.norm(camera.position_floor - known.position_floor))
-    turned_rad = Rotation.from_matrix(camera.rotation.T @ known.rotation).magnitude()
+    shift_m, turned_rad = camera.moved_from(known)
     return shift_m > ELSEWHERE_M or turned_rad > ELSEWHERE_RAD or camera.lens.size_px != known.lens.size_px
 
 
@@ -142,9 +138,9 @@ def _searched(
         raise RobotFaultError(f"camera {video.name} sends no pictures")
 
 
-def check_known(given: RobotCameraOptions, place: Place, path: Path) -> None:
+def check_known(given: RobotCamera, place: Place, path: Path) -> None:
     """Raise InputError for an option that a known place contradicts; its bar may differ (`measured`)."""
-    numbers = Sheet(**given.printed).floor_edges_mm
+    numbers = given.sheet.floor_edges_mm
     known: list[tuple[str, float | None]] = [
         ("fov_deg", None if place.assumed_lens is None else place.assumed_lens.fov_deg),
         ("tag_height_mm", 1000 * place.robot_tag.height_m),
@@ -173,22 +169,16 @@ def measured(place: Place, bar_mm: float | None) -> tuple[Place, tuple[str, ...]
 
 
 def learned_place(
-    given: RobotCameraOptions,
-    views: Sequence[CornersPx],
+    given: RobotCamera,
+    corners_px: CornersPx,
     size_px: tuple[int, int],
     robot: Robot,
     before: Place | None,
 ) -> tuple[Place, tuple[str, ...]]:
-    """A place from pictures, and doubts, one sentence each.
+    """A place from the corners (4, 2) of tags in px by number, and doubts, one sentence each.
 
-    Args:
-        given: options; missing ones are taken from the earlier place or the defaults.
-        views: corners (4, 2) in px by number, for each position of the camera (`learn_floor`).
-        size_px: picture size.
-        robot: robot with the tag.
-        before: the earlier place if it is learned again.
-
-    Raises InputError for invalid lenses and floors.
+    Missing options are taken from the earlier place, if it is learned again, or the defaults. Raises
+    InputError for invalid lenses and floors.
     """
     robot_tag = _robot_tag(given, robot, before)
     edges_mm = _edges_mm(given, before, robot_tag.id)
@@ -201,21 +191,21 @@ def learned_place(
     opened = lens.opened() if isinstance(lens, AssumedLens) else load_lens(lens).scaled(*size_px)
     bar_mm = given.bar_mm or (BAR_MM if before is None else before.bar_mm)
     edges_m = {number: edge_mm * bar_mm / BAR_MM / 1000 for number, edge_mm in edges_mm.items()}
-    floor = learn_floor(opened, views, edges_m)
+    floor = learn_floor(opened, corners_px, edges_m)
     place = Place(
         lens=lens if isinstance(lens, Path) else None,
         assumed_lens=lens if isinstance(lens, AssumedLens) else None,
         bar_mm=bar_mm,
         floor_tags={number: FloorTag.at(tag.pose, edges_mm[number]) for number, tag in floor.tags.items()},
         robot_tag=robot_tag,
-        camera=CameraPose.of(floor.cameras[0]),
+        camera=CameraPose.of(floor.camera),
         latency_s=None if before is None else before.latency_s,
     )
     unseen = _unseen_doubt(sorted(set(edges_mm) - set(floor.tags)))
     return place, (*unseen, *floor.doubts, *(BAR_DOUBT,) * (given.bar_mm is None and before is None))
 
 
-def _lens(given: RobotCameraOptions, size_px: tuple[int, int], before: Place | None) -> Path | AssumedLens:
+def _lens(given: RobotCamera, size_px: tuple[int, int], before: Place | None) -> Path | AssumedLens:
     if given.lens is not None:
         return Path(given.lens)
     usual_deg = USUAL_FOV_DEG
@@ -226,8 +216,8 @@ def _lens(given: RobotCameraOptions, size_px: tuple[int, int], before: Place | N
     return AssumedLens(width_px=size_px[0], height_px=size_px[1], fov_deg=given.fov_deg or usual_deg)
 
 
-def _robot_tag(given: RobotCameraOptions, robot: Robot, before: Place | None) -> RobotTag:
-    sheet, height_m = Sheet(**given.printed), robot.body.size_m[2] / 2
+def _robot_tag(given: RobotCamera, robot: Robot, before: Place | None) -> RobotTag:
+    sheet, height_m = given.sheet, robot.body.size_m[2] / 2
     usual = RobotTag(id=sheet.robot_tag, edge_mm=sheet.robot_edge_mm, height_m=height_m)
     changes: dict[str, Any] = {
         "id": given.robot_tag,
@@ -238,9 +228,9 @@ def _robot_tag(given: RobotCameraOptions, robot: Robot, before: Place | None) ->
     return replace(known, **{name: value for name, value in changes.items() if value is not None})
 
 
-def _edges_mm(given: RobotCameraOptions, before: Place | None, robot_tag: int) -> dict[int, float]:
+def _edges_mm(given: RobotCamera, before: Place | None, robot_tag: int) -> dict[int, float]:
     """Edges of the floor's tags as the sheet names them, by number; new ones are as those before."""
-    sheet = Sheet(**given.printed)
+    sheet = given.sheet
     if before is None:
         return sheet.floor_edges_mm
     known = {number: tag.edge_mm for number, tag in before.floor_tags.items()}

@@ -20,8 +20,7 @@ from hexctl.vision.estimation.pose_filter import PoseEstimate, Sight
 from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.robot_link import RobotLink
 from hexctl.vision.video.mjpeg import MjpegServer
-from hexctl.vision.video.video_source import Frame, VideoSource
-from hexctl.vision.video.video_writer import VideoWriter
+from hexctl.vision.video.videos import Frame, VideoSource, VideoWriter
 
 #: Period of poses without pictures.
 TELL_S = 0.03
@@ -134,33 +133,20 @@ def _numbers(pose: PlanarPose | None) -> list[str]:
     return ["", "", ""] if pose is None else [f"{one:.5f}" for one in (pose.x_m, pose.y_m, pose.yaw_rad)]
 
 
-@dataclass(frozen=True, slots=True)
-class PoseOutputs:
-    """Outputs of poses and pictures; None for none.
-
-    Attributes:
-        robot: receives poses and sends its joint states.
-        page: shows the pictures.
-        video: file with the pictures.
-        table: file with the poses.
-    """
-
-    robot: RobotLink | None
-    page: MjpegServer | None
-    video: VideoWriter | None
-    table: PoseTable | None
-
-
 class PoseStream:
-    """The loop: a picture, the states that came meanwhile, the pose to the robot.
+    """The loop: a picture, the states that came meanwhile, the pose to the robot and the other outputs."""
 
-    Args:
-        observer: of camera and robot.
-        outputs: where poses and pictures go.
-    """
-
-    def __init__(self, observer: Observer, outputs: PoseOutputs) -> None:
-        self._observer, self._outputs = observer, outputs
+    def __init__(
+        self,
+        observer: Observer,
+        *,
+        robot: RobotLink | None = None,
+        page: MjpegServer | None = None,
+        video: VideoWriter | None = None,
+        table: PoseTable | None = None,
+    ) -> None:
+        self._observer, self._robot, self._page = observer, robot, page
+        self._video, self._table = video, table
         self._overlay = Overlay()
         self._pictures = self._seen = self._restarts = 0
         self._look_s = 0.0
@@ -190,7 +176,7 @@ class PoseStream:
 
         while not stop_requested() and not video.ended:
             frame = self._fitting(video.read(TELL_S), tell)
-            for state in () if self._outputs.robot is None else self._outputs.robot.states():
+            for state in () if self._robot is None else self._robot.states():
                 self._observer.listen(state)
             if frame is not None:
                 shown_s = frame.at_s
@@ -243,10 +229,9 @@ class PoseStream:
         if estimate.restarts != self._restarts:
             on_event("the robot is not where its legs' motion predicts: was it carried, or did it slip?")
         self._sight, self._restarts = estimate.sight, estimate.restarts
-        robot = self._outputs.robot
-        if robot is None or estimate.pose is None or estimate.covariance is None:
+        if self._robot is None or estimate.pose is None or estimate.covariance is None:
             return
-        robot.publish(
+        self._robot.publish(
             estimate.pose,
             self._observer.height_m,
             position_variance_m2=max(LEAST_POSITION_M2, float(np.trace(estimate.covariance[:2, :2])) / 2),
@@ -261,10 +246,10 @@ class PoseStream:
         return "its tag is not seen"
 
     def _show(self, frame: Frame, estimate: PoseEstimate) -> None:
-        if self._outputs.table is not None:
-            self._outputs.table.write(frame.at_s, estimate, self._last)
-        looked_at = self._outputs.page is not None and self._outputs.page.clients > 0
-        if self._outputs.video is None and not looked_at:
+        if self._table is not None:
+            self._table.write(frame.at_s, estimate, self._last)
+        looked_at = self._page is not None and self._page.clients > 0
+        if self._video is None and not looked_at:
             return
         drawn = self._overlay.draw(
             frame.picture,
@@ -275,12 +260,12 @@ class PoseStream:
             height_m=self._observer.height_m + self._observer.tag.height_m,
             lines=[*_lines(estimate, self._last), *self._events(frame.at_s)],
         )
-        if self._outputs.video is not None:
-            self._outputs.video.write(drawn, frame.at_s)
-        if self._outputs.page is not None and looked_at:
+        if self._video is not None:
+            self._video.write(drawn, frame.at_s)
+        if self._page is not None and looked_at:
             good, jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 80])
             if good:
-                self._outputs.page.publish(jpeg.tobytes())
+                self._page.publish(jpeg.tobytes())
 
     def _events(self, at_s: float) -> list[str]:
         return [self._event] if at_s - self._event_at_s < EVENT_S else []

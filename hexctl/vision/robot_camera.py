@@ -1,4 +1,4 @@
-"""The camera command: open camera, robot and outputs, and send poses.
+"""The camera command: its options, and the run that opens camera, robot and outputs and sends poses.
 
 Importing it does not load OpenCV.
 """
@@ -7,17 +7,23 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from hexctl.errors import InputError
-from hexctl.vision.robot_camera_options import RobotCameraOptions
+from hexctl.errors import InputError, argument
+from hexctl.options import RARE, Panel, Range, Typed
+from hexctl.vision.camera_options import LATENCY_MS, CameraOptions, check_folder, check_new_file
+from hexctl.vision.sheet import BAR_LENGTH_MM, EDGE_MM, FLOOR_TAGS, TAG, Sheet
 from hexctl.waiting import StopRequested, never
+from hexctl.wire.page_address import PageAddress
 
 if TYPE_CHECKING:
     from hexctl.robot.model import Robot
     from hexctl.vision.estimation.pose_filter import PoseEstimate
     from hexctl.vision.place import Place
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
+
+FOV_DEG = Range(low=10, high=150, unit="deg")
+HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,13 +48,117 @@ class CameraStarted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotCamera(RobotCameraOptions):
+class RobotCamera(CameraOptions):
     """Locate a robot with a camera over the floor and send it its pose.
 
         RobotCamera(camera="0", connect="tcp/127.0.0.1:7447").run(stop_requested)
 
-    If the place file does not exist, the place is learned first.
+    If the place file does not exist, the place is learned first. Options that describe a new place must agree
+    with a known one.
     """
+
+    camera: Annotated[str | int | Path | None, Typed(parse=str)] = None
+    """Camera: its number such as 0, its device, the address of a stream (http:// or rtsp://), or a video
+    file. (default: none, required)
+    """
+
+    place: str | Path = Path("place.yaml")
+    """YAML file with the floor's tags and the camera; made by looking if it is missing."""
+
+    relearn: bool = False
+    """Learn the tags on the floor again, in place of the file's."""
+
+    lens: str | Path | None = None
+    """Calibration of the lens, for a new place. (default: that of the place, else one without distortion, of
+    --fov-deg)
+    """
+
+    fov_deg: Annotated[float | None, FOV_DEG, Typed(flag="fov-deg"), RARE] = None
+    """Degrees from the left to the right edge, without a calibration, for a new place, {}. (default: those of
+    the place, else 67)
+    """
+
+    bar_mm: Annotated[float | None, BAR_LENGTH_MM, RARE] = None
+    """Millimetres that the bar of the sheet measures, {}; scales the place. (default: that of the place, else
+    100)
+    """
+
+    robot_tag: Annotated[int | None, TAG, RARE] = None
+    """Number of the robot's tag, a whole number, {}, and none of the floor's. (default: that of the place,
+    else 10)
+    """
+
+    robot_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
+    """Edge of the robot's tag in millimetres, {}. (default: that of the place, else 100)"""
+
+    home_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
+    """Edge of the floor's tag 0 in millimetres, {}. (default: that of the place, else 110)"""
+
+    floor_tags: Annotated[int | None, FLOOR_TAGS, RARE] = None
+    """Further tags on the floor, numbered from 1, a whole number, {}. (default: those of the place, else
+    3)
+    """
+
+    floor_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
+    """Edge of further tags in millimetres, {}. (default: that of the place, else 160)"""
+
+    tag_height_mm: Annotated[float | None, HEIGHT_MM, RARE] = None
+    """Millimetres of the robot's tag above the origin of its body, for a new place, {}. (default: those of
+    the place, else the top of its trunk)
+    """
+
+    latency_ms: Annotated[float | None, LATENCY_MS, RARE, Panel("Camera")] = None
+    """Milliseconds from what the camera sees to its picture's arrival, {}. (default: those of the place, else
+    80)
+    """
+
+    robot: str | None = None
+    """Name of the robot on the link; with --no-link a robot or its file. (default: the only one on the link,
+    or ant)
+    """
+
+    no_link: Annotated[bool, RARE, Panel("Connection")] = False
+    """Send no robot its pose; only page, video and table."""
+
+    page: Annotated[str | int | None, Panel("Output")] = None
+    """Serve a page that shows what the camera sees: HOST:PORT, or a port of 127.0.0.1; 0 takes a free port.
+    (default: no page)
+
+    Only this computer reaches it.
+    """
+
+    output: Annotated[str | Path | None, Typed(short="o"), Panel("Output")] = None
+    """New video of what is seen, .mp4 or .avi. (default: none)"""
+
+    poses: Annotated[str | Path | None, RARE, Panel("Output")] = None
+    """New CSV file with the pose of each picture. (default: none)"""
+
+    def __post_init__(self) -> None:
+        CameraOptions.__post_init__(self)
+        _ = self.sheet, self.page_address
+        for name in ("output", "poses"):
+            if (path := getattr(self, name)) is not None:
+                check_new_file(name, path)
+        check_folder("place", self.place)
+
+    @property
+    def sheet(self) -> Sheet:
+        """The printed sheet, with the given values; raises InputError for one that cannot be."""
+        names = ("robot_tag", "robot_edge_mm", "home_edge_mm", "floor_tags", "floor_edge_mm")
+        return Sheet(**{name: value for name in names if (value := getattr(self, name)) is not None})
+
+    @property
+    def page_address(self) -> PageAddress | None:
+        """Where the page is served; raises InputError for an address that other computers reach."""
+        if self.page is None:
+            return None
+        address = PageAddress.parse(str(self.page))
+        if not address.loopback:
+            raise InputError(
+                f"{argument('page')}: got {address.host}, which other computers reach; allowed: 127.0.0.1 or "
+                "localhost"
+            )
+        return address
 
     def run(
         self,
@@ -75,10 +185,10 @@ class RobotCamera(RobotCameraOptions):
         from hexctl.vision.detection.tags import TagFinder
         from hexctl.vision.observer import Observer
         from hexctl.vision.place_learning import found_place, known_place
-        from hexctl.vision.pose_stream import CameraReport, PoseOutputs, PoseStream, PoseTable
+        from hexctl.vision.pose_stream import CameraReport, PoseStream, PoseTable
         from hexctl.vision.robot_link import robot_link
         from hexctl.vision.video.mjpeg import MjpegServer
-        from hexctl.vision.video.video_writer import VideoWriter
+        from hexctl.vision.video.videos import VideoWriter
 
         before = known_place(self)
         with ExitStack() as opened:
@@ -103,9 +213,9 @@ class RobotCamera(RobotCameraOptions):
                     arena=_arena_or_none(place, robot), page_url=None if page is None else page.page_url,
                 )
             )  # fmt: skip
-            outputs = PoseOutputs(linked, page, writer, table)
             latency_s = place.picture_age_s if self.latency_ms is None else self.latency_ms / 1000
-            stream = PoseStream(Observer.at(place, robot, finder, latency_s), outputs)
+            observer = Observer.at(place, robot, finder, latency_s)
+            stream = PoseStream(observer, robot=linked, page=page, video=writer, table=table)
             return stream.run(video, stop_requested, on_pose=on_pose, on_status=on_status, on_event=on_event)
 
 

@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -71,16 +71,10 @@ class LegState(ArrayFields):
 
 
 class RobotLink:
-    """A robot on a link: its states as they come, and its pose as it is seen.
-
-    Attributes:
-        robot: as it describes itself.
-        malformed: messages that could not be read.
-    """
+    """A robot on a link, as it describes itself: its states as they come, and its pose as it is seen."""
 
     def __init__(self, robot: Robot, session: zenoh.Session, keys: KeyMap, *, plain: bool) -> None:
         self.robot, self._plain = robot, plain
-        self.malformed = 0
         self._states: deque[LegState] = deque(maxlen=MOST_STATES)
         self._yaw: tuple[float, float] | None = None
         self._clock = SenderClock()
@@ -100,14 +94,7 @@ class RobotLink:
     def publish(
         self, pose: PlanarPose, height_m: float, *, position_variance_m2: float, yaw_variance_rad2: float
     ) -> None:
-        """Send the robot its current pose.
-
-        Args:
-            pose: pose of its base on the floor.
-            height_m: height of its base above the floor.
-            position_variance_m2: variance of x and of y.
-            yaw_variance_rad2: variance of the heading.
-        """
+        """Send the robot the current pose of its base, its height above the floor, and their variances."""
         payload = encode_pose(
             np.array([pose.x_m, pose.y_m, height_m]),
             about_z(pose.yaw_rad),
@@ -117,11 +104,9 @@ class RobotLink:
         self._publisher.put(payload)
 
     def _guarded(self, take: Any, sample: Any) -> None:
-        """Take a sample; one that cannot be read is counted, and never ends the thread of Zenoh."""
-        try:
+        """Take a sample; one that cannot be read never ends the thread of Zenoh."""
+        with suppress(MessageError):
             take(sample, time.monotonic())
-        except MessageError:
-            self.malformed += 1
 
     def _take_yaw(self, sample: Any, now_s: float) -> None:
         quaternion = decode_orientation(bytes(sample.payload))
@@ -141,12 +126,7 @@ class RobotLink:
 
 @contextmanager
 def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tuple[zenoh.Session, Robot]]:
-    """Open a session on a link with a robot for a block.
-
-    Args:
-        link: link to the robot.
-        role: role of the session.
-        name: name of the robot; None for the only one.
+    """Open a session on a link with a robot, the only one or that of a name, for a block.
 
     Raises RobotFaultError if no robot answers, and InputError if several or only others answer.
     """

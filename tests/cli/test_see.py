@@ -19,7 +19,7 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.place import CameraPose, load_place
 from hexctl.vision.place import arena_of as seen_arena
 from hexctl.vision.twin.posture_history import followed_robot
-from hexctl.vision.twin.twin_camera import FLOOR_TAGS, WEBCAM
+from hexctl.vision.twin.rendering import FLOOR_TAGS, WEBCAM
 from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_pose

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,9 +13,16 @@ from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
-from hexctl.vision.video.video_writer import VideoWriter
+from hexctl.vision.twin.rendering import (
+    CAMERA,
+    FLOOR_TAGS,
+    ROBOT_TAG,
+    WEBCAM,
+    RobotPosture,
+    SceneRenderer,
+    tag_on,
+)
+from hexctl.vision.video.videos import VideoWriter
 
 __all__ = ["CAMERA", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "tag_on"]
 FLOOR_CORNERS = {number: tag.corners for number, tag in FLOOR_TAGS.items()}
@@ -37,12 +43,10 @@ def standing(robot: Robot, pose: PlanarPose, joints_rad: FloatArray | None = Non
 
 
 @contextmanager
-def scene(
-    camera: Camera = CAMERA, flaws: CameraFlaws | None = None, robot: str = "ant", **options: Any
-) -> Iterator[SceneRenderer]:
+def scene(camera: Camera = CAMERA) -> Iterator[SceneRenderer]:
     """The usual scene, seen by a camera."""
-    model = load_robot(robot)
-    with SceneRenderer(model, camera, FLOOR_TAGS, tag_on(model), flaws, **options) as renderer:
+    model = load_robot("ant")
+    with SceneRenderer(model, camera, FLOOR_TAGS, tag_on(model)) as renderer:
         yield renderer
 
 

@@ -10,7 +10,7 @@ import pytest
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.vision.camera_lens import CameraLens
-from hexctl.vision.camera_options import CameraOptions, LinkedRobotOptions, parse_size
+from hexctl.vision.camera_options import CameraOptions, parse_size
 from hexctl.vision.detection.calibration_board import N_CORNERS, SQUARE_M, BoardFinder
 from hexctl.vision.detection.lens import load_lens
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
@@ -24,18 +24,6 @@ def test_a_size_is_two_numbers() -> None:
     for text in ("1280", "x", "1280x", "-1x2", "1.5x2"):
         with pytest.raises(ValueError, match="WIDTHxHEIGHT"):
             parse_size(text)
-
-
-@pytest.mark.parametrize(
-    ("page", "host", "port"),
-    [(8019, "127.0.0.1", 8019), ("0", "127.0.0.1", 0), ("localhost:8019", "localhost", 8019),
-     ("[::1]:8019", "::1", 8019)],
-)  # fmt: skip
-def test_a_page_is_a_port_or_an_address_of_this_computer(page: int | str, host: str, port: int) -> None:
-    address = RobotCamera(camera=0, page=page).page_address
-    assert address is not None
-    assert (address.host, address.port) == (host, port)
-    assert RobotCamera(camera=0).page_address is None
 
 
 def board_files(folder: Path, count: int) -> list[Path]:
@@ -147,7 +135,7 @@ def test_the_command_writes_the_file_once(tmp_path: Path, capsys: pytest.Capture
         (CameraOptions, {}, "camera"),
         (CameraOptions, {"camera": 0.5}, "camera"),
         (CameraOptions, {"camera": 0, "place": 5}, "place"),
-        (LinkedRobotOptions, {"robot": 5}, "robot"),
+        (CameraOptions, {"camera": 0, "robot": 5}, "robot"),
         (CameraLens, {}, "pictures"),
         (CameraLens, {"pictures": ["a.png"], "camera": 0}, "pictures"),
         (CameraLens, {"pictures": ["a.png"], "size_px": (640, 480)}, "size_px"),

@@ -23,7 +23,7 @@ from hexctl.vision.estimation.latency import measure_latency
 from hexctl.vision.latency_trial import CameraLatency
 from hexctl.vision.latency_trial import course as twist_course
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.video.video_source import Frame, VideoSource
+from hexctl.vision.video.videos import Frame, VideoSource
 from hexctl.waiting import wait_for
 from tests.driven import course
 from tests.robots import shipped
@@ -126,7 +126,7 @@ class Empty(VideoSource):
     def read(self, timeout_s: float = 1.0) -> Frame:
         """A picture."""
         self.taken += 1
-        return Frame(np.full((720, 1280, 3), 90, dtype=np.uint8), time.monotonic(), 1)
+        return Frame(np.full((720, 1280, 3), 90, dtype=np.uint8), time.monotonic())
 
     def close(self) -> None:
         """Nothing is open."""

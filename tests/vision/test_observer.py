@@ -43,14 +43,13 @@ def observer() -> Observer:
 
 
 def watched(
-    observer: Observer, pictures: Iterator[Picture | None], from_s: float = 0.0, *, legs: bool = True
+    observer: Observer, pictures: Iterator[Picture | None], from_s: float = 0.0
 ) -> list[tuple[Observation | None, PoseEstimate]]:
     """What came of pictures, None where none comes, at 30 per second; the legs stand still."""
     seen = []
     for number, picture in enumerate(pictures):
         now_s = from_s + number * PERIOD_S
-        if legs:
-            observer.listen(LegState(now_s, ROBOT.stance_angles_rad, None, None))
+        observer.listen(LegState(now_s, ROBOT.stance_angles_rad, None, None))
         observation = None if picture is None else observer.look(picture, now_s)
         seen.append((observation, observer.estimate(now_s)))
     return seen
@@ -59,19 +58,6 @@ def watched(
 def off_m(estimate: PoseEstimate) -> float:
     assert estimate.pose is not None
     return float(np.hypot(estimate.pose.x_m - HERE.x_m, estimate.pose.y_m - HERE.y_m))
-
-
-@pytest.mark.slow
-def test_a_robot_that_stands_is_where_it_stands(usual: Picture) -> None:
-    seen = watched(observer(), iter([usual] * 15), legs=False)
-    assert seen[0][1].sight == "lost"
-    last = seen[-1][1]
-    assert last.sight == "seeing"
-    assert off_m(last) < 0.003
-    assert last.pose is not None
-    assert abs(last.pose.yaw_rad - HERE.yaw_rad) < 0.01
-    assert last.age_s == pytest.approx(LATENCY_S, abs=1e-6)
-    assert all(observation is not None and observation.robot is not None for observation, _ in seen)
 
 
 @pytest.mark.slow

@@ -172,8 +172,8 @@ def doubted(
     options: RobotCamera, *numbers: int, before: Place | None = None
 ) -> tuple[Place, tuple[str, ...]]:
     """The same, and what cannot be trusted of it."""
-    views = [{number: seen_by(CAMERA)[number] for number in numbers}]
-    return learned_place(options, views, (1280, 720), load_robot("ant"), before)
+    corners_px = {number: seen_by(CAMERA)[number] for number in numbers}
+    return learned_place(options, corners_px, (1280, 720), load_robot("ant"), before)
 
 
 def test_nothing_and_the_same_are_no_contradiction(tmp_path: Path) -> None:

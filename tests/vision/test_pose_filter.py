@@ -1,12 +1,10 @@
 """The filter of poses: its mathematics, and late, lost, wild and carried sightings on walks."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from hexctl.errors import InputError
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.estimation.pose_belief import STATES, OwnMotion, PoseBelief, Sighting
 from hexctl.vision.estimation.pose_filter import HISTORY_S, PoseFilter
@@ -66,9 +64,9 @@ def seen_at(at_s: float, x_m: float = 0.0, y_m: float = 0.0, yaw_rad: float = 0.
     return Sighting(at_s, PlanarPose(x_m, y_m, yaw_rad), np.diag(SIGMA**2))
 
 
-def fixed(until_s: float = 1.0, **options: float) -> PoseFilter:
+def fixed(until_s: float = 1.0) -> PoseFilter:
     """A filter that has seen a robot stand at the origin."""
-    poses = PoseFilter(**options)
+    poses = PoseFilter()
     for frame in range(round(until_s * 30) + 1):
         if frame:
             poses.move((frame - 1) / 30, frame / 30, np.zeros(3))
@@ -92,7 +90,6 @@ def test_wild_sightings_are_not_believed() -> None:
     course = followed(driven("ant", AHEAD), Eye(wild=0.1))
     assert course.errors()[0] < 0.01
     assert course.held_error_m() > 0.1
-    assert course.filter.refused > 10
     assert course.filter.restarts == 0
 
 
@@ -143,14 +140,14 @@ def test_a_first_pose_needs_sightings_that_agree() -> None:
 
 
 def test_it_is_lost_after_a_while_and_found_again_by_agreement() -> None:
-    poses = fixed(lost_after_s=2.0)
-    assert poses.estimate(2.9).sight == "bridging"
-    lost = poses.estimate(3.1)
+    poses = fixed()
+    assert poses.estimate(3.9).sight == "bridging"
+    lost = poses.estimate(4.1)
     assert (lost.sight, lost.pose, lost.covariance) == ("lost", None, None)
-    assert not poses.see(seen_at(3.2, 0.5))
-    assert not poses.see(seen_at(3.23, 0.5))
-    assert poses.see(seen_at(3.26, 0.5))
-    assert poses.estimate(3.3).pose is not None
+    assert not poses.see(seen_at(4.2, 0.5))
+    assert not poses.see(seen_at(4.23, 0.5))
+    assert poses.see(seen_at(4.26, 0.5))
+    assert poses.estimate(4.3).pose is not None
 
 
 def test_the_order_in_which_sightings_come_does_not_matter() -> None:
@@ -179,7 +176,6 @@ def test_too_old_a_sighting_is_refused() -> None:
     poses = fixed(4.0)
     assert poses.see(seen_at(4.0 - 0.8 * HISTORY_S))
     assert not poses.see(seen_at(2.0))
-    assert poses.refused == 1
 
 
 def test_what_is_published_glides_to_a_correction() -> None:
@@ -195,34 +191,6 @@ def test_what_is_published_glides_to_a_correction() -> None:
     assert along[0] == pytest.approx(0.1, abs=0.01)
     assert along[-1] == pytest.approx(0.14, abs=0.01)
     assert np.abs(np.diff(along)).max() < 0.012
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        Sighting(math.nan, PlanarPose(0, 0, 0), np.eye(3)),
-        Sighting(0.0, PlanarPose(math.nan, 0, 0), np.eye(3)),
-        Sighting(0.0, PlanarPose(0, 0, 0), np.full((3, 3), math.inf)),
-        Sighting(0.0, PlanarPose(0, 0, 0), np.eye(2)),
-    ],
-)
-def test_what_is_no_sighting_is_refused(bad: Sighting) -> None:
-    with pytest.raises(InputError, match="sighting"):
-        PoseFilter().see(bad)
-
-
-def test_what_is_no_motion_is_refused() -> None:
-    poses = PoseFilter()
-    poses.move(0.0, 0.1, np.zeros(3))
-    for from_s, to_s, motion in (
-        (0.05, 0.2, np.zeros(3)),
-        (0.2, 0.2, np.zeros(3)),
-        (0.2, 0.3, np.full(3, math.nan)),
-    ):
-        with pytest.raises(InputError, match="motion"):
-            poses.move(from_s, to_s, motion)
-    with pytest.raises(InputError, match="lost_after_s"):
-        PoseFilter(lost_after_s=0.1)
 
 
 def test_motions_that_come_in_bursts_make_no_leap() -> None:

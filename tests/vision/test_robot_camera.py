@@ -23,10 +23,9 @@ from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.place import CameraPose, FloorTag, Place, RobotTag, arena_of, load_place
-from hexctl.vision.pose_stream import COLUMNS, CameraReport, CameraStatus, PoseOutputs, PoseStream, PoseTable
+from hexctl.vision.pose_stream import COLUMNS, CameraReport, CameraStatus, PoseStream, PoseTable
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
-from hexctl.vision.video.video_source import Frame, VideoSource, open_video
-from hexctl.vision.video.video_writer import VideoWriter
+from hexctl.vision.video.videos import Frame, VideoSource, VideoWriter, open_video
 from tests.vision.scenes import (
     CAMERA,
     FILM_FPS,
@@ -156,7 +155,7 @@ class Film(VideoSource):
         self._number += 1
         self.now_s += FRAME_S
         self.ended = self._number == len(self._pictures)
-        return None if picture is None else Frame(picture, self.now_s, self._number)
+        return None if picture is None else Frame(picture, self.now_s)
 
     def close(self) -> None:
         """Nothing is open."""
@@ -192,7 +191,7 @@ def test_what_loses_the_robot_is_told_once(
         floor_tags={number: FloorTag.at(one.pose, 1000 * one.edge_m) for number, one in FLOOR_TAGS.items()},
         robot_tag=RobotTag(id=tag.tag_id, edge_mm=1000 * tag.edge_m, height_m=tag.height_m),
     )
-    stream = PoseStream(Observer.at(place, ANT, TagFinder(), 0.0), PoseOutputs(None, None, None, None))
+    stream = PoseStream(Observer.at(place, ANT, TagFinder(), 0.0))
     stream.run(film, lambda: False, on_pose=lambda _: None, on_status=statuses.append, on_event=events.append)
     told = ["seen", "its tag", "seen", "no pictures", "seen", "640x360", "no pictures"]
     assert len(events) == len(told)

@@ -29,7 +29,6 @@ def test_states_come_once_in_their_order(robot: Served) -> None:
             return len(states) > 100
 
         wait_for(many, 30, "no states came")
-        assert end.malformed == 0
     times_s = np.array([state.at_s for state in states])
     assert (np.diff(times_s) > 0).mean() > 0.95
     assert np.median(np.diff(times_s)) == pytest.approx(0.02, abs=0.004)

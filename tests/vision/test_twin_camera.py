@@ -16,13 +16,11 @@ from hexctl.types import FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
 from hexctl.vision.detection.tags import SeenTag, TagFinder
 from hexctl.vision.twin import posture_history
-from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
-from hexctl.vision.twin.delivery import Delivery, TakenPicture
+from hexctl.vision.twin.camera_faults import faulty_camera, is_covered, parse_camera_fault, with_hand
 from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_robot
-from hexctl.vision.twin.rendering import CameraFlaws
-from hexctl.vision.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
-from hexctl.vision.twin.twin_options import parse_point
-from hexctl.vision.video.video_source import VideoSource, open_video
+from hexctl.vision.twin.shooting import Delivery, TwinReport
+from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted, parse_point
+from hexctl.vision.video.videos import VideoSource, open_video
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.server.processes import served
@@ -30,14 +28,14 @@ from tests.vision.scenes import CAMERA, FLOOR_TAGS, ROBOT_TAG, plain, scene, sta
 
 
 def test_a_camera_stands_still_until_it_is_moved_and_turned() -> None:
-    faults = CameraFaults((parse_camera_fault("moved:0.1,0,0.2@5"), parse_camera_fault("turned:90@6")))
-    assert faults.camera(CAMERA, 4.9) == CAMERA
-    moved = faults.camera(CAMERA, 5.0)
+    faults = [parse_camera_fault("moved:0.1,0,0.2@5"), parse_camera_fault("turned:90@6")]
+    assert faulty_camera(CAMERA, faults, 4.9) == CAMERA
+    moved = faulty_camera(CAMERA, faults, 5.0)
     assert np.allclose(moved.position_floor, CAMERA.position_floor + np.array([0.1, 0, 0.2]))
     assert (moved.rotation == CAMERA.rotation).all()
-    turned = faults.camera(CAMERA, 6.0)
-    covered = CameraFaults((parse_camera_fault("covered:2@3"),))
-    assert [covered.cover(at_s) for at_s in (2.9, 3.0, 4.9, 5.0)] == [False, True, True, False]
+    turned = faulty_camera(CAMERA, faults, 6.0)
+    covered = [parse_camera_fault("covered:2@3")]
+    assert [is_covered(covered, at_s) for at_s in (2.9, 3.0, 4.9, 5.0)] == [False, True, True, False]
     assert np.allclose(CAMERA.rotation[:2, 2] @ turned.rotation[:2, 2], 0)
     assert turned.rotation[1, 2] > 0  # from ahead to the left
     assert turned.rotation[2, 2] == pytest.approx(CAMERA.rotation[2, 2])
@@ -47,7 +45,7 @@ def test_a_camera_stands_still_until_it_is_moved_and_turned() -> None:
 def test_a_covered_tag_is_not_seen_and_the_others_are() -> None:
     robot = load_robot("ant")
     posture = standing(robot, PlanarPose(0.2, -0.1, 0.5))
-    with scene(flaws=CameraFlaws()) as renderer:
+    with scene() as renderer:
         picture = renderer.draw_color(posture)
         covered = with_hand(picture, CAMERA, posture, tag_on(robot))
     finder = TagFinder()
@@ -69,9 +67,9 @@ def test_pictures_arrive_in_order_and_none_before_it_is_due() -> None:
     began_s = time.monotonic()
     due_s = [began_s + 0.1 + 0.02 * number for number in range(8)]
     for number, due_at_s in enumerate(due_s):
-        delivery.send(TakenPicture(partial(plain, 10 * number), began_s, due_at_s))
+        delivery.send(partial(plain, 10 * number), began_s, due_at_s)
     wait_for(lambda: len(arrived) == 8, 10, "not all pictures arrived")
-    delivery.send(TakenPicture(lambda: plain(0), 0.0, time.monotonic() + 3600))
+    delivery.send(lambda: plain(0), 0.0, time.monotonic() + 3600)
     delivery.close()
     assert [bright for bright, _ in arrived] == [10 * number for number in range(8)]
     assert all(at_s >= due_at_s for (_, at_s), due_at_s in zip(arrived, due_s, strict=True))

@@ -10,11 +10,10 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from hexctl.errors import InputError, RecordingError, RobotFaultError
-from hexctl.vision.video import mjpeg, video_source
-from hexctl.vision.video.mjpeg import PICTURE_PATH, STREAM_PATH, MjpegServer
-from hexctl.vision.video.video_source import LiveVideo, open_video
-from hexctl.vision.video.video_writer import VideoWriter
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.vision.video import mjpeg, videos
+from hexctl.vision.video.mjpeg import STREAM_PATH, MjpegServer
+from hexctl.vision.video.videos import LiveVideo, VideoWriter, open_video
 from hexctl.waiting import wait_for
 from tests.server.processes import free_port
 from tests.vision.scenes import plain
@@ -45,7 +44,6 @@ def test_a_client_that_takes_nothing_holds_nobody_up_and_then_gets_the_newest() 
         wait_for(lambda: server.clients, 10, "the client was never let in")
         for picture in numbered:
             server.publish(picture)
-        assert got(server, PICTURE_PATH)[1] == numbered[-1]
         slow.settimeout(10)
         came = b""
         while b"000199" not in came:
@@ -53,17 +51,14 @@ def test_a_client_that_takes_nothing_holds_nobody_up_and_then_gets_the_newest() 
         assert came.count(b"Content-Length") < 5
 
 
-def test_a_page_and_a_single_picture_are_there_for_this_computer() -> None:
+def test_a_page_is_there_for_this_computer() -> None:
     with MjpegServer() as server:
-        assert got(server, PICTURE_PATH)[0] == 503
-        server.publish(b"picture")
-        assert got(server, PICTURE_PATH) == (200, b"picture")
         status, page = got(server, "/")
         assert status == 200
         assert b"/stream.mjpg" in page
         assert got(server, "/elsewhere")[0] == 404
-        assert got(server, PICTURE_PATH, host="attacker.example:80")[0] == 403
-        assert got(server, PICTURE_PATH, host="localhost:80")[0] == 200
+        assert got(server, "/", host="attacker.example:80")[0] == 403
+        assert got(server, "/", host="localhost:80")[0] == 200
         with pytest.raises(RobotFaultError, match=str(port_of(server))):
             MjpegServer(port_of(server))
 
@@ -104,10 +99,9 @@ def test_it_listens_on_other_names_of_this_computer(host: str) -> None:
     except RobotFaultError:
         pytest.skip(f"this computer has no {host}")
     with server:
-        server.publish(b"picture")
         assert urlsplit(server.url).hostname == host
-        assert got(server, PICTURE_PATH) == (200, b"picture")
-        assert got(server, PICTURE_PATH, host="other.example:80")[0] == 403
+        assert got(server, "/")[0] == 200
+        assert got(server, "/", host="other.example:80")[0] == 403
 
 
 @pytest.mark.parametrize("name", ["seen.avi", "seen.mp4"])
@@ -119,7 +113,6 @@ def test_each_frame_of_a_file_comes_with_its_time(tmp_path: Path, name: str) -> 
         frames = list(source)
         assert source.ended
         assert source.read() is None
-    assert [frame.number for frame in frames] == [1, 2, 3, 4, 5]
     assert [frame.at_s for frame in frames] == pytest.approx([0, 0.04, 0.08, 0.12, 0.16])
     assert [frame.gray().mean() for frame in frames] == pytest.approx([0, 50, 100, 150, 200], abs=4)
     assert not source.live
@@ -152,14 +145,14 @@ def test_of_a_camera_only_the_newest_frame_is_kept() -> None:
         wait_for(lambda: source.dropped == 2, 10, "three frames never came")
         frame = source.read()
         assert frame is not None
-        assert (frame.number, int(frame.picture.mean())) == (3, 30)
+        assert frame.picture.mean() == 30
         assert source.read(0.01) is None
         camera.lost = True
     assert source.read() is None
 
 
 def test_a_camera_that_is_lost_is_told_and_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video_source, "REOPEN_S", 0.01)
+    monkeypatch.setattr(videos, "REOPEN_S", 0.01)
     first, second = Camera([10]), Camera([20])
     openings: list[Camera | None] = [first, None, second]
     said: list[str] = []
@@ -176,7 +169,7 @@ def test_a_camera_that_is_lost_is_told_and_found_again(monkeypatch: pytest.Monke
         first.lost = True
         again = source.read(10)
         assert again is not None
-        assert (int(again.picture.mean()), again.number) == (20, 2)
+        assert again.picture.mean() == 20
         second.lost = True
     assert len(said) == 2, "lost, and there again"
 
@@ -213,21 +206,11 @@ def written(path: Path, times_s: list[float], fps: float = 10.0) -> list[int]:
 def test_a_picture_lasts_until_the_next_one_came(tmp_path: Path) -> None:
     assert written(tmp_path / "seen.avi", [7.0, 7.3, 7.4]) == [0, 0, 0, 1, 2]
     assert written(tmp_path / "gap.avi", [0.0, 0.1, 60.0, 60.1]) == [0, 1, 2, 3], "a long gap is left out"
-    for name in ("seen.gif", "none/seen.mp4"):
-        with pytest.raises(InputError):
-            VideoWriter(tmp_path / name)
+    with pytest.raises(InputError):
+        VideoWriter(tmp_path / "seen.gif")
 
 
 def test_of_pictures_that_come_faster_some_are_left_out(tmp_path: Path) -> None:
     frames = written(tmp_path / "seen.avi", list(np.arange(0, 0.7, 0.03)))
     assert len(frames) == 8
     assert frames == sorted(set(frames))
-
-
-def test_pictures_of_another_size_and_after_the_end_are_refused(tmp_path: Path) -> None:
-    with VideoWriter(tmp_path / "seen.avi") as writer:
-        writer.write(plain(0), 0.0)
-        with pytest.raises(InputError, match="64x24"):
-            writer.write(plain(0)[:24], 0.1)
-    with pytest.raises(RecordingError, match="closed"):
-        writer.write(plain(0), 1.0)

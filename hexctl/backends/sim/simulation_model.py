@@ -347,7 +347,7 @@ def make_body(robot: Robot) -> Any:
 
 def _place_mass(trunk: Any, body: Body) -> None:
     """Set the trunk's mass, centre and inertia of the robot file, on its shape or a box without contact."""
-    box_m = body.even_box_m
+    box_m = None if body.inertia_kg_m2 is None else even_box_m(body.mass_kg, body.inertia_kg_m2)
     if box_m is None and not any(body.com_m):
         return
     shape = trunk.geom["trunk"]

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
-from hexctl.vision.twin.twin_options import TwinOptions
+from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens import Lens
-    from hexctl.vision.twin.twin_camera import TwinReport
+    from hexctl.vision.twin.shooting import TwinReport
 
 
-@with_options(TwinOptions)
+@with_options(TwinCamera)
 def camera(options: dict[str, Any], as_json: JsonOption = False) -> None:
     """Simulate a network camera that looks at the robot of hexctl serve --backend sim, until Ctrl-C.
 
@@ -24,7 +24,6 @@ def camera(options: dict[str, Any], as_json: JsonOption = False) -> None:
     written under runs/, as if it had been calibrated.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
-    from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted
 
     service = TwinCamera(**options)
 

@@ -7,7 +7,14 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS
-from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, check_once, joint_value
+from hexctl.robot.servos.raw_map import (
+    IntPerJoint,
+    RawMap,
+    calibration_of,
+    check_driver,
+    check_once,
+    joint_value,
+)
 from hexctl.robot.servos.servo_models import DEFAULT_MODELS, ServoType, servo_type
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import (
@@ -15,7 +22,6 @@ from hexctl.types import (
     N_JOINTS,
     BoolArray,
     FloatArray,
-    check_finite,
     joint_in_words,
 )
 
@@ -29,12 +35,11 @@ class BusMap(RawMap):
 
     unit: ClassVar[str] = "counts"
     driver: str
-    ids: IntArray
+    ids: IntPerJoint
     models: tuple[ServoType, ...]
     low_battery_v: float
 
     def __post_init__(self) -> None:
-        check_finite(self.ids, (N_JOINTS,), "servos.ids")
         super().__post_init__()
         check_once("id", JOINT_NAMES, self.ids)
         _check_models(self.driver, self.models)
@@ -65,10 +70,7 @@ class BusMap(RawMap):
 
 def bus_map_of(section: ServosSection, driver: str) -> BusMap:
     """Bus map of a section; raises InputError for ids, models or limits that no bus can have."""
-    if section.driver not in (None, driver):
-        raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
-    if driver not in BUS_DRIVERS:
-        raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(BUS_DRIVERS)}")
+    check_driver(section, driver, BUS_DRIVERS)
     usual = DEFAULT_MODELS[driver]
     models = tuple(servo_type(joint_value(section, joint, "model", usual)) for joint in range(N_JOINTS))
     calibration = calibration_of(

@@ -1,16 +1,17 @@
 """The PWM map: the output of a board for each joint's hobby servo, and its pulses."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import PWM_DRIVERS
-from hexctl.robot.servos.raw_map import IntArray, RawMap, check_once, joint_value
+from hexctl.robot.servos.raw_map import IntPerJoint, RawMap, check_driver, check_once, joint_value
 from hexctl.robot.servos.servo_map import pulses_of
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS, check_finite
+from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS
 
 #: Number of outputs of a driver's boards.
 OUTPUTS = {"servo2040": 18, "pca9685": 32}
@@ -34,15 +35,13 @@ class PwmMap(RawMap):
 
     unit: ClassVar[str] = "us"
     driver: str
-    outputs: IntArray
-    touches: IntArray
+    outputs: IntPerJoint
+    touches: Annotated[NDArray[np.int64], (N_LEGS,)]
     addresses: tuple[int, int] = (0x40, 0x41)
     oscillators_mhz: tuple[float, float] = (25.0, 25.0)
     low_battery_v: float | None = None
 
     def __post_init__(self) -> None:
-        check_finite(self.outputs, (N_JOINTS,), "servos.outputs")
-        check_finite(self.touches, (N_LEGS,), "servos.touches")
         super().__post_init__()
         most = OUTPUTS[self.driver] - 1
         for name, output in zip(JOINT_NAMES, self.outputs.tolist(), strict=True):
@@ -72,10 +71,7 @@ class PwmMap(RawMap):
 
 def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
     """PWM map of a section, with joint ids as outputs; raises InputError for what the board does not have."""
-    if driver not in PWM_DRIVERS:
-        raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(PWM_DRIVERS)}")
-    if section.driver not in (None, driver):
-        raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
+    check_driver(section, driver, PWM_DRIVERS)
     for name in JOINT_NAMES:
         touch = getattr(section, name).touch
         if touch is not None and not name.endswith("tibia"):

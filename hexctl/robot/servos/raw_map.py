@@ -8,13 +8,13 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.errors import InputError
-from hexctl.robot.model import Robot
+from hexctl.robot.model import PerJoint, Robot, check_arrays
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import (
     JOINT_KINDS,
@@ -24,10 +24,9 @@ from hexctl.types import (
     ArrayFields,
     BoolArray,
     FloatArray,
-    check_finite,
 )
 
-IntArray = NDArray[np.int64]
+IntPerJoint = Annotated[NDArray[np.int64], (N_JOINTS,)]
 
 #: Minimum distance of a reference angle from both ends of a joint's range, for trimming both ways.
 ROOM_DEG = 20.0
@@ -53,19 +52,15 @@ class RawMap(ArrayFields, ABC):
     """
 
     unit: ClassVar[str]
-    signs: FloatArray
-    offsets_deg: FloatArray
-    least: FloatArray
-    most: FloatArray
-    per_deg: FloatArray
-    centre: FloatArray
+    signs: PerJoint
+    offsets_deg: PerJoint
+    least: PerJoint
+    most: PerJoint
+    per_deg: PerJoint
+    centre: PerJoint
 
     def __post_init__(self) -> None:
-        for name in ("signs", "offsets_deg", "least", "most", "per_deg", "centre"):
-            check_finite(getattr(self, name), (N_JOINTS,), f"servos.{name}")
-        for value in vars(self).values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+        check_arrays(self, "servos")
 
     @abstractmethod
     def servo_name(self, joint: int) -> str:
@@ -190,7 +185,15 @@ def calibration_of(
     return read
 
 
-def check_once(key: str, names: Sequence[str], values: IntArray) -> None:
+def check_driver(section: ServosSection, driver: str, drivers: Sequence[str]) -> None:
+    """Raise InputError for a driver of another kind, and for a section of another driver."""
+    if driver not in drivers:
+        raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(drivers)}")
+    if section.driver not in (None, driver):
+        raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
+
+
+def check_once(key: str, names: Sequence[str], values: NDArray[np.int64]) -> None:
     """Raise InputError unless each value, one for each name, is unique."""
     for value in values.tolist():
         sharing = [name for name, own in zip(names, values.tolist(), strict=True) if own == value]

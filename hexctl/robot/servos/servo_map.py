@@ -8,10 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from hexctl.errors import InputError
-from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, joint_value
+from hexctl.robot.servos.raw_map import IntPerJoint, RawMap, calibration_of, check_once, joint_value
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray, check_finite
+from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
 
 #: Default pulse limits: 180 degrees of travel about the centre pulse.
 DEFAULT_MIN_US, DEFAULT_MAX_US = 500, 2500
@@ -26,14 +25,12 @@ class ServoMap(RawMap):
     """
 
     unit: ClassVar[str] = "us"
-    channels: IntArray
+    channels: IntPerJoint
     low_battery_v: float | None = None
 
     def __post_init__(self) -> None:
-        check_finite(self.channels, (N_JOINTS,), "servos.channels")
         super().__post_init__()
-        if sorted(self.channels.tolist()) != list(range(1, N_JOINTS + 1)):
-            raise InputError(f"servos: {_clash(self.channels)}; allowed: each of the channels 1..18 once")
+        check_once("channel", JOINT_NAMES, self.channels)
 
     def servo_name(self, joint: int) -> str:
         """The servo of a joint, 0..17, by its channel."""
@@ -76,11 +73,3 @@ def pulses_of(section: ServosSection) -> dict[str, FloatArray]:
         "per_deg": np.full(N_JOINTS, float(section.us_per_deg)),
         "centre": np.full(N_JOINTS, float(section.centre_us)),
     }
-
-
-def _clash(channels: IntArray) -> str:
-    for channel in range(1, N_JOINTS + 1):
-        sharing = [name for name, own in zip(JOINT_NAMES, channels, strict=True) if own == channel]
-        if len(sharing) > 1:
-            return f"got channel {channel} for {' and '.join(sharing)}"
-    return f"got channels {channels.tolist()}"

@@ -1,6 +1,7 @@
 """Models of bus servos: their counts, and their drivers."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from hexctl.errors import InputError
 from hexctl.options import Range
@@ -9,27 +10,27 @@ from hexctl.options import Range
 BAUD = Range(low=1200, high=4_500_000, whole=True, unit="baud")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ServoType:
     """A model of a bus servo; its number is None if the servo does not report it.
 
     Attributes:
         protocol: version of the driver's protocol, 1 or 2.
+        least_v: lowest supply by its data sheet, in V.
         counts: of a full turn.
         least: lowest count of its travel, as is `most` the highest.
         centre: count at the middle of its travel.
-        least_v: lowest supply by its data sheet, in V.
     """
 
     name: str
     driver: str
     number: int | None
     protocol: int
-    counts: float
-    least: int
-    most: int
-    centre: int
     least_v: float
+    counts: float = 4096
+    least: int = 0
+    most: int = 4095
+    centre: int = 2048
 
     @property
     def registers(self) -> str:
@@ -42,69 +43,28 @@ class ServoType:
         return self.counts / 360.0
 
 
-def _turn(name: str, driver: str, number: int | None, protocol: int, least_v: float) -> ServoType:
-    """A servo with 4096 counts a turn, all of which it can reach."""
-    return ServoType(
-        name=name,
-        driver=driver,
-        number=number,
-        protocol=protocol,
-        counts=4096,
-        least=0,
-        most=4095,
-        centre=2048,
-        least_v=least_v,
-    )
-
-
-def _arc(name: str, driver: str, number: int | None, protocol: int, least_v: float) -> ServoType:
-    """A servo with 1024 counts over 300 degrees."""
-    return ServoType(
-        name=name,
-        driver=driver,
-        number=number,
-        protocol=protocol,
-        counts=1023 * 360 / 300,
-        least=0,
-        most=1023,
-        centre=512,
-        least_v=least_v,
-    )
-
-
-def _lx(name: str, least_v: float) -> ServoType:
-    """A servo with 1000 counts over 240 degrees, which reports no model."""
-    return ServoType(
-        name=name,
-        driver="lx16a",
-        number=None,
-        protocol=1,
-        counts=1000 * 360 / 240,
-        least=0,
-        most=1000,
-        centre=500,
-        least_v=least_v,
-    )
-
+#: Servos with 1024 counts over 300 degrees, and with 1000 counts over 240 degrees.
+_ARC: dict[str, Any] = {"counts": 1023 * 360 / 300, "most": 1023, "centre": 512}
+_LX: dict[str, Any] = {"counts": 1000 * 360 / 240, "most": 1000, "centre": 500}
 
 #: Models by name. Sources: ROBOTIS e-Manual (dynamixel); memory tables of STS and SCS (feetech); LewanSoul's
 #: bus servo protocol (lx16a).
 SERVO_TYPES: dict[str, ServoType] = {
     each.name: each
     for each in (
-        _arc("ax12a", "dynamixel", 12, 1, 9.0),
-        _arc("ax18a", "dynamixel", 18, 1, 9.0),
-        _arc("xl320", "dynamixel", 350, 2, 6.0),
-        _turn("xl330-m077", "dynamixel", 1190, 2, 3.7),
-        _turn("xl330-m288", "dynamixel", 1200, 2, 3.7),
-        _turn("xl430-w250", "dynamixel", 1060, 2, 6.5),
-        _turn("xm430-w350", "dynamixel", 1020, 2, 10.0),
-        _turn("sts3215", "feetech", 777, 1, 4.0),
-        _turn("sts3032", "feetech", None, 1, 4.0),
-        _arc("scs0009", "feetech", 1284, 1, 4.8),
-        _lx("lx16a", 6.0),
-        _lx("lx224", 6.0),
-        _lx("hts35h", 9.0),
+        ServoType("ax12a", "dynamixel", 12, 1, 9.0, **_ARC),
+        ServoType("ax18a", "dynamixel", 18, 1, 9.0, **_ARC),
+        ServoType("xl320", "dynamixel", 350, 2, 6.0, **_ARC),
+        ServoType("xl330-m077", "dynamixel", 1190, 2, 3.7),
+        ServoType("xl330-m288", "dynamixel", 1200, 2, 3.7),
+        ServoType("xl430-w250", "dynamixel", 1060, 2, 6.5),
+        ServoType("xm430-w350", "dynamixel", 1020, 2, 10.0),
+        ServoType("sts3215", "feetech", 777, 1, 4.0),
+        ServoType("sts3032", "feetech", None, 1, 4.0),
+        ServoType("scs0009", "feetech", 1284, 1, 4.8, **_ARC),
+        ServoType("lx16a", "lx16a", None, 1, 6.0, **_LX),
+        ServoType("lx224", "lx16a", None, 1, 6.0, **_LX),
+        ServoType("hts35h", "lx16a", None, 1, 9.0, **_LX),
     )
 }
 

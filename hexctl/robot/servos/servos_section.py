@@ -9,7 +9,7 @@ from hexctl.files import replacing
 from hexctl.robot.configs import config_root, read_mapping, validate
 from hexctl.robot.schema import RobotSchema
 from hexctl.robot.servos.raw_map import LIMIT_KEYS, RawMap
-from hexctl.robot.yaml_edit import with_values
+from hexctl.robot.yaml_text import with_values
 from hexctl.types import JOINT_NAMES
 
 SECTION = "servos"

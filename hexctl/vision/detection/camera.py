@@ -15,6 +15,9 @@ from hexctl.vision.detection.tags import LEAST_EDGE_PX
 #: Spacing of the sampled floor points and their maximum distance from the camera, in m.
 STEP_M, REACH_M = 0.05, 8.0
 
+#: Points are in view up to this multiple of what the edges of the picture see.
+IN_VIEW = 1.1
+
 #: Edge that a tag should have in its narrow direction to be found in every picture, in px.
 EDGE_PX = 1.25 * LEAST_EDGE_PX
 
@@ -60,16 +63,29 @@ class Camera(ArrayFields):
         """Project points (N, 3) in the floor's frame to pixels (N, 2); NaN behind the camera."""
         return self.lens.pixels((points_floor - self.position_floor) @ self.rotation)
 
+    def moved_from(self, other: "Camera") -> tuple[float, float]:
+        """Distance in m and angle in rad from another pose to this one."""
+        shift_m = float(np.linalg.norm(self.position_floor - other.position_floor))
+        return shift_m, float(np.linalg.norm(cv2.Rodrigues(self.rotation.T @ other.rotation)[0]))
+
+    def pixels_in_view(self, points_floor: FloatArray) -> FloatArray:
+        """As `pixels`; NaN far outside too, where the distortion of a lens folds back into the picture."""
+        lens = self.lens
+        right, bottom = lens.width_px - 1.0, lens.height_px - 1.0
+        edge_px = np.array([[x, y] for x in (0.0, right / 2, right) for y in (0.0, bottom / 2, bottom)])
+        widest = np.nanmax(np.hypot(*lens.rays(edge_px)[:, :2].T))
+        points = (points_floor - self.position_floor) @ self.rotation
+        seen = lens.pixels(points)
+        seen[np.hypot(points[:, 0], points[:, 1]) > IN_VIEW * widest * points[:, 2]] = math.nan
+        return seen
+
 
 def place_camera(
     lens: Lens, corners_px: Mapping[int, FloatArray], corners_floor: Mapping[int, FloatArray]
 ) -> Camera | None:
     """Camera that sees tags on the floor where they are seen, or None without a solution.
 
-    Args:
-        lens: of the camera.
-        corners_px: corners (4, 2) of tags in the picture, by number.
-        corners_floor: corners (4, 2) of tags on the floor in m, by number; tags without are not used.
+    Corners (4, 2) are by number, in the picture and on the floor; tags that only one has are not used.
     """
     shared = sorted(set(corners_px) & set(corners_floor))
     if not shared:
@@ -117,12 +133,7 @@ def reprojection_px(
 
 
 def visible_circle(camera: Camera, height_m: float, edge_m: float) -> tuple[tuple[float, float], float]:
-    """Middle (x, y) in m and radius in m of the largest circle on the floor in which a tag is seen.
-
-    Args:
-        camera: as it stands.
-        height_m: of the tag above the floor.
-        edge_m: of the tag.
+    """Middle (x, y) and radius in m of the largest circle on the floor in which a tag at a height is seen.
 
     Raises InputError for a camera that sees none.
     """
@@ -150,27 +161,10 @@ def sees_tags(camera: Camera, points: FloatArray, height_m: float, edge_m: float
     half_m = edge_m / math.sqrt(2)
     offsets = half_m * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
     corners = np.column_stack([points, np.full(len(points), height_m)])[:, np.newaxis] + offsets
-    # Far from the axis the polynomials of a lens come back into the picture.
-    ahead = (corners - camera.position_floor) @ camera.rotation
-    low, high = _edges(camera)
-    within = (ahead[..., 2] > 0)[..., np.newaxis] & (ahead[..., :2] > low * ahead[..., 2:])
-    within &= ahead[..., :2] < high * ahead[..., 2:]
-    corners_px = camera.pixels(corners.reshape(-1, 3)).reshape(-1, 4, 2)
+    corners_px = camera.pixels_in_view(corners.reshape(-1, 3)).reshape(-1, 4, 2)
     size = np.array([camera.lens.width_px, camera.lens.height_px])
     inside = ((corners_px > 0) & (corners_px < size - 1)).all(axis=(1, 2))
     # Seen at an angle a tag is narrow: by the smaller of the two axes into which a circle would be drawn.
     axes_px = np.stack([corners_px[:, 0] - corners_px[:, 2], corners_px[:, 1] - corners_px[:, 3]], axis=-1)
     narrow_px = np.linalg.svd(np.nan_to_num(axes_px), compute_uv=False)[:, -1] / math.sqrt(2)
-    return np.asarray(within.all(axis=(1, 2)) & inside & (narrow_px > EDGE_PX))
-
-
-def _edges(camera: Camera) -> tuple[FloatArray, FloatArray]:
-    """Minimum and maximum x / z and y / z of the rays in the picture."""
-    lens = camera.lens
-    columns, rows = np.linspace(0, lens.width_px - 1, 33), np.linspace(0, lens.height_px - 1, 33)
-    border = np.concatenate(
-        [np.column_stack([columns, np.full(33, row)]) for row in (rows[0], rows[-1])]
-        + [np.column_stack([np.full(33, column), rows]) for column in (columns[0], columns[-1])]
-    )
-    rays = lens.rays(border)[:, :2]
-    return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
+    return np.asarray(inside & (narrow_px > EDGE_PX))

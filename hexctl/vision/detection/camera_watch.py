@@ -5,12 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 
-from hexctl.types import ArrayFields, FloatArray
+from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera, place_camera, reprojection_px
-from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder, only
+from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 
 #: Deviation from which a tag or the camera counts as moved, in px and in tag edges.
 MOVED_PX, MOVED_EDGES = 2.0, 0.06
@@ -32,19 +31,17 @@ SEARCH_EVERY = 10
 Doubt = Literal["moved", "blind"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraChange(ArrayFields):
+@dataclass(frozen=True, slots=True)
+class CameraChange:
     """Something that moved: the camera, or a tag on the floor.
 
     Attributes:
         tag_id: the tag, or None for the camera.
-        camera: as it stands now.
         shift_m: by which the camera moved; NaN for a tag.
         turned_rad: by which the camera turned; NaN for a tag.
     """
 
     tag_id: int | None
-    camera: Camera
     shift_m: float
     turned_rad: float = float("nan")
 
@@ -55,11 +52,6 @@ class CameraWatch:
     The pose of a fixed camera improves with the mean of many looks. If a tag is not where it should be, all
     tags are checked. If most of them have moved, the camera was moved: its pose is computed again from all
     visible tags. If a minority has moved, those tags are no longer used.
-
-    Args:
-        camera: initial pose.
-        floor_corners: corners (4, 2) of the tags on the floor in m, by number.
-        finder: tag detector.
 
     Attributes:
         camera: current pose.
@@ -139,26 +131,25 @@ class CameraWatch:
         for known in (self._floor, self._looks, self._elsewhere, self._seen):
             known.pop(moved[0])
         self.doubt = "moved" if any(self._elsewhere.values()) else None
-        return CameraChange(moved[0], self.camera, float("nan"))
+        return CameraChange(moved[0], float("nan"))
 
     def _replaced(self, gray: Picture) -> CameraChange | None:
         """The camera placed again by all tags in a picture, if they agree with one another."""
-        found = only(self._finder.search(gray, thorough=True), self._floor)
-        corners_px = {tag_id: seen_tag.corners_px for tag_id, seen_tag in found.items()}
+        found = self._finder.search(gray, thorough=True)
+        corners_px = {tag_id: found[tag_id].corners_px for tag_id in self._floor if tag_id in found}
         camera = place_camera(self.camera.lens, corners_px, self._floor)
         if camera is None:
             return None
         errors_px = reprojection_px(camera, corners_px, self._floor)
         if max(errors_px.values()) > MOVED_PX:
             return None
-        shift_m = float(np.linalg.norm(camera.position_floor - self.camera.position_floor))
-        turned_rad = np.linalg.norm(cv2.Rodrigues(camera.rotation.T @ self.camera.rotation)[0])
+        shift_m, turned_rad = camera.moved_from(self.camera)
         for tag_id in self._floor:
             self._looks[tag_id].clear()
             self._elsewhere[tag_id] = 0
             self._seen[tag_id] = True
         self.camera, self.doubt, self._blind, self._enough = camera, None, 0, LEAST_LOOKS
-        return CameraChange(None, camera, shift_m, float(turned_rad))
+        return CameraChange(None, shift_m, turned_rad)
 
     def _refine(self) -> None:
         """Place the camera by the mean of many looks at each tag, once a round."""

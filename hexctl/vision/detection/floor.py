@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from hexctl.errors import InputError
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import ArrayFields, FloatArray
-from hexctl.vision.detection.camera import Camera, camera_candidates, place_camera, reprojection_px
+from hexctl.vision.detection.camera import Camera, camera_candidates, reprojection_px
 from hexctl.vision.detection.lens import Lens
 from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, tag_pose
 from hexctl.vision.detection.tags import HOME_TAG, UNIT_CORNERS, SeenTag
@@ -43,18 +43,10 @@ CornersPx = Mapping[int, FloatArray]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LearnedFloor(ArrayFields):
-    """The tags on the floor and the poses of the camera that saw them.
-
-    Attributes:
-        tags: by number.
-        cameras: one for each position of the camera.
-        residuals_px: RMS reprojection error of each tag's corners, by number.
-        doubts: reasons not to trust the result, one sentence each.
-    """
+    """The tags on the floor by number, the camera that saw them, and reasons not to trust them."""
 
     tags: Mapping[int, PlacedTag]
-    cameras: tuple[Camera, ...]
-    residuals_px: Mapping[int, float]
+    camera: Camera
     doubts: tuple[str, ...]
 
 
@@ -78,26 +70,18 @@ def averaged_corners(pictures: Sequence[Mapping[int, SeenTag]]) -> dict[int, Flo
     }
 
 
-def learn_floor(lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float]) -> LearnedFloor:
-    """Fit the poses of floor tags and camera to pictures from one or several camera positions.
+def learn_floor(lens: Lens, corners_px: CornersPx, edges_m: Mapping[int, float]) -> LearnedFloor:
+    """Fit the poses of floor tags and camera to the corners (4, 2) that the camera sees.
 
-    One least-squares fit of all corners gives the poses of the camera and x, y and yaw of every tag. The home
-    tag is the origin. All edges together set the scale.
+    One least-squares fit of all corners gives the pose of the camera and x, y and yaw of every tag. The home
+    tag is the origin. All edges together set the scale. Tags without an edge are not used.
 
-    Args:
-        lens: of the camera.
-        views: corners (4, 2) in px by number, for each position of the camera.
-        edges_m: edges of the floor tags, by number; other tags are not used.
-
-    Raises InputError if the home tag was never seen or nothing fits.
+    Raises InputError if the home tag was not seen or nothing fits.
     """
-    if HOME_TAG not in edges_m:
-        raise InputError(f"floor: got no edge of tag {HOME_TAG}; allowed: tags with the home tag {HOME_TAG}")
-    seen = [{tag_id: view[tag_id] for tag_id in sorted(view) if tag_id in edges_m} for view in views]
-    if not any(HOME_TAG in view for view in seen):
-        others = sorted({tag_id for view in seen for tag_id in view})
+    seen = {tag_id: corners_px[tag_id] for tag_id in sorted(corners_px) if tag_id in edges_m}
+    if HOME_TAG not in seen:
         raise InputError(
-            f"floor: got {f'only the tags {others}' if others else 'no tag in the picture'}; "
+            f"floor: got {f'only the tags {list(seen)}' if seen else 'no tag in the picture'}; "
             f"allowed: pictures in which the home tag {HOME_TAG} is seen"
         )
     fits = [_Fit(lens, seen, edges_m, *start) for start in _starts(lens, seen, edges_m)]
@@ -108,42 +92,18 @@ def learn_floor(lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, fl
 
 
 def _starts(
-    lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float]
-) -> Iterable[tuple[dict[int, Camera], dict[int, PlanarPose]]]:
-    """First guesses: by each tag of a view with the home tag, in both ways in which it may be tilted."""
-    first = next(number for number, view in enumerate(views) if HOME_TAG in view)
-    for tag_id, corners_px in views[first].items():
-        for camera in camera_candidates(lens, corners_px, UNIT_CORNERS * edges_m[tag_id]):
-            home = _seen_pose(camera, views[first][HOME_TAG])
-            if home is not None:
-                cameras = {first: _moved(camera, home.inverse())}
-                yield cameras, _chained(lens, views, edges_m, cameras)
-
-
-def _chained(
-    lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float], cameras: dict[int, Camera]
-) -> dict[int, PlanarPose]:
-    """Poses of the tags from camera to tag to camera; a position that shares no tag is left out."""
-    poses = {HOME_TAG: PlanarPose(0.0, 0.0, 0.0)}
-    known = 0
-    while known < len(poses) + len(cameras):
-        known = len(poses) + len(cameras)
-        for number, camera in cameras.items():
-            for tag_id, corners_px in views[number].items():
-                pose = None if tag_id in poses else _seen_pose(camera, corners_px)
-                if pose is not None:
-                    poses[tag_id] = pose
-        corners = {tag_id: PlacedTag(tag_id, edges_m[tag_id], pose).corners for tag_id, pose in poses.items()}
-        for number, view in enumerate(views):
-            camera_there = None if number in cameras else place_camera(lens, view, corners)
-            if camera_there is not None:
-                cameras[number] = camera_there
-    return poses
-
-
-def _seen_pose(camera: Camera, corners_px: FloatArray) -> PlanarPose | None:
-    seen = tag_pose(camera, corners_px, 0.0)
-    return None if seen is None else seen.pose
+    lens: Lens, seen: CornersPx, edges_m: Mapping[int, float]
+) -> Iterable[tuple[Camera, dict[int, PlanarPose]]]:
+    """First guesses of camera and tags: by each tag, in both ways in which it may be tilted."""
+    for tag_id, corners_px in seen.items():
+        for candidate in camera_candidates(lens, corners_px, UNIT_CORNERS * edges_m[tag_id]):
+            home = tag_pose(candidate, seen[HOME_TAG], 0.0)
+            if home is None:
+                continue
+            camera = _moved(candidate, home.pose.inverse())
+            fits = {other: tag_pose(camera, px, 0.0) for other, px in seen.items() if other != HOME_TAG}
+            poses = {other: fit.pose for other, fit in fits.items() if fit is not None}
+            yield camera, {HOME_TAG: PlanarPose(0.0, 0.0, 0.0)} | poses
 
 
 def _moved(camera: Camera, frame: PlanarPose) -> Camera:
@@ -157,20 +117,13 @@ class _Fit:
     """All corners fitted together (bundle adjustment on a plane), with a loss that bears single bad tags."""
 
     def __init__(
-        self, lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float],
-        cameras: Mapping[int, Camera], poses: Mapping[int, PlanarPose],
+        self, lens: Lens, seen: CornersPx, edges_m: Mapping[int, float], camera: Camera,
+        poses: Mapping[int, PlanarPose],
     ) -> None:  # fmt: skip
         self._lens, self._edges_m = lens, edges_m
-        self._positions = sorted(cameras)
-        self._left_out = sorted(set(range(len(views))) - set(cameras))
-        self._views = [
-            {key: views[number][key] for key in views[number] if key in poses} for number in self._positions
-        ]
+        self._seen = {tag_id: corners_px for tag_id, corners_px in seen.items() if tag_id in poses}
         self._tag_ids = sorted(set(poses) - {HOME_TAG})
-        start = [
-            np.r_[Rotation.from_matrix(cameras[number].rotation).as_rotvec(), cameras[number].position_floor]
-            for number in self._positions
-        ]
+        start = [Rotation.from_matrix(camera.rotation).as_rotvec(), camera.position_floor]
         start += [
             np.array([pose.x_m, pose.y_m, pose.yaw_rad]) for pose in map(poses.__getitem__, self._tag_ids)
         ]
@@ -190,54 +143,37 @@ class _Fit:
         )
         return self
 
-    def _unpacked(self, values: FloatArray) -> tuple[list[Camera], dict[int, PlacedTag]]:
-        count = len(self._positions)
-        cameras = [
-            Camera(self._lens, Rotation.from_rotvec(six[:3]).as_matrix(), six[3:])
-            for six in values[: 6 * count].reshape(-1, 6)
-        ]
+    def _unpacked(self, values: FloatArray) -> tuple[Camera, dict[int, PlacedTag]]:
+        camera = Camera(self._lens, Rotation.from_rotvec(values[:3]).as_matrix(), values[3:6])
         tags = {HOME_TAG: PlacedTag(HOME_TAG, self._edges_m[HOME_TAG], PlanarPose(0.0, 0.0, 0.0))}
-        for tag_id, (x_m, y_m, yaw) in zip(self._tag_ids, values[6 * count :].reshape(-1, 3), strict=True):
+        for tag_id, (x_m, y_m, yaw) in zip(self._tag_ids, values[6:].reshape(-1, 3), strict=True):
             pose = PlanarPose(float(x_m), float(y_m), wrapped_rad(float(yaw)))
             tags[tag_id] = PlacedTag(tag_id, self._edges_m[tag_id], pose)
-        return cameras, tags
+        return camera, tags
 
     def _misses(self, values: FloatArray) -> FloatArray:
-        cameras, tags = self._unpacked(values)
-        misses = []
-        for camera, view in zip(cameras, self._views, strict=True):
-            points = np.concatenate([tags[tag_id].corners for tag_id in view])
-            expected_px = camera.pixels(np.column_stack([points, np.zeros(len(points))]))
-            misses.append(expected_px - np.concatenate(list(view.values())))
-        return np.asarray(np.nan_to_num(np.concatenate(misses).ravel(), nan=1e3))
+        camera, tags = self._unpacked(values)
+        points = np.concatenate([tags[tag_id].corners for tag_id in self._seen])
+        expected_px = camera.pixels(np.column_stack([points, np.zeros(len(points))]))
+        misses = expected_px - np.concatenate(list(self._seen.values()))
+        return np.asarray(np.nan_to_num(misses.ravel(), nan=1e3))
 
     def learned(self) -> LearnedFloor:
         """The result with its doubts."""
-        cameras, tags = self._unpacked(self._solution.x)
-        corners = {tag_id: tag.corners for tag_id, tag in tags.items()}
-        squares: dict[int, list[float]] = {tag_id: [] for tag_id in tags}
-        for camera, view in zip(cameras, self._views, strict=True):
-            for tag_id, error_px in reprojection_px(camera, view, corners).items():
-                squares[tag_id].append(error_px**2)
-        residuals_px = {tag_id: float(np.sqrt(np.mean(each))) for tag_id, each in squares.items() if each}
-        deviations_m = self._deviations_m()
+        camera, tags = self._unpacked(self._solution.x)
         doubts = [
             *(() if self._lens.calibrated else (LENS_DOUBT,)),
-            *_tag_doubts(cameras, self._views, tags, residuals_px, deviations_m),
-            *(f"camera position {number + 1} shares no tag with the others" for number in self._left_out),
+            *_tag_doubts(camera, self._seen, tags, self._deviations_m()),
         ]
         if len(tags) == 1:
             doubts.append("only one tag is seen: far from it the floor is a guess; lay out more")
-        return LearnedFloor(
-            tags=tags, cameras=tuple(cameras), residuals_px=residuals_px,
-            doubts=tuple(doubts),
-        )  # fmt: skip
+        return LearnedFloor(tags=tags, camera=camera, doubts=tuple(doubts))
 
     def _deviations_m(self) -> dict[int, float]:
         """Standard deviation of each tag's position, by the corners' and the curvature of the fit."""
         jacobian = self._solution.jac
         covariance = np.linalg.pinv(jacobian.T @ jacobian) * CORNER_PX**2
-        variances = np.diag(covariance)[6 * len(self._positions) :].reshape(-1, 3)
+        variances = np.diag(covariance)[6:].reshape(-1, 3)
         told = {
             tag_id: float(np.sqrt(each[:2].sum()))
             for tag_id, each in zip(self._tag_ids, variances, strict=True)
@@ -246,23 +182,19 @@ class _Fit:
 
 
 def _tag_doubts(
-    cameras: Sequence[Camera], views: Sequence[CornersPx], tags: Mapping[int, PlacedTag],
-    residuals_px: Mapping[int, float], deviations_m: Mapping[int, float],
-) -> Iterable[str]:  # fmt: skip
+    camera: Camera, seen: CornersPx, tags: Mapping[int, PlacedTag], deviations_m: Mapping[int, float]
+) -> Iterable[str]:
+    errors_px = reprojection_px(camera, seen, {tag_id: tag.corners for tag_id, tag in tags.items()})
     for tag_id, tag in tags.items():
-        looks = [
-            seen.scale / tag.edge_m - 1
-            for camera, view in zip(cameras, views, strict=True)
-            if tag_id in view and (seen := tag_pose(camera, view[tag_id], 0.0))
-        ]
-        share = float(np.mean(looks)) if looks else 0.0
+        look = tag_pose(camera, seen[tag_id], 0.0)
+        share = 0.0 if look is None else look.scale / tag.edge_m - 1
         if abs(share) > DOUBT_EDGE:
             yield (
                 f"tag {tag_id} looks {1000 * tag.edge_m * (1 + share):.0f} mm wide and should be "
                 f"{1000 * tag.edge_m:.0f}: is it on the floor, and printed like the others?"
             )
-        elif residuals_px[tag_id] > DOUBT_PX:
-            error_px = residuals_px[tag_id]
+        elif errors_px[tag_id] > DOUBT_PX:
+            error_px = errors_px[tag_id]
             yield f"tag {tag_id} is seen {error_px:.1f} px from where a flat one would be: is it flat?"
         if deviations_m[tag_id] > DOUBT_M:
             yield f"tag {tag_id} may be {1000 * deviations_m[tag_id]:.0f} mm off: use larger or more tags"

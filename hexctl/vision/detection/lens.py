@@ -129,7 +129,6 @@ class _LensFile(BaseModel):
 
     image_width: Annotated[int, Field(ge=16, le=20000)]
     image_height: Annotated[int, Field(ge=16, le=20000)]
-    camera_name: str = "camera"
     camera_matrix: _Matrix
     distortion_model: DistortionModel = "plumb_bob"
     distortion_coefficients: _Matrix
@@ -159,14 +158,14 @@ def load_lens(path: str | Path) -> Lens:
     )
 
 
-def save_lens(lens: Lens, path: Path, *, camera_name: str = "camera") -> None:
+def save_lens(lens: Lens, path: Path) -> None:
     """Write a lens as a camera calibration in ROS's format. Raises OSError."""
     no_rotation = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     projection = np.column_stack([lens.matrix, np.zeros(3)])
     content = {
         "image_width": lens.width_px,
         "image_height": lens.height_px,
-        "camera_name": camera_name,
+        "camera_name": "camera",
         "camera_matrix": _matrix(3, 3, lens.matrix),
         "distortion_model": lens.model,
         "distortion_coefficients": _matrix(1, len(lens.distortion), lens.distortion),

@@ -1,7 +1,7 @@
 """Calibrate a lens from pictures of the board: selection, coverage and quality."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,11 +69,7 @@ class CalibratedLens(ArrayFields):
 
 
 class LensCalibration:
-    """Collects pictures of the board that differ from one another.
-
-    Args:
-        fisheye: whether lines at the edge of the picture are strongly bent (more than 110 deg).
-    """
+    """Collects pictures of the board that differ from one another; a fisheye sees more than 110 deg."""
 
     def __init__(self, *, fisheye: bool = False) -> None:
         self._fisheye, self._finder = fisheye, BoardFinder()
@@ -217,20 +213,6 @@ def read_picture(path: Path) -> Picture:
     if picture is None:
         raise InputError(f"{path}: is no picture that can be read; allowed: PNG, JPEG and others")
     return np.asarray(picture, dtype=np.uint8)
-
-
-def add_video(
-    calibration: LensCalibration,
-    frames: Iterable[Picture],
-    *,
-    on_kept: Callable[[LensCalibration], None] = lambda _: None,
-) -> None:
-    """Keep grey frames in which the board is held still, until they end or nothing is missing any more."""
-    for gray in frames:
-        if calibration.add_steady(gray):
-            on_kept(calibration)
-            if not calibration.missing():
-                return
 
 
 def _apart_px(view: SeenBoard, other: SeenBoard) -> float:

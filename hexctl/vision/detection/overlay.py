@@ -17,9 +17,6 @@ from hexctl.vision.detection.tags import Picture
 _SEEN, _BELIEVED, _FLOOR, _TEXT = (80, 220, 80), (60, 160, 255), (230, 180, 60), (255, 255, 255)
 _GRID, _DARK = (175, 175, 175), (40, 40, 40)
 
-#: Lines are drawn this much beyond what the corners of the picture see.
-IN_VIEW = 1.1
-
 #: Size of the text in small pictures, below which it cannot be read.
 LEAST_FONT = 0.4
 
@@ -50,18 +47,12 @@ class Overlay:
         height_m: float,
         lines: Sequence[str],
     ) -> Picture:
-        """Copy of a picture, grey or (H, W, 3) with blue first, with what was seen in it.
+        """Copy of a picture, (H, W, 3) with blue first, with what was seen in it.
 
-        Args:
-            picture: as the camera took it.
-            camera: as it stands.
-            floor_corners: corners (4, 2) of the tags on the floor in m, by number.
-            sighting: of the robot in this picture.
-            pose_floor: of the robot as believed, if it is known.
-            height_m: of the robot's tag above the floor.
-            lines: text for the upper left corner.
+        Corners of the tags on the floor are (4, 2) in m, by number. The pose is the believed one of the
+        robot, the height that of its tag above the floor. The lines go into the upper left corner.
         """
-        drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
+        drawn = picture.copy()
         self._floor(drawn, camera, floor_corners)
         if sighting is not None:
             _polygon(drawn, sighting.tag.corners_px, _SEEN, 2)
@@ -79,7 +70,7 @@ class Overlay:
         for step in steps:
             across = np.full_like(along, step)
             for line in (np.column_stack([along, across]), np.column_stack([across, along])):
-                _path(drawn, _pixels_in_view(camera, _at_height(line, 0.0)), _GRID, 1)
+                _path(drawn, camera.pixels_in_view(_at_height(line, 0.0)), _GRID, 1)
         for number, corners in floor_corners.items():
             corners_px = camera.pixels(_at_height(corners, 0.0))
             _polygon(drawn, corners_px, _FLOOR, 2)
@@ -120,18 +111,6 @@ def _name(drawn: Picture, text: str, beside_px: FloatArray, color: tuple[int, in
 
 def _font_size(drawn: Picture) -> float:
     return max(LEAST_FONT, float(drawn.shape[0]) / 1200)
-
-
-def _pixels_in_view(camera: Camera, points_floor: FloatArray) -> FloatArray:
-    """Pixels (N, 2) of points (N, 3); NaN far outside, where distortion folds back into the picture."""
-    lens = camera.lens
-    right, bottom = lens.width_px - 1.0, lens.height_px - 1.0
-    edge_px = np.array([[x, y] for x in (0.0, right / 2, right) for y in (0.0, bottom / 2, bottom)])
-    widest = np.nanmax(np.hypot(*lens.rays(edge_px)[:, :2].T))
-    points = (points_floor - camera.position_floor) @ camera.rotation
-    seen = camera.pixels(points_floor)
-    seen[np.hypot(points[:, 0], points[:, 1]) > IN_VIEW * widest * points[:, 2]] = math.nan
-    return seen
 
 
 def _at_height(points: FloatArray, height_m: float) -> FloatArray:

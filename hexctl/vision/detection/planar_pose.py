@@ -102,15 +102,10 @@ def fitted_pose(points: FloatArray, seen: FloatArray) -> PlanarFit:
 def tag_pose(camera: Camera, corners_px: FloatArray, height_m: float) -> PlanarFit | None:
     """Pose of a level tag at a known height, or None if its rays miss the plane.
 
-    Intersecting rays with the plane avoids the flip ambiguity of a free tag pose.
-
-    Args:
-        camera: camera that took the picture.
-        corners_px: (4, 2), in the order of `UNIT_CORNERS`.
-        height_m: height of the tag above the floor.
-
-    The pose is that of the middle of the tag, x to the right and y up as printed. The scale is the observed
-    edge in m; if it differs from the printed edge, the height or the print is wrong.
+    Intersecting rays with the plane avoids the flip ambiguity of a free tag pose. The corners (4, 2) are in
+    the order of `UNIT_CORNERS`. The pose is that of the middle of the tag, x to the right and y up as
+    printed. The scale is the observed edge in m; if it differs from the printed edge, the height or the
+    print is wrong.
     """
     corners = camera.floor_points(corners_px, height_m)
     return fitted_pose(UNIT_CORNERS, corners) if np.isfinite(corners).all() else None

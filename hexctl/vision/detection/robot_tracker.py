@@ -20,24 +20,6 @@ FIRST_PICTURES, MOST_PICTURES = 1.0, 20.0
 _FREE = 4
 
 
-class CornerNoise:
-    """Standard deviation of a corner by the pictures so far; the last ones count most."""
-
-    def __init__(self) -> None:
-        self._variance_px2, self._pictures = CORNER_PX**2, FIRST_PICTURES
-
-    @property
-    def sigma_px(self) -> float:
-        """Of each coordinate of a corner, `CORNER_PX` or more."""
-        return max(CORNER_PX, float(np.sqrt(self._variance_px2)))
-
-    def learn(self, misses_px: FloatArray) -> None:
-        """Take in by how much the corners (4, 2) of one picture miss the square that fits them best."""
-        self._pictures = min(self._pictures + 1, MOST_PICTURES)
-        told_px2 = float(np.square(misses_px).sum()) / _FREE
-        self._variance_px2 += (told_px2 - self._variance_px2) / self._pictures
-
-
 #: A tag whose edge looks longer or shorter than printed by more than this share is at another height, or is
 #: another tag.
 EDGE_SHARE = 0.15
@@ -70,18 +52,13 @@ class SeenRobot(ArrayFields):
 
 
 class RobotTracker:
-    """Finds the tag of a robot in one picture after the other.
-
-    Args:
-        tag: on the robot.
-        finder: of the tags.
-    """
+    """Finds the tag of a robot in one picture after the other."""
 
     def __init__(self, tag: PlacedTag, finder: TagFinder) -> None:
         self.tag, self._finder = tag, finder
         self._last_px: FloatArray | None = None
         self._missed = 0
-        self._noise = CornerNoise()
+        self._variance_px2, self._pictures = CORNER_PX**2, FIRST_PICTURES
 
     def find(
         self,
@@ -91,14 +68,10 @@ class RobotTracker:
         expected: PlanarPose | None = None,
         up_body: FloatArray = LEVEL,
     ) -> SeenRobot | None:
-        """The robot in a picture, or None.
+        """The robot in a grey picture (H, W), or None.
 
-        Args:
-            gray: the picture, (H, W).
-            camera: current pose of the camera.
-            base_height_m: height of the robot's base above the floor.
-            expected: expected pose of the robot, or None.
-            up_body: vertical unit vector in the body frame; the tag leans with the robot.
+        The base of the robot is at a height above the floor. The tag leans with the robot: `up_body` is the
+        vertical in the body frame.
         """
         corners = levelled(self.tag.corners_body, up_body) + np.array([0.0, 0.0, base_height_m])
         seen_tag = self._tag_at(gray, camera, corners, expected)
@@ -107,9 +80,16 @@ class RobotTracker:
             self._missed += 1
             return None
         self._missed, self._last_px = 0, seen_tag.corners_px
-        self._noise.learn(_misses_px(camera, seen_tag, corners, fit))
-        covariance = _covariance(camera, seen_tag, float(corners[:, 2].mean()), self._noise.sigma_px)
+        self._learn_noise(_misses_px(camera, seen_tag, corners, fit))
+        corner_px = max(CORNER_PX, float(np.sqrt(self._variance_px2)))
+        covariance = _covariance(camera, seen_tag, float(corners[:, 2].mean()), corner_px)
         return SeenRobot(fit.pose, covariance, seen_tag, _quality(seen_tag, fit.residual_m / self.tag.edge_m))
+
+    def _learn_noise(self, misses_px: FloatArray) -> None:
+        """Take in by how much the corners (4, 2) of one picture miss the square that fits them best."""
+        self._pictures = min(self._pictures + 1, MOST_PICTURES)
+        told_px2 = float(np.square(misses_px).sum()) / _FREE
+        self._variance_px2 += (told_px2 - self._variance_px2) / self._pictures
 
     def _tag_at(
         self, gray: Picture, camera: Camera, corners: FloatArray, expected: PlanarPose | None

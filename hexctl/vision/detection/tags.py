@@ -1,6 +1,6 @@
 """AprilTags of the family 36h11 in a picture: the corners of each, to a fraction of a pixel."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -150,8 +150,3 @@ def tag_modules(tag_id: int) -> NDArray[np.bool_]:
 
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     return np.asarray(cv2.aruco.generateImageMarker(dictionary, tag_id, MODULES)) < 128
-
-
-def only(found: Mapping[int, SeenTag], tag_ids: Collection[int]) -> dict[int, SeenTag]:
-    """The tags with one of the numbers."""
-    return {tag_id: seen_tag for tag_id, seen_tag in found.items() if tag_id in tag_ids}

@@ -123,28 +123,22 @@ class PoseBelief(ArrayFields):
 
     def moved(self, own: OwnMotion, to_s: float) -> "PoseBelief":
         """After the part of a motion between the time of this belief, or its beginning, and a time."""
-        end_s = min(to_s, own.to_s)
+        end_s, sure = min(to_s, own.to_s), own.yaw_measured
         took_s = end_s - max(self.at_s, own.from_s)
-        whole_s = own.to_s - own.from_s
-        forward_m, left_m, turn_rad = (own.motion * (took_s / whole_s)).tolist()
-        return self._stepped(complex(forward_m, left_m), turn_rad, took_s, end_s, own.yaw_measured)
-
-    def _stepped(
-        self, ahead: complex, turn_rad: float, took_s: float, end_s: float, sure: bool
-    ) -> "PoseBelief":
-        """After a step of odometry; `sure` where the turn was measured."""
+        forward_m, left_m, turn_rad = (own.motion * (took_s / (own.to_s - own.from_s))).tolist()
+        ahead = complex(forward_m, left_m)
         mean, distance_m = self.mean.copy(), abs(ahead)
         facing = cmath.exp(1j * mean[2])
-        own = facing * ahead
-        way = own * complex(1 + mean[3], mean[4])
+        level = facing * ahead
+        way = level * complex(1 + mean[3], mean[4])
         turned_rad = turn_rad if sure else turn_rad * (1 + mean[5]) + distance_m * mean[6]
         mean[0] += way.real
         mean[1] += way.imag
         mean[2] += turned_rad
         step = np.eye(STATES)
         step[:2, 2] = -way.imag, way.real
-        step[:2, 3] = own.real, own.imag
-        step[:2, 4] = -own.imag, own.real
+        step[:2, 3] = level.real, level.imag
+        step[:2, 4] = -level.imag, level.real
         if not sure:
             step[2, 5], step[2, 6] = turn_rad, distance_m
         # One step of odometry may be off by its own length, where the weight goes from feet to feet.

@@ -14,14 +14,16 @@ from typing import Literal
 
 import numpy as np
 
-from hexctl.errors import InputError
 from hexctl.robot.rotations import wrapped_rad
-from hexctl.types import ArrayFields, FloatArray, check_finite
+from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.estimation.pose_belief import POSE, OwnMotion, PoseBelief, Sighting
 
 #: `seeing`: a sighting was believed just now; `bridging`: odometry only; `lost`: nothing is known.
 Sight = Literal["seeing", "bridging", "lost"]
+
+#: A sighting is recent for this time, and without sightings for longer than the other there is no pose.
+SEEING_S, LOST_AFTER_S = 0.3, 3.0
 
 #: Sightings and motions older than this are not played again.
 HISTORY_S = 1.0
@@ -74,34 +76,19 @@ class PoseEstimate(ArrayFields):
 
 
 class PoseFilter:
-    """Fuses sightings of a robot with its own motion.
+    """Fuses sightings of a robot with its own motion, all on one clock; `restarts` counts carried robots."""
 
-    All times are on one clock; see `hexctl.vision.estimation.latency` for that of a camera.
-
-    Args:
-        seeing_s: a sighting is recent for this time.
-        lost_after_s: without sightings for longer, there is no pose.
-
-    Attributes:
-        restarts: number of restarts because the robot was elsewhere.
-        refused: number of sightings that were too old or rejected.
-    """
-
-    def __init__(self, *, seeing_s: float = 0.3, lost_after_s: float = 3.0) -> None:
-        if not 0 < seeing_s < lost_after_s:
-            raise InputError(f"lost_after_s: got {lost_after_s:g}; allowed: above seeing_s of {seeing_s:g}")
-        self._seeing_s, self._lost_after_s = seeing_s, lost_after_s
+    def __init__(self) -> None:
         self._motions: list[OwnMotion] = []
         self._yaw: tuple[float, float] | None = None
         self._base: PoseBelief | None = None
         self._fused: list[tuple[Sighting, PoseBelief]] = []
-        self._tip: PoseBelief | None = None
         self._mark: tuple[PoseBelief, PoseBelief] | None = None
         self._suspects: list[Sighting] = []
         self._slip_of: PoseBelief | None = None
         self._believed_s, self._newest_s = -math.inf, -math.inf
         self._published_s, self._offset = -math.inf, np.zeros(3)
-        self.restarts = self.refused = 0
+        self.restarts = 0
 
     def move(self, from_s: float, to_s: float, motion: FloatArray, yaw_rad: float | None = None) -> None:
         """Apply a motion measured by the robot itself, for example by leg odometry.
@@ -112,40 +99,24 @@ class PoseFilter:
             motion: (3,), in the body's frame at the beginning: forward and left in m, counter-clockwise in
                 rad.
             yaw_rad: yaw at the end from the robot's own sensor, or None; only its changes count.
-
-        Raises InputError for times that do not ascend and for non-finite numbers.
         """
-        check_finite(motion, (3,), "motion")
-        last_s = self._motions[-1].to_s if self._motions else -math.inf
-        if not (math.isfinite(to_s) and last_s <= from_s + 1e-6 < to_s):
-            raise InputError(
-                f"motion: got {from_s:g} to {to_s:g} s after {last_s:g} s; allowed: in their order"
-            )
         before, self._yaw = self._yaw, None if yaw_rad is None else (to_s, yaw_rad)
         measured = yaw_rad is not None and before is not None and abs(before[0] - from_s) < 1e-6
         if measured and yaw_rad is not None and before is not None:
             motion = np.array([motion[0], motion[1], wrapped_rad(yaw_rad - before[1])])
-        own = OwnMotion(max(from_s, last_s), to_s, motion, measured)
+        own = OwnMotion(from_s, to_s, motion, measured)
         with self._blended(self._published_s):
             self._motions.append(own)
             self._seen_until(to_s)
             self._replay(bisect.bisect_right(self._times, from_s))
 
     def see(self, sighting: Sighting) -> bool:
-        """Take in a sighting, which may be older than others; whether it is believed.
-
-        Raises InputError for one whose numbers are not finite.
-        """
-        pose = sighting.pose
-        numbers = np.array([sighting.at_s, pose.x_m, pose.y_m, pose.yaw_rad])
-        check_finite(numbers, (4,), "sighting")
-        check_finite(sighting.covariance, (3, 3), "sighting: covariance")
+        """Take in a sighting, which may be older than others; whether it is believed."""
         self._seen_until(sighting.at_s)
         base = self._base
         if base is None:
             return self._suspect(sighting)
         if sighting.at_s < base.at_s:
-            self.refused += 1
             return False
         index = bisect.bisect_right(self._times, sighting.at_s)
         prior = self._advanced(self._fused[index - 1][1] if index else base, sighting.at_s)
@@ -153,7 +124,6 @@ class PoseFilter:
             return self._suspect(sighting)
         with self._blended(max(self._published_s, sighting.at_s)):
             self._fused.insert(index, (sighting, prior.after(sighting)))
-            self._tip = None
             self._replay(index + 1)
         self._believed_s = max(self._believed_s, sighting.at_s)
         return True
@@ -161,7 +131,7 @@ class PoseFilter:
     def estimate(self, now_s: float) -> PoseEstimate:
         """The pose at a time, no earlier than the last one asked for; to be asked at a steady rate."""
         age_s = now_s - self._believed_s
-        if self._base is not None and age_s > self._lost_after_s:
+        if self._base is not None and age_s > LOST_AFTER_S:
             self._forget()
         if self._base is None:
             return PoseEstimate(
@@ -172,18 +142,12 @@ class PoseFilter:
         x_m, y_m, yaw_rad = (believed.mean[POSE] + self._offset).tolist()
         return PoseEstimate(
             at_s=now_s,
-            sight="seeing" if age_s <= self._seeing_s else "bridging",
+            sight="seeing" if age_s <= SEEING_S else "bridging",
             pose=PlanarPose(x_m, y_m, wrapped_rad(yaw_rad)),
             covariance=believed.covariance[POSE, POSE] + np.outer(self._offset, self._offset),
             age_s=max(0.0, age_s),
             restarts=self.restarts,
         )
-
-    @property
-    def slip(self) -> FloatArray | None:
-        """Slip as it is believed now, (4,): share ahead, share left, share of a turn, turn in rad/m."""
-        last = self._fused[-1][1] if self._fused else self._base or self._slip_of
-        return None if last is None else last.mean[3:7].copy()
 
     @property
     def _times(self) -> list[float]:
@@ -194,14 +158,11 @@ class PoseFilter:
         return self._advanced(self._newest(), at_s)
 
     def _newest(self) -> PoseBelief:
+        """Belief after the newest sighting and motion."""
         last = self._fused[-1][1] if self._fused else self._base
         assert last is not None  # noqa: S101  asked for only where something is believed
-        tip = last if self._tip is None or self._tip.at_s < last.at_s else self._tip
         until_s = self._motions[-1].to_s if self._motions else -math.inf
-        if tip.at_s < until_s:
-            tip = self._advanced(tip, until_s)
-        self._tip = tip
-        return tip
+        return self._exactly(max(last.at_s, until_s)) or last
 
     def _advanced(self, belief: PoseBelief, to_s: float) -> PoseBelief:
         """A belief after the robot's motions until a time."""
@@ -226,18 +187,15 @@ class PoseFilter:
 
     def _replay(self, index: int) -> None:
         """Take in the sightings from an index on once more, after something before them has changed."""
-        if index < len(self._fused):
-            self._tip = None
-            belief = self._fused[index - 1][1] if index else self._base
-            for later in range(index, len(self._fused)):
-                sighting = self._fused[later][0]
-                assert belief is not None  # noqa: S101  there are sightings, so there is a base
-                belief = self._advanced(belief, sighting.at_s).after(sighting)
-                self._fused[later] = (sighting, belief)
+        belief = self._fused[index - 1][1] if index else self._base
+        for later in range(index, len(self._fused)):
+            sighting = self._fused[later][0]
+            assert belief is not None  # noqa: S101  there are sightings, so there is a base
+            belief = self._advanced(belief, sighting.at_s).after(sighting)
+            self._fused[later] = (sighting, belief)
 
     def _suspect(self, sighting: Sighting) -> bool:
         """Keep a rejected sighting, and restart if enough others agree with it."""
-        self.refused += 1
         recent = [one for one in self._suspects if one.at_s >= self._newest_s - SUSPECT_S]
         self._suspects = sorted([*recent, sighting], key=lambda one: one.at_s)
         agreeing = [one for one in self._suspects if self._agree(one, sighting)]
@@ -248,7 +206,6 @@ class PoseFilter:
             if span_s < AGREEING_S or agreeing[0].at_s <= self._believed_s:
                 return False
             self.restarts += 1
-        self.refused -= len(agreeing)
         self._begin(agreeing)
         return True
 
@@ -261,7 +218,7 @@ class PoseFilter:
     def _begin(self, sightings: Sequence[Sighting]) -> None:
         """Believe in sightings that agree, and in nothing before them."""
         belief = PoseBelief.of(sightings[0], self._slip())
-        self._base, self._fused, self._tip, self._suspects = belief, [], None, []
+        self._base, self._fused, self._suspects = belief, [], []
         for sighting in sightings[1:]:
             belief = self._advanced(belief, sighting.at_s).after(sighting)
             self._fused.append((sighting, belief))
@@ -274,7 +231,7 @@ class PoseFilter:
     def _forget(self) -> None:
         """Believe in no pose any more; the slip stays."""
         self._slip_of = self._slip()
-        self._base, self._fused, self._tip = None, [], None
+        self._base, self._fused = None, []
 
     def _seen_until(self, at_s: float) -> None:
         """Note how far time is, and drop what will not be played again."""

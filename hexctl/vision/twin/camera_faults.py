@@ -1,6 +1,7 @@
 """What happens to a camera on request: it is knocked over, turned, or a hand covers the robot's tag."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -51,32 +52,22 @@ def parse_camera_fault(text: str) -> CameraFault:
     return CameraFault(kind=found[1], at_s=float(found[3] or 0), values=values)
 
 
-@dataclass(frozen=True, slots=True)
-class CameraFaults:
-    """All faults of a camera.
+def faulty_camera(still: Camera, faults: Sequence[CameraFault], at_s: float) -> Camera:
+    """Pose of a camera at a time, after its faults."""
+    position, rotation = still.position_floor.copy(), still.rotation
+    for fault in faults:
+        if fault.at_s <= at_s and fault.kind == "moved":
+            position += fault.values
+        elif fault.at_s <= at_s and fault.kind == "turned":
+            rotation = Rotation.from_euler("z", fault.values[0], degrees=True).as_matrix() @ rotation
+    return Camera(still.lens, rotation, position)
 
-    Attributes:
-        faults: in any order.
-    """
 
-    faults: tuple[CameraFault, ...] = ()
-
-    def camera(self, still: Camera, at_s: float) -> Camera:
-        """Pose of a camera at a time, after its faults."""
-        position, rotation = still.position_floor.copy(), still.rotation
-        for fault in self.faults:
-            if fault.at_s <= at_s and fault.kind == "moved":
-                position += fault.values
-            elif fault.at_s <= at_s and fault.kind == "turned":
-                rotation = Rotation.from_euler("z", fault.values[0], degrees=True).as_matrix() @ rotation
-        return Camera(still.lens, rotation, position)
-
-    def cover(self, at_s: float) -> bool:
-        """Whether a hand is over the robot's tag at a time."""
-        return any(
-            fault.kind == "covered" and fault.at_s <= at_s < fault.at_s + fault.values[0]
-            for fault in self.faults
-        )
+def is_covered(faults: Sequence[CameraFault], at_s: float) -> bool:
+    """Whether a hand is over the robot's tag at a time."""
+    return any(
+        fault.kind == "covered" and fault.at_s <= at_s < fault.at_s + fault.values[0] for fault in faults
+    )
 
 
 def with_hand(picture: Picture, camera: Camera, posture: RobotPosture, tag: PlacedTag) -> Picture:

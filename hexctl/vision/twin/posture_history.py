@@ -2,10 +2,9 @@
 
 import threading
 import time
-from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
@@ -32,69 +31,48 @@ class PostureHistory:
     """Postures by the time of their arrival on time.monotonic; in between they are interpolated."""
 
     def __init__(self) -> None:
-        self._truths = _Series()
-        self._joints = _Series()
+        self._lock = threading.Lock()
+        self._truths: deque[tuple[float, FloatArray]] = deque(maxlen=KEPT)
+        self._joints: deque[tuple[float, FloatArray]] = deque(maxlen=KEPT)
 
     def add_truth(self, at_s: float, position: FloatArray, quaternion: FloatArray) -> None:
         """Add a position (3,) in m and an orientation (4,) as (w, x, y, z)."""
-        self._truths.add(at_s, np.concatenate([position, quaternion]))
+        with self._lock:
+            # Both signs of a quaternion are one orientation; from one state to the next it turns by a degree.
+            if self._truths and self._truths[-1][1][3:] @ quaternion < 0:
+                quaternion = -quaternion
+            self._truths.append((at_s, np.concatenate([position, quaternion])))
 
     def add_joints(self, at_s: float, joint_positions_rad: FloatArray) -> None:
         """Add joint angles, (18,)."""
-        self._joints.add(at_s, joint_positions_rad)
+        with self._lock:
+            self._joints.append((at_s, joint_positions_rad))
 
     @property
     def newest_at_s(self) -> float | None:
         """When the newest truth came; None before there is a whole posture."""
-        return self._truths.newest_at_s if self._joints.newest_at_s is not None else None
+        with self._lock:
+            return self._truths[-1][0] if self._truths and self._joints else None
 
     def at(self, at_s: float) -> RobotPosture | None:
         """Posture at a time, clamped to the history; None before the first."""
-        truth, joints = self._truths.at(at_s), self._joints.at(at_s)
-        if truth is None or joints is None:
+        with self._lock:
+            truths, joints = list(self._truths), list(self._joints)
+        if not truths or not joints:
             return None
-        return RobotPosture(truth[:3], truth[3:] / np.linalg.norm(truth[3:]), joints)
+        truth = _interpolated(truths, at_s)
+        return RobotPosture(truth[:3], truth[3:] / np.linalg.norm(truth[3:]), _interpolated(joints, at_s))
 
 
-class _Series:
-    """Arrays of one shape by time, written by one thread and read by another."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._samples: deque[tuple[float, FloatArray]] = deque(maxlen=KEPT)
-
-    @property
-    def newest_at_s(self) -> float | None:
-        with self._lock:
-            return self._samples[-1][0] if self._samples else None
-
-    def add(self, at_s: float, values: FloatArray) -> None:
-        with self._lock:
-            self._samples.append((at_s, values))
-
-    def at(self, at_s: float) -> FloatArray | None:
-        with self._lock:
-            samples = list(self._samples)
-        if not samples:
-            return None
-        index = bisect_left(samples, at_s, key=lambda sample: sample[0])
-        if index in (0, len(samples)):
-            return samples[min(index, len(samples) - 1)][1]
-        (before_s, before), (after_s, after) = samples[index - 1 : index + 1]
-        share = (at_s - before_s) / (after_s - before_s)
-        # Both signs of a quaternion are one orientation; from one state to the next it turns by a degree.
-        if len(after) == 7 and before[3:] @ after[3:] < 0:
-            after = np.concatenate([after[:3], -after[3:]])
-        return (1 - share) * before + share * after
+def _interpolated(samples: list[tuple[float, FloatArray]], at_s: float) -> FloatArray:
+    times_s = np.array([sample_s for sample_s, _ in samples])
+    columns = np.transpose([values for _, values in samples])
+    return np.array([np.interp(at_s, times_s, column) for column in columns])
 
 
 @contextmanager
 def followed_robot(link: Link, name: str | None = None) -> Iterator[tuple[Robot, PostureHistory]]:
-    """Collect the postures of a simulated robot on a link for a block.
-
-    Args:
-        link: link to the robot.
-        name: name of the robot; None for the only one.
+    """Collect the postures of a simulated robot, the only one or that of a name, on a link for a block.
 
     Raises RobotFaultError if no robot answers or it does not publish its true pose, and InputError if several
     answer.
@@ -112,18 +90,12 @@ def followed_robot(link: Link, name: str | None = None) -> Iterator[tuple[Robot,
 
 
 def _take_truth(history: PostureHistory, sample: Any) -> None:
-    at_s = time.monotonic()
-    try:
+    with suppress(MessageError):
         position, quaternion = decode_pose(bytes(sample.payload))
-    except MessageError:
-        return
-    if position is not None and quaternion is not None:
-        history.add_truth(at_s, position, quaternion)
+        if position is not None and quaternion is not None:
+            history.add_truth(time.monotonic(), position, quaternion)
 
 
 def _take_joints(history: PostureHistory, sample: Any) -> None:
-    at_s = time.monotonic()
-    try:
-        history.add_joints(at_s, decode_positions(bytes(sample.payload)))
-    except MessageError:
-        return
+    with suppress(MessageError):
+        history.add_joints(time.monotonic(), decode_positions(bytes(sample.payload)))

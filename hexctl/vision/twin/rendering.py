@@ -18,8 +18,9 @@ from hexctl.robot.rotations import about_z
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlacedTag
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import MODULES, Picture, tag_modules
+from hexctl.vision.twin.twin_camera import BLUR_PX, LOOK_AT_M, NOISE, POSITION_M
 
 #: The camera by which MuJoCo draws has no distortion; a lens wider than this would need too many pixels.
 MOST_FOV_DEG = 140.0
@@ -39,24 +40,34 @@ _SHIFTS = 64
 #: Colours of the floor and of the light.
 _FLOOR_RGBA = (0.52, 0.5, 0.46, 1.0)
 
+#: Number of the robot's tag and its edge.
+ROBOT_TAG, ROBOT_EDGE_M = 10, 0.1
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraFlaws:
-    """Flaws of a real camera's pictures.
+#: A webcam whose lens bends lines at the edge by 20 px.
+WEBCAM = Lens(
+    width_px=1280,
+    height_px=720,
+    matrix=np.array([[960.0, 0, 652], [0, 955, 349], [0, 0, 1]]),
+    distortion=np.array([-0.28, 0.09, 5e-4, -3e-4, -0.01]),
+)
 
-    Attributes:
-        noise: standard deviation of each pixel's brightness, of 255.
-        blur_px: standard deviation of the defocus blur.
-        exposure_s: exposure time, which causes motion blur.
-        brightness: factor; above 1 white is clipped.
-        shadow: darkness of a moving shadow on the floor, 0 to 1.
-    """
+#: Field of view of a webcam with pictures of another shape, whose lens bends nothing.
+FOV_DEG = 67.0
 
-    noise: float = 4.0
-    blur_px: float = 0.7
-    exposure_s: float = 0.0
-    brightness: float = 1.0
-    shadow: float = 0.0
+CAMERA = Camera.looking(WEBCAM, np.array(POSITION_M), np.array(LOOK_AT_M))
+
+#: Tags on the floor by number, as large as `hexctl see print` makes them.
+FLOOR_TAGS = {
+    number: PlacedTag(number, edge_m, PlanarPose(*pose))
+    for number, (edge_m, *pose) in enumerate(
+        [(0.11, 0.0, 0.9, 0.3), (0.16, 0.2, -0.95, 1.0), (0.16, 0.9, 0.1, 2.0), (0.16, -0.6, 0.0, 0.0)]
+    )
+}
+
+
+def tag_on(robot: Robot, edge_m: float = ROBOT_EDGE_M) -> PlacedTag:
+    """Tag in the middle of a robot's trunk, on top of it."""
+    return PlacedTag(ROBOT_TAG, edge_m, PlanarPose(0, 0, 0), robot.body.size_m[2] / 2 + 0.001)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,15 +94,17 @@ class SceneRenderer:
         camera: Camera,
         floor_tags: Mapping[int, PlacedTag],
         robot_tag: PlacedTag,
-        flaws: CameraFlaws | None = None,
         *,
+        noise: float = NOISE,
+        blur_px: float = BLUR_PX,
+        shadow: float = 0.0,
         seed: int = 0,
     ) -> None:
-        """Build the scene and a rendering context.
+        """Build the scene and a rendering context; the flaws of its pictures are those of `TwinCamera`.
 
         Raises the errors of `Canvas`, and InputError for a too wide lens.
         """
-        self.camera, self.flaws = camera, CameraFlaws() if flaws is None else flaws
+        self.camera, self._blur_px, self._shadow_depth = camera, blur_px, shadow
         self._random = np.random.default_rng(seed)
         self._drawn, self._maps = _drawn_lens(camera.lens)
         self._canvas = Canvas(self._drawn.width_px, self._drawn.height_px)
@@ -104,8 +117,7 @@ class SceneRenderer:
         self._view.type, self._view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self.model.camera("see").id
         self._scene = self._canvas.new_scene(self.model)
         size = (camera.lens.height_px + _SHIFTS, camera.lens.width_px + _SHIFTS, 3)
-        self._noise = (self.flaws.noise * self._random.standard_normal(size)).astype(np.float32)
-        self._last: RobotPosture | None = None
+        self._noise = (noise * self._random.standard_normal(size)).astype(np.float32)
 
     def move_camera(self, camera: Camera) -> None:
         """Draw from another position from now on, through the same lens."""
@@ -124,20 +136,6 @@ class SceneRenderer:
 
     def expose(self, posture: RobotPosture) -> Picture:
         """What a lens without distortion sees, a little more than the picture."""
-        exposed = self._picture(posture)
-        if self.flaws.exposure_s > 0 and self._last is not None:
-            # A robot that moved is smeared by the mean of two moments.
-            exposed = np.asarray(cv2.addWeighted(exposed, 0.5, self._picture(self._last), 0.5, 0))
-        self._last = posture
-        return exposed
-
-    def develop(self, exposed: Picture, at_s: float = 0.0) -> Picture:
-        """Picture (H, W, 3), red first, of what `expose` gave; on any thread, one picture after the other."""
-        columns_rows, rests = self._maps
-        bent = cv2.remap(exposed, columns_rows, rests, cv2.INTER_LINEAR)
-        return self._flawed(np.asarray(bent, dtype=np.uint8), at_s)
-
-    def _picture(self, posture: RobotPosture) -> Picture:
         mujoco, qpos = self._mujoco, self.data.qpos
         qpos[:3], qpos[3:7] = posture.position_floor, posture.quaternion_floor
         qpos[7:] = posture.joint_positions_rad
@@ -148,13 +146,18 @@ class SceneRenderer:
         mujoco.mjv_updateScene(self.model, self.data, look, None, self._view, everything, self._scene)
         return self._canvas.draw(self._scene)
 
+    def develop(self, exposed: Picture, at_s: float = 0.0) -> Picture:
+        """Picture (H, W, 3), red first, of what `expose` gave; on any thread, one picture after the other."""
+        columns_rows, rests = self._maps
+        bent = cv2.remap(exposed, columns_rows, rests, cv2.INTER_LINEAR)
+        return self._flawed(np.asarray(bent, dtype=np.uint8), at_s)
+
     def _flawed(self, picture: NDArray[np.uint8], at_s: float) -> Picture:
-        flaws = self.flaws
-        if flaws.blur_px > 0:
-            picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), flaws.blur_px))
-        if flaws.shadow > 0 or flaws.brightness != 1:
-            light = flaws.brightness * _shadow(picture.shape[1], at_s, flaws.shadow)
-            picture = np.clip(picture * light[:, np.newaxis], 0, 255).astype(np.uint8)
+        if self._blur_px > 0:
+            picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), self._blur_px))
+        if self._shadow_depth > 0:
+            light = _shadow(picture.shape[1], at_s, self._shadow_depth)
+            picture = (picture * light[:, np.newaxis]).astype(np.uint8)
         # The same noise at another position in each picture: to draw a million new numbers takes longer.
         row, column = self._random.integers(_SHIFTS, size=2)
         noise = self._noise[row:, column:][: picture.shape[0], : picture.shape[1]]

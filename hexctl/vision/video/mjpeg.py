@@ -11,8 +11,8 @@ from hexctl.wire.links import is_loopback
 
 HOST = "127.0.0.1"
 
-#: Paths of the stream, of a single picture, and of a page that shows the stream.
-STREAM_PATH, PICTURE_PATH, PAGE_PATH = "/stream.mjpg", "/picture.jpg", "/"
+#: Paths of the stream, and of a page that shows it.
+STREAM_PATH, PAGE_PATH = "/stream.mjpg", "/"
 
 #: Clients at a time; further ones are refused.
 MOST_CLIENTS = 8
@@ -38,20 +38,11 @@ class MjpegServer:
     """Serve the newest picture to all clients on loopback until it is closed.
 
     Each client has a thread and gets the newest picture when it is ready. A slow client misses pictures and
-    delays no other.
-
-    Attributes:
-        url: address of the stream.
-        page_url: address of the page that shows it.
+    delays no other. The stream is at `url`, a page that shows it at `page_url`.
     """
 
     def __init__(self, port: int = 0, *, host: str = HOST, option: str = "http_port") -> None:
-        """Listen.
-
-        Args:
-            port: of this computer; 0 for any free one.
-            host: a name or address of this computer that no other one reaches.
-            option: name of the argument that gave the port, for messages.
+        """Listen on a loopback address; port 0 is any free one. `option` names the port in messages.
 
         Raises RobotFaultError where the port cannot be used.
         """
@@ -157,15 +148,13 @@ class _Handler(BaseHTTPRequestHandler):
         """Log nothing."""
 
     def do_GET(self) -> None:
-        """Send the stream, a picture, or the page."""
+        """Send the stream or the page."""
         if not self._asks_for_this_computer():
             self.send_error(HTTPStatus.FORBIDDEN)
         elif self.path == STREAM_PATH:
             self._stream()
-        elif self.path == PICTURE_PATH:
-            self._picture()
         elif self.path == PAGE_PATH:
-            self._send("text/html; charset=utf-8", _PAGE)
+            self._page()
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
@@ -174,20 +163,13 @@ class _Handler(BaseHTTPRequestHandler):
         name = self.headers.get("Host", HOST).rpartition(":")[0] or self.headers.get("Host", HOST)
         return is_loopback(name.removeprefix("[").removesuffix("]"))
 
-    def _send(self, kind: str, content: bytes) -> None:
+    def _page(self) -> None:
         self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(_PAGE)))
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        self.wfile.write(content)
-
-    def _picture(self) -> None:
-        newest = self.server.newest.after(0)
-        if newest is None:
-            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "no picture yet")
-        else:
-            self._send("image/jpeg", newest[1])
+        self.wfile.write(_PAGE)
 
     def _stream(self) -> None:
         newest = self.server.newest

@@ -185,7 +185,7 @@ TARGETS = (
         seeds=(
             b"GET / HTTP/1.1\r\nHost: 127.0.0.1:1\r\n\r\n",
             b"GET /stream.mjpg HTTP/1.0\r\n\r\n",
-            b"GET /picture.jpg HTTP/1.1\r\nHost: localhost\r\n\r\n",
+            b"GET /elsewhere HTTP/1.1\r\nHost: localhost\r\n\r\n",
         ),
         words=(b"HTTP/1.1", b"\r\nHost: ", b"POST", b"\r\n\r\n"),
         most_bytes=300,

@@ -32,7 +32,7 @@ from hexctl.simulators.servo2040_board import SERVO2040_FAULTS
 from hexctl.teleop.picture_relay import PictureRelay
 from hexctl.vision.camera_options import parse_size
 from hexctl.vision.twin.camera_faults import parse_camera_fault
-from hexctl.vision.twin.twin_options import parse_point
+from hexctl.vision.twin.twin_camera import parse_point
 from hexctl.wire.links import Endpoint, KeyMap, is_loopback
 from hexctl.wire.page_address import PageAddress
 from hexctl.wire.ros.ros_names import RosNode

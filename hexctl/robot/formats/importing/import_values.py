@@ -86,10 +86,8 @@ class UsualMasses:
 def usual_masses(leg_m: float, moving_m: float, torque_nm: float | None) -> UsualMasses:
     """Masses by size, and at most what the femur joints carry.
 
-    Args:
-        leg_m: length from coxa to foot.
-        moving_m: length of femur and tibia.
-        torque_nm: of the femur joints; None if it is doubted, like one that carries no robot of this size.
+    A leg is `leg_m` long from coxa to foot, femur and tibia `moving_m`. The torque is None if it is doubted,
+    like one that carries no robot of this size.
     """
     whole_kg = USUAL_MASS_KG["body"] + N_LEGS * sum(USUAL_MASS_KG[kind] for kind in JOINT_KINDS)
     share, basis = (leg_m / USUAL_LEG_M) ** 3, "size"

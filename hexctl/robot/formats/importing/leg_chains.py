@@ -188,15 +188,9 @@ def _chains(tree: LinkTree) -> list[Chain]:
 
 def _without_idle_ends(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> tuple[TreeJoint, ...]:
     """A chain without hinges at its end that move no foot: nothing beyond them is off their axis."""
-    while len(chain) > JOINTS_PER_LEG and _is_idle(tree, chain[-1]):
+    while len(chain) > JOINTS_PER_LEG and _lever_m(tree, chain[-1], chain[-1]) < FOOT_TOLERANCE_M:
         chain = chain[:-1]
     return chain
-
-
-def _is_idle(tree: LinkTree, joint: TreeJoint) -> bool:
-    at = np.asarray(np.linalg.inv(tree.frame_in_root(joint.child)), dtype=float)
-    points_m = [point for name in tree.carried(joint.child) for point in _points(tree, at, name)]
-    return all(float(np.linalg.norm(np.cross(point, joint.axis))) < FOOT_TOLERANCE_M for point in points_m)
 
 
 def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:

@@ -139,11 +139,7 @@ class LegImport:
         return np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
 
     def inertia(self, index: int, even: tuple[float, ...]) -> list[float] | None:
-        """Moments and product (outward, left, up, outward-up) of a link, or None for those of its capsule.
-
-        Args:
-            even: of its capsule.
-        """
+        """Moments and product (outward, left, up, outward-up) of a link, or None for those of its capsule."""
         key, mass_key = (f"links.{JOINT_KINDS[index]}.{name}" for name in ("inertia_kg_m2", "mass_kg"))
         masses_kg, coms_m, tensors = self._masses(index)
         if mass_key in self._findings.reasons:

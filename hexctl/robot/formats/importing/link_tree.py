@@ -99,10 +99,8 @@ class TreeLink:
 class JoinedMass:
     """Links fixed to one another, as one body, along the axes of a common frame.
 
-    Attributes:
-        com_m: centre of mass, (3,); the origin if nothing has a mass.
-        inertia_kg_m2: about the centre of mass, (3, 3).
-        bare: heavy links without moments of inertia, which count as points.
+    The tensor is about the centre of mass, which is the origin if nothing has a mass. Heavy links without
+    moments of inertia, `bare`, count as points.
     """
 
     mass_kg: float

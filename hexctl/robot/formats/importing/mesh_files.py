@@ -28,9 +28,7 @@ class UnreadMeshError(ValueError):
 def mesh_points(name: str, description: Path) -> FloatArray:
     """Corners of the triangles of a mesh, (N, 3), unscaled; raises UnreadMeshError.
 
-    Args:
-        name: file name in the description; a package is sought in and next to the folders above it.
-        description: path of the description.
+    Its name is that in the description; a package is sought in and next to the folders above it.
     """
     file = next((place for place in _places(name, description) if is_file(place)), None)
     if file is None:

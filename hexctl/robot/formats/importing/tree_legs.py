@@ -129,11 +129,8 @@ def _foot(
     """Foot in the frame of the tibia, and why it is a guess, or an empty text.
 
     It is the far end of everything fixed to the tibia. A frame or the centre of a sphere next to that end
-    counts before the end itself.
-
-    Args:
-        frames: of the three links in axes of the body.
-        axis: of the last hinge in axes of the body, (3,).
+    counts before the end itself. The frames are those of the three links and the axis (3,) that of the last
+    hinge, in axes of the body.
     """
     knee = np.asarray(np.linalg.inv(tree.frame_in_root(tips[0])), dtype=float)
     foot_m, marked = _far_end(tree, tips, knee)

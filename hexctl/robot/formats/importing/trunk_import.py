@@ -67,19 +67,7 @@ def trunk_box(tree: LinkTree, facing: FloatArray, mounts_m: FloatArray, leg_m: f
     least_m, most_m = np.min([one[1] for one in found], axis=0), np.max([one[2] for one in found], axis=0)
     shape = "cylinder" if all(_is_upright(solid, frame) for solid, *_, frame in found) else "box"
     size_m = np.maximum(most_m - least_m, 1e-3)
-    if (solid := found[0][0]).kind in ("box", "cylinder") and all(one[0].kind == solid.kind for one in found):
-        size_m = _plain_size(found, size_m)
     return TrunkBox(size_m, (least_m + most_m) / 2, shape, "")
-
-
-def _plain_size(found: list[Any], size_m: FloatArray) -> FloatArray:
-    """Without the rounding of a turn, if all solids have the same size along the axes."""
-    solid, _, _, frame = found[0]
-    half = np.abs((frame @ solid.frame)[:3, :3])
-    straight = np.allclose(half, np.round(half), atol=1e-6)
-    sides = solid.size_m if solid.kind == "box" else (*[2 * solid.size_m[0]] * 2, solid.size_m[1])
-    plain = np.round(half) @ np.array(sides)
-    return np.array(plain, dtype=float) if straight and np.allclose(plain, size_m, atol=1e-9) else size_m
 
 
 def _is_upright(solid: Solid, frame: FloatArray) -> bool:

@@ -12,7 +12,7 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.errors import InputError, RecordingError, RobotFaultError, argument
 from hexctl.vision.detection.tags import Picture
 
 #: Schemes of network streams: MJPEG over HTTP, as of phones and network cameras, and RTSP.
@@ -26,6 +26,12 @@ OPEN_TIMEOUT_MS, READ_TIMEOUT_MS = 3000, 3000
 
 #: A lost source is opened again after this.
 REOPEN_S = 1.0
+
+#: Code of the pictures by the ending of the file's name.
+CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
+
+#: A longer time without pictures is left out.
+MOST_GAP_S = 2.0
 
 
 def hide_library_messages() -> None:
@@ -43,12 +49,10 @@ class Frame:
     Attributes:
         picture: (H, W, 3), blue first, as OpenCV has it.
         at_s: of a live source, when it arrived, on time.monotonic; of a file, its time since the beginning.
-        number: of the source, from 1 on; numbers are missing where frames were dropped.
     """
 
     picture: Picture
     at_s: float
-    number: int
 
     def gray(self) -> Picture:
         """The picture in grey, (H, W)."""
@@ -126,11 +130,7 @@ def open_video(
 
 
 class VideoFile(VideoSource):
-    """All frames of a file.
-
-    Attributes:
-        fps: frame rate of the file.
-    """
+    """All frames of a file."""
 
     def __init__(self, path: Path) -> None:
         """Open it. Raises InputError for a missing file or no video."""
@@ -142,8 +142,6 @@ class VideoFile(VideoSource):
         self._capture = quietly(lambda: cv2.VideoCapture(str(path), cv2.CAP_FFMPEG))
         if not self._capture.isOpened():
             raise InputError(f"{path}: is no video that can be read; allowed: MP4, AVI, MKV and others")
-        self.fps = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self._number = 0
 
     def read(self, timeout_s: float = 1.0) -> Frame | None:
         """The next frame, or None after the last."""
@@ -151,9 +149,8 @@ class VideoFile(VideoSource):
         if not good or picture is None:
             self.ended = True
             return None
-        self._number += 1
         at_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-        return Frame(np.asarray(picture, dtype=np.uint8), at_s, self._number)
+        return Frame(np.asarray(picture, dtype=np.uint8), at_s)
 
     def close(self) -> None:
         """Close the file."""
@@ -172,7 +169,6 @@ class LiveVideo(VideoSource):
         self._opened, self._on_event = opened, on_event
         self._arrived = threading.Condition()
         self._newest: Frame | None = None
-        self._number = 0
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(opened(),), name="video", daemon=True)
         self._thread.start()
@@ -210,15 +206,12 @@ class LiveVideo(VideoSource):
         while not self._closing.is_set() and capture.grab():
             at_s = time.monotonic()
             good, picture = capture.retrieve()
-            if good:
-                self._keep(np.asarray(picture, dtype=np.uint8), at_s)
-
-    def _keep(self, picture: Picture, at_s: float) -> None:
-        with self._arrived:
-            self.dropped += self._newest is not None
-            self._number += 1
-            self._newest = Frame(picture, at_s, self._number)
-            self._arrived.notify_all()
+            if not good:
+                continue
+            with self._arrived:
+                self.dropped += self._newest is not None
+                self._newest = Frame(np.asarray(picture, dtype=np.uint8), at_s)
+                self._arrived.notify_all()
 
     def _found_again(self) -> Any:
         while not self._closing.wait(REOPEN_S):
@@ -277,3 +270,63 @@ def quietly(make: Callable[[], Any]) -> Any:
         return make()
     finally:
         cv2.utils.logging.setLogLevel(before)
+
+
+class VideoWriter:
+    """Writes pictures into a new video, each for as long as it was the newest; close it.
+
+    The file is made with the first picture, in its size.
+    """
+
+    def __init__(self, path: Path, fps: float = 30.0) -> None:
+        """Prepare to write; the suffix selects the format.
+
+        Raises InputError for a suffix not in `CODECS`.
+        """
+        if path.suffix.lower() not in CODECS:
+            raise InputError(
+                f"{argument('output')}: got {path}; allowed: names that end in {', '.join(CODECS)}"
+            )
+        hide_library_messages()
+        self._path, self._fps, self._frames = path, fps, 0
+        self._writer: Any = None
+        self._last: Picture | None = None
+        self._began_at_s = 0.0
+
+    def write(self, picture: Picture, at_s: float) -> None:
+        """Write a picture (H, W, 3), BGR, in the size of the first one, with its time in s.
+
+        Raises RecordingError if writing fails.
+        """
+        if self._writer is None:
+            self._begin((picture.shape[1], picture.shape[0]), at_s)
+        due = int((at_s - self._began_at_s) * self._fps + 0.5) + 1
+        if due - self._frames > MOST_GAP_S * self._fps:
+            self._began_at_s += (due - self._frames - 1) / self._fps
+            due = self._frames + 1
+        for left in range(due - self._frames, 0, -1):
+            self._writer.write(picture if left == 1 or self._last is None else self._last)
+            self._frames += 1
+        self._last = picture
+
+    def close(self) -> None:
+        """Finish the file; a second call changes nothing."""
+        if self._writer is not None:
+            self._writer.release()
+            self._writer = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _begin(self, size_px: tuple[int, int], at_s: float) -> None:
+        code = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
+        self._writer = quietly(
+            lambda: cv2.VideoWriter(str(self._path), cv2.CAP_FFMPEG, code, self._fps, size_px)
+        )
+        if not self._writer.isOpened():
+            self._writer = None
+            raise RecordingError(f"{self._path}: the video cannot be written here")
+        self._began_at_s = at_s
