@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from hexctl.errors import InputError
-from hexctl.robot.loader import load_robot_file
+from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
@@ -94,6 +94,11 @@ def test_a_joint_goes_before_its_kind_and_that_before_the_defaults(tmp_path: Pat
     assert servo_map.signs[:3].tolist() == [1, 1, -1]
     assert servo_map.most[:3].tolist() == [2500, 2500, 2300]
     assert (servo_map.per_deg[0], servo_map.centre[17], servo_map.low_battery_v) == (10, 1520, 9.9)
+
+
+def test_it_changes_neither_the_robot_nor_its_fingerprint(tmp_path: Path) -> None:
+    path = edited_file(tmp_path, put("servos", {"leg1_coxa": {"sign": -1, "offset_deg": 12}}))
+    assert load_robot(path).fingerprint == shipped().fingerprint
 
 
 def test_ranges_wider_than_the_pulses_are_named(tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ class ImportedRobot:
     Attributes:
         content: of the robot file.
         reasons: why keys are unknown, by key.
-        notes: on omissions and changes.
+        remarks: on omissions and changes.
         header: lines of a comment.
         stances: places for the feet in the planes of the legs, (outward, up) in m: that of the content, then
             others, the best first.
@@ -74,11 +74,19 @@ class ImportedRobot:
 
     content: dict[str, Any]
     reasons: dict[str, str]
-    notes: tuple[str, ...]
+    remarks: tuple[str, ...]
     header: tuple[str, ...]
     stances: tuple[Vector2, ...]
     projection: FootProjection | None = None
     own_gait: bool = False
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on omissions and changes, and on the error of projected feet in the stance of the content."""
+        if self.projection is None:
+            return self.remarks
+        stride_m = self.content["gait"]["amplitude"] * self.content["size_m"]
+        return (*self.remarks, self.projection.note(self.stances[0][0], stride_m))
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -277,7 +285,7 @@ class _Import:
         self._add_inertias(made.robot())
         made = raw.with_gait(self.stances[0], *gait)
         robot_of_content(made.content, Path(source))
-        return replace(made, reasons=self._findings.reasons, notes=tuple(self._findings.notes))
+        return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
 
     def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
         """Leave out centres of mass equal to those of evenly filled capsules."""
@@ -322,10 +330,6 @@ class _Import:
         offsets_m = [leg.foot_offset_m for leg in self._legs]
         if max(map(abs, offsets_m)) <= PLANE_TOLERANCE * self._parts.leg_m:
             return None
-        self._findings.note(
-            f"the feet are up to {1000 * max(map(abs, offsets_m)):.1f} mm outside the planes of their legs: "
-            "the legs were turned to them, which is right only in the stance"
-        )
         size_m = float(np.mean(np.abs(offsets_m)))
         outward_m, up_m = self._parts.vectors_m[0].tolist()
         yaws_rad = tuple(leg.yaw_rad for leg in self._legs)
