@@ -4,7 +4,7 @@ import json
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
@@ -52,7 +52,6 @@ class Result(Generic[FoundT]):
     found: FoundT
     report: Path
     notes: tuple[str, ...] = ()
-    times_s: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values, as in the file next to the report and printed by `--json`."""
@@ -60,14 +59,12 @@ class Result(Generic[FoundT]):
             "out": str(self.report.parent),
             "report": str(self.report),
             **self.plan.numbers(self.found),
-            "times_s": dict(self.times_s),
             "notes": list(self.notes),
         }
 
     def lines(self) -> list[str]:
-        """Tables, verdicts and times, as lines of text."""
-        spent = ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in self.times_s.items())
-        return [*self.plan.lines(self.found), spent]
+        """Tables and verdicts, as lines of text."""
+        return self.plan.lines(self.found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,10 +101,6 @@ class Experiment(Plan, Generic[FoundT]):
         """Return the tables to write, by the name of their file without the ending."""
         return {}
 
-    def texts(self, found: FoundT) -> Mapping[str, str]:
-        """Return further text files, by name."""
-        return {}
-
     def run(self, folder: Path, work: Work | None = None) -> Result[FoundT]:
         """Simulate all walks, and write report, figures, tables and a JSON file of the results.
 
@@ -124,10 +117,7 @@ class Experiment(Plan, Generic[FoundT]):
             work.cache.probe()
             found = self.find(work)
             page = self.write(found, folder, work.progress)
-            work.lap("report")
-            result = Result(
-                plan=self, found=found, report=page, notes=tuple(work.cache.notes), times_s=work.times_s
-            )
+            result = Result(plan=self, found=found, report=page, notes=tuple(work.cache.notes))
             text = json.dumps(result.to_json(), indent=1)
             atomic_write(folder / f"{self.NAME}.json", text)
         return result
@@ -137,10 +127,8 @@ class Experiment(Plan, Generic[FoundT]):
         tables = self.tables(found)
         for name, table in tables.items():
             table.to_parquet(folder / f"{name}.parquet", index=False)
-        for name, text in self.texts(found).items():
-            atomic_write(folder / name, text)
         pictures = _draw(self.drawings(found), folder, progress or Silent())
-        files = ", ".join([*(f"{name}.parquet" for name in tables), *self.texts(found)])
+        files = ", ".join(f"{name}.parquet" for name in tables)
         beside = f"Next to this page: {files or 'its numbers as JSON'}, and each figure as SVG."
         versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
         last = Section("Files and versions", [beside, versions])

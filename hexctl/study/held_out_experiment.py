@@ -1,4 +1,4 @@
-"""Experiments in held-out worlds: a row for each walk, statistics of groups of them, and bars."""
+"""Experiments in held-out worlds: a row for each walk, and statistics of groups of them."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ from hexctl.robot.model import Robot
 from hexctl.study.data_frames import json_value
 from hexctl.study.experiment import Experiment, plain
 from hexctl.study.held_out import SENSORS, members, with_sensors
-from hexctl.study.paper.evidence import Bar, bar_lines, bar_table, clustered_error, mean
+from hexctl.study.paper.evidence import clustered_error, mean
 from hexctl.study.plan import check_legs, check_setting
 from hexctl.study.report_page import Picture, Section, Table, reading
 from hexctl.study.study_options import ALL_LEGS, WORLDS
@@ -130,9 +130,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     def find(self, work: Work) -> "DataFrame":
         """Simulate all walks; a row for each."""
         walked = self.walked()
-        rows = self.columns(frame_of(walked, work.walk(walked)))
-        work.lap("walks")
-        return rows
+        return self.columns(frame_of(walked, work.walk(walked)))
 
     @staticmethod
     @abstractmethod
@@ -148,10 +146,6 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     @abstractmethod
     def summary(rows: "DataFrame") -> Record:
         """Return the statistics of some walks."""
-
-    @abstractmethod
-    def bars(self, rows: "DataFrame") -> list[Bar]:
-        """Return the bars that the walks have to reach."""
 
     def statistics(self, rows: "DataFrame") -> list[Record]:
         """Return the statistics of each group of walks, for each compared value."""
@@ -170,15 +164,10 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             "sensors": None if self.exact_sensors else SENSORS,
             "code": code_versions(),
             "walks": len(found),
-            "bars": [bar.as_json() for bar in self.bars(found)],
             "statistics": [
                 {name: json_value(value) for name, value in one.items()} for one in self.statistics(found)
             ],
         }
-
-    def lines(self, found: "DataFrame") -> list[str]:
-        """Return the verdicts as lines of text."""
-        return bar_lines(self.bars(found))
 
     def settings_text(self, walks: int) -> str:
         """Robots, worlds, legs, number of walks and sensors in words."""
@@ -204,9 +193,8 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         return []
 
     def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
-        """Return the parts of the report: settings, bars, figures, and a table for each division."""
+        """Return the parts of the report: settings, figures, and a table for each division."""
         yield Section("", [self.settings_text(len(found)), *self.remarks(found)])
-        yield Section("Bars", [bar_table(self.bars(found))])
         yield reading(self.NAME)
         if pictures:
             yield Section("Where walks end", list(pictures.values()))

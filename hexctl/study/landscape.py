@@ -16,7 +16,7 @@ from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
-from hexctl.gait.gait import Gait, make_gait
+from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.study.walk_cache import Place, known
@@ -39,13 +39,13 @@ class GaitWalk:
     """Outcome of one gait; NaN if unknown.
 
     Attributes:
-        case: code of the gait, or its name.
+        case: code of the gait.
         signed_m: deviation at the end, positive to the left.
         turned_rad: how far the self-rotation before the walk turned.
         path_m: progress and signed deviation, five points a second.
     """
 
-    case: int | str
+    case: int
     status: Literal[STATUSES]  # type: ignore[valid-type]
     signed_m: float
     mean_m: float
@@ -60,7 +60,7 @@ class GaitWalk:
     path_m: tuple[tuple[float, float], ...]
 
     @classmethod
-    def of(cls, case: int | str, _trial: SimTrial, result: TrialResult) -> "GaitWalk":
+    def of(cls, case: int, _trial: SimTrial, result: TrialResult) -> "GaitWalk":
         """Return the outcome of a gait from the result of its trial."""
         off = result.deviation
         ends = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
@@ -77,7 +77,7 @@ class GaitWalk:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LandscapeSpec(Place[int | str, GaitWalk]):
+class LandscapeSpec(Place[int, GaitWalk]):
     """Settings of a landscape: everything that decides its numbers except the code that computes them.
 
     Attributes:
@@ -133,18 +133,14 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
         """Number of points of a complete path."""
         return math.ceil(self.duration_s / PERIOD_S - 1e-9) // PATH_STRIDE
 
-    def trial(self, case: int | str) -> SimTrial:
-        """Return the trial of a gait: a code, or the name of a gait."""
+    def trial(self, case: int) -> SimTrial:
+        """Return the trial of a code."""
         default = self.robot.gait
-        gait = (
-            make_gait(self.robot, case)
-            if isinstance(case, str)
-            else Gait(
-                slots=self.space.slots_of(case),
-                pace_hz=default.pace_hz,
-                amplitude=default.amplitude,
-                height=default.height,
-            )
+        gait = Gait(
+            slots=self.space.slots_of(case),
+            pace_hz=default.pace_hz,
+            amplitude=default.amplitude,
+            height=default.height,
         )
         plan = TrialPlan(
             gait=gait,

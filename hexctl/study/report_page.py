@@ -62,18 +62,8 @@ class Picture:
         return base64.b64encode(self.file.read_bytes()).decode()
 
 
-@dataclass(frozen=True)
-class Fold:
-    """A table hidden until its title is opened."""
-
-    title: str
-    table: Table
-
-    kind: ClassVar = "fold"
-
-
 #: A text is a paragraph.
-Block = str | Bullets | Table | Picture | Fold
+Block = str | Bullets | Table | Picture
 
 
 @dataclass(frozen=True)
@@ -123,7 +113,7 @@ def texts(name: str) -> Any:
     return yaml.safe_load(file.read_text(encoding="utf-8"))[name]
 
 
-def reading(name: str, *more: Block, **values: object) -> Section:
+def reading(name: str, **values: object) -> Section:
     """Return the part of a report on how to read it; `values` fill its texts."""
     bullets = [text.format(**values) for text in texts("reading")[name]]
-    return Section("How to read this", [Bullets(bullets), *more])
+    return Section("How to read this", [Bullets(bullets)])

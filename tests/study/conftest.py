@@ -1,11 +1,16 @@
 """Landscapes of the made-up benchmark, and the searches in them."""
 
+from typing import TYPE_CHECKING
+
 import pytest
 
 from hexctl.study import versions, walk_cache
 from hexctl.study.landscape import Landscape
-from hexctl.study.transfer.transfer_plan import TransferFound
-from tests.study.made_up_transfer import MODEL, found_in, in_the_model, plan
+from hexctl.study.transfer.transfer_searches import search_worlds
+from tests.study.made_up_transfer import MODEL, in_the_model, plan
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @pytest.fixture(autouse=True)
@@ -26,5 +31,5 @@ def landscapes() -> list[Landscape]:
 
 
 @pytest.fixture(scope="session")
-def findings(landscapes: list[Landscape]) -> TransferFound:
-    return found_in(plan(), landscapes)
+def findings(landscapes: list[Landscape]) -> "DataFrame":
+    return search_worlds(plan(), landscapes)

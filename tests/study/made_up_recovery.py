@@ -120,7 +120,3 @@ def on_line(method: str, *, legs: bool = True) -> Any:
         return place.protocol == LINE and one.case.method == method and bool(one.case.legs) == legs
 
     return which
-
-
-def bars_of(found: Found) -> dict[str, Any]:
-    return {bar.name: bar for bar in found.plan.bars(found.rows)}

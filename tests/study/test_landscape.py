@@ -15,7 +15,6 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_result import QUALITIES, TrialResult
-from hexctl.gait.gait import make_gait
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
@@ -60,17 +59,6 @@ def test_walks_are_kept_to_the_last_bit(one: Landscape, tmp_path: Path) -> None:
     cache = WalkCache(tmp_path)
     cache.save(one.spec, walks)
     assert repr(list(cache.load(one.spec).values())) == repr(walks)
-
-
-def test_a_default_gait_walks_as_a_trial_would() -> None:
-    asked = spec(2, "rear", 0.4)
-    trial = asked.trial("tripod")
-    assert trial.plan.gait == make_gait(asked.robot, "tripod")
-    assert replace(trial, plan=replace(trial.plan, gait=asked.trial(1).plan.gait)) == asked.trial(1)
-    (walk,) = asked.walk(["tripod"])
-    alone = run_sim_trial(trial)
-    assert alone.deviation is not None
-    assert (walk.case, walk.status, walk.signed_m) == ("tripod", alone.status, alone.deviation.signed)
 
 
 def test_scores_are_those_that_an_optimizer_is_told() -> None:

@@ -11,8 +11,7 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.options import options_of
 from hexctl.study.hold_plan import HoldPlan
-from hexctl.study.paper.study_plan import StudyPlan
-from hexctl.study.paper.study_settings import nearby_worlds
+from hexctl.study.paper.study_plan import StudyPlan, nearby_worlds
 from hexctl.study.planned_study import planned_study
 from hexctl.study.priors.planned_prior import planned_prior
 from hexctl.study.priors.prior_building import PriorPlan

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -10,13 +9,12 @@ from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
 from hexctl.study.data_frames import records, where
-from hexctl.study.experiment import Drawing, Experiment, plain
+from hexctl.study.experiment import Experiment, plain
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.paper.claims import NAMES, claims_of
 from hexctl.study.paper.evidence import Claim
 from hexctl.study.paper.searches import search_all
-from hexctl.study.paper.study_figures import verdicts_figure
-from hexctl.study.paper.study_settings import StudySettings
+from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.plan import LandscapePlan
 from hexctl.study.report_page import Picture, Section, Table, markdown
 from hexctl.study.versions import code_versions
@@ -46,7 +44,7 @@ class Cell:
     """One setting of the matrix; its title names robot, failure, world and time step."""
 
     title: str
-    plan: StudySettings
+    plan: StudyPlan
 
     def specs(self) -> list[LandscapeSpec]:
         """Return the specs of its landscapes, titled by the setting."""
@@ -83,7 +81,7 @@ def cells_of(
 
     Args:
         failures: as `parse_failure` reads them.
-        options: further fields of `StudySettings`.
+        options: further fields of `StudyPlan`.
 
     Raises InputError for an empty list, and for a step that a world does not take.
     """
@@ -109,7 +107,7 @@ def _cell(
 ) -> Cell:
     stepped = World.model_validate(world.model_dump() | {"time_step_s": step_s})
     defaults = {"worlds": CELL_WORLDS, "without_gaits": CELL_GAITS, "by_symmetry": True}
-    plan = StudySettings(robot=robot, world=stepped, failure=failure, **(defaults | options))
+    plan = StudyPlan(robot=robot, world=stepped, failure=failure, **(defaults | options))
     return Cell(title=f"{robot.name}, {name}, {1000 * step_s:g} ms, {failure}", plan=plan)
 
 
@@ -137,14 +135,12 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
         from pandas import DataFrame
 
         landscapes = iter(work.evaluate(self.specs()))
-        work.lap("landscapes")
         work.progress.stage("searches, cell by cell", len(self.cells))
         rows = []
         for cell in self.cells:
             findings = search_all(cell.plan, [next(landscapes) for _ in cell.specs()])
             rows += cell.rows(claims_of(findings))
             work.progress.step()
-        work.lap("searches")
         return DataFrame(rows)
 
     def numbers(self, found: "DataFrame") -> dict[str, Any]:
@@ -165,25 +161,11 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
         """Return the table of verdicts in Markdown."""
         return [line.replace("does not hold", "**does not hold**") for line in markdown(self._table(found))]
 
-    def texts(self, found: "DataFrame") -> Mapping[str, str]:
-        """Return the table of verdicts as a file in Markdown."""
-        return {"matrix.md": "\n".join(self.lines(found)) + "\n"}
-
-    def drawings(self, found: "DataFrame") -> Sequence[Drawing]:
-        """Return the figure of the report."""
-        counts = sorted({cell.plan.without_gaits for cell in self.cells})
-        here = (
-            "Each failed leg of each robot with all gaits. Legs that are one experiment are walked once, and "
-            f"without self-rotation {' or '.join(map(str, counts))} gaits. {SINGLE_WORLD} The study's page "
-            "says how claims are judged."
-        )
-        rows = [(title, verdicts) for title, _, *verdicts in self._table(found).rows]
-        draw = partial(verdicts_figure, rows, NAMES)
-        return (Drawing(name="matrix", draw=draw, here=here, paper="One robot, one simulator, one reading."),)
-
     def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
         """Return the parts of the report."""
-        yield Section("Verdicts", [*pictures.values(), self._table(found)])
+        gaits = " or ".join(map(str, sorted({cell.plan.without_gaits for cell in self.cells})))
+        note = f"Without self-rotation {gaits} gaits. {SINGLE_WORLD}"
+        yield Section("Verdicts", [note, self._table(found)])
         names = ("claim", "rule", "measured", "null", "verdict")
         header = ("claim of the paper", "holds here if", "measured here", "random numbers", "verdict")
         columns = {title: itemgetter(name) for title, name in zip(header, names, strict=True)}

@@ -1,22 +1,19 @@
 """The report of the paper's study: sections of the page, tables and JSON, all from the same frames."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.control.assessment.uncertainty_store import known_uncertainty
-from hexctl.robot.configs import config_root
-from hexctl.study.data_frames import json_value, records, where
+from hexctl.study.data_frames import json_value, records
 from hexctl.study.experiment import plain
 from hexctl.study.landscape import NUMBERS, Landscape
-from hexctl.study.paper.claims import LATE_ABOVE_BEST_M, bars_of, expected_best_rank
-from hexctl.study.paper.evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm, limit_text
-from hexctl.study.paper.searches import ALL, FRESH, NULL_DRAWS, PAPER, Findings
-from hexctl.study.paper.study_settings import BASELINE
-from hexctl.study.report_page import Block, Bullets, Fold, Picture, Section, Table, reading, texts
+from hexctl.study.paper.claims import expected_best_rank
+from hexctl.study.paper.evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm
+from hexctl.study.paper.searches import ALL, BASELINE, NULL_DRAWS, Findings
+from hexctl.study.report_page import Picture, Section, Table, reading
 from hexctl.study.versions import code_versions
 
 if TYPE_CHECKING:
@@ -57,68 +54,37 @@ def landscapes_of(findings: Findings) -> "DataFrame":
 
 def study_json(findings: Findings) -> dict[str, Any]:
     """Return settings and results of a study as JSON values; null if there is no number."""
-    plan, bars = findings.plan, bars_of(findings)
-    names = (
-        "legs",
-        "optimizers",
-        "runs",
-        "budget",
-        "duration_s",
-        "seed",
-        "failure",
-        "self_rotation",
-        "worlds",
-    )
-    walks = findings.default_walks
+    plan = findings.plan
+    names = ("legs", "optimizers", "runs", "budget", "duration_s", "seed", "failure", "self_rotation")
     return {
         "robot": plan.robot.name,
         "world": plan.world.model_dump(mode="json"),
-        **plain(plan, *names),
-        "uncertainty": findings.uncertainty.as_json(),
+        **plain(plan, *names, "worlds"),
         "code": code_versions(),
         "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in findings.claims],
-        "bars": [
-            row | {"leg": row["leg"] or None} for row in records(bars.drop(columns=["over_m", "verdict"]))
-        ],
         "landscapes": records(landscapes_of(findings)),
-        "default_gaits": [] if walks is None else records(walks),
-        "convergence": [
-            _curve_json(findings, name, count) for count in (FRESH, PAPER) for name in plan.optimizers
-        ],
+        "convergence": [_curve_json(findings, name) for name in plan.optimizers],
     }
 
 
-def _curve_json(findings: Findings, optimizer: str, count: str) -> dict[str, Any]:
-    curve = findings.curves[ALL, optimizer, count].loc[_shown(findings)]
-    codes = _codes(where(findings.first_runs, optimizer=optimizer, count=count))
-    return {
-        "optimizer": optimizer,
-        "count": count,
-        **{
-            name: {str(at): json_value(value) for at, value in curve[name].items()}
-            for name in ("mean_m", "std_m", "share_of_runs")
-        },
-        "distinct_codes": codes["distinct"].astype(int).to_list(),
-        "own_codes_until_stuck": codes["own"].round(1).to_list(),
+def _curve_json(findings: Findings, optimizer: str) -> dict[str, Any]:
+    curve = findings.curves[ALL, optimizer].loc[_shown(findings)]
+    means = {
+        name: {str(at): json_value(value) for at, value in curve[name].items()}
+        for name in ("mean_m", "std_m", "share_of_runs")
     }
+    return {"optimizer": optimizer, **means}
 
 
 def _shown(findings: Findings) -> list[int]:
     return [count for count in SHOWN if count <= findings.plan.budget]
 
 
-def _codes(runs: "DataFrame") -> "DataFrame":
-    """Mean numbers of codes that the runs of each leg ask for by themselves, and of distinct ones."""
-    distinct = [np.unique(codes[codes > 0]).size for codes in runs["codes"]]
-    counted = runs[["leg"]].assign(own=runs["own_codes"], distinct=distinct)
-    return counted.groupby("leg").mean()
-
-
 def study_tables(findings: Findings) -> "dict[str, DataFrame]":
     """Return landscapes (a row per gait), convergence (per evaluation) and runs (per run and evaluation)."""
     from pandas import concat
 
-    head = ["leg", "optimizer", "count"]
+    head = ["leg", "optimizer"]
     curves = {key: curve for key, curve in findings.curves.items() if key[0] != ALL}
     runs = findings.first_runs[[*head, "seed", "codes", "scores", "best_m"]]
     runs = runs.rename(columns={"codes": "code", "scores": "score"})
@@ -157,55 +123,16 @@ def _gaits(landscape: Landscape) -> "DataFrame":
 
 def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
     """Return the parts of the report of a study."""
-    world = findings.plan.world.model_dump()
-    values = [(name, str(value)) for name, value in world.items() if name != "sensor_noise"]
-    parameters = Fold("Parameters of the world", Table(("parameter", "value"), values))
-    yield Section("", [summary(findings), _settings(findings), findings.uncertainty.sentence, parameters])
+    yield Section("", [summary(findings), _settings(findings)])
     header = ("claim of the paper", "holds here if", "measured here", "for comparison", "verdict")
     rows = [(one.claim, one.rule, one.measured, _beside(one), one.verdict) for one in findings.claims]
     yield Section("Claims of the paper", [Table(header, rows)])
     ranks = {"early": expected_best_rank(EARLY), "late": expected_best_rank(LATE)}
-    yield reading("study", Bullets([_stuck(findings)]), draws=NULL_DRAWS, **ranks)
-    left_open = (
-        "What the paper leaves open, and how it is read here; numbers are those of ant on the flat "
-        "floor, leg locked, after the turn."
-    )
-    yield Section("Assumptions", [left_open, assumptions()])
-    yield Section("The bar: mean over legs and runs", _bar_blocks(findings))
-    if findings.default_walks is not None:
-        yield Section("Without a search", [texts("default_gaits"), _defaults(findings)])
+    yield reading("study", draws=NULL_DRAWS, **ranks)
     for name, picture in pictures.items():
         yield Section(name.replace("_", " ").capitalize(), [picture])
     yield Section("Landscapes", [_landscapes(findings)])
     yield Section("Means over all legs and runs, with standard deviation", [_means(findings)])
-    title = "Means of each leg over its runs, with standard deviation, by the paper's count"
-    yield Section(title, [_leg_means(findings)])
-    distinct = (
-        "Mean over runs: new codes until the search is stuck / different codes that the paper's count buys."
-    )
-    yield Section("Distinct codes", [distinct, _distinct(findings)])
-
-
-def assumptions() -> Table:
-    """Return what the paper leaves open, and how hexctl reads it.
-
-    The last row has the simulation's uncertainty of the shipped `ant`.
-    """
-    header = ("to decide", "the paper", "hexctl", "read otherwise")
-    *rows, last = (list(one.values()) for one in texts("assumptions"))
-    return Table(header, [*rows, [*last[:-1], f"{last[-1]} {_uncertainty_text()}"]])
-
-
-def _uncertainty_text() -> str:
-    """Changes of the ends of walks with the numerical settings, from `configs/uncertainty.yaml`."""
-    known = known_uncertainty("ant", folder=config_root())
-    if known is None:
-        return "What another step would change was not measured."
-    return (
-        f"Half the step moves ends by {cm(known.step_m)}, MuJoCo's own solver tolerance by "
-        f"{cm(known.solver_m)}, contacts a third softer or harder by {cm(known.contact_m)} (rms of "
-        f"{known.walks} walks)."
-    )
 
 
 def _settings(findings: Findings) -> str:
@@ -220,58 +147,15 @@ def _settings(findings: Findings) -> str:
     )
 
 
-def _stuck(findings: Findings) -> str:
-    means = {
-        name: _codes(where(findings.first_runs, optimizer=name, count=PAPER))["own"]
-        for name in findings.heuristics
-    }
-    each = ", ".join(f"{name} after {own.min():.0f} to {own.max():.0f}" for name, own in means.items())
-    return (
-        f"Distinct codes until a search is stuck, means of the runs of each leg: {each or 'none searched'}."
-    )
-
-
 def _beside(claim: Claim) -> str:
     null = f"random numbers: {claim.null}" if claim.null else ""
     symmetric = f"symmetry: {claim.symmetric}" if claim.symmetric else ""
     return "; ".join(text for text in (claim.beside, symmetric, null) if text)
 
 
-def _bar_blocks(findings: Findings) -> list[Block]:
-    late = limit_text(LATE_M)
-    bar = (
-        f"{limit_text(EARLY_M)} within {EARLY} evaluations; within {LATE}, {late}, or, for a leg whose best "
-        f"gait of all is above {late}, {limit_text(LATE_ABOVE_BEST_M)} more than that gait. Next to it the "
-        "random baseline, which has to hold it too."
-    )
-    bars = bars_of(findings)
-    fresh, paper = (_bars(where(bars, count=count)) for count in (FRESH, PAPER))
-    return [bar, "Each gait paid for once:", fresh, "By the paper's count:", paper]
-
-
-def _bars(bars: "DataFrame") -> Table:
-    header, rows = ["optimizer", "evaluations", "bar", "mean", "verdict"], []
-    for (optimizer, evaluations), some in bars.groupby(["optimizer", "evaluations"], sort=False):
-        together, *legs = some.to_dict("records")
-        mean = cm(together["mean_m"]) + _share(together["share_of_runs"])
-        head = [optimizer, str(evaluations), cm(together["limit_m"]), mean, together["verdict"]]
-        rows.append([*head, *map(_leg_cell, legs)])
-        header[5:] = [f"leg {one['leg']}" for one in legs]
-    return Table(header, rows)
-
-
-def _leg_cell(row: Mapping[str, Any]) -> str:
-    over = f" (+{cm(row['over_m'])})" if row["holds"] is False else ""
-    return cm(row["mean_m"]) + over + _share(row["share_of_runs"])
-
-
-def _share(share: float) -> str:
-    return "" if share == 1 else f" [{share:.0%} of the runs]"
-
-
 def _landscapes(findings: Findings) -> Table:
     header = ("leg", "self-rotation", "gaits", "valid", "end left", "within 10 cm", "within 2.5 cm", "best")
-    texts = {"left_share": "{:.0%}".format, "best_m": findings.uncertainty.beside}
+    texts = {"left_share": "{:.0%}".format, "best_m": cm}
     rows = [
         [texts.get(name, str)(value) for name, value in row.items()]
         for row in landscapes_of(findings).to_dict("records")
@@ -279,67 +163,16 @@ def _landscapes(findings: Findings) -> Table:
     return Table(header, rows)
 
 
-def _defaults(findings: Findings) -> Table:
-    walks = findings.default_walks
-    assert walks is not None  # noqa: S101  there is no such section without them
-    after = min(EARLY, findings.plan.budget)
-    searches = [f"{name} after {after}" for name in findings.plan.optimizers]
-    header = ("leg", *walks["gait"].unique(), "median of all valid gaits", "best of all gaits", *searches)
-    rows = []
-    for leg in findings.searched:
-        landscape = findings.rotated(leg)
-        valid_m = landscape.final_m[landscape.valid]
-        own = [default_text(walk) for walk in where(walks, leg=leg).itertuples()]
-        median_m = float(np.median(valid_m)) if valid_m.size else float("nan")
-        found = [_found_text(findings, leg, name, after) for name in findings.plan.optimizers]
-        rows.append([str(leg), *own, cm(median_m), cm(landscape.best_m), *found])
-    return Table(header, rows)
-
-
-def default_text(walk: Any) -> str:
-    """Return the end of a walk with a default gait in words, or its status if it is invalid."""
-    return cm(walk.final_m) if np.isfinite(walk.final_m) else walk.status
-
-
-def _found_text(findings: Findings, leg: int, optimizer: str, after: int) -> str:
-    runs = where(findings.first_runs, leg=leg, optimizer=optimizer, count=FRESH)
-    found_m = np.array([best_m[after - 1] for best_m in runs["best_m"]])
-    best_m = float(np.nanmin(found_m)) if np.isfinite(found_m).any() else float("nan")
-    median_m = findings.curves[leg, optimizer, FRESH]["median_m"][after]
-    return f"{cm(median_m)} ({cm(best_m)})"
-
-
 def _means(findings: Findings) -> Table:
-    names = {FRESH: "fresh", PAPER: "paper's"}
-    keys = [(ALL, name, count) for count in names for name in findings.plan.optimizers]
-    return _curve_table(findings, {"optimizer": lambda key: key[1], "count": lambda key: names[key[2]]}, keys)
+    """A row for each optimizer, with mean, standard deviation and share of the runs at some evaluations."""
 
-
-def _leg_means(findings: Findings) -> Table:
-    keys = [(leg, name, PAPER) for leg in findings.searched for name in findings.plan.optimizers]
-    return _curve_table(findings, {"leg": lambda key: str(key[0]), "optimizer": lambda key: key[1]}, keys)
-
-
-def _curve_table(
-    findings: Findings, head: Mapping[str, Callable[[Any], str]], keys: Sequence[tuple[int, str, str]]
-) -> Table:
-    """A row for each curve, with mean, standard deviation and share of the runs at the shown evaluations."""
-
-    def text(key: tuple[int, str, str], after: int) -> str:
-        at = findings.curves[key].loc[after]
-        return f"{cm(at['mean_m'])} ± {cm(at['std_m'])}{_share(at['share_of_runs'])}"
+    def text(optimizer: str, after: int) -> str:
+        at = findings.curves[ALL, optimizer].loc[after]
+        share = "" if at["share_of_runs"] == 1 else f" [{at['share_of_runs']:.0%} of the runs]"
+        return f"{cm(at['mean_m'])} ± {cm(at['std_m'])}{share}"
 
     cells = {f"after {after}": partial(text, after=after) for after in _shown(findings)}
-    return Table.of(keys, {**head, **cells})
-
-
-def _distinct(findings: Findings) -> Table:
-    """Codes that each search asks for by itself, and those that the paper's count pays for."""
-    rows = []
-    for name in findings.plan.optimizers:
-        codes = _codes(where(findings.first_runs, optimizer=name, count=PAPER))
-        rows.append([name, *[f"{one.own:.0f} / {one.distinct:.0f}" for one in codes.itertuples()]])
-    return Table(("optimizer", *[f"leg {leg}" for leg in findings.searched]), rows)
+    return Table.of(findings.plan.optimizers, {"optimizer": str, **cells})
 
 
 def summary(findings: Findings) -> str:
@@ -372,7 +205,7 @@ def _listed(parts: Sequence[str]) -> str:
 
 def _best_search(findings: Findings) -> str:
     after = min(EARLY, findings.plan.budget)
-    means_m = {name: findings.curves[ALL, name, FRESH]["mean_m"][after] for name in findings.plan.optimizers}
+    means_m = {name: findings.curves[ALL, name]["mean_m"][after] for name in findings.plan.optimizers}
     found = {name: mean_m for name, mean_m in means_m.items() if np.isfinite(mean_m)}
     if not found:
         return f"No search found a valid gait within {after} evaluations."
@@ -380,19 +213,4 @@ def _best_search(findings: Findings) -> str:
     parts = [f"{cm(found[best])} with the best search ({best})"]
     if BASELINE in found and best != BASELINE:
         parts.append(f"{cm(found[BASELINE])} with random search")
-    parts += _without_a_search(findings)
-    return f"After {after} evaluations, the mean deviation from the line is {_listed(parts)}."
-
-
-def _without_a_search(findings: Findings) -> list[str]:
-    """Mean deviation with the best default gait; empty if each is invalid for some leg."""
-    walks = findings.default_walks
-    if walks is None:
-        return []
-    searched = walks[walks["leg"].isin(findings.searched)]
-    means_m = (
-        searched.groupby("gait", sort=False)["final_m"].agg(lambda ends: ends.mean(skipna=False)).dropna()
-    )
-    if means_m.empty:
-        return []
-    return [f"{cm(means_m.min())} with the {means_m.idxmin()} gait, which needs no search"]
+    return f"After {after} evaluations, the mean deviation from the line is {' and '.join(parts)}."

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.repertoire_store import find_repertoire
@@ -303,7 +303,11 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         def make(start: WalkStart) -> Controller | StepFunction:
             return method.controller(start, [to_come[id(plan)] for plan in start.plans])
 
-        results = run_sim_trials(trials, threads, make, apart=True)
+        results = (
+            [run_sim_trial(trial, make) for trial in trials]
+            if method.alone
+            else run_sim_trials(trials, threads, make, apart=True)
+        )
         return [
             Episode.of(case, trial, result, trials=method.trials_before(trial.plan))
             for case, trial, result in zip(cases, trials, results, strict=True)

@@ -22,7 +22,6 @@ from hexctl.study.held_out_experiment import (
     Columns,
     HeldOutExperiment,
 )
-from hexctl.study.paper.evidence import Bar
 from hexctl.study.plan import check_each, check_families, check_setting, check_walkable
 from hexctl.study.recovery import recovery_report as report
 from hexctl.study.recovery.episodes import AUTO_GAIT, RecoveryCase, RecoveryPlace
@@ -181,10 +180,6 @@ class RecoveryPlan(HeldOutExperiment):
         for (_, gait, _), trial in gaits.items():
             check_walkable(gait, trial)
 
-    def bars(self, rows: "DataFrame") -> list[Bar]:
-        """Return the bars that the method `recover` is to reach."""
-        return report.recovery_bars(rows, self.duration_s)
-
     def numbers(self, found: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
         values = super().numbers(found) | plain(self, "gaits", "methods", "protocols", "runs", "seed")
@@ -192,15 +187,11 @@ class RecoveryPlan(HeldOutExperiment):
         for protocol, counts in COUNTS.items():
             some = where(found, protocol=protocol)
             methods = self.methods if protocol in self.protocols else ()
-            sets = report.rule_shares(some, methods, "leg_set", some["leg_set"].unique())
-            values[protocol] = report.rule_shares(some, methods, "n_legs", counts)
-            values[f"{protocol}_sets"] = [
-                one | {"legs": [int(leg) for leg in one["legs"].split(" and ")]} for one in sets
-            ]
+            values[protocol] = report.rule_shares(some, methods, counts)
         return values
 
     def lines(self, found: "DataFrame") -> list[str]:
-        """Return the tables of all walks, by kind of failure and method, and the verdicts."""
+        """Return the tables of all walks, by kind of failure and method."""
         lines: list[str] = []
         if LINE in self.protocols:
             records = [one for one in self.statistics(found) if one["division"] in ("all", "kind")]
@@ -209,11 +200,11 @@ class RecoveryPlan(HeldOutExperiment):
             table = self._rule_table(found, protocol)
             header = [f"{protocol}: {table.header[0]}", *table.header[1:]]
             lines += ["", *markdown(Table(header, table.rows))]
-        return [*lines, *super().lines(found)]
+        return lines
 
     def _rule_table(self, rows: "DataFrame", protocol: str) -> Table:
         some = where(rows, protocol=protocol)
-        shares = report.rule_shares(some, self.methods, "n_legs", COUNTS[protocol])
+        shares = report.rule_shares(some, self.methods, COUNTS[protocol])
         return Table.of([one for one in shares if one["walks"]], report.RULE_COLUMNS)
 
     def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
@@ -238,6 +229,4 @@ class RecoveryPlan(HeldOutExperiment):
         """Return the parts of the report, those of the protocols judged by HexaHeal's rule included."""
         yield from super().sections(found, pictures)
         for protocol in self.ruled:
-            sets = report.set_table(where(found, protocol=protocol), self.methods)
-            tables = [self._rule_table(found, protocol), sets]
-            yield Section(report.RULE_TITLES[protocol], tables)
+            yield Section(report.RULE_TITLES[protocol], [self._rule_table(found, protocol)])

@@ -1,4 +1,4 @@
-"""Statistics, bars and the figure of the recovery benchmark."""
+"""Statistics and the figure of the recovery benchmark."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -18,18 +18,8 @@ from hexctl.study.held_out_experiment import (
     percentile,
     worlds_text,
 )
-from hexctl.study.paper.evidence import (
-    Bar,
-    cm,
-    cm_with_error,
-    judged_bars,
-    limit_text,
-    share_text,
-    share_with_error,
-    wilson_interval,
-)
+from hexctl.study.paper.evidence import cm, cm_with_error, share_text, share_with_error
 from hexctl.study.recovery.methods import NOTHING, TOLD, method_of
-from hexctl.study.report_page import Table
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
@@ -41,11 +31,8 @@ if TYPE_CHECKING:
 #: more than this share of the intact speed.
 MATTERS_M, MATTERS_SHARE = 0.02, 0.10
 
-#: The judged method.
+#: The method that robots recover by.
 JUDGED = "recover"
-
-#: Number of episodes needed to judge falls and the right leg, and the joints of failures that matter.
-ENOUGH, ENOUGH_JOINTS = 1000, 100
 
 #: Colours of the methods, and of any other one.
 METHOD_COLORS = dict(zip((NOTHING, TOLD, JUDGED), map(hex_color, REMEDY_COLORS), strict=True))
@@ -53,14 +40,6 @@ OTHER_COLORS = tuple(map(hex_color, OTHER_REMEDY_COLORS))
 
 #: Lower end of the scale of deviations, in cm.
 LOW_CM = 0.01
-
-#: Columns that may be empty have a type all the same, so that tables can be joined.
-TYPES = {
-    "noticed_leg": "Int64",
-    "matters": "boolean",
-    **dict.fromkeys(("why", "noticed_kind", "noticed_joint", "noticed_evidence", "intact_status"), "string"),
-    **dict.fromkeys(("delay_s", "delay_cycles", "final_m", "speed_kept"), "Float64"),
-}
 
 
 def compared(rows: "DataFrame") -> "DataFrame":
@@ -136,7 +115,6 @@ def statistics(rows: "DataFrame") -> Record:
         "right_leg": len(noticed),
         "right_kind": int((rows["right_kind"] & matter).sum()),
         "early": int((rows["early_alarms"] > 0).sum()),
-        "again": sum(len(alarms) > 1 for alarms in rows["alarms"]),
         "delay_median": percentile(delays, 50),
         "delay_p95": percentile(delays, 95),
         "kept": kept,
@@ -162,23 +140,19 @@ def rule_share(rows: "DataFrame") -> Record:
         "recovered": int(rows["recovered"].sum()),
         "walks": len(rows),
         "fell": int((~rows["ended"].astype(bool)).sum()),
-        "sets": len(recovering(rows)),
+        "sets": int((rows.groupby(SET)["recovered"].mean() >= 0.5).sum()),
         "of_sets": len(rows.drop_duplicates(SET)),
     }
 
 
-def recovering(rows: "DataFrame") -> set[Any]:
-    """Return the sets of legs of which at least half of the walks have recovered."""
-    shares = rows.groupby(SET)["recovered"].mean()
-    return set(shares.index[shares >= 0.5])
-
-
 def counted(count: int, of: int) -> str:
-    """Text of a count, its share, and the interval of that."""
+    """Text of a count, its share, and Wilson's interval of that."""
+    from scipy.stats import binomtest
+
     if not of:
         return "-"
-    low, high = wilson_interval(count, of)
-    return f"{count} of {of} ({share_text(count / of)}, {low:.1%} to {high:.1%})"
+    interval = binomtest(count, of).proportion_ci(method="wilson")
+    return f"{count} of {of} ({share_text(count / of)}, {interval.low:.1%} to {interval.high:.1%})"
 
 
 def _if_noticing(text: Any) -> Any:
@@ -204,21 +178,19 @@ COLUMNS: Columns = {
     "stopped": lambda one: str(one["others"]),
     "no progress": lambda one: str(one["no_progress"]),
     "speed kept": lambda one: share_with_error(one["kept"], one["kept_error"]),
-    "worst cell": lambda one: _number(one["kept_worst"], ".2f"),
-    "90 % after": lambda one: _number(one["settled_median_s"], ".2f", " s"),
+    "worst cell": lambda one: _number(one["kept_worst"]),
+    "90 % after": lambda one: _number(one["settled_median_s"], " s"),
     "trials before, each": lambda one: f"{one['trials'] / one['episodes']:.3g}" if one["trials"] else "0",
 }
 
 RULE_TITLES = {"hexaheal": "HexaHeal's protocol", "second": "A second leg"}
 
 
-def rule_shares(
-    rows: "DataFrame", methods: Sequence[str], column: str, values: Sequence[Any]
-) -> list[Record]:
-    """Return the walks that recover, by the values of a column, such as sets of legs, and method."""
+def rule_shares(rows: "DataFrame", methods: Sequence[str], counts: Sequence[int]) -> list[Record]:
+    """Return the walks that recover, by number of failed legs and method."""
     return [
-        {"legs": value, "method": method} | rule_share(where(rows, method=method, **{column: value}))
-        for value in values
+        {"legs": count, "method": method} | rule_share(where(rows, method=method, n_legs=count))
+        for count in counts
         for method in methods
     ]
 
@@ -230,15 +202,6 @@ RULE_COLUMNS: Columns = {
     "fell or stopped": lambda one: str(one["fell"]),
     "sets of legs that recover": lambda one: f"{one['sets']} of {one['of_sets']}",
 }
-
-
-def set_table(rows: "DataFrame", methods: Sequence[str]) -> Table:
-    """Return the table of walks that recover, a row for each set of legs and a column for each method."""
-    cells = rows.groupby(["leg_set", "method"], sort=False)["recovered"].agg(["sum", "count"])
-    texts = [f"{one['sum']} of {one['count']}" for one in cells.to_dict("records")]
-    table = cells.assign(text=texts)["text"].unstack("method", sort=False)
-    shown = table.reindex(columns=list(methods), fill_value="0 of 0")
-    return Table(("legs that fail", *methods), [[str(legs), *row] for legs, *row in shown.itertuples()])
 
 
 def aside_lines(rows: "DataFrame") -> list[str]:
@@ -253,18 +216,13 @@ def aside_lines(rows: "DataFrame") -> list[str]:
     ]
 
 
-def _number(value: float, form: str, unit: str = "", *, never: str = "-") -> str:
+def _number(value: float, unit: str = "") -> str:
     """Text of a number with its unit; a dash if no walk was long enough for it."""
-    if math.isinf(value):
-        return never
-    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
+    return f"{value:.2f}{unit}" if math.isfinite(value) else "-"
 
 
 def table_of_walks(rows: "DataFrame") -> "DataFrame":
-    """Return the table of all walks as it is written; columns have the same types in each plan."""
-    from pandas import ArrowDtype
-    from pyarrow import float64, int64, list_, string, struct
-
+    """Return the table of all walks as it is written."""
     hidden = [
         "n_legs",
         "leg",
@@ -277,126 +235,7 @@ def table_of_walks(rows: "DataFrame") -> "DataFrame":
         "place",
     ]
     hidden += [name for name in rows if name.startswith("left_")] + ["intact_signed_m", "intact_after_m_s"]
-    alarm = {"at_s": float64(), "leg": int64(), "kind": string(), "joint": string(), "evidence": string()}
-    lists = {"alarms": list_(struct(list(alarm.items()))), "legs": list_(int64())}
-    types = TYPES | {name: ArrowDtype(kind) for name, kind in lists.items()}
-    return rows.drop(columns=hidden).astype(types)
-
-
-def recovery_bars(rows: "DataFrame", duration_s: float) -> list[Bar]:
-    """Return the bars that `recover` reaches; those of lines are not judged on too short walks."""
-    if JUDGED not in set(rows["method"]):
-        return []
-    bars: list[Bar] = []
-    judged = rows[rows["judged"] & (rows["method"] == JUDGED)]
-    if (rows["protocol"] == "line").any():
-        bars = [*_alarm_bars(judged, rows[rows["n_legs"] == 0]), *_walk_bars(judged)]
-    return [*judged_bars(bars, duration_s), *_rule_bars(rows), *_second_bars(rows)]
-
-
-def _alarm_bars(rows: "DataFrame", intact: "DataFrame") -> Iterator[Bar]:
-    whole, matters = rows["whole_leg"], rows["matters"].astype(bool)
-    legs, joints = statistics(rows[whole]), statistics(rows[~whole & matters])
-    what = "whole legs: the right one accused"
-    yield _share_bar("right_leg", what, legs["right_leg"], legs["episodes"], (0.99, 0.999), ENOUGH)
-    what = "single joints that matter: leg, joint and kind right"
-    counts = joints["right_kind"], joints["matter"]
-    yield _share_bar("right_joint", what, *counts, (0.95, 0.99), ENOUGH_JOINTS)
-    both = statistics(rows[whole | matters])
-    yield Bar(
-        name="delay",
-        asked="failure to alarm: median at most 0.5, 95th percentile at most 1 cycle",
-        measured=f"median {both['delay_median']:.2f}, 95th percentile {both['delay_p95']:.2f}",
-        holds=bool(both["delay_median"] <= 0.5 and both["delay_p95"] <= 1.0),
-    )
-    healthy, aside = intact[intact["status"] == "ok"], intact[intact["status"] != "ok"]
-    alarms, early = int(healthy["early_alarms"].sum()), int((rows["early_alarms"] > 0).sum())
-    yield Bar(
-        name="false_alarms",
-        asked="no false alarm in healthy walking",
-        measured=f"{alarms} in {sum(healthy['duration_s']) / 3600:.2f} h of intact walks; {early} of "
-        f"{len(rows)} episodes had one before the failure; {aside['early_alarms'].sum()} in {len(aside)} "
-        "intact walks without progress",
-        holds=alarms + early == 0,
-    )
-
-
-def _walk_bars(rows: "DataFrame") -> Iterator[Bar]:
-    found, legs = statistics(rows), statistics(rows[rows["whole_leg"]])
-    yield Bar(
-        name="settled",
-        asked="failure to 90 % of the later speed: median at most 2.5 s (stretch: 1.5 s)",
-        measured=_number(found["settled_median_s"], ".2f", " s", never="never"),
-        holds=bool(found["settled_median_s"] <= 2.5),
-    )
-    yield Bar(
-        name="deviation",
-        asked=f"deviation from the original line at the end: mean at most {limit_text(0.008)}, "
-        f"99th percentile at most {limit_text(0.04)} (stretch: {limit_text(0.004)}, {limit_text(0.025)})",
-        measured=f"mean {cm(found['mean_m'])}, 99th percentile {cm(found['p99_m'])}",
-        holds=bool(found["mean_m"] <= 0.008 and found["p99_m"] <= 0.04),
-    )
-    failed = found["fell"] + found["others"]
-    enough = found["episodes"] >= ENOUGH or failed > 0
-    yield Bar(
-        name="falls",
-        asked=f"no fall in {ENOUGH} or more episodes",
-        measured=f"{found['fell']} fell, {found['others']} diverged or were stopped, of {found['episodes']}",
-        holds=failed == 0 if enough else None,
-        not_judged="" if enough else f"{found['episodes']} episodes, needs {ENOUGH}",
-    )
-    kept = [_number(legs[name], ".1%", never="never") for name in ("kept", "kept_worst")]
-    yield Bar(
-        name="kept",
-        asked="whole legs: speed kept against intact at least 80 % (stretch: 90 %), in the worst of robot, "
-        "gait, leg and kind 60 %",
-        measured="mean {}, worst {}".format(*kept),
-        holds=bool(legs["kept"] >= 0.8 and legs["kept_worst"] >= 0.6),
-    )
-
-
-def _rule_bars(rows: "DataFrame") -> Iterator[Bar]:
-    pairs = rows[(rows["protocol"] == "hexaheal") & (rows["n_legs"] == 2) & (rows["method"] == JUDGED)]
-    found = rule_share(pairs)
-    if found["of_sets"]:
-        yield Bar(
-            name="pairs",
-            asked="HexaHeal's rule: pairs of legs that recover in at least half of the walks: 12 of 15 "
-            "(stretch: 15)",
-            measured=f"{found['sets']} of {found['of_sets']}; {found['recovered']} of {found['walks']} walks",
-            holds=found["sets"] / found["of_sets"] >= 12 / 15,
-        )
-
-
-def _second_bars(rows: "DataFrame") -> Iterator[Bar]:
-    """Bar of the pairs that recover by themselves, among those that recover by the oracle."""
-    second = rows[rows["protocol"] == "second"]
-    told, judged = (second[second["method"] == method] for method in (TOLD, JUDGED))
-    if not len(told):
-        return
-    able = recovering(told)
-    judged = judged[[key in able for key in judged[SET].itertuples(index=False, name=None)]]
-    recover = len(recovering(judged))
-    yield Bar(
-        name="second",
-        asked="a second leg 10 s after the first: pairs that recover in at least half of the walks, of those "
-        "that do when told: 80 %",
-        measured=f"{recover} of {len(able)} (of {len(told.drop_duplicates(SET))} pairs); "
-        f"{judged['recovered'].sum()} of {len(judged)} walks",
-        holds=recover >= 0.8 * len(able) if able else None,
-        not_judged="" if able else "no pair recovers with the failure known",
-    )
-
-
-def _share_bar(name: str, what: str, count: int, of: int, least: tuple[float, float], enough: int) -> Bar:
-    """Bar of a minimum share with its stretch goal; not judged on few episodes."""
-    return Bar(
-        name=name,
-        asked=f"{what}: at least {least[0]:.0%} (stretch: {least[1]:.1%}), of {enough} or more",
-        measured=counted(count, of),
-        holds=count >= least[0] * of if of >= enough else None,
-        not_judged="" if of >= enough else f"{of} episodes, needs {enough}",
-    )
+    return rows.drop(columns=hidden)
 
 
 def recovery_figure(methods: Sequence[str], rows: "DataFrame", title: str) -> "Figure":

@@ -10,6 +10,7 @@ from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.samples import Samples, samples_of
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.score import progress_floor_m
@@ -19,15 +20,22 @@ from hexctl.study.landscape import PATH_STRIDE, Landscape
 from hexctl.study.paper.evidence import clustered_error
 from hexctl.study.paper.searches import curve_of
 from hexctl.study.priors.prior_building import deflection_of
-from hexctl.study.transfer.transfer_settings import EARLY, PRIORED, TransferSettings
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from hexctl.study.transfer.transfer_plan import TransferPlan
+
+#: `bayes` with early stopping.
+EARLY = "bayes-early"
+
+#: Optimizers that use a prior.
+PRIORED = (BAYES, EARLY)
+
 
 def search_worlds(
-    plan: TransferSettings, landscapes: Sequence[Landscape], on_landscape: Callable[[], None] = lambda: None
+    plan: "TransferPlan", landscapes: Sequence[Landscape], on_landscape: Callable[[], None] = lambda: None
 ) -> "DataFrame":
     """Run every optimizer in every landscape with a valid gait; a row for each run.
 
@@ -50,7 +58,7 @@ def search_worlds(
     return DataFrame(rows)
 
 
-def _courses(plan: TransferSettings, landscape: Landscape, samples: Samples) -> Iterator[dict[str, Any]]:
+def _courses(plan: "TransferPlan", landscape: Landscape, samples: Samples) -> Iterator[dict[str, Any]]:
     spec = landscape.spec
     deflection_rad = None if plan.prior.sag_rad is None else deflection_of(spec)
     for name in plan.optimizers:
@@ -62,7 +70,7 @@ def _courses(plan: TransferSettings, landscape: Landscape, samples: Samples) -> 
 
 
 def make_search(
-    plan: TransferSettings,
+    plan: "TransferPlan",
     landscape: Landscape,
     optimizer: str,
     run: int,
@@ -98,20 +106,14 @@ def run_course(
         `best_m`: deviation of the best gait after each trial, (budget,), constant after the last one; before
             a valid gait was found, that of the worst valid gait.
         `walked_s`: the time walked, likewise.
-        `held`: whether each gait, walked out for the first time, ended inside its 90 % interval; empty for
-            searches without predictions.
-        `sure`: whether the search ended because it was sure of its target.
     """
     codes: list[int] = []
-    bests, walked, held = [], [], []
+    bests, walked = [], []
     best_m, walked_s = landscape.worst_m, 0.0
     while len(codes) < budget and not search.finished and not search.exhausted:
         (code,) = search.ask(1)
-        expected = search.predict(code)
         shown = walk_of(landscape, code, search.early_stopping(code) if early else None)
         row = landscape.row_of(code)
-        if expected is not None and code not in codes and shown.finished:
-            held.append(expected.holds(float(landscape.number("signed_m")[row])))
         score = float(landscape.scores[row]) if shown.status == "ok" else INVALID_SCORE
         search.tell([code], [score], [shown])
         codes.append(code)
@@ -123,8 +125,6 @@ def run_course(
         "codes": np.array(codes, dtype=np.int64),
         "best_m": np.array(bests + [best_m] * left),
         "walked_s": np.array(walked + [walked_s] * left),
-        "held": np.array(held, dtype=bool),
-        "sure": search.finished,
     }
 
 
@@ -180,18 +180,6 @@ def standard_error_m(runs: "DataFrame") -> FloatArray:
     places = [some for _, some in runs.groupby("place", sort=False)]
     means_m = np.array([np.mean(some["best_m"].to_list(), axis=0) for some in places])
     return clustered_error(means_m, np.array([some["world"].iloc[0] for some in places]))
-
-
-def coverage(runs: "DataFrame") -> tuple[float, int]:
-    """Share of outcomes inside their 90 % intervals, and the number of outcomes."""
-    held = np.concatenate(runs["held"].to_list())
-    return (float(held.mean()) if held.size else float("nan")), int(held.size)
-
-
-def sure_share(runs: "DataFrame") -> tuple[float, float]:
-    """Share of runs that ended sure of their target, and their mean number of trials."""
-    trials = [len(codes) for codes in runs["codes"][runs["sure"]]]
-    return len(trials) / len(runs), float(np.mean(trials)) if trials else float("nan")
 
 
 def walked_s(runs: "DataFrame") -> float:
