@@ -6,10 +6,8 @@ from benchmarks.adapt import adapt_rows
 from benchmarks.batch import batch_rows
 from benchmarks.bus import bus_rows
 from benchmarks.cameras import camera_rows
-from benchmarks.check import check_rows
 from benchmarks.clock import clock_rows
 from benchmarks.flood import flood_rows
-from benchmarks.landscape import landscape_benchmarks
 from benchmarks.link import link_rows
 from benchmarks.memory import memory_rows
 from benchmarks.recording import recording_rows
@@ -43,8 +41,6 @@ BENCHMARKS: dict[str, Benchmark] = {
     "batch": batch_rows,
     "adapt": adapt_rows,
     "study": study_rows,
-    "check": check_rows,
-    **landscape_benchmarks(),
 }
 
 

@@ -31,14 +31,10 @@ TINY = Scale(
     memory_s=4.0,
     memory_link_s=3.0,
     starts=1,
-    robots=1,
     see_step_m=2.0,
     see_walks=1,
     see_walk_s=0.5,
 )
-
-SOME_LANDSCAPES = ("landscape.straight.leg1", "landscape.rotated.leg4")
-EACH_KIND = [name for name in BENCHMARKS if "landscape" not in name or name in SOME_LANDSCAPES]
 
 
 @pytest.fixture(autouse=True)
@@ -50,7 +46,7 @@ def rows_of(output: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in output.splitlines()]
 
 
-@pytest.mark.parametrize("name", EACH_KIND)
+@pytest.mark.parametrize("name", BENCHMARKS)
 def test_every_benchmark_prints_one_json_object_per_row(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,8 +24,8 @@ CAUSES = {
     "slip": "feet slide over the floor",
 }
 
-#: Bounds of the symptoms. Of 20 robots of each kind without progress (`python -m benchmarks --only check`,
-#: `check.causes`), weak servos were saturated for 0.88 of the time or more, others for 0.06 at most. Tracking
+#: Bounds of the symptoms. Of 20 random robots of each kind without progress, in simulation, weak servos were
+#: saturated for 0.88 of the time or more, others for 0.06 at most. Tracking
 #: errors: soft servos 0.76 or more, slipping robots 0.33 at most. Slip: 0.79 or more, others 0.15 at most.
 #: Clipping: of joints at 13 % of the speed of a gait, 0.94 or more of the commands were clipped, and targets
 #: moved by far less than the gait; at 50 % of the speed robots walked.

@@ -1,7 +1,6 @@
 """Verdict on the load of a gait: obstacles and warnings.
 
-Thresholds are from `python -m benchmarks --only check`, which counts random robots that made half of their
-distance: `check.loads` for torque and sag, `check.legs` for crossing legs.
+Thresholds are from surveys of random simulated robots: which of them made half of their distance.
 """
 
 from dataclasses import dataclass
