@@ -1,6 +1,7 @@
 """Experiments: simulate walks, summarise them and write a report."""
 
 import json
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from hexctl.errors import InputError, argument
-from hexctl.files import atomic_write
+from hexctl.files import atomic_write, check_writable
 from hexctl.study.figure_style import check_drawing, save_figure
 from hexctl.study.plan import Plan
 from hexctl.study.report_page import Picture, Section, render_page
@@ -155,16 +156,9 @@ def report_folder(folder: Path, report: str) -> Iterator[None]:
 
     Raises InputError unless it is new, empty, or has an earlier report of the same kind.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / ".probe").touch()
-        (folder / ".probe").unlink()
-        others = any(folder.iterdir()) and not (folder / report).exists()
-    except OSError as error:
-        raise InputError(
-            f"{argument('out')}: {folder} cannot be used ({error.strerror}); allowed: a folder"
-        ) from error
-    if others:
+    check_writable(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()) and not (folder / report).exists():
         raise InputError(f"{argument('out')}: {folder} holds other things; allowed: a new or empty folder")
     try:
         yield
@@ -177,3 +171,21 @@ def plain(plan: Plan, *names: str) -> dict[str, Any]:
     """Return some fields of a plan as plain JSON values."""
     values = {name: getattr(plan, name) for name in names}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+
+def where(rows: "DataFrame", **values: object) -> "DataFrame":
+    """Return the rows in which columns have given values."""
+    for column, value in values.items():
+        rows = rows[rows[column] == value]
+    return rows
+
+
+def records(rows: "DataFrame") -> list[dict[str, Any]]:
+    """Return the rows as plain JSON values."""
+    return [{str(name): json_value(value) for name, value in row.items()} for row in rows.to_dict("records")]
+
+
+def json_value(value: Any) -> Any:
+    """Return a value of a frame for JSON: null for an unknown or infinite number."""
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -33,17 +33,13 @@ def check_drawing() -> None:
         raise MissingExtraError("hexctl study", "study") from error
 
 
-def color_of(optimizer: str) -> str:
-    """Colour of an optimizer, the same in all figures."""
-    others = OTHER_OPTIMIZER_COLORS
-    return hex_color(OPTIMIZER_COLORS.get(optimizer, others[sum(optimizer.encode()) % len(others)]))
-
-
 def line_of(optimizer: str) -> dict[str, Any]:
     """Colour and dashes of an optimizer's lines, as keywords of matplotlib; the same in all figures."""
+    others = OTHER_OPTIMIZER_COLORS
+    color = OPTIMIZER_COLORS.get(optimizer, others[sum(optimizer.encode()) % len(others)])
     usual = () if optimizer in OPTIMIZER_COLORS else OTHER_OPTIMIZER_DASHES
     dashes = OPTIMIZER_DASHES.get(optimizer, usual)
-    return {"color": color_of(optimizer), "linestyle": (0, dashes) if dashes else "-"}
+    return {"color": hex_color(color), "linestyle": (0, dashes) if dashes else "-"}
 
 
 def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[Figure, list[Axes]]":

@@ -11,8 +11,7 @@ from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization
 from hexctl.control.trial_plan import DURATION_S
 from hexctl.options import Range, Typed
 from hexctl.robot.model import Robot
-from hexctl.study.data_frames import json_value
-from hexctl.study.experiment import Experiment, plain
+from hexctl.study.experiment import Experiment, json_value, plain
 from hexctl.study.held_out import SENSORS, members, with_sensors
 from hexctl.study.paper.evidence import clustered_error, mean
 from hexctl.study.plan import check_legs, check_setting

@@ -12,8 +12,7 @@ from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation
 from hexctl.options import Typed
 from hexctl.palette import REMEDY_COLORS, hex_color
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.study.data_frames import where
-from hexctl.study.experiment import Drawing, plain
+from hexctl.study.experiment import Drawing, plain, where
 from hexctl.study.figure_style import new_figure
 from hexctl.study.held_out import INTACT
 from hexctl.study.held_out_experiment import (

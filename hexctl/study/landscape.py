@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.assessment.static_stability import in_posture
+from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
@@ -90,7 +90,6 @@ class LandscapeSpec(Place[int, GaitWalk]):
         codes: the gaits, ascending.
         place: label of the world where there are several; decides no number.
         hold: what the walks hold by feedback, one of `hexctl.control.trial_plan.HOLDS`.
-        posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 
     WALK: ClassVar[type[GaitWalk]] = GaitWalk
@@ -105,7 +104,6 @@ class LandscapeSpec(Place[int, GaitWalk]):
     codes: tuple[int, ...] = tuple(range(1, N_CODES + 1))
     place: str = ""
     hold: str = "none"
-    posture: str = "stance"
 
     @property
     def leg_failure(self) -> Failure:
@@ -149,13 +147,13 @@ class LandscapeSpec(Place[int, GaitWalk]):
             self_rotation=self.self_rotation,
             hold=self.hold,
         )
-        plan = in_posture(self.robot, plan, self.posture)
+        plan = in_posture(self.robot, plan, usual_posture(self.hold))
         trial = SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.seed)
         return trial.put_down_turned(self.miss_rad) if self.placed else trial
 
     def settings(self) -> dict[str, Any]:
         """Settings that decide a walk."""
-        names = ("self_rotation", "duration_s", "seed", "placed", "miss_rad", "hold", "posture")
+        names = ("self_rotation", "duration_s", "seed", "placed", "miss_rad", "hold")
         return {name: getattr(self, name) for name in names} | {
             "failure": asdict(self.leg_failure),
             "codes": list(self.codes),

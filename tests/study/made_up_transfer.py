@@ -7,7 +7,7 @@ import numpy as np
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.data_frames import where
+from hexctl.study.experiment import where
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
 from hexctl.study.transfer.transfer_plan import TransferPlan
 from hexctl.study.transfer.transfer_searches import EARLY

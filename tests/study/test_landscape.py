@@ -78,7 +78,7 @@ def test_another_question_has_another_fingerprint() -> None:
     asked = [spec(), spec(leg=4), spec(self_rotation="rear"), spec(duration_s=0.5), spec(seed=1),
              spec(codes=CODES), spec(world=World(friction=0.5)), replace(spec(), placed=True),
              *(replace(spec(), placed=True, miss_rad=miss_rad) for miss_rad in (0.1, -0.1))]  # fmt: skip
-    asked += [replace(spec(), hold="line"), replace(spec(), posture="auto")]
+    asked.append(replace(spec(), hold="line"))
     assert len({each.fingerprint for each in asked}) == len(asked)
     assert spec().fingerprint == spec().fingerprint
 
@@ -128,7 +128,6 @@ def test_robots_put_down_differently_do_not_share_a_start() -> None:
 def test_a_landscape_under_a_hold_stands_up_off_a_leg_that_does_not_trail(
     leg: int, body_raise: float
 ) -> None:
-    held = replace(spec(leg), hold="line", posture="auto")
+    held = replace(spec(leg), hold="line")
     plan = held.trial(7).plan
     assert (plan.hold, plan.gait.posture.body_raise) == ("line", body_raise)
-    assert replace(held, posture="stance").trial(7).plan.gait.posture.body_raise == 0

@@ -43,7 +43,7 @@ def test_a_comparison_of_holds_takes_lists() -> None:
         ["ant", "pexod"],
         ["transfer", "real"],
     )
-    assert (plan.failures, plan.self_rotation, plan.UNIT) == (("limp", "stuck:femur"), "auto", "walks")
+    assert (plan.failures, plan.self_rotation) == (("limp", "stuck:femur"), "auto")
 
 
 def test_time_steps_of_a_matrix_are_milliseconds() -> None:

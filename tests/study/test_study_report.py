@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.palette import INVALID_COLOR, deviation_color
-from hexctl.study.data_frames import where
+from hexctl.study.experiment import where
 from hexctl.study.paper.searches import Findings, curve_of
 from hexctl.study.paper.study_figures import trajectories_figure
 from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, render_page

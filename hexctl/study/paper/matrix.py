@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
-from hexctl.study.data_frames import records, where
-from hexctl.study.experiment import Experiment, plain
+from hexctl.study.experiment import Experiment, plain, records, where
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.paper.claims import NAMES, claims_of
 from hexctl.study.paper.evidence import Claim

@@ -12,7 +12,7 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.population import POPULATION
 from hexctl.adapt.space import GaitSpace
-from hexctl.study.data_frames import where
+from hexctl.study.experiment import where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.evidence import Claim
 from hexctl.study.paper.leg_groups import landscape_by_symmetry

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.palette import INVALID_COLOR, LEGEND_M, LINE_COLOR, hex_color, scale_stops
-from hexctl.study.data_frames import where
-from hexctl.study.experiment import Drawing
+from hexctl.study.experiment import Drawing, where
 from hexctl.study.figure_style import draw_curves, finish_curves, grid_of, label_axes, new_figure
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.evidence import EARLY_M, cm

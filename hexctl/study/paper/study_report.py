@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.study.data_frames import json_value, records
-from hexctl.study.experiment import plain
+from hexctl.study.experiment import json_value, plain, records
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.paper.claims import expected_best_rank
 from hexctl.study.paper.evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm

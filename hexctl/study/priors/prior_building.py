@@ -59,8 +59,6 @@ class PriorPlan(LandscapePlan):
     Attributes:
         failure: as `parse_kind` reads it; with `unknown` each world draws what breaks.
         hold: what feedback keeps; unless `none`, the prior is one of scores.
-        posture: one of `hexctl.control.assessment.static_stability.POSTURES`; None is that of sessions with
-            this hold.
     """
 
     robot: Robot
@@ -71,13 +69,6 @@ class PriorPlan(LandscapePlan):
     self_rotation: SelfRotation = "rear"
     duration_s: Annotated[float, PRIOR_DURATION_S] = 30.0
     hold: PriorHold = "none"
-    posture: str | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.posture is None:
-            object.__setattr__(self, "posture", usual_posture(self.hold))
-        check_families({"one in which legs fail": self.family}, "family")
 
     def specs(self) -> list[LandscapeSpec]:
         """Landscapes to simulate, world by world; any first part of the list covers all legs.
@@ -105,7 +96,6 @@ class PriorPlan(LandscapePlan):
                 miss_rad=math.radians(miss_deg) if self.self_rotation != "none" else 0.0,
                 place=f"world {index + 1}",
                 hold=self.hold,
-                posture=self.posture or "stance",
             )
             for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
         ]
@@ -125,11 +115,12 @@ class PriorPlan(LandscapePlan):
     def key(self) -> PriorKey:
         """Key of the prior."""
         key = PriorKey.of(self.robot, self.trial_plan())
-        return replace(key, posture=self.posture or "stance")
+        return replace(key, posture=usual_posture(self.hold))
 
     def check(self) -> None:
         """Raise InputError for invalid settings, before anything runs."""
         super().check()
+        check_families({"one in which legs fail": self.family}, "family")
         check_legs(self.legs)
         whole = in_whole_steps(self.duration_s)
         allowed = f"{PRIOR_DURATION_S.low:g} s or more, in steps of {WHOLE_S:g} s"
@@ -190,8 +181,6 @@ def prior_file_name(plan: PriorPlan, family: str) -> str:
     parts = [plan.robot.name, plan.failure.replace(":", "-"), plan.self_rotation, f"{plan.duration_s:g}s"]
     if plan.hold != "none":
         parts.append(plan.hold)
-    if plan.posture != usual_posture(plan.hold):
-        parts.append(str(plan.posture))
     if len(plan.legs) < N_LEGS:
         parts.append("leg" + "".join(str(leg) for leg in plan.legs))
     if family != "randomised":

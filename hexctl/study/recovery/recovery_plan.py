@@ -15,8 +15,7 @@ from hexctl.control.trial_plan import DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.options import Typed
 from hexctl.robot.failure_grammar import parse_coming_kind
-from hexctl.study.data_frames import where
-from hexctl.study.experiment import Drawing, plain
+from hexctl.study.experiment import Drawing, plain, where
 from hexctl.study.held_out import FAILURES, INTACT, with_sensors
 from hexctl.study.held_out_experiment import (
     Columns,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.palette import OTHER_REMEDY_COLORS, REMEDY_COLORS, hex_color
-from hexctl.study.data_frames import where
+from hexctl.study.experiment import where
 from hexctl.study.held_out_experiment import (
     Columns,
     Record,

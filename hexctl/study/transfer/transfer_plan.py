@@ -10,6 +10,7 @@ import numpy as np
 
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
+from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
 from hexctl.adapt.prior.prior_files import find_prior
 from hexctl.adapt.prior.samples import covering, covers
 from hexctl.adapt.space import GaitSpace
@@ -19,11 +20,10 @@ from hexctl.errors import InputError, argument
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
-from hexctl.study.data_frames import json_value, where
-from hexctl.study.experiment import Drawing, Experiment, plain
+from hexctl.study.experiment import Drawing, Experiment, json_value, plain, where
 from hexctl.study.figure_style import draw_curves, finish_curves, new_figure
 from hexctl.study.landscape import LandscapeSpec
-from hexctl.study.paper.evidence import EARLY_M, LATE_M, cm, cm_with_error
+from hexctl.study.paper.evidence import cm, cm_with_error
 from hexctl.study.paper.searches import BASELINE, HEURISTICS, curve_of
 from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
 from hexctl.study.priors.prior_building import WHOLE_S, in_whole_steps
@@ -35,7 +35,6 @@ from hexctl.study.transfer.transfer_searches import (
     floor_m,
     search_worlds,
     standard_error_m,
-    trials_to,
     walked_s,
 )
 from hexctl.study.versions import code_versions
@@ -77,7 +76,6 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
         family: held-out worlds, never those of a prior.
         optimizers: names as in `hexctl.adapt.optimizers.shipped`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
-        target_m: deviation that `bayes` aims at.
         failure: of each leg, as `parse_kind` reads it; with `unknown` each world draws what breaks, and the
             searches do not know it.
         one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.
@@ -97,7 +95,6 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
     runs: Annotated[int, RUNS] = 5
     budget: Annotated[int, BUDGET] = 60
     duration_s: Annotated[float, DURATION_S] = 30.0
-    target_m: float = 0.025
     seed: Annotated[int, STUDY_SEED] = 0
     failure: str = "locked"
     one_leg: bool = False
@@ -158,10 +155,11 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
     def numbers(self, found: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
         floor, error_m = floor_m(found)
-        names = ("worlds", "legs", "optimizers", "runs", "budget", "duration_s", "target_m")
+        names = ("worlds", "legs", "optimizers", "runs", "budget", "duration_s")
         return {
             "robot": self.robot.name,
             **plain(self, *names),
+            "target_m": DEFAULT_TARGET_M,
             "code": code_versions(),
             "landscapes": places(found),
             "landscapes_without_valid_gait": len(self.specs()) - places(found),
@@ -178,7 +176,6 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
                 name: {str(count): json_value(curve[name][count]) for count in self._shown}
                 for name in (*STATISTICS, "standard_error_m")
             },
-            "trials_to": {f"{bound:g}": trials_to(curve, bound) for bound in (EARLY_M, LATE_M)},
             "walked_s": json_value(walked_s(runs)),
         }
 
@@ -238,7 +235,7 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
             f"Robot {self.robot.name}; legs {', '.join(str(leg) for leg in self.legs)} locked, self-rotation "
             f"rear, {self.duration_s:g} s a trial; {self.worlds} worlds; {self.budget} trials; {self.runs} "
             f"runs of each search that has a seed; prior of {self.prior.worlds} worlds a leg; "
-            f"target {cm(self.target_m)}."
+            f"target {cm(DEFAULT_TARGET_M)}."
         )
         floor = cm_with_error(*floor_m(found))
         reach = (

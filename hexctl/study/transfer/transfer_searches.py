@@ -11,6 +11,7 @@ from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import BAYES
+from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
 from hexctl.adapt.prior.samples import Samples, samples_of
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.score import progress_floor_m
@@ -87,7 +88,7 @@ def make_search(
         spec.space,
         seed,
         samples=samples,
-        target_m=plan.target_m,
+        target_m=DEFAULT_TARGET_M,
         duration_s=plan.duration_s,
         floor_m=progress_floor_m(plan.robot, spec.trial(1).plan, plan.duration_s),
     )
@@ -150,12 +151,6 @@ def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Ob
         yaw_change_rad=yaw_rad if np.isfinite(yaw_rad) else None,
         status=str(landscape.status[row]),
     )
-
-
-def trials_to(curve: "DataFrame", bound_m: float) -> int | None:
-    """Return the number of trials after which the mean is within a bound; None if never."""
-    within = curve.index[curve["mean_m"] <= bound_m]
-    return int(within[0]) if len(within) else None
 
 
 def by_seconds(runs: "DataFrame", seconds: FloatArray) -> "DataFrame":
