@@ -26,10 +26,7 @@ from hexctl.types import ArrayFields, BoolArray, FloatArray
 PATH_STRIDE = 10
 
 #: Numbers kept of each gait, named as in its result; NaN where unknown.
-NUMBERS = (
-    *("signed_m", "mean_m", "max_m", "distance_m", "yaw_change_rad", "turned_rad"),
-    *QUALITIES,
-)
+NUMBERS = ("signed_m", "distance_m", "yaw_change_rad", *QUALITIES)
 
 N_CODES = 120
 
@@ -41,18 +38,14 @@ class GaitWalk:
     Attributes:
         case: code of the gait.
         signed_m: deviation at the end, positive to the left.
-        turned_rad: how far the self-rotation before the walk turned.
         path_m: progress and signed deviation, five points a second.
     """
 
     case: int
     status: Literal[STATUSES]  # type: ignore[valid-type]
     signed_m: float
-    mean_m: float
-    max_m: float
     distance_m: float
     yaw_change_rad: float
-    turned_rad: float
     energy_j: float
     cost_of_transport: float
     tilt_deg: float
@@ -62,14 +55,11 @@ class GaitWalk:
     @classmethod
     def of(cls, case: int, _trial: SimTrial, result: TrialResult) -> "GaitWalk":
         """Return the outcome of a gait from the result of its trial."""
-        off = result.deviation
-        ends = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
-        names = ("distance_m", "yaw_change_rad", "turned_rad", *QUALITIES)
         return cls(
             case=case,
             status=result.status,
-            **dict(zip(("signed_m", "mean_m", "max_m"), map(float, ends), strict=True)),
-            **{name: known(getattr(result, name)) for name in names},
+            signed_m=math.nan if result.deviation is None else float(result.deviation.signed),
+            **{name: known(getattr(result, name)) for name in NUMBERS[1:]},
             path_m=tuple(
                 map(tuple, result.path_m[PATH_STRIDE - 1 :: PATH_STRIDE].astype(np.float32).tolist())
             ),
@@ -171,7 +161,7 @@ class Landscape(ArrayFields):
     Attributes:
         codes: (n,).
         status: one of `hexctl.control.trial_result.STATUSES`, (n,).
-        numbers: one column for each of `NUMBERS`, (n, 10).
+        numbers: one column for each of `NUMBERS`, (n, 7).
         paths_m: progress and signed deviation, five points a second, the last one at the end; NaN after the
             end of the walk, (n, P, 2).
     """

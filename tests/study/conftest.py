@@ -4,23 +4,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hexctl.study import versions, walk_cache
 from hexctl.study.landscape import Landscape
 from hexctl.study.transfer.transfer_searches import search_worlds
 from tests.study.made_up_transfer import MODEL, in_the_model, plan
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-
-@pytest.fixture(autouse=True)
-def _sources_as_they_are(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No test of this folder changes a source, and a digest of all of them takes seconds."""
-    if "cluster" in request.fixturenames:  # its workers make their own digest
-        versions.code_versions.cache_clear()
-        return
-    for module in (versions, walk_cache):
-        monkeypatch.setattr(module, "source_digest", lambda *_: "as they are")
 
 
 @pytest.fixture(scope="session")

@@ -60,10 +60,8 @@ def episode(case: RecoveryCase, **changes: Any) -> Episode:
         ideal_m_s=IDEAL_M_S,
         signed_m=-FINAL_M[case.method] if case.legs else 0.001,
         way_m=0.06,
-        before_m_s=IDEAL_M_S,
         after_m_s=speed * IDEAL_M_S,
         last_m_s=(0.4 if case.method == "nothing" else 0.9) * IDEAL_M_S,
-        settled_s=1.2,
     )
     return replace(usual, **changes)
 

@@ -41,19 +41,14 @@ def plan(**options: Any) -> HoldPlan:
 def walk(case: HoldCase, final_m: float, *, status: str = "ok", speed: float = 0.9) -> HoldWalk:
     return HoldWalk(
         case=case,
-        slots=(1, 2, 3, 4, 5, 6),
-        body_raise=0.0,
         held=case.hold,
         status=status,
         why=None,
         duration_s=30.0,
         signed_m=math.nan if status == "fell" else final_m,
-        mean_m=abs(final_m) / 2,
         max_m=2 * abs(final_m),
         distance_m=speed * IDEAL_M,
         ideal_distance_m=IDEAL_M,
-        yaw_change_rad=0.1,
-        clipped_ticks=3,
     )
 
 
@@ -110,14 +105,9 @@ def test_every_robot_walks_every_case_in_every_world() -> None:
         ({"robots": ()}, "robot"),
         ({"robots": (shipped(), shipped())}, "robot"),
         ({"families": {}}, "world"),
-        ({"worlds": 0}, "worlds"),
         ({"legs": (7,)}, "legs"),
-        ({"legs": ()}, "legs"),
         ({"failures": ("tired",)}, "failure"),
-        ({"failures": ()}, "failure"),
         ({"holds": ("line", "line")}, "holds"),
-        ({"self_rotation": "left"}, "self_rotation"),
-        ({"duration_s": 0.0}, "duration_s"),
         ({"legs": [2]}, "legs"),
     ],
 )
@@ -171,7 +161,7 @@ def test_the_report_is_one_page_with_figures_and_all_walks_beside_it(tmp_path: P
     assert (row["robot"], row["family"], row["world"], row["kind"]) == (
         "ant", "real", 252, last["kind_of_world"])  # fmt: skip
     assert (row["leg"], row["failure"], row["hold"]) == (5, "limp", "line")
-    assert (row["final_m"], row["status"], row["slots"]) == (last["final_m"], "ok", [1, 2, 3, 4, 5, 6])
+    assert (row["final_m"], row["status"]) == (last["final_m"], "ok")
 
 
 def test_the_summary_is_a_table_with_a_row_for_each_hold() -> None:

@@ -42,11 +42,8 @@ def test_rows_are_those_of_the_trials_alone(one: Landscape) -> None:
         assert one.status[row] == alone.status
         expected = [
             alone.deviation.signed,
-            alone.deviation.mean,
-            alone.deviation.max,
             alone.distance_m,
             alone.yaw_change_rad,
-            alone.turned_rad,
             *(getattr(alone, name) for name in QUALITIES),
         ]
         assert one.numbers[row].tolist() == expected

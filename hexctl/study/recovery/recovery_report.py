@@ -105,8 +105,6 @@ def statistics(rows: "DataFrame") -> Record:
     """
     matter, noticed = rows["matters"].to_numpy(bool), rows[rows["right_leg"].to_numpy(bool)]
     delays = noticed["delay_cycles"].to_numpy(float)
-    known = np.isfinite(rows["speed_kept"].to_numpy(float))
-    settled_s = rows["settled_s"][known].fillna(math.inf).to_numpy(float)
     kept, kept_error = mean_with_error(rows, "speed_kept")
     return {
         "episodes": len(rows),
@@ -120,7 +118,6 @@ def statistics(rows: "DataFrame") -> Record:
         "kept": kept,
         "kept_error": kept_error,
         "kept_worst": _worst_cell(rows),
-        "settled_median_s": percentile(settled_s, 50),
         "trials": int(rows["trials"].sum()),
     }
 
@@ -179,7 +176,6 @@ COLUMNS: Columns = {
     "no progress": lambda one: str(one["no_progress"]),
     "speed kept": lambda one: share_with_error(one["kept"], one["kept_error"]),
     "worst cell": lambda one: _number(one["kept_worst"]),
-    "90 % after": lambda one: _number(one["settled_median_s"], " s"),
     "trials before, each": lambda one: f"{one['trials'] / one['episodes']:.3g}" if one["trials"] else "0",
 }
 
@@ -216,9 +212,9 @@ def aside_lines(rows: "DataFrame") -> list[str]:
     ]
 
 
-def _number(value: float, unit: str = "") -> str:
-    """Text of a number with its unit; a dash if no walk was long enough for it."""
-    return f"{value:.2f}{unit}" if math.isfinite(value) else "-"
+def _number(value: float) -> str:
+    """Text of a number; a dash if no walk was long enough for it."""
+    return f"{value:.2f}" if math.isfinite(value) else "-"
 
 
 def table_of_walks(rows: "DataFrame") -> "DataFrame":
