@@ -29,12 +29,25 @@ from tests.study.made_up_transfer import (
     OPTIMIZERS,
     WORLDS,
     courses_of,
+    in_the_model,
     plan,
     question,
 )
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+
+@pytest.fixture(scope="module")
+def landscapes() -> list[Landscape]:
+    specs = plan().specs()
+    worlds = MODEL.worlds(len(specs), seed=600)
+    return [in_the_model(spec, world) for spec, world in zip(specs, worlds, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def findings(landscapes: list[Landscape]) -> "DataFrame":
+    return search_worlds(plan(), landscapes)
 
 
 def test_no_world_has_a_value_in_common_with_one_of_a_prior() -> None:

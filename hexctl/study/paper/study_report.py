@@ -1,6 +1,6 @@
 """The report of the paper's study: sections of the page, tables and JSON, all from the same frames."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from hexctl.study.experiment import json_value, plain, records
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.paper.claims import expected_best_rank
 from hexctl.study.paper.evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm
-from hexctl.study.paper.searches import ALL, BASELINE, NULL_DRAWS, Findings
+from hexctl.study.paper.searches import ALL, NULL_DRAWS, Findings
 from hexctl.study.report_page import Picture, Section, Table, reading
 from hexctl.study.versions import code_versions
 
@@ -20,15 +20,6 @@ if TYPE_CHECKING:
 
 #: Numbers of evaluations at which tables show the curves, up to the budget.
 SHOWN = (1, 10, 20, 40, 60, 120)
-
-#: Beginnings of verdicts, and how the summary counts them.
-COUNTED = {
-    "holds": "hold",
-    "does not hold": "do not hold",
-    "no evidence": "have no evidence",
-    "not judged": "are not judged",
-    "not measured": "are not measured",
-}
 
 
 def landscapes_of(findings: Findings) -> "DataFrame":
@@ -122,7 +113,7 @@ def _gaits(landscape: Landscape) -> "DataFrame":
 
 def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
     """Return the parts of the report of a study."""
-    yield Section("", [summary(findings), _settings(findings)])
+    yield Section("", [_settings(findings)])
     header = ("claim of the paper", "holds here if", "measured here", "for comparison", "verdict")
     rows = [(one.claim, one.rule, one.measured, _beside(one), one.verdict) for one in findings.claims]
     yield Section("Claims of the paper", [Table(header, rows)])
@@ -172,44 +163,3 @@ def _means(findings: Findings) -> Table:
 
     cells = {f"after {after}": partial(text, after=after) for after in _shown(findings)}
     return Table.of(findings.plan.optimizers, {"optimizer": str, **cells})
-
-
-def summary(findings: Findings) -> str:
-    """Return three sentences for the top of a report."""
-    return " ".join((_experiment(findings), _verdicts(findings.claims), _best_search(findings)))
-
-
-def _experiment(findings: Findings) -> str:
-    plan = findings.plan
-    legs = f"leg {plan.legs[0]}" if len(plan.legs) == 1 else f"each of {len(plan.legs)} legs"
-    search = "one search" if len(plan.optimizers) == 1 else f"{len(plan.optimizers)} searches"
-    return (
-        f"{plan.robot.name} walked 120 gaits for {plan.duration_s:g} s with {legs} {plan.failure}, "
-        f"and {search} looked for the straightest gait."
-    )
-
-
-def _verdicts(claims: Sequence[Claim]) -> str:
-    counts = {
-        words: sum(claim.verdict.startswith(begin) for claim in claims) for begin, words in COUNTED.items()
-    }
-    listed = _listed([f"{count} {words}" for words, count in counts.items() if count])
-    return f"Of the paper's {len(claims)} claims, {listed}."
-
-
-def _listed(parts: Sequence[str]) -> str:
-    *others, last = parts
-    return f"{', '.join(others)} and {last}" if others else last
-
-
-def _best_search(findings: Findings) -> str:
-    after = min(EARLY, findings.plan.budget)
-    means_m = {name: findings.curves[ALL, name]["mean_m"][after] for name in findings.plan.optimizers}
-    found = {name: mean_m for name, mean_m in means_m.items() if np.isfinite(mean_m)}
-    if not found:
-        return f"No search found a valid gait within {after} evaluations."
-    best = min(found, key=found.__getitem__)
-    parts = [f"{cm(found[best])} with the best search ({best})"]
-    if BASELINE in found and best != BASELINE:
-        parts.append(f"{cm(found[BASELINE])} with random search")
-    return f"After {after} evaluations, the mean deviation from the line is {' and '.join(parts)}."
