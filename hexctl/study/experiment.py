@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
-from hexctl.errors import InputError, argument
+from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.files import atomic_write, check_writable
-from hexctl.study.figure_style import check_drawing, save_figure
 from hexctl.study.plan import Plan
 from hexctl.study.report_page import Picture, Section, render_page
 from hexctl.study.versions import code_versions
@@ -38,7 +37,7 @@ class Drawing:
     name: str
     draw: "Callable[[], Figure | None]"
     here: str
-    paper: str = "Not in the paper."
+    paper: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,8 +90,8 @@ class Experiment(Plan, Generic[FoundT]):
         """Return tables and verdicts as lines of text."""
 
     @abstractmethod
-    def sections(self, found: FoundT, pictures: Mapping[str, Picture], /) -> Iterator[Section]:
-        """Return the parts of the report, with the drawn figures."""
+    def sections(self, found: FoundT, /) -> Iterator[Section]:
+        """Return the parts of the report, to which the figures are added."""
 
     def drawings(self, found: FoundT, /) -> Sequence[Drawing]:
         """Return the figures of the report."""
@@ -128,26 +127,40 @@ class Experiment(Plan, Generic[FoundT]):
         tables = self.tables(found)
         for name, table in tables.items():
             table.to_parquet(folder / f"{name}.parquet", index=False)
-        pictures = _draw(self.drawings(found), folder, progress or Silent())
+        figures = _figures(self.drawings(found), folder, progress or Silent())
         files = ", ".join(f"{name}.parquet" for name in tables)
         beside = f"Next to this page: {files or 'its numbers as JSON'}, and each figure as SVG."
         versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
         last = Section("Files and versions", [beside, versions])
-        page = render_page(self.TITLE, self.HEADING, [*self.sections(found, pictures), last])
+        page = render_page(self.TITLE, self.HEADING, [*self.sections(found), *figures, last])
         atomic_write(folder / self.REPORT, page)
         return folder / self.REPORT
 
 
-def _draw(drawings: Sequence[Drawing], folder: Path, progress: Progress) -> dict[str, Picture]:
+def _figures(drawings: Sequence[Drawing], folder: Path, progress: Progress) -> Iterator[Section]:
+    """Draw figures, save each as NAME.svg, and return their parts of the report."""
+    import matplotlib as mpl
+
     progress.stage("figures", len(drawings))
-    pictures = {}
     for drawing in drawings:
-        figure = drawing.draw()
+        figure, file = drawing.draw(), folder / f"{drawing.name}.svg"
         if figure is not None:
-            file = save_figure(figure, folder, drawing.name)
-            pictures[drawing.name] = Picture(file, drawing.paper, drawing.here)
+            with mpl.rc_context({"svg.hashsalt": drawing.name}):
+                figure.savefig(file, metadata={"Date": None, "Creator": None})
+            title = drawing.name.replace("_", " ").capitalize()
+            yield Section(title, [Picture(file, drawing.paper, drawing.here)])
         progress.step()
-    return pictures
+
+
+def check_drawing() -> None:
+    """Raise MissingExtraError unless figures, tables and reports can be written."""
+    try:
+        import jinja2  # noqa: F401
+        import matplotlib  # noqa: F401
+        import pandas  # noqa: F401
+        import pyarrow  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("hexctl study", "study") from error
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from hexctl.study.experiment import Experiment, json_value, plain
 from hexctl.study.held_out import SENSORS, members, with_sensors
 from hexctl.study.paper.evidence import clustered_error, mean
 from hexctl.study.plan import check_legs, check_setting
-from hexctl.study.report_page import Picture, Section, Table, reading
+from hexctl.study.report_page import Section, Table, reading
 from hexctl.study.study_options import ALL_LEGS, WORLDS
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import Walked
@@ -45,10 +45,8 @@ def frame_of(walked: Walked, walks: Sequence[Sequence[Any]]) -> "DataFrame":
 
 
 def percentile(values: FloatArray, percent: float) -> float:
-    """Percentile of values, infinite ones included; NaN without any."""
-    if not values.size:
-        return float("nan")
-    return float(np.percentile(values, percent, method="linear" if np.isfinite(values).all() else "higher"))
+    """Percentile of values; NaN without any."""
+    return float(np.percentile(values, percent)) if values.size else float("nan")
 
 
 def mean_with_error(rows: "DataFrame", column: str) -> tuple[float, float]:
@@ -182,21 +180,14 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             f"{walks} walks of {self.duration_s:g} s. {sensors}"
         )
 
-    def figure_title(self, rows: "DataFrame", what: str = "") -> str:
-        """Return robots, number of worlds and duration of some walks in words."""
-        robots, worlds = ", ".join(robot.name for robot in self.robots), rows["place"].nunique()
-        return f"{robots}{what}, {worlds} held-out world{'s' * (worlds != 1)}, {self.duration_s:g} s"
-
     def remarks(self, found: "DataFrame") -> list[str]:
         """Return further texts at the head of the report."""
         return []
 
-    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
-        """Return the parts of the report: settings, figures, and a table for each division."""
+    def sections(self, found: "DataFrame") -> Iterator[Section]:
+        """Return the parts of the report: settings, and a table for each division."""
         yield Section("", [self.settings_text(len(found)), *self.remarks(found)])
         yield reading(self.NAME)
-        if pictures:
-            yield Section("Where walks end", list(pictures.values()))
         records = self.statistics(found)
         for division in dict.fromkeys(one["division"] for one in records):
             some = [one for one in records if one["division"] == division]

@@ -1,8 +1,7 @@
 """Holds compared: ends of walks in held-out worlds in open loop, with the yaw, and with the pose."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -10,10 +9,8 @@ import numpy as np
 
 from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation
 from hexctl.options import Typed
-from hexctl.palette import REMEDY_COLORS, hex_color
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.study.experiment import Drawing, plain, where
-from hexctl.study.figure_style import new_figure
+from hexctl.study.experiment import plain
 from hexctl.study.held_out import INTACT
 from hexctl.study.held_out_experiment import (
     Columns,
@@ -31,8 +28,6 @@ from hexctl.study.report_page import Table, markdown
 from hexctl.study.walk_cache import ENDED
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 #: Earlier worlds of the families were used to develop this comparison.
@@ -41,15 +36,8 @@ FIRST_WORLD = 250
 #: Default family of worlds.
 FAMILY = "transfer"
 
-#: Holds in the words of the report, and their colours.
+#: Holds in the words of the report.
 HOLD_NAMES = {"none": "open loop", "heading": "yaw alone", "line": "pose"}
-HOLD_COLORS = dict(zip(HOLD_NAMES, map(hex_color, REMEDY_COLORS), strict=True))
-
-#: Scale of the figures, in cm, and the bins in each factor of ten.
-LOW_CM, HIGH_CM, BINS = 0.005, 500.0, 10
-
-#: Height of the highest bin of a histogram in a row of height 1; the text is above.
-HEIGHT = 0.7
 
 
 def statistics(rows: "DataFrame") -> Record:
@@ -167,49 +155,6 @@ class HoldPlan(HeldOutExperiment):
         shown = found.drop(columns=["speed", "way_m", "place"])
         return {"holds": shown.rename(columns={"kind_of_world": "kind"})}
 
-    def drawings(self, found: "DataFrame") -> Sequence[Drawing]:
-        """Return the figure of the report."""
-        here = (
-            "Heights are numbers of walks. Lines are means, dots 90th percentiles. The scale is logarithmic."
-        )
-        failed = found[found["failure"] != INTACT]
-        title = self.figure_title(failed, ", one leg failed")
-        return (Drawing(name="holds", draw=partial(_figure, self.holds, failed, title), here=here),)
-
     def remarks(self, found: "DataFrame") -> list[str]:
         """Return the self-rotation in words."""
         return [f"Self-rotation: {self.self_rotation}."]
-
-
-def _figure(holds: Sequence[str], rows: "DataFrame", title: str) -> "Figure":
-    """Draw distributions of the final deviation, a row for each hold."""
-    figure, (panel,) = new_figure(1, 1, (9.0, 0.9 + 1.1 * len(holds)))
-    for row, hold in enumerate(holds):
-        _distribution(panel, where(rows, hold=hold), -float(row), HOLD_COLORS[hold])
-    panel.set_ylim(1 - len(holds), 1)
-    panel.set_yticks([0.3 - row for row in range(len(holds))], [HOLD_NAMES[hold] for hold in holds])
-    panel.tick_params(axis="y", length=0)
-    panel.set_xscale("log")
-    panel.set_xlim(LOW_CM, HIGH_CM)
-    ticks = [0.01, 0.1, 1.0, 10.0, 100.0]
-    panel.set_xticks(ticks, [f"{tick:g} cm" for tick in ticks])
-    panel.set_xlabel("deviation from the line at the end (line: mean; dots: 90th percentile)", fontsize=9)
-    panel.grid(visible=True, axis="x", linewidth=0.3)
-    figure.suptitle(title, fontsize=11)
-    return figure
-
-
-def _distribution(panel: "Axes", rows: "DataFrame", base: float, color: str) -> None:
-    """Draw a histogram above a base line, with mean, 90th percentile and maximum."""
-    found = statistics(rows)
-    edges = np.geomspace(LOW_CM, HIGH_CM, round(BINS * np.log10(HIGH_CM / LOW_CM)) + 1)
-    counts, _ = np.histogram(np.clip(100 * rows["final_m"].dropna(), LOW_CM, HIGH_CM), edges)
-    heights = base + HEIGHT * counts / max(1, counts.max())
-    panel.stairs(heights, edges, baseline=base, fill=True, color=color, alpha=0.85)
-    panel.axhline(base, color="#222222", linewidth=0.6)
-    for name, style in (("mean_m", "-"), ("p90_m", ":")):
-        at_cm = [100 * found[name]] * 2
-        panel.plot(at_cm, [base, base + HEIGHT], style, color="#222222", linewidth=1.3)
-    ends = [cm(found[name]) for name in ("mean_m", "p90_m", "max_m")]
-    text = "mean {}, 90th percentile {}, maximum {}".format(*ends)
-    panel.text(LOW_CM * 1.15, base + HEIGHT + 0.06, text, fontsize=8)

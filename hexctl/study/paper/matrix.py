@@ -1,6 +1,6 @@
 """Verdicts on every claim of the paper under every reading of what the paper leaves open."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -15,7 +15,7 @@ from hexctl.study.paper.evidence import Claim
 from hexctl.study.paper.searches import search_all
 from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.plan import LandscapePlan
-from hexctl.study.report_page import Picture, Section, Table, markdown
+from hexctl.study.report_page import Section, Table, markdown
 from hexctl.study.versions import code_versions
 from hexctl.study.walking import Work
 
@@ -160,7 +160,7 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
         """Return the table of verdicts in Markdown."""
         return [line.replace("does not hold", "**does not hold**") for line in markdown(self._table(found))]
 
-    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    def sections(self, found: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report."""
         gaits = " or ".join(map(str, sorted({cell.plan.without_gaits for cell in self.cells})))
         note = f"Without self-rotation {gaits} gaits. {SINGLE_WORLD}"

@@ -5,11 +5,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.palette import INVALID_COLOR, LEGEND_M, LINE_COLOR, hex_color, scale_stops
+from hexctl.palette import (
+    BAR_COLOR,
+    BEST_OF_ALL_COLOR,
+    INVALID_COLOR,
+    LEGEND_M,
+    LINE_COLOR,
+    OPTIMIZER_COLORS,
+    OPTIMIZER_DASHES,
+    OTHER_OPTIMIZER_COLORS,
+    OTHER_OPTIMIZER_DASHES,
+    hex_color,
+    scale_stops,
+)
 from hexctl.study.experiment import Drawing, where
-from hexctl.study.figure_style import draw_curves, finish_curves, grid_of, label_axes, new_figure
 from hexctl.study.landscape import Landscape
-from hexctl.study.paper.evidence import EARLY_M, cm
+from hexctl.study.paper.evidence import EARLY_M, LATE_M, cm
 from hexctl.study.paper.searches import BASELINE, Findings
 from hexctl.study.report_page import texts
 from hexctl.types import FloatArray
@@ -129,6 +140,9 @@ def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[floa
 #: Lower end of the scale; smaller deviations mean nothing for a robot.
 LOW_M = 0.002
 
+#: Width of a legend's entry, in inches.
+LEGEND_ENTRY_IN = 2.0
+
 
 def convergence_figure(findings: Findings) -> "Figure":
     """One panel per leg with the mean of every optimizer."""
@@ -136,18 +150,43 @@ def convergence_figure(findings: Findings) -> "Figure":
     rows, columns = grid_of(len(legs))
     figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
     for panel, leg in zip(panels, legs, strict=False):
-        best = findings.rotated(leg).best_m
-        curves = {name: findings.curves[leg, name] for name in findings.plan.optimizers}
-        draw_curves(panel, {name: curve["mean_m"] for name, curve in curves.items()}, best, 1.4)
-        if BASELINE in curves:
-            _draw_spread(panel, BASELINE, curves[BASELINE])
-        below = " (below the scale)" if best < LOW_M else ""
-        panel.set_title(f"leg {leg}:  best of all gaits {cm(best)}{below}", fontsize=9)
+        _draw_curves(panel, findings, leg)
+    label_axes(panels, len(legs), "evaluations", "deviation from the line")
+    handles, labels = panels[0].get_legend_handles_labels()
+    columns = min(len(labels), max(2, int(figure.get_figwidth() / LEGEND_ENTRY_IN)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
     title = f"Mean of the best deviation over {findings.plan.runs} runs, repetitions counted"
-    finish_curves(figure, panels, len(legs), "evaluations", "deviation from the line", title)
-    for panel in panels[: len(legs)]:
-        panel.set_ylim(bottom=LOW_M)
+    figure.suptitle(title, fontsize=11, wrap=True)
     return figure
+
+
+def _draw_curves(panel: "Axes", findings: Findings, leg: int) -> None:
+    """Draw the mean of every optimizer, and the best of all gaits, on a logarithmic scale."""
+    for name in findings.plan.optimizers:
+        curve = findings.curves[leg, name]
+        panel.plot(curve.index, curve["mean_m"], linewidth=1.4, label=name, **line_of(name))
+        if name == BASELINE:
+            _draw_spread(panel, name, curve)
+    best_m = findings.rotated(leg).best_m
+    color = hex_color(BEST_OF_ALL_COLOR)
+    panel.axhline(best_m, color=color, linewidth=1.2, linestyle=":", label="best of all gaits")
+    for bound_m in (LATE_M, EARLY_M):
+        panel.axhline(bound_m, color=hex_color(BAR_COLOR), linewidth=0.5)
+    below = " (below the scale)" if best_m < LOW_M else ""
+    panel.set_title(f"leg {leg}:  best of all gaits {cm(best_m)}{below}", fontsize=9)
+    panel.set_yscale("log")
+    panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
+    panel.minorticks_off()
+    panel.set_ylim(bottom=LOW_M)
+
+
+def line_of(optimizer: str) -> dict[str, Any]:
+    """Colour and dashes of an optimizer's lines, as keywords of matplotlib; the same in all figures."""
+    others = OTHER_OPTIMIZER_COLORS
+    color = OPTIMIZER_COLORS.get(optimizer, others[sum(optimizer.encode()) % len(others)])
+    usual = () if optimizer in OPTIMIZER_COLORS else OTHER_OPTIMIZER_DASHES
+    dashes = OPTIMIZER_DASHES.get(optimizer, usual)
+    return {"color": hex_color(color), "linestyle": (0, dashes) if dashes else "-"}
 
 
 def _draw_spread(panel: "Axes", name: str, curve: "DataFrame") -> None:
@@ -176,3 +215,31 @@ def _all_gaits(findings: Findings, *, turned: bool) -> "Figure | None":
     landscape_of = findings.rotated if turned else findings.without
     title = f"All gaits, {'with' if turned else 'without'} self-rotation"
     return trajectories_figure([landscape_of(leg) for leg in findings.plan.legs], title)
+
+
+def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[Figure, list[Axes]]":
+    """Figure and its panels, row by row, with shared axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size_in, layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    return figure, list(panels.flat)
+
+
+def label_axes(panels: "list[Axes]", used: int, across: str, up: str) -> None:
+    """Label the axes of the outer panels in use and hide the others."""
+    columns = panels[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
+    for number, panel in enumerate(panels):
+        panel.set_visible(number < used)
+        panel.grid(visible=True, linewidth=0.3)
+        if number + columns >= used:
+            panel.set_xlabel(across, fontsize=9)
+            panel.tick_params(labelbottom=True)
+        if number % columns == 0:
+            panel.set_ylabel(up, fontsize=9)
+
+
+def grid_of(count: int) -> tuple[int, int]:
+    """Rows and columns for a number of panels, up to three in a row."""
+    columns = min(3, count)
+    return -(-count // columns), columns

@@ -1,6 +1,6 @@
 """The report of the paper's study: sections of the page, tables and JSON, all from the same frames."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.paper.claims import expected_best_rank
 from hexctl.study.paper.evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm
 from hexctl.study.paper.searches import ALL, NULL_DRAWS, Findings
-from hexctl.study.report_page import Picture, Section, Table, reading
+from hexctl.study.report_page import Section, Table, reading
 from hexctl.study.versions import code_versions
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _gaits(landscape: Landscape) -> "DataFrame":
     )
 
 
-def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
+def study_sections(findings: Findings) -> Iterator[Section]:
     """Return the parts of the report of a study."""
     yield Section("", [_settings(findings)])
     header = ("claim of the paper", "holds here if", "measured here", "for comparison", "verdict")
@@ -119,8 +119,6 @@ def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Itera
     yield Section("Claims of the paper", [Table(header, rows)])
     ranks = {"early": expected_best_rank(EARLY), "late": expected_best_rank(LATE)}
     yield reading("study", draws=NULL_DRAWS, **ranks)
-    for name, picture in pictures.items():
-        yield Section(name.replace("_", " ").capitalize(), [picture])
     yield Section("Landscapes", [_landscapes(findings)])
     yield Section("Means over all legs and runs, with standard deviation", [_means(findings)])
 

@@ -1,8 +1,7 @@
 """The recovery benchmark: legs fail in mid-walk in held-out worlds, and reactions are compared."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 from zlib import crc32
@@ -15,7 +14,7 @@ from hexctl.control.trial_plan import DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.options import Typed
 from hexctl.robot.failure_grammar import parse_coming_kind
-from hexctl.study.experiment import Drawing, plain, where
+from hexctl.study.experiment import plain, where
 from hexctl.study.held_out import FAILURES, INTACT, with_sensors
 from hexctl.study.held_out_experiment import (
     Columns,
@@ -25,7 +24,7 @@ from hexctl.study.plan import check_each, check_families, check_setting, check_w
 from hexctl.study.recovery import recovery_report as report
 from hexctl.study.recovery.episodes import AUTO_GAIT, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
-from hexctl.study.report_page import Picture, Section, Table, markdown
+from hexctl.study.report_page import Section, Table, markdown
 from hexctl.study.study_options import RUNS
 
 if TYPE_CHECKING:
@@ -210,22 +209,13 @@ class RecoveryPlan(HeldOutExperiment):
         """Return the table of all walks."""
         return {"recovery": report.table_of_walks(found)}
 
-    def drawings(self, found: "DataFrame") -> Sequence[Drawing]:
-        """Return the figure of the report."""
-        if LINE not in self.protocols:
-            return ()
-        title = self.figure_title(found[found["judged"]])
-        draw = partial(report.recovery_figure, self.methods, found, title)
-        here = "Dots are means, lines reach from the 1st to the 99th percentile."
-        return (Drawing(name="recovery", draw=draw, here=here),)
-
     def remarks(self, found: "DataFrame") -> list[str]:
         """Return the gaits, and the omissions from all numbers."""
         gaits = f"Gaits {', '.join(self.gaits)}; failures within the gait cycle after 8 s."
         return [gaits, *report.aside_lines(found)]
 
-    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    def sections(self, found: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report, those of the protocols judged by HexaHeal's rule included."""
-        yield from super().sections(found, pictures)
+        yield from super().sections(found)
         for protocol in self.ruled:
             yield Section(report.RULE_TITLES[protocol], [self._rule_table(found, protocol)])

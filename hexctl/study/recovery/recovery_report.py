@@ -1,13 +1,10 @@
-"""Statistics and the figure of the recovery benchmark."""
+"""Statistics of the recovery benchmark."""
 
 import math
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from hexctl.palette import OTHER_REMEDY_COLORS, REMEDY_COLORS, hex_color
 from hexctl.study.experiment import where
 from hexctl.study.held_out_experiment import (
     Columns,
@@ -19,12 +16,9 @@ from hexctl.study.held_out_experiment import (
     worlds_text,
 )
 from hexctl.study.paper.evidence import cm, cm_with_error, share_text, share_with_error
-from hexctl.study.recovery.methods import NOTHING, TOLD, method_of
-from hexctl.types import FloatArray
+from hexctl.study.recovery.methods import NOTHING, method_of
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame, Series
 
 #: A failure matters if it changes the end of a walk without a reaction by more than this, or its speed by
@@ -33,13 +27,6 @@ MATTERS_M, MATTERS_SHARE = 0.02, 0.10
 
 #: The method that robots recover by.
 JUDGED = "recover"
-
-#: Colours of the methods, and of any other one.
-METHOD_COLORS = dict(zip((NOTHING, TOLD, JUDGED), map(hex_color, REMEDY_COLORS), strict=True))
-OTHER_COLORS = tuple(map(hex_color, OTHER_REMEDY_COLORS))
-
-#: Lower end of the scale of deviations, in cm.
-LOW_CM = 0.01
 
 
 def compared(rows: "DataFrame") -> "DataFrame":
@@ -219,62 +206,6 @@ def _number(value: float) -> str:
 
 def table_of_walks(rows: "DataFrame") -> "DataFrame":
     """Return the table of all walks as it is written."""
-    hidden = [
-        "n_legs",
-        "leg",
-        "leg_set",
-        "failure_kind",
-        "whole_leg",
-        "judged",
-        "set_aside",
-        "ended",
-        "place",
-    ]
-    hidden += [name for name in rows if name.startswith("left_")] + ["intact_signed_m", "intact_after_m_s"]
-    return rows.drop(columns=hidden)
-
-
-def recovery_figure(methods: Sequence[str], rows: "DataFrame", title: str) -> "Figure":
-    """Draw final deviation and speed kept, by kind of failure and method."""
-    from matplotlib.figure import Figure
-
-    kinds = [(name, some) for division, name, some in divisions(rows) if division == "kind"]
-    size_in = (10.0, 1.2 + 0.25 * len(kinds) * (len(methods) + 1))
-    figure = Figure(figsize=size_in, layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    for place, method in enumerate(methods):
-        color = METHOD_COLORS.get(method, OTHER_COLORS[place % len(OTHER_COLORS)])
-        for row, (_, judged) in enumerate(kinds):
-            some = where(judged, method=method)
-            height = row + 0.8 * (place + 0.5) / len(methods) - 0.4
-            label = method if row == 0 else None
-            _spread(left, np.maximum(100 * some["final_m"].to_numpy(float), LOW_CM), height, color, label)
-            _spread(right, some["speed_kept"].to_numpy(float), height, color, None)
-    _finish(left, right, [name for name, _ in kinds])
-    figure.suptitle(title, fontsize=11)
-    if left.get_legend_handles_labels()[0]:
-        figure.legend(loc="outside lower center", ncols=len(methods), fontsize=8)
-    return figure
-
-
-def _spread(panel: "Axes", values: FloatArray, height: float, color: str, label: str | None) -> None:
-    """Draw the mean as a dot and the 1st to 99th percentile as a line."""
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return
-    low, high = np.percentile(values, [1, 99])
-    panel.plot([low, high], [height, height], color=color, linewidth=2.0, alpha=0.6)
-    panel.plot([values.mean()], [height], "o", color=color, markersize=5, label=label)
-
-
-def _finish(left: "Axes", right: "Axes", names: list[str]) -> None:
-    left.set_xscale("log")
-    left.set_xlim(left=LOW_CM)
-    left.set_xlabel("deviation from the original line at the end in cm", fontsize=9)
-    right.set_xlabel("later speed over that of the intact walk", fontsize=9)
-    right.set_xlim(left=0.0)
-    left.set_yticks(range(len(names)), names)
-    left.set_ylim(len(names) - 0.5, -0.5)
-    for panel in (left, right):
-        panel.grid(visible=True, axis="x", linewidth=0.3)
-        panel.tick_params(axis="y", length=0)
+    legs = ["n_legs", "leg", "leg_set", "whole_leg", "failure_kind"]
+    used = ["judged", "set_aside", "ended", "place", "intact_signed_m", "intact_after_m_s"]
+    return rows.drop(columns=[*legs, *used, *rows.filter(like="left_")])

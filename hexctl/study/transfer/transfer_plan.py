@@ -1,12 +1,9 @@
 """The transfer benchmark: adaptation in worlds outside every prior."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
-
-import numpy as np
 
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
@@ -20,18 +17,16 @@ from hexctl.errors import InputError, argument
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
-from hexctl.study.experiment import Drawing, Experiment, json_value, plain, where
-from hexctl.study.figure_style import draw_curves, finish_curves, new_figure
+from hexctl.study.experiment import Experiment, json_value, plain, where
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.paper.evidence import cm, cm_with_error
 from hexctl.study.paper.searches import BASELINE, HEURISTICS, curve_of
 from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
 from hexctl.study.priors.prior_building import WHOLE_S, in_whole_steps
-from hexctl.study.report_page import Picture, Section, Table, markdown, reading
+from hexctl.study.report_page import Section, Table, markdown, reading
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, STUDY_SEED, WORLDS
 from hexctl.study.transfer.transfer_searches import (
     PRIORED,
-    by_seconds,
     floor_m,
     search_worlds,
     standard_error_m,
@@ -42,7 +37,6 @@ from hexctl.study.walking import Work
 from hexctl.types import N_LEGS
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 #: The default family of worlds.
@@ -52,9 +46,6 @@ UNSEEN = "transfer"
 FIRST_WORLD = 65
 
 MAX_WORLDS = int(WORLDS.high)
-
-#: Points of the curves over seconds.
-SECONDS = 120
 
 #: Trials at which tables show the curves, up to the budget.
 SHOWN = (1, 2, 3, 4, 6, 8, 10, 15, 20, 40, 60)
@@ -198,38 +189,7 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
         table = runs[[*head, "trial", "code", *trials]].explode(["trial", "code", *trials])
         return {"transfer": table.astype({"trial": int, "code": int, "best_m": float, "walked_s": float})}
 
-    def drawings(self, found: "DataFrame") -> list[Drawing]:
-        """Return the figures of the report."""
-        here = "Red lines: 10 cm and 2.5 cm. The scale is logarithmic."
-        seconds = np.linspace(0, self.budget * self.duration_s, SECONDS + 1)[1:]
-        over: dict[str, tuple[str, Callable[[DataFrame], DataFrame]]] = {
-            "trials": ("trials", curve_of),
-            "seconds": ("seconds walked", partial(by_seconds, seconds=seconds)),
-        }
-        return [
-            Drawing(
-                name=f"transfer_over_{name}",
-                draw=partial(self._curves_figure, found, across, curve),
-                here=here,
-            )
-            for name, (across, curve) in over.items()
-        ]
-
-    def _curves_figure(
-        self, found: "DataFrame", across: str, curve: "Callable[[DataFrame], DataFrame]"
-    ) -> "Figure":
-        """Draw lines of optimizers, a panel for each statistic, above the best of all gaits."""
-        curves = {name: curve(where(found, optimizer=name)) for name in self.optimizers}
-        floor, _ = floor_m(found)
-        figure, axes = new_figure(1, len(STATISTICS), (13.0, 4.6))
-        for axis, (what, title) in zip(axes, STATISTICS.items(), strict=True):
-            draw_curves(axis, {name: one[what] for name, one in curves.items()}, floor, 1.1)
-            axis.set_title(f"{title};  best of all gaits {cm(floor)}", fontsize=9)
-        title = f"All worlds and legs, over {across}"
-        finish_curves(figure, axes, len(axes), across, "deviation of the best gait so far", title)
-        return figure
-
-    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    def sections(self, found: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report."""
         settings = (
             f"Robot {self.robot.name}; legs {', '.join(str(leg) for leg in self.legs)} locked, self-rotation "
@@ -244,8 +204,6 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
         )
         yield Section("", [settings])
         yield reading("transfer")
-        for name, picture in pictures.items():
-            yield Section(name.removeprefix("transfer_").replace("_", " ").capitalize(), [picture])
         yield Section("All worlds and legs", [reach, self._curves(found)])
 
     def _curves(self, runs: "DataFrame") -> Table:

@@ -19,7 +19,6 @@ from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.errors import RobotFaultError
 from hexctl.study.landscape import PATH_STRIDE, Landscape
 from hexctl.study.paper.evidence import clustered_error
-from hexctl.study.paper.searches import curve_of
 from hexctl.study.priors.prior_building import deflection_of
 from hexctl.types import FloatArray
 
@@ -40,8 +39,8 @@ def search_worlds(
 ) -> "DataFrame":
     """Run every optimizer in every landscape with a valid gait; a row for each run.
 
-    Columns: place (number of the landscape), world, kind, leg, deviation of the best and the worst valid
-    gait of the landscape, optimizer, run, and those of `run_course`. `on_landscape` is called after each
+    Columns: place (number of the landscape), world, kind, leg, deviation of the best valid gait of the
+    landscape, optimizer, run, and those of `run_course`. `on_landscape` is called after each
     landscape. Raises RobotFaultError if no gait is valid anywhere.
     """
     from pandas import DataFrame
@@ -53,7 +52,7 @@ def search_worlds(
     for place, landscape in enumerate(landscapes):
         if not landscape.valid.any():
             continue
-        found = {"place": place, "best_of_all_m": landscape.best_m, "worst_m": landscape.worst_m}
+        found = {"place": place, "best_of_all_m": landscape.best_m}
         rows += [found | row for row in _courses(plan, landscape, samples[landscape.spec.leg])]
         on_landscape()
     return DataFrame(rows)
@@ -151,15 +150,6 @@ def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Ob
         yaw_change_rad=yaw_rad if np.isfinite(yaw_rad) else None,
         status=str(landscape.status[row]),
     )
-
-
-def by_seconds(runs: "DataFrame", seconds: FloatArray) -> "DataFrame":
-    """Return the curve over seconds walked; until the first trial ends, the worst gait counts."""
-    rows = []
-    for run in runs.itertuples():
-        done = np.searchsorted(run.walked_s[: len(run.codes)], seconds, side="right")
-        rows.append(np.concatenate([[run.worst_m], run.best_m])[done])
-    return curve_of(runs.assign(best_m=rows)).set_index(seconds)
 
 
 def floor_m(runs: "DataFrame") -> tuple[float, float]:
