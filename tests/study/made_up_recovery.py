@@ -9,8 +9,7 @@ from hexctl.backends.sim.world import load_randomization
 from hexctl.study.held_out_experiment import frame_of
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import Alarm
-from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, RecoveryPlan
-from hexctl.study.recovery.recovery_report import statistics
+from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, RecoveryPlan, statistics
 from tests.robots import shipped
 
 PACE_HZ, IDEAL_M_S = 0.9, 0.15

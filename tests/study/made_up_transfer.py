@@ -9,8 +9,7 @@ from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
 from hexctl.study.experiment import where
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
-from hexctl.study.transfer.transfer_plan import TransferPlan
-from hexctl.study.transfer.transfer_searches import EARLY
+from hexctl.study.transfer.transfer_plan import EARLY, TransferPlan
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of
 from tests.robots import shipped

@@ -29,7 +29,7 @@ from hexctl.study.priors.prior_building import (
     score_prior_of,
 )
 from hexctl.study.priors.prior_options import WORLDS_PER_LEG
-from hexctl.study.transfer.transfer_searches import walk_of
+from hexctl.study.transfer.transfer_plan import walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import key_of, plan_of
 from tests.robots import shipped

@@ -16,7 +16,7 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.failure import Failure, drawn_failure
 from hexctl.study.landscape import Landscape
 from hexctl.study.priors.prior_building import PriorPlan
-from hexctl.study.transfer.transfer_searches import EARLY, make_search, run_course, search_worlds, walk_of
+from hexctl.study.transfer.transfer_plan import EARLY, make_search, run_course, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_prior, plan_of
 from tests.robots import shipped
@@ -101,7 +101,7 @@ def test_bayes_is_told_how_the_robot_stands_in_each_world(
     sags_rad = MODEL.sags(len(landscapes), seed=600)
     by_place = {one.spec.title: sag for one, sag in zip(landscapes, sags_rad, strict=True)}
     monkeypatch.setattr(
-        "hexctl.study.transfer.transfer_searches.deflection_of", lambda spec: by_place[spec.title]
+        "hexctl.study.transfer.transfer_plan.deflection_of", lambda spec: by_place[spec.title]
     )
     blind = made_up_prior(question(), legs=LEGS, worlds=16, model=MODEL)
     stances = np.array([MODEL.sags(16, leg) for leg in LEGS])

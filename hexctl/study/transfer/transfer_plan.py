@@ -1,40 +1,43 @@
 """The transfer benchmark: adaptation in worlds outside every prior."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
+import numpy as np
+
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
 from hexctl.adapt.prior.prior_files import find_prior
-from hexctl.adapt.prior.samples import covering, covers
+from hexctl.adapt.prior.samples import Samples, covering, covers, samples_of
 from hexctl.adapt.space import GaitSpace
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.world import DomainRandomization
+from hexctl.control.assessment.score import progress_floor_m
+from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.control.trial_plan import DURATION_S, TrialPlan
-from hexctl.errors import InputError, argument
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.experiment import Experiment, json_value, plain, where
-from hexctl.study.landscape import LandscapeSpec
-from hexctl.study.paper.evidence import cm, cm_with_error
+from hexctl.study.landscape import PATH_STRIDE, Landscape, LandscapeSpec
+from hexctl.study.paper.evidence import clustered_error, cm, cm_with_error
 from hexctl.study.paper.searches import BASELINE, HEURISTICS, curve_of
 from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
-from hexctl.study.priors.prior_building import WHOLE_S, in_whole_steps
+from hexctl.study.priors.prior_building import WHOLE_S, deflection_of, in_whole_steps
 from hexctl.study.report_page import Section, Table, markdown, reading
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, STUDY_SEED, WORLDS
-from hexctl.study.transfer.transfer_searches import (
-    PRIORED,
-    floor_m,
-    search_worlds,
-    standard_error_m,
-    walked_s,
-)
 from hexctl.study.versions import code_versions
 from hexctl.study.walking import Work
-from hexctl.types import N_LEGS
+from hexctl.types import N_LEGS, FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -46,6 +49,12 @@ UNSEEN = "transfer"
 FIRST_WORLD = 65
 
 MAX_WORLDS = int(WORLDS.high)
+
+#: `bayes` with early stopping.
+EARLY = "bayes-early"
+
+#: Optimizers that use a prior.
+PRIORED = (BAYES, EARLY)
 
 #: Trials at which tables show the curves, up to the budget.
 SHOWN = (1, 2, 3, 4, 6, 8, 10, 15, 20, 40, 60)
@@ -239,3 +248,141 @@ def find_transfer_prior(
             f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"
         )
     return load_prior(found.path)
+
+
+def search_worlds(
+    plan: TransferPlan, landscapes: Sequence[Landscape], on_landscape: Callable[[], None] = lambda: None
+) -> "DataFrame":
+    """Run every optimizer in every landscape with a valid gait; a row for each run.
+
+    Columns: place (number of the landscape), world, kind, leg, deviation of the best valid gait of the
+    landscape, optimizer, run, and those of `run_course`. `on_landscape` is called after each
+    landscape. Raises RobotFaultError if no gait is valid anywhere.
+    """
+    from pandas import DataFrame
+
+    if not any(landscape.valid.any() for landscape in landscapes):
+        raise RobotFaultError("transfer: no gait is valid in any world and leg; there is nothing to search")
+    samples = {leg: samples_of(plan.prior, plan.robot, leg) for leg in plan.legs}
+    rows: list[dict[str, Any]] = []
+    for place, landscape in enumerate(landscapes):
+        if not landscape.valid.any():
+            continue
+        found = {"place": place, "best_of_all_m": landscape.best_m}
+        rows += [found | row for row in _courses(plan, landscape, samples[landscape.spec.leg])]
+        on_landscape()
+    return DataFrame(rows)
+
+
+def _courses(plan: TransferPlan, landscape: Landscape, samples: Samples) -> Iterator[dict[str, Any]]:
+    spec = landscape.spec
+    deflection_rad = None if plan.prior.sag_rad is None else deflection_of(spec)
+    for name in plan.optimizers:
+        for run in range(1 if name in PRIORED else plan.runs):
+            search = make_search(plan, landscape, name, run, samples, deflection_rad)
+            course = run_course(search, landscape, plan.budget, early=name == EARLY)
+            head = {"world": spec.seed, "kind": plan.kind_of(spec), "leg": spec.leg}
+            yield {**head, "optimizer": name, "run": run, **course}
+
+
+def make_search(
+    plan: TransferPlan,
+    landscape: Landscape,
+    optimizer: str,
+    run: int,
+    samples: Samples,
+    deflection_rad: FloatArray | None = None,
+) -> Optimizer:
+    """Return the search of a run; some priors need `deflection_rad`, static and in the stance."""
+    spec = landscape.spec
+    seed = plan.seed_of(spec, run)
+    if optimizer not in PRIORED:
+        return Deduplication(make_optimizer(optimizer, spec.space, seed), seed)
+    # No `uncertainty_m`: the simulated world stands for the robot here, and its walks are the truth.
+    search = Bayes(
+        spec.space,
+        seed,
+        samples=samples,
+        target_m=DEFAULT_TARGET_M,
+        duration_s=plan.duration_s,
+        floor_m=progress_floor_m(plan.robot, spec.trial(1).plan, plan.duration_s),
+    )
+    if deflection_rad is not None:
+        search.observe_stance(deflection_rad)
+    return search
+
+
+def run_course(
+    search: Optimizer, landscape: Landscape, budget: int, *, early: bool = False
+) -> dict[str, Any]:
+    """Run a search that looks up every walk in a landscape; `early` ends decided walks early.
+
+    Returns:
+        `codes`: the gaits walked, in order, (T,); fewer than the budget if the search was sure.
+        `best_m`: deviation of the best gait after each trial, (budget,), constant after the last one; before
+            a valid gait was found, that of the worst valid gait.
+        `walked_s`: the time walked, likewise.
+    """
+    codes: list[int] = []
+    bests, walked = [], []
+    best_m, walked_s = landscape.worst_m, 0.0
+    while len(codes) < budget and not search.finished and not search.exhausted:
+        (code,) = search.ask(1)
+        shown = walk_of(landscape, code, search.early_stopping(code) if early else None)
+        row = landscape.row_of(code)
+        score = float(landscape.scores[row]) if shown.status == "ok" else INVALID_SCORE
+        search.tell([code], [score], [shown])
+        codes.append(code)
+        best_m, walked_s = min(best_m, score), walked_s + shown.duration_s
+        bests.append(best_m)
+        walked.append(walked_s)
+    left = budget - len(codes)
+    return {
+        "codes": np.array(codes, dtype=np.int64),
+        "best_m": np.array(bests + [best_m] * left),
+        "walked_s": np.array(walked + [walked_s] * left),
+    }
+
+
+def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Observation:
+    """Walk of a gait as a session would observe it, cut short where early stopping ends it."""
+    row = landscape.row_of(code)
+    path = landscape.paths_m[row]
+    path = path[np.isfinite(path[:, 0])].astype(float)
+    point_s = PATH_STRIDE * PERIOD_S
+    if enough is not None:
+        # A point of the path stands for all ticks up to it; `enough` needs no more.
+        per_look = LOOK_TICKS // PATH_STRIDE
+        for points in range(per_look, len(path), per_look):
+            if enough(np.repeat(path[:points], PATH_STRIDE, axis=0)):
+                seconds = points * point_s
+                return Observation(
+                    path_m=path[:points], duration_s=seconds, yaw_change_rad=None, status="cut_short"
+                )
+    yaw_rad = float(landscape.number("yaw_change_rad")[row])
+    return Observation(
+        path_m=path,
+        duration_s=len(path) * point_s,
+        yaw_change_rad=yaw_rad if np.isfinite(yaw_rad) else None,
+        status=str(landscape.status[row]),
+    )
+
+
+def floor_m(runs: "DataFrame") -> tuple[float, float]:
+    """Mean deviation of the best of all gaits, a lower bound of every search, and its standard error."""
+    places = runs.drop_duplicates("place")
+    best_m = places["best_of_all_m"].to_numpy()
+    error_m = clustered_error(best_m[:, np.newaxis], places["world"].to_numpy())
+    return float(np.mean(best_m)), float(error_m[0])
+
+
+def standard_error_m(runs: "DataFrame") -> FloatArray:
+    """Standard error over worlds of the mean after each trial, (B,), in m; NaN for a single world."""
+    places = [some for _, some in runs.groupby("place", sort=False)]
+    means_m = np.array([np.mean(some["best_m"].to_list(), axis=0) for some in places])
+    return clustered_error(means_m, np.array([some["world"].iloc[0] for some in places]))
+
+
+def walked_s(runs: "DataFrame") -> float:
+    """Mean walking time of a run, in s."""
+    return float(np.mean([seconds[-1] for seconds in runs["walked_s"]]))
