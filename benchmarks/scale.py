@@ -65,24 +65,3 @@ FULL = Scale(
     see_walks=12,
     see_walk_s=15.0,
 )
-
-#: A smoke test: every number comes out, none of them means much.
-QUICK = Scale(
-    rounds=2,
-    trial_rounds=2,
-    codes=6,
-    batch_walk_s=1.0,
-    walk_s=3.0,
-    ticks=500,
-    clock_s=1.0,
-    link_s=1.0,
-    flood_s=1.0,
-    twin_s=3.0,
-    bus_s=2.0,
-    memory_s=5.0,
-    memory_link_s=3.0,
-    starts=2,
-    see_step_m=1.0,
-    see_walks=1,
-    see_walk_s=3.0,
-)

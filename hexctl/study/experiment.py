@@ -71,10 +71,9 @@ class Result(Generic[FoundT]):
 class Experiment(Plan, Generic[FoundT]):
     """Settings of an experiment, with its statistics and report."""
 
-    #: Name of its files, file of its report, title and heading of that.
+    #: Name of its files, file of its report, and heading of that.
     NAME: ClassVar[str]
     REPORT: ClassVar[str]
-    TITLE: ClassVar[str]
     HEADING: ClassVar[str]
 
     @abstractmethod
@@ -132,7 +131,7 @@ class Experiment(Plan, Generic[FoundT]):
         beside = f"Next to this page: {files or 'its numbers as JSON'}, and each figure as SVG."
         versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
         last = Section("Files and versions", [beside, versions])
-        page = render_page(self.TITLE, self.HEADING, [*self.sections(found), *figures, last])
+        page = render_page(self.HEADING, [*self.sections(found), *figures, last])
         atomic_write(folder / self.REPORT, page)
         return folder / self.REPORT
 

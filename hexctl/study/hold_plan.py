@@ -82,7 +82,6 @@ class HoldPlan(HeldOutExperiment):
 
     NAME: ClassVar[str] = "holds"
     REPORT: ClassVar[str] = "holds.html"
-    TITLE: ClassVar[str] = "hexctl study --hold"
     HEADING: ClassVar[str] = "Open loop, with the yaw, with the pose"
 
     BY: ClassVar[str] = "hold"

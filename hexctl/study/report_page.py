@@ -85,7 +85,7 @@ def markdown(table: Table) -> list[str]:
     return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
 
 
-def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
+def render_page(heading: str, sections: Iterable[Section]) -> str:
     """Return a page as HTML, all text escaped; the contents follow the first sections without a title."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -99,7 +99,6 @@ def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
     )
     colors = {"grey": GREY, "yes": VERDICT_COLORS["holds"], "no": VERDICT_COLORS["does not hold"]}
     return environment.get_template(TEMPLATE).render(
-        title=title,
         heading=heading,
         sections=list(sections),
         colors={name: " ".join(map(str, color)) for name, color in colors.items()},

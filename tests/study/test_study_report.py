@@ -25,7 +25,7 @@ def test_every_text_is_escaped(tmp_path: Path) -> None:
         Table([HOSTILE], [[HOSTILE]]),
         Picture(image, HOSTILE, HOSTILE),
     ]
-    text = render_page(HOSTILE, HOSTILE, [Section(HOSTILE, blocks)])
+    text = render_page(HOSTILE, [Section(HOSTILE, blocks)])
     assert text.count("<script") == 1
     assert HOSTILE not in text
     assert text.count("&lt;script&gt;") >= 9
@@ -34,7 +34,7 @@ def test_every_text_is_escaped(tmp_path: Path) -> None:
 
 def test_verdicts_are_coloured_and_nothing_else_is() -> None:
     row = ["holds", "does not hold, by 2 cm", "not measured", "not judged: too short", "it holds", ""]
-    text = render_page("", "", [Section("", [Table(["holds"] * 6, [row])])])
+    text = render_page("", [Section("", [Table(["holds"] * 6, [row])])])
     assert '<td class="yes">holds</td>' in text
     assert '<td class="no">does not hold, by 2 cm</td>' in text
     assert '<td class="open">not judged: too short</td>' in text

@@ -116,7 +116,6 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
 
     NAME: ClassVar[str] = "matrix"
     REPORT: ClassVar[str] = "matrix.html"
-    TITLE: ClassVar[str] = "hexctl study --matrix"
     HEADING: ClassVar[str] = "Verdicts on the paper's claims"
     cells: tuple[Cell, ...]
 

@@ -217,7 +217,6 @@ class StudyPlan(LandscapePlan, Experiment[Findings]):
 
     NAME: ClassVar[str] = "study"
     REPORT: ClassVar[str] = "report.html"
-    TITLE: ClassVar[str] = "hexctl study"
     HEADING: ClassVar[str] = "Gaits for a failed leg: the paper's experiments repeated"
 
     numbers = staticmethod(study_json)

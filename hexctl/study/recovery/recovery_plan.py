@@ -271,7 +271,6 @@ class RecoveryPlan(HeldOutExperiment):
 
     NAME: ClassVar[str] = "recovery"
     REPORT: ClassVar[str] = "recovery.html"
-    TITLE: ClassVar[str] = "hexctl study --recovery"
     HEADING: ClassVar[str] = "Legs fail in mid-walk"
 
     BY: ClassVar[str] = "method"

@@ -83,7 +83,6 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
 
     NAME: ClassVar[str] = "transfer"
     REPORT: ClassVar[str] = "transfer.html"
-    TITLE: ClassVar[str] = "hexctl study --transfer"
     HEADING: ClassVar[str] = "Adaptation in worlds outside every prior"
 
     robot: Robot
