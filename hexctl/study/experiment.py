@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from hexctl.errors import InputError, MissingExtraError, argument
-from hexctl.files import atomic_write, check_writable
+from hexctl.files import atomic_write, write_trouble
 from hexctl.study.plan import Plan
 from hexctl.study.report_page import Picture, Section, render_page
 from hexctl.study.versions import code_versions
@@ -168,7 +168,8 @@ def report_folder(folder: Path, report: str) -> Iterator[None]:
 
     Raises InputError unless it is new, empty, or has an earlier report of the same kind.
     """
-    check_writable(folder)
+    if trouble := write_trouble(folder):
+        raise InputError(f"{argument('out')}: {trouble}; allowed: a folder")
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()) and not (folder / report).exists():
         raise InputError(f"{argument('out')}: {folder} holds other things; allowed: a new or empty folder")

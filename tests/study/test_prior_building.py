@@ -33,7 +33,7 @@ from hexctl.study.transfer.transfer_plan import walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import key_of, plan_of
 from tests.robots import shipped
-from tests.study.made_up import made_up_in
+from tests.study.made_up import Remembering, made_up_in
 
 
 @cache
@@ -124,10 +124,11 @@ def test_a_prior_holds_what_a_session_would_have_been_shown() -> None:
 
 
 def test_each_stance_is_that_of_its_leg_and_world() -> None:
-    told: list[None] = []
-    sags_rad = deflections_of(PLAN, lambda: told.append(None))
+    landscapes = [_landscape(spec, 0) for spec in PLAN.specs()]
+    progress = Remembering()
+    sags_rad = deflections_of(PLAN, landscapes, progress)
     assert sags_rad.shape == (2, 2, 18)
-    assert len(told) == 4
+    assert progress.steps == 4
     for spec in PLAN.specs()[1:3]:
         world = int(spec.place.removeprefix("world ")) - 1
         np.testing.assert_array_equal(sags_rad[PLAN.legs.index(spec.leg), world], deflection_of(spec))

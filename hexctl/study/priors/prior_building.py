@@ -34,7 +34,7 @@ from hexctl.study.priors.prior_options import (
 )
 from hexctl.study.study_options import ALL_LEGS
 from hexctl.study.versions import code_versions
-from hexctl.study.walking import Work
+from hexctl.study.walking import Progress, Work
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def build_prior(plan: PriorPlan, path: Path, work: Work | None = None) -> Prior 
     prior: Prior | ScorePrior
     if plan.hold == "none":
         work.progress.stage("stances", len(landscapes))
-        prior = prior_of(plan, landscapes, deflections_of(plan, work.progress.step))
+        prior = prior_of(plan, landscapes, deflections_of(plan, landscapes, work.progress))
     else:
         prior = score_prior_of(plan, landscapes)
     save_prior(prior, path)
@@ -204,24 +204,19 @@ def deflection_of(spec: LandscapeSpec) -> FloatArray:
     return np.full(N_JOINTS, np.nan) if deflection_rad is None else deflection_rad
 
 
-def deflections_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None) -> FloatArray:
-    """Static deflections of the joints in all worlds of a prior, rad, (legs, worlds, 18).
-
-    `on_stance` is called after each of them.
-    """
-
-    def one(spec: LandscapeSpec) -> FloatArray:
-        deflection_rad = deflection_of(spec)
-        on_stance()
-        return deflection_rad
-
-    specs = plan.specs()
-    return np.array([[one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
-
-
 def _by_leg(plan: PriorPlan, landscapes: Sequence[Landscape], values: Callable[[Landscape], Any]) -> Any:
     """Values of each landscape, (legs, worlds, ...)."""
     return np.array([[values(one) for one in landscapes if one.spec.leg == leg] for leg in plan.legs])
+
+
+def deflections_of(plan: PriorPlan, landscapes: Sequence[Landscape], progress: Progress) -> FloatArray:
+    """Static deflections of the joints in all worlds of a prior, rad, (legs, worlds, 18)."""
+
+    def one(landscape: Landscape) -> FloatArray:
+        progress.step()
+        return deflection_of(landscape.spec)
+
+    return np.asarray(_by_leg(plan, landscapes, one))
 
 
 def prior_of(

@@ -253,7 +253,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         if case.gait == AUTO_GAIT:
             plan = replace(plan, gait=stable_gait_of(self.robot, plan))
         # A copy for each trial: methods distinguish the walks of a batch by the identity of their plans.
-        plan = replace(method_of(case.method).planned(plan))
+        plan = replace(plan)
         return SimTrial(
             robot=self.robot,
             plan=plan,

@@ -76,10 +76,6 @@ class RecoveryMethod(ABC):
     makes_trials = False
     alone = False
 
-    def planned(self, plan: TrialPlan) -> TrialPlan:
-        """Plan of a walk by this method, from that of a walk that holds its line."""
-        return plan
-
     def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> "RecoveryMethod":
         """Return the method with the results of trials in the worlds of some walks; itself without trials.
 
