@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.rows import Bar, Count, Row
+from benchmarks.rows import Bar, Row
 from benchmarks.search_gain import OPEN_LOOP, OPEN_LOOP_PRIOR, OpenLoop, fast_lines, open_loop_lines
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
@@ -47,18 +47,3 @@ def test_the_verdict_is_of_the_value_before_rounding() -> None:
     row = Row("x", 1.250004, "ratio", Bar(high=1.25))
     assert row.as_json()["value"] == 1.25
     assert row.holds is False
-
-
-@pytest.mark.parametrize(
-    ("count", "interval"),
-    [
-        (Count(31, 35), (0.740, 0.955)),
-        (Count(0, 20), (0.0, 0.161)),
-        (Count(20, 20), (0.839, 1.0)),
-        (Count(0, 0), (0.0, 1.0)),
-    ],
-)
-def test_intervals_hold_without_a_failure_and_without_a_robot(
-    count: Count, interval: tuple[float, float]
-) -> None:
-    assert count.interval == pytest.approx(interval, abs=0.001)

@@ -242,7 +242,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         return walk.case.method in METHODS
 
     def trial(self, case: RecoveryCase) -> SimTrial:
-        """Return the trial of a case."""
+        """Return the trial of a case; methods distinguish walks by the identity of their plans."""
         plan = TrialPlan(
             gait=make_gait(self.robot, "tripod" if case.gait == AUTO_GAIT else case.gait),
             heading_rad=math.radians(case.heading_deg),
@@ -252,8 +252,6 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         )
         if case.gait == AUTO_GAIT:
             plan = replace(plan, gait=stable_gait_of(self.robot, plan))
-        # A copy for each trial: methods distinguish the walks of a batch by the identity of their plans.
-        plan = replace(plan)
         return SimTrial(
             robot=self.robot,
             plan=plan,
