@@ -1,4 +1,4 @@
-"""Run the benchmarks: `python -m benchmarks [--json] [--quick] [--save] [--only NAME] [--list]`.
+"""Run the benchmarks: `python -m benchmarks [--json] [--save] [--only NAME] [--list]`.
 
 The exit code says whether every benchmark ran, not whether bars hold: 1 if one crashed, 2 for bad options.
 """
@@ -7,12 +7,67 @@ import argparse
 import json
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
-from benchmarks.catalogue import BENCHMARKS, chosen, wanted
+from benchmarks.adapt import adapt_rows
+from benchmarks.batch import batch_rows
+from benchmarks.bus import bus_rows
+from benchmarks.cameras import camera_rows
+from benchmarks.check import check_rows
+from benchmarks.clock import clock_rows
+from benchmarks.flood import flood_rows
+from benchmarks.link import link_rows
+from benchmarks.memory import memory_rows
+from benchmarks.recording import recording_rows
 from benchmarks.results import save_rows
+from benchmarks.ros import ros_rows
 from benchmarks.rows import Row
-from benchmarks.scale import FULL, QUICK, Scale
+from benchmarks.scale import FULL, Scale
+from benchmarks.see import see_rows
+from benchmarks.single import single_rows
+from benchmarks.startup import startup_rows
+from benchmarks.study import study_rows
+from benchmarks.tick import tick_rows
+from benchmarks.view import view_rows
+
+Benchmark = Callable[[Scale], Iterator[Row]]
+
+#: Each benchmark; the names of its rows begin with its own.
+BENCHMARKS: dict[str, Benchmark] = {
+    "startup": startup_rows,
+    "tick": tick_rows,
+    "clock": clock_rows,
+    "view": view_rows,
+    "link": link_rows,
+    "flood": flood_rows,
+    "ros": ros_rows,
+    "bus": bus_rows,
+    "see": see_rows,
+    "cameras": camera_rows,
+    "single": single_rows,
+    "recording": recording_rows,
+    "memory": memory_rows,
+    "batch": batch_rows,
+    "adapt": adapt_rows,
+    "study": study_rows,
+    "check": check_rows,
+}
+
+
+def chosen(prefixes: Sequence[str]) -> dict[str, Benchmark]:
+    """Return the benchmarks that have rows whose names begin with one of the prefixes; all without any."""
+    if not prefixes:
+        return BENCHMARKS
+    return {
+        name: benchmark
+        for name, benchmark in BENCHMARKS.items()
+        if any(name.startswith(prefix) or prefix.startswith(f"{name}.") for prefix in prefixes)
+    }
+
+
+def wanted(row: Row, prefixes: Sequence[str]) -> bool:
+    """Return whether a row's name begins with one of the prefixes; True without any."""
+    return not prefixes or any(row.name.startswith(prefix) for prefix in prefixes)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,9 +91,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON object per row instead of a table")
     parser.add_argument(
-        "--quick", action="store_true", help="a smoke test: everything runs, nothing is measured"
-    )
-    parser.add_argument(
         "--save", action="store_true", help="write the rows into docs/results/results.yaml and the pages"
     )
     parser.add_argument(
@@ -50,9 +102,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(name: str, options: argparse.Namespace, rows: list[Row]) -> bool:
     """Run one benchmark, print and collect its rows; return False, and print the traceback, if it crashed."""
-    scale: Scale = QUICK if options.quick else FULL
     try:
-        for row in BENCHMARKS[name](scale):
+        for row in BENCHMARKS[name](FULL):
             if wanted(row, options.only):
                 rows.append(row)
                 print(json.dumps(row.as_json()) if options.json else row, flush=True)

@@ -67,8 +67,7 @@ def _session_s(scale: Scale) -> tuple[float, int]:
 
     The target is one that is never reached, so that it walks its whole budget.
     """
-    arguments = ["adapt", "--failed-leg", str(LEG), "--budget", str(TRIALS), "--target", "1e-6"]
-    if scale.codes < N_CODES:
-        arguments += ["--duration", f"{scale.walk_s:g}", "--budget", "2"]
-    wall_s, outcome = timed_hexctl(*arguments)
+    size = ["--duration", f"{scale.walk_s:g}", "--budget", "2"] if scale.codes < N_CODES else []
+    arguments = ["adapt", "--failed-leg", str(LEG), "--target", "1e-6"]
+    wall_s, outcome = timed_hexctl(*arguments, *(size or ["--budget", str(TRIALS)]))
     return wall_s, len(outcome["trials"])

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from statistics import median
 from typing import Any
 from unittest.mock import patch
 
@@ -47,14 +46,9 @@ def batch_rows(scale: Scale) -> Iterator[Row]:
     work = BatchWork([SimTrial(robot=ant(), plan=plan, failure=plan.belief) for plan in plans])
     pairs = alternate(work.ours, work.bare, scale.rounds)
     walks = [(bare.walk_s, ours.walk_s) for ours, bare in pairs]
-    wholes = [(bare.whole_s, ours.whole_s) for ours, bare in pairs]
-    speed = work.steps / median(ours.walk_s for ours, _ in pairs)
     what = f"{scale.codes} walks of {scale.batch_walk_s:g} s on {THREADS} threads"
     note = f"{what}; {spread(walks)}; stretch {STRETCH:g}"
     yield Row("batch.steps_per_s", median_ratio(walks), "ratio", Bar(low=0.9), note)
-    note = "with the shared settling and turn; ours also compiles the model"
-    yield Row("batch.whole", median_ratio(wholes), "ratio", None, f"{note}; {spread(wholes)}")
-    yield Row("batch.speed", speed, "steps/s", None, "absolute, walks only")
 
 
 def _held_rows(plans: list[TrialPlan], scale: Scale) -> Iterator[Row]:
@@ -106,7 +100,6 @@ class BatchWork:
         self._run_with(lambda *given: kept.append(_Keeping(*given)) or kept[0])  # type: ignore[func-returns-value]
         each = np.stack(kept[0].controls, axis=1)  # (n, ticks + 1, 18)
         self._controls = [list(row[:ticks]) for row, ticks in zip(each, kept[0].ticks, strict=True)]
-        self.steps = int(kept[0].ticks.sum()) * trials[0].world.steps_per_tick
         with trials[0].servos() as servos:
             self._start = Start.of(servos)
             log = TickLog()

@@ -1,22 +1,17 @@
 """Cameras unlike the usual webcam, over the same floor: other lenses, and other places."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from benchmarks.see_floor import floor_errors
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.twin.rendering import CAMERA, FOV_DEG, WEBCAM
+from hexctl.vision.twin.rendering import FOV_DEG
 from hexctl.vision.twin.twin_camera import LOOK_AT_M, POSITION_M
-
-#: Turn of a camera about the direction in which it looks, and height of one that stands low.
-ROLL_DEG, LOW_M = 20.0, 0.8
 
 #: A lens of 98 deg from left to right.
 FISHEYE = Lens(
@@ -50,13 +45,8 @@ def camera_rows(scale: Scale) -> Iterator[Row]:
 
 
 def strange_cameras() -> dict[str, Camera]:
-    """Cameras by name; all but the fisheye are as far from the middle of the floor as the usual one."""
-    away_m = float(np.linalg.norm(POSITION_M))
-    low = np.array([-math.sqrt(away_m**2 - LOW_M**2), 0.0, LOW_M])
-    rolled = CAMERA.rotation @ Rotation.from_euler("z", ROLL_DEG, degrees=True).as_matrix()
+    """Cameras by name."""
     return {
         "fisheye": Camera.looking(FISHEYE, np.array(FISHEYE_M), np.array(LOOK_AT_M)),
         "480p": Camera.looking(COARSE, np.array(POSITION_M), np.array(LOOK_AT_M)),
-        "tilted": Camera(WEBCAM, rolled, CAMERA.position_floor),
-        "low": Camera.looking(WEBCAM, low, np.array(LOOK_AT_M)),
     }

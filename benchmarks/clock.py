@@ -45,27 +45,15 @@ def clock_rows(scale: Scale) -> Iterator[Row]:
     yield Row("clock.ticks", count, "ticks", Bar(expected - 1, expected + 1), note)
     note = "last fifth of the ticks against the first, median lateness on its own clock"
     yield Row("clock.drift", max(abs(_drift_us(loop)) for loop in ours), "us", Bar(high=DRIFT_US), note)
-    for percent in (50, 99):
-        name = f"clock.lateness_p{percent}"
-        note = f"p{percent} over a bare loop at the same time; median over windows of {WINDOW_S:g} s"
-        value = lateness_ratio(loops["hexctl"], loops["bare"], percent, scale.clock_s)
-        yield Row(name, value, "ratio", Bar(high=1.1), note)
-    yield from late_rows("clock", loops)
+    note = f"p99 over a bare loop at the same time; median over windows of {WINDOW_S:g} s"
+    value = lateness_ratio(loops["hexctl"], loops["bare"], scale.clock_s)
+    yield Row("clock.lateness_p99", value, "ratio", Bar(high=1.1), note)
 
 
-def lateness_ratio(ours: list[LoopLog], others: list[LoopLog], percent: int, duration_s: float) -> float:
-    """Return how late loops are over others at the same time, the median over the windows."""
-    ratios = _by_window(ours, percent, duration_s) / _by_window(others, percent, duration_s)
+def lateness_ratio(ours: list[LoopLog], others: list[LoopLog], duration_s: float) -> float:
+    """Return how late loops are over others at the same time, p99, the median over the windows."""
+    ratios = _by_window(ours, duration_s) / _by_window(others, duration_s)
     return float(np.median(ratios[np.isfinite(ratios)]))
-
-
-def late_rows(name: str, loops: dict[str, list[LoopLog]]) -> Iterator[Row]:
-    """Yield how late each kind of loop is, in µs."""
-    for kind, of_kind in loops.items():
-        late_us = np.concatenate([loop.late_s for loop in of_kind]) * 1e6
-        p50, p99, worst = np.percentile(late_us, [50, 99, 100])
-        note = f"p99 lateness of the {kind} loops; p50 {p50:.0f}, max {worst:.0f} us"
-        yield Row(f"{name}.p99_{kind}", float(p99), "us", None, note)
 
 
 def run_together(
@@ -93,12 +81,12 @@ def _drift_us(loop: LoopLog) -> float:
     return float(np.median(behind_s[-fifth:]) - np.median(behind_s[:fifth])) * 1e6
 
 
-def _by_window(loops: list[LoopLog], percent: float, duration_s: float) -> FloatArray:
-    """Return a percentile of the lateness in each window, the median of the loops; nan after one's end."""
+def _by_window(loops: list[LoopLog], duration_s: float) -> FloatArray:
+    """Return the 99th percentile of the lateness in each window, the median of the loops; nan after one."""
     edges_s = np.arange(WINDOW_S, duration_s, WINDOW_S)
     each = []
     for loop in loops:
         late_s, time_s = np.array(loop.late_s), np.array(loop.time_s)
         windows = np.split(late_s, np.searchsorted(time_s, edges_s + PERIOD_S / 2))
-        each.append([np.percentile(window, percent) if window.size else np.nan for window in windows])
+        each.append([np.percentile(window, 99) if window.size else np.nan for window in windows])
     return np.asarray(np.median(each, axis=0))

@@ -19,7 +19,6 @@ from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.zenoh.zenoh_client import LeaseClient, ask
-from hexctl.client.stop_client import estop
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_messages import CommandTag, encode_positions, prepare_codec
 from hexctl.wire.zenoh_session import open_session
@@ -27,7 +26,7 @@ from hexctl.wire.zenoh_session import open_session
 KEYS = KeyMap.of("ant")
 
 #: Messages a second of all clients of the flood together, and how many they are.
-RATES_HZ = (0, 1000, 5000, 20_000)
+RATE_HZ = 20_000
 CLIENTS = 4
 
 #: How long a flood lasts before it counts, and how long a client of it rests between two bursts.
@@ -35,32 +34,29 @@ BEFORE_S, REST_S = 2.0, 0.002
 
 
 def flood_rows(scale: Scale) -> Iterator[Row]:
-    """What gets through of a client's commands, and how long a stop takes, during each flood."""
+    """What gets through of a client's commands during a flood."""
     prepare_codec()
-    for rate_hz in RATES_HZ:
-        share, foreign_hz, stop_s = _beside(rate_hz, scale.flood_s)
-        note = f"during {foreign_hz:.0f} foreign ones a second that were read"
-        yield Row(f"flood.{rate_hz}.through", share, "share", Bar(low=0.99), note)
-        yield Row(f"flood.{rate_hz}.estop", 1000 * stop_s, "ms", None, "until it was confirmed")
+    share, foreign_hz = _beside(scale.flood_s)
+    note = f"during {foreign_hz:.0f} foreign ones a second that were read"
+    yield Row(f"flood.{RATE_HZ}.through", share, "share", Bar(low=0.99), note)
 
 
-def _beside(rate_hz: int, duration_s: float) -> tuple[float, float, float]:
-    """Share of commands obeyed, foreign ones read a second, and seconds of a stop."""
+def _beside(duration_s: float) -> tuple[float, float]:
+    """Share of commands obeyed, and foreign ones read a second."""
     port = free_port()
     endpoint = f"tcp/127.0.0.1:{port}"
     with ExitStack() as stack:
         stack.enter_context(served(port, "sim"))
-        stack.enter_context(_flood(port, rate_hz))
+        stack.enter_context(_flood(port))
         session = stack.enter_context(open_session(Link(endpoint=endpoint), Role.CONTROLLER, KEYS))
         lease = LeaseClient(session, KEYS.lease)
         lease.acquire()
         before = _counts(session)
         sent = _command(session, lease, duration_s)
         after = _counts(session)
-        stop_s = estop(connect=endpoint).took_s
         lease.release()
     foreign_hz = (after["stale_owner"] - before["stale_owner"]) / duration_s
-    return (after["accepted"] - before["accepted"]) / sent, foreign_hz, stop_s
+    return (after["accepted"] - before["accepted"]) / sent, foreign_hz
 
 
 def _counts(session: zenoh.Session) -> dict[str, int]:
@@ -81,12 +77,9 @@ def _command(session: zenoh.Session, lease: LeaseClient, duration_s: float) -> i
 
 
 @contextmanager
-def _flood(port: int, rate_hz: int) -> Iterator[None]:
+def _flood(port: int) -> Iterator[None]:
     """Have a robot flooded by several clients until the block ends."""
-    if rate_hz == 0:
-        yield
-        return
-    command = [sys.executable, "-m", "benchmarks.flood", str(port), str(rate_hz / CLIENTS)]
+    command = [sys.executable, "-m", "benchmarks.flood", str(port), str(RATE_HZ / CLIENTS)]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     clients = [subprocess.Popen(command, text=True, **pipes) for _ in range(CLIENTS)]  # type: ignore[call-overload]
     try:

@@ -1,4 +1,4 @@
-"""ROS and the robot's own link: what `hexctl serve --ros` costs a core, and the robot's own round trip."""
+"""ROS: what `hexctl serve --ros` costs a core."""
 
 import json
 import os
@@ -9,41 +9,31 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-import numpy as np
 import zenoh
 
-from benchmarks.link import WINDOW, StateArrivals, by_window, free_port, since_us
+from benchmarks.link import free_port
 from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.zenoh.zenoh_client import ZenohServos
-from hexctl.types import FloatArray, JointTargets
+from hexctl.types import JointTargets
 from hexctl.wire.links import Endpoint, Link
 from hexctl.wire.ros.ros_session import open_ros_session
 
-#: In seconds: what has not come back after this counts as this late.
-PATIENCE_S = 0.5
-
-#: Commands drift through the robots' control periods, one in a window: a round trip depends on how near to a
-#: tick its command arrives.
-DRIFTING_S = PERIOD_S * (1 + 1 / WINDOW)
+#: Rest before and after the messages.
+REST_S = 1.0
 
 
 def ros_rows(scale: Scale) -> Iterator[Row]:
-    """Two simulations in real time, one of them a node whose topics are all subscribed to, in turn."""
-    times = round(scale.link_s / PERIOD_S)
-    (plain_us, with_us), (plain, with_ros), messages = _measured(times)
+    """Two simulations in real time, one of them a node whose topics are all subscribed to."""
+    (plain, with_ros), messages = _measured(round(scale.link_s / PERIOD_S))
     note = f"next to a simulation, all topics subscribed to ({messages} messages); a core is 100"
     yield Row("ros.cpu.extra", 100 * (with_ros - plain), "% of a core", Bar(high=10), note)
-    note = f"command to state of a served simulation, with over without ROS, {times} of each in turn"
-    for percent, bar in ((50, Bar(high=1.1)), (99, None)):
-        ratios = by_window(with_us, percent) / by_window(plain_us, percent)
-        yield Row(f"ros.latency.p{percent}.ratio", float(np.median(ratios)), "ratio", bar, note)
 
 
-def _measured(times: int) -> tuple[list[FloatArray], list[float], int]:
-    """Return round trips of both robots in us, the share of a core each took, and how much ROS heard."""
+def _measured(times: int) -> tuple[list[float], int]:
+    """Return the share of a core that each robot took, and how much ROS heard."""
     heard = [0]
 
     def hear(_: zenoh.Sample) -> None:
@@ -55,29 +45,25 @@ def _measured(times: int) -> tuple[list[FloatArray], list[float], int]:
         session = stack.enter_context(open_ros_session(Endpoint.parse(router)))
         session.declare_subscriber("0/**", hear)
         robots = [stack.enter_context(_Served.opened(options)) for options in ([], ["--ros", router])]
-        time.sleep(2 * PATIENCE_S)
+        time.sleep(REST_S)
         began = [(robot.cpu_s(), time.monotonic()) for robot in robots]
-        clock, stance = WallClock(DRIFTING_S / len(robots)), ant().stance_angles_rad
+        clock, stance = WallClock(), ant().stance_angles_rad
         for _ in range(times):
+            clock.tick()
             for robot in robots:
-                clock.tick()
-                robot.sent_s.append(time.perf_counter())
                 robot.servos.write(JointTargets(stance, 0.0))
         shares = [
             (robot.cpu_s() - cpu_s) / (time.monotonic() - at_s)
             for robot, (cpu_s, at_s) in zip(robots, began, strict=True)
         ]
-        time.sleep(PATIENCE_S)
-        times_us = [since_us(robot.states.first_s, robot.sent_s) for robot in robots]
-        return [np.minimum(one, 1e6 * PATIENCE_S) for one in times_us], shares, heard[0]
+        return shares, heard[0]
 
 
 class _Served:
     """A served simulation with a controller on its link."""
 
-    def __init__(self, process: subprocess.Popen[str], servos: ZenohServos, states: StateArrivals) -> None:
-        self._process, self.servos, self.states = process, servos, states
-        self.sent_s: list[float] = []
+    def __init__(self, process: subprocess.Popen[str], servos: ZenohServos) -> None:
+        self._process, self.servos = process, servos
 
     @classmethod
     @contextmanager
@@ -89,9 +75,8 @@ class _Served:
         try:
             assert process.stdout is not None
             assert "serving" in process.stdout.readline()
-            states = StateArrivals()
-            with ZenohServos(ant(), link=Link(endpoint=endpoint), latest=states) as servos:
-                yield cls(process, servos, states)
+            with ZenohServos(ant(), link=Link(endpoint=endpoint)) as servos:
+                yield cls(process, servos)
         finally:
             process.terminate()
             process.wait(10)

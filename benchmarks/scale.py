@@ -10,9 +10,9 @@ class Scale:
     Attributes:
         rounds: how often ours and the reference alternate.
         trial_rounds: the same where one round is a single trial.
-        codes: gaits of a batch and of a landscape, evenly spread over the 120.
+        codes: gaits of a batch, evenly spread over the 120.
         batch_walk_s: duration of the walks of the batch.
-        walk_s: duration of a single walk and of the walks of a landscape.
+        walk_s: duration of a single walk and of the walks of a study.
         ticks: control ticks per round of the tick benchmark.
         clock_s: how long the wall clock is watched.
         link_s: how long round trips over the link are measured.
@@ -22,10 +22,10 @@ class Scale:
         memory_s: how long a simulated robot walks while its memory is watched.
         memory_link_s: the same over the link, in real time.
         starts: how often a process is started.
-        robots: random robots of each verdict of `hexctl check`.
         see_step_m: grid of the floor on which a camera looks for the robot.
         see_walks: walks that hold their line by a camera.
         see_walk_s: how long each of them is.
+        robots: of each verdict of a check.
     """
 
     rounds: int
@@ -42,10 +42,10 @@ class Scale:
     memory_s: float
     memory_link_s: float
     starts: int
-    robots: int
     see_step_m: float
     see_walks: int
     see_walk_s: float
+    robots: int
 
 
 FULL = Scale(
@@ -63,30 +63,8 @@ FULL = Scale(
     memory_s=3600.0,
     memory_link_s=3600.0,
     starts=7,
-    robots=20,
     see_step_m=0.25,
     see_walks=12,
     see_walk_s=15.0,
-)
-
-#: A smoke test: every number comes out, none of them means much.
-QUICK = Scale(
-    rounds=2,
-    trial_rounds=2,
-    codes=6,
-    batch_walk_s=1.0,
-    walk_s=3.0,
-    ticks=500,
-    clock_s=1.0,
-    link_s=1.0,
-    flood_s=1.0,
-    twin_s=3.0,
-    bus_s=2.0,
-    memory_s=5.0,
-    memory_link_s=3.0,
-    starts=2,
-    robots=1,
-    see_step_m=1.0,
-    see_walks=1,
-    see_walk_s=3.0,
+    robots=20,
 )

@@ -22,19 +22,17 @@ WAYS = 2
 
 
 def study_rows(scale: Scale) -> Iterator[Row]:
-    """Yield the wall time of `hexctl study` over its bare physics, and the batch bar on its landscape."""
+    """Yield the wall time of `hexctl study` over its bare physics."""
     legs = N_LEGS if scale.codes == N_CODES else 1
     plans = recovery_plans(LEG, N_CODES, scale.walk_s, "rear")
     work = BatchWork([SimTrial(robot=ant(), plan=plan, failure=plan.belief) for plan in plans])
     bare_s = [work.bare().whole_s]
-    ours_s = work.ours().whole_s
     wall_s = _run_study(legs, scale)
     bare_s.append(work.bare().whole_s)
     landscapes = WAYS * legs
     ratio = wall_s / (landscapes * mean(bare_s))
     note = f"{wall_s:.0f} s for {landscapes} landscapes; bare {bare_s[0]:.1f} and {bare_s[1]:.1f} s each"
     yield Row("study.wall", ratio, "ratio", Bar(high=1.2), f"{note}, {THREADS} threads")
-    yield Row("study.landscape", mean(bare_s) / ours_s, "ratio", Bar(low=0.9), "steps per second over bare")
 
 
 def _run_study(legs: int, scale: Scale) -> float:

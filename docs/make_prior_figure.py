@@ -23,7 +23,7 @@ from hexctl.control.assessment.score import progress_floor_m
 from hexctl.palette import BEST_COLOR, LINE_COLOR, hex_color
 from hexctl.robot.loader import load_robot
 from hexctl.study.landscape import Landscape, LandscapeSpec
-from hexctl.study.transfer.transfer_searches import walk_of
+from hexctl.study.transfer.transfer_plan import walk_of
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
 

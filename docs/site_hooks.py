@@ -30,7 +30,7 @@ FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
 SHORT = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?=(?:[^<&]|&\w+;){1,30}</code>)")
 
 #: Classes of the API whose fields stand elsewhere, as options of a command or keys of a file.
-LISTED_ELSEWHERE = re.compile(r"^::: hexctl\.[\w.]*?(?:Options|Spec|StudySettings|World)$", re.MULTILINE)
+LISTED_ELSEWHERE = re.compile(r"^::: hexctl\.[\w.]*?(?:Options|Spec|StudyPlan|World)$", re.MULTILINE)
 
 #: The place of a generated reference: a comment, and a line for readers of the source.
 GENERATED = re.compile(r"^<!-- generated: (\w+) -->\n.+$", re.MULTILINE)

@@ -94,10 +94,6 @@ OTHER_OPTIMIZER_DASHES = (5.0, 1.2, 2.0, 1.2)
 BAR_COLOR: Color = (192, 57, 43)
 BEST_OF_ALL_COLOR: Color = GREY
 
-#: A missing, partial and complete remedy of a study; and others.
-REMEDY_COLORS: tuple[Color, Color, Color] = (GREY, (204, 130, 0), (0, 114, 178))
-OTHER_REMEDY_COLORS: tuple[Color, ...] = ((0, 158, 115), (204, 121, 167), (213, 94, 0))
-
 #: Background of every scene of the viewer, and of its texts and rules. Text panels have the background of
 #: the theme: dark grey, or a medium grey in the light theme.
 BACKGROUND: Color = (24, 28, 36)

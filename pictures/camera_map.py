@@ -4,10 +4,10 @@ import io
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.see import SEED
 from benchmarks.see_floor import FLOOR_TAGS, HALF_FLOOR_M, floor_errors
-from hexctl.study.figure_style import new_figure
 from hexctl.vision.twin.rendering import CAMERA, WEBCAM
 from pictures.picture import Picture
 
@@ -19,7 +19,8 @@ def draw_camera_map(_: Path) -> Picture:
     """Draw the floor from above, the error at each place as a colour; the folder stays empty."""
     errors = floor_errors(CAMERA, WEBCAM, STEP_M, seed=SEED)
     off_mm = 1e3 * np.hypot(*errors.off_m.T)
-    figure, (panel,) = new_figure(1, 1, (7.2, 4.4))
+    figure = Figure(figsize=(7.2, 4.4), layout="constrained")
+    panel = figure.subplots()
     # Seen from above with the camera below: x up, y to the left.
     across, ahead = -errors.places[:, 1], errors.places[:, 0]
     hidden = np.isnan(off_mm)

@@ -1,10 +1,6 @@
-"""Step responses of a walk that holds its line: the line moved to the side, and line and body turned.
-
-`python -m pictures.step_response` prints their figures.
-"""
+"""Step responses of a walk that holds its line: the line moved to the side, and line and body turned."""
 
 import math
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -184,24 +180,3 @@ def draw_step_response(folder: Path) -> Path:
         ax.set_xlim(0, SHOWN_CYCLES)
         ax.legend(loc="lower right")
         return save_svg(figure, folder / "step_response.svg")
-
-
-def main() -> None:
-    """Print the figures of the responses."""
-    for one in responses(shift_m=SHIFT_M):
-        values = one.deviation_m
-        sys.stdout.write(
-            f"shift {one.name:18} there after {one.reached_at(values):4.1f}, overshoot "
-            f"{100 * values.max():4.1f} cm, settled after {one.settled_at(values, SHIFT_M):4.1f}\n"
-        )
-    for one in responses(turn_rad=TURN_RAD):
-        values = one.yaw_off_rad
-        sys.stdout.write(
-            f"turn  {one.name:18} at most {100 * abs(one.deviation_m).max():4.1f} cm off; yaw there after "
-            f"{one.reached_at(values):4.1f}, overshoot {math.degrees(values.max()):4.1f} degrees, settled "
-            f"after {one.settled_at(values, TURN_RAD):4.1f}\n"
-        )
-
-
-if __name__ == "__main__":
-    main()

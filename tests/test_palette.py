@@ -26,8 +26,6 @@ from hexctl.palette import (
     OTHER_BASELINE_COLOR,
     OTHER_OPTIMIZER_COLORS,
     OTHER_OPTIMIZER_DASHES,
-    OTHER_REMEDY_COLORS,
-    REMEDY_COLORS,
     SCALE,
     TEXT_COLOR,
     VERDICT_COLORS,
@@ -64,7 +62,6 @@ TOGETHER = {
     "measured": LINES["measured"],
     "verdicts": LINES["verdicts"],
     "curve": (*BASELINE_COLORS.values(), BEST_COLOR),
-    "remedies": REMEDY_COLORS,
     "scene": (LINE_COLOR, WAY_COLOR),
     "conditions of a leg": tuple(links["femur"] for links in (LINK_COLORS, FAILED_COLORS, NOTICED_COLORS)),
 }
@@ -123,7 +120,7 @@ def test_lines_are_seen_in_the_light_and_in_the_dark(what: str) -> None:
 
 def test_lines_of_reports_are_seen_on_paper() -> None:
     optimizers = (*OPTIMIZER_COLORS.values(), *OTHER_OPTIMIZER_COLORS, BAR_COLOR, BEST_OF_ALL_COLOR)
-    for color in (*optimizers, *REMEDY_COLORS, *OTHER_REMEDY_COLORS):
+    for color in optimizers:
         assert contrast(color, WHITE) >= 3, color
 
 

@@ -6,7 +6,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_170,
+    "": 2_160,
     "adapt": 8_470,
     "backends": 10_450,
     "cli": 7_340,
@@ -24,7 +24,7 @@ CEILINGS = {
     "runs": 1_120,
     "server": 4_410,
     "simulators": 2_310,
-    "study": 8_730,
+    "study": 7_010,
     "teleop": 1_990,
     "testing": 560,
     "vision": 6_110,

@@ -91,15 +91,3 @@ class Truth(ArrayFields):
             # A copy: the map closes.
             rows: Any = np.frombuffer(mapped, "<f8", 21 * count, _COUNT.size).reshape(-1, 21).copy()
         return cls.of_rows(rows[rows[:, 0] >= from_s])
-
-    def since(self, from_s: float) -> "Truth":
-        """The part since a moment."""
-        states, told = self.at_s >= from_s, self.told_at_s >= from_s
-        return Truth(
-            self.at_s[states],
-            self.joints_rad[states],
-            self.cos_tilt[states],
-            self.told_at_s[told],
-            self.told_rad[told],
-            self.fault_at_s[self.fault_at_s >= from_s],
-        )

@@ -23,7 +23,7 @@ ANSWER_S = 0.03
 
 
 @contextmanager
-def interruptible(count: "Callable[[WalkCache], tuple[int, int]]", what: str = "gaits") -> Iterator[None]:
+def interruptible(count: "Callable[[WalkCache], tuple[int, int]]") -> Iterator[None]:
     """Turn all signals that end a process into exit code 130, with a line on the saved walks."""
     interrupted = False
 
@@ -42,7 +42,7 @@ def interruptible(count: "Callable[[WalkCache], tuple[int, int]]", what: str = "
         cache = WalkCache()
         saved, total = count(cache)
         print_note(
-            f"interrupted: {saved} of {total} {what} are saved in {cache.folder}; the same command continues"
+            f"interrupted: {saved} of {total} walks are saved in {cache.folder}; the same command continues"
         )
         raise typer.Exit(INTERRUPTED) from None
     finally:
@@ -114,5 +114,5 @@ class StudyProgress(WithBar):
 
 def finish(planned: "PlannedWork[ResultT]", notes: Iterable[str] = ()) -> "ResultT":
     """Run planned work with its progress on stderr, after `notes`; Ctrl-C ends it with exit code 130."""
-    with interruptible(planned.saved, planned.plan.UNIT), StudyProgress(notes) as progress:
+    with interruptible(planned.saved), StudyProgress(notes) as progress:
         return planned.run(progress=progress)

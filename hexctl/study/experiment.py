@@ -1,16 +1,16 @@
 """Experiments: simulate walks, summarise them and write a report."""
 
 import json
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
-from hexctl.errors import InputError, argument
-from hexctl.files import atomic_write
-from hexctl.study.figure_style import check_drawing, save_figure
+from hexctl.errors import InputError, MissingExtraError, argument
+from hexctl.files import atomic_write, write_trouble
 from hexctl.study.plan import Plan
 from hexctl.study.report_page import Picture, Section, render_page
 from hexctl.study.versions import code_versions
@@ -37,7 +37,7 @@ class Drawing:
     name: str
     draw: "Callable[[], Figure | None]"
     here: str
-    paper: str = "Not in the paper."
+    paper: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +52,6 @@ class Result(Generic[FoundT]):
     found: FoundT
     report: Path
     notes: tuple[str, ...] = ()
-    times_s: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values, as in the file next to the report and printed by `--json`."""
@@ -60,24 +59,21 @@ class Result(Generic[FoundT]):
             "out": str(self.report.parent),
             "report": str(self.report),
             **self.plan.numbers(self.found),
-            "times_s": dict(self.times_s),
             "notes": list(self.notes),
         }
 
     def lines(self) -> list[str]:
-        """Tables, verdicts and times, as lines of text."""
-        spent = ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in self.times_s.items())
-        return [*self.plan.lines(self.found), spent]
+        """Tables and verdicts, as lines of text."""
+        return self.plan.lines(self.found)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment(Plan, Generic[FoundT]):
     """Settings of an experiment, with its statistics and report."""
 
-    #: Name of its files, file of its report, title and heading of that.
+    #: Name of its files, file of its report, and heading of that.
     NAME: ClassVar[str]
     REPORT: ClassVar[str]
-    TITLE: ClassVar[str]
     HEADING: ClassVar[str]
 
     @abstractmethod
@@ -93,8 +89,8 @@ class Experiment(Plan, Generic[FoundT]):
         """Return tables and verdicts as lines of text."""
 
     @abstractmethod
-    def sections(self, found: FoundT, pictures: Mapping[str, Picture], /) -> Iterator[Section]:
-        """Return the parts of the report, with the drawn figures."""
+    def sections(self, found: FoundT, /) -> Iterator[Section]:
+        """Return the parts of the report, to which the figures are added."""
 
     def drawings(self, found: FoundT, /) -> Sequence[Drawing]:
         """Return the figures of the report."""
@@ -102,10 +98,6 @@ class Experiment(Plan, Generic[FoundT]):
 
     def tables(self, found: FoundT, /) -> "Mapping[str, DataFrame]":
         """Return the tables to write, by the name of their file without the ending."""
-        return {}
-
-    def texts(self, found: FoundT) -> Mapping[str, str]:
-        """Return further text files, by name."""
         return {}
 
     def run(self, folder: Path, work: Work | None = None) -> Result[FoundT]:
@@ -124,10 +116,7 @@ class Experiment(Plan, Generic[FoundT]):
             work.cache.probe()
             found = self.find(work)
             page = self.write(found, folder, work.progress)
-            work.lap("report")
-            result = Result(
-                plan=self, found=found, report=page, notes=tuple(work.cache.notes), times_s=work.times_s
-            )
+            result = Result(plan=self, found=found, report=page, notes=tuple(work.cache.notes))
             text = json.dumps(result.to_json(), indent=1)
             atomic_write(folder / f"{self.NAME}.json", text)
         return result
@@ -137,28 +126,40 @@ class Experiment(Plan, Generic[FoundT]):
         tables = self.tables(found)
         for name, table in tables.items():
             table.to_parquet(folder / f"{name}.parquet", index=False)
-        for name, text in self.texts(found).items():
-            atomic_write(folder / name, text)
-        pictures = _draw(self.drawings(found), folder, progress or Silent())
-        files = ", ".join([*(f"{name}.parquet" for name in tables), *self.texts(found)])
+        figures = _figures(self.drawings(found), folder, progress or Silent())
+        files = ", ".join(f"{name}.parquet" for name in tables)
         beside = f"Next to this page: {files or 'its numbers as JSON'}, and each figure as SVG."
         versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
         last = Section("Files and versions", [beside, versions])
-        page = render_page(self.TITLE, self.HEADING, [*self.sections(found, pictures), last])
+        page = render_page(self.HEADING, [*self.sections(found), *figures, last])
         atomic_write(folder / self.REPORT, page)
         return folder / self.REPORT
 
 
-def _draw(drawings: Sequence[Drawing], folder: Path, progress: Progress) -> dict[str, Picture]:
+def _figures(drawings: Sequence[Drawing], folder: Path, progress: Progress) -> Iterator[Section]:
+    """Draw figures, save each as NAME.svg, and return their parts of the report."""
+    import matplotlib as mpl
+
     progress.stage("figures", len(drawings))
-    pictures = {}
     for drawing in drawings:
-        figure = drawing.draw()
+        figure, file = drawing.draw(), folder / f"{drawing.name}.svg"
         if figure is not None:
-            file = save_figure(figure, folder, drawing.name)
-            pictures[drawing.name] = Picture(file, drawing.paper, drawing.here)
+            with mpl.rc_context({"svg.hashsalt": drawing.name}):
+                figure.savefig(file, metadata={"Date": None, "Creator": None})
+            title = drawing.name.replace("_", " ").capitalize()
+            yield Section(title, [Picture(file, drawing.paper, drawing.here)])
         progress.step()
-    return pictures
+
+
+def check_drawing() -> None:
+    """Raise MissingExtraError unless figures, tables and reports can be written."""
+    try:
+        import jinja2  # noqa: F401
+        import matplotlib  # noqa: F401
+        import pandas  # noqa: F401
+        import pyarrow  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("hexctl study", "study") from error
 
 
 @contextmanager
@@ -167,16 +168,10 @@ def report_folder(folder: Path, report: str) -> Iterator[None]:
 
     Raises InputError unless it is new, empty, or has an earlier report of the same kind.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / ".probe").touch()
-        (folder / ".probe").unlink()
-        others = any(folder.iterdir()) and not (folder / report).exists()
-    except OSError as error:
-        raise InputError(
-            f"{argument('out')}: {folder} cannot be used ({error.strerror}); allowed: a folder"
-        ) from error
-    if others:
+    if trouble := write_trouble(folder):
+        raise InputError(f"{argument('out')}: {trouble}; allowed: a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()) and not (folder / report).exists():
         raise InputError(f"{argument('out')}: {folder} holds other things; allowed: a new or empty folder")
     try:
         yield
@@ -189,3 +184,21 @@ def plain(plan: Plan, *names: str) -> dict[str, Any]:
     """Return some fields of a plan as plain JSON values."""
     values = {name: getattr(plan, name) for name in names}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+
+def where(rows: "DataFrame", **values: object) -> "DataFrame":
+    """Return the rows in which columns have given values."""
+    for column, value in values.items():
+        rows = rows[rows[column] == value]
+    return rows
+
+
+def records(rows: "DataFrame") -> list[dict[str, Any]]:
+    """Return the rows as plain JSON values."""
+    return [{str(name): json_value(value) for name, value in row.items()} for row in rows.to_dict("records")]
+
+
+def json_value(value: Any) -> Any:
+    """Return a value of a frame for JSON: null for an unknown or infinite number."""
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

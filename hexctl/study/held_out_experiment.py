@@ -1,4 +1,4 @@
-"""Experiments in held-out worlds: a row for each walk, statistics of groups of them, and bars."""
+"""Experiments in held-out worlds: a row for each walk, and statistics of groups of them."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,12 +11,11 @@ from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization
 from hexctl.control.trial_plan import DURATION_S
 from hexctl.options import Range, Typed
 from hexctl.robot.model import Robot
-from hexctl.study.data_frames import json_value
-from hexctl.study.experiment import Experiment, plain
+from hexctl.study.experiment import Experiment, json_value, plain
 from hexctl.study.held_out import SENSORS, members, with_sensors
-from hexctl.study.paper.evidence import Bar, bar_lines, bar_table, clustered_error, mean
+from hexctl.study.paper.evidence import clustered_error, mean
 from hexctl.study.plan import check_legs, check_setting
-from hexctl.study.report_page import Picture, Section, Table, reading
+from hexctl.study.report_page import Section, Table, reading
 from hexctl.study.study_options import ALL_LEGS, WORLDS
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import Walked
@@ -46,10 +45,8 @@ def frame_of(walked: Walked, walks: Sequence[Sequence[Any]]) -> "DataFrame":
 
 
 def percentile(values: FloatArray, percent: float) -> float:
-    """Percentile of values, infinite ones included; NaN without any."""
-    if not values.size:
-        return float("nan")
-    return float(np.percentile(values, percent, method="linear" if np.isfinite(values).all() else "higher"))
+    """Percentile of values; NaN without any."""
+    return float(np.percentile(values, percent)) if values.size else float("nan")
 
 
 def mean_with_error(rows: "DataFrame", column: str) -> tuple[float, float]:
@@ -130,9 +127,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     def find(self, work: Work) -> "DataFrame":
         """Simulate all walks; a row for each."""
         walked = self.walked()
-        rows = self.columns(frame_of(walked, work.walk(walked)))
-        work.lap("walks")
-        return rows
+        return self.columns(frame_of(walked, work.walk(walked)))
 
     @staticmethod
     @abstractmethod
@@ -148,10 +143,6 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     @abstractmethod
     def summary(rows: "DataFrame") -> Record:
         """Return the statistics of some walks."""
-
-    @abstractmethod
-    def bars(self, rows: "DataFrame") -> list[Bar]:
-        """Return the bars that the walks have to reach."""
 
     def statistics(self, rows: "DataFrame") -> list[Record]:
         """Return the statistics of each group of walks, for each compared value."""
@@ -170,15 +161,10 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             "sensors": None if self.exact_sensors else SENSORS,
             "code": code_versions(),
             "walks": len(found),
-            "bars": [bar.as_json() for bar in self.bars(found)],
             "statistics": [
                 {name: json_value(value) for name, value in one.items()} for one in self.statistics(found)
             ],
         }
-
-    def lines(self, found: "DataFrame") -> list[str]:
-        """Return the verdicts as lines of text."""
-        return bar_lines(self.bars(found))
 
     def settings_text(self, walks: int) -> str:
         """Robots, worlds, legs, number of walks and sensors in words."""
@@ -194,22 +180,14 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             f"{walks} walks of {self.duration_s:g} s. {sensors}"
         )
 
-    def figure_title(self, rows: "DataFrame", what: str = "") -> str:
-        """Return robots, number of worlds and duration of some walks in words."""
-        robots, worlds = ", ".join(robot.name for robot in self.robots), rows["place"].nunique()
-        return f"{robots}{what}, {worlds} held-out world{'s' * (worlds != 1)}, {self.duration_s:g} s"
-
     def remarks(self, found: "DataFrame") -> list[str]:
         """Return further texts at the head of the report."""
         return []
 
-    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
-        """Return the parts of the report: settings, bars, figures, and a table for each division."""
+    def sections(self, found: "DataFrame") -> Iterator[Section]:
+        """Return the parts of the report: settings, and a table for each division."""
         yield Section("", [self.settings_text(len(found)), *self.remarks(found)])
-        yield Section("Bars", [bar_table(self.bars(found))])
         yield reading(self.NAME)
-        if pictures:
-            yield Section("Where walks end", list(pictures.values()))
         records = self.statistics(found)
         for division in dict.fromkeys(one["division"] for one in records):
             some = [one for one in records if one["division"] == division]

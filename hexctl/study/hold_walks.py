@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Literal
 from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.control.trial_result import STATUSES, TrialResult
-from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
@@ -42,48 +41,36 @@ class HoldWalk:
     """Outcome of one walk; deviations are those of the simulation's true pose, NaN if unknown.
 
     Attributes:
-        body_raise: as a fraction of the robot's size.
         why: why it was stopped, or the likely cause of a walk without progress.
         signed_m: deviation at the end, positive to the left.
         ideal_distance_m: progress of a robot whose feet do not slip.
-        clipped_ticks: ticks in which the guard changed the targets.
     """
 
     case: HoldCase
-    slots: Slots
-    body_raise: float
     held: str
     status: Literal[STATUSES]  # type: ignore[valid-type]
     why: str | None
     duration_s: float
     signed_m: float
-    mean_m: float
     max_m: float
     distance_m: float
     ideal_distance_m: float
-    yaw_change_rad: float
-    clipped_ticks: int
 
     @classmethod
-    def of(cls, case: HoldCase, trial: SimTrial, result: TrialResult) -> "HoldWalk":
-        """Return the outcome of a case from its trial and the result."""
-        gait, off = trial.plan.gait, result.true_deviation
-        signed_m, mean_m, max_m = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
+    def of(cls, case: HoldCase, _trial: SimTrial, result: TrialResult) -> "HoldWalk":
+        """Return the outcome of a case from the result of its trial."""
+        off = result.true_deviation
+        signed_m, max_m = (math.nan, math.nan) if off is None else (off.signed, off.max)
         return cls(
             case=case,
-            slots=gait.slots,
-            body_raise=float(gait.posture.body_raise),
             held=result.hold,
             status=result.status,
             why=result.stopped or result.cause,
             duration_s=float(result.duration_s),
             signed_m=float(signed_m),
-            mean_m=float(mean_m),
             max_m=float(max_m),
             distance_m=known(result.distance_m),
             ideal_distance_m=float(result.ideal_distance_m),
-            yaw_change_rad=known(result.yaw_change_rad),
-            clipped_ticks=int(result.clipped_ticks),
         )
 
 

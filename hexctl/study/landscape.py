@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.assessment.static_stability import in_posture
+from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
-from hexctl.gait.gait import Gait, make_gait
+from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.study.walk_cache import Place, known
@@ -26,10 +26,7 @@ from hexctl.types import ArrayFields, BoolArray, FloatArray
 PATH_STRIDE = 10
 
 #: Numbers kept of each gait, named as in its result; NaN where unknown.
-NUMBERS = (
-    *("signed_m", "mean_m", "max_m", "distance_m", "yaw_change_rad", "turned_rad"),
-    *QUALITIES,
-)
+NUMBERS = ("signed_m", "distance_m", "yaw_change_rad", *QUALITIES)
 
 N_CODES = 120
 
@@ -39,20 +36,16 @@ class GaitWalk:
     """Outcome of one gait; NaN if unknown.
 
     Attributes:
-        case: code of the gait, or its name.
+        case: code of the gait.
         signed_m: deviation at the end, positive to the left.
-        turned_rad: how far the self-rotation before the walk turned.
         path_m: progress and signed deviation, five points a second.
     """
 
-    case: int | str
+    case: int
     status: Literal[STATUSES]  # type: ignore[valid-type]
     signed_m: float
-    mean_m: float
-    max_m: float
     distance_m: float
     yaw_change_rad: float
-    turned_rad: float
     energy_j: float
     cost_of_transport: float
     tilt_deg: float
@@ -60,16 +53,13 @@ class GaitWalk:
     path_m: tuple[tuple[float, float], ...]
 
     @classmethod
-    def of(cls, case: int | str, _trial: SimTrial, result: TrialResult) -> "GaitWalk":
+    def of(cls, case: int, _trial: SimTrial, result: TrialResult) -> "GaitWalk":
         """Return the outcome of a gait from the result of its trial."""
-        off = result.deviation
-        ends = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
-        names = ("distance_m", "yaw_change_rad", "turned_rad", *QUALITIES)
         return cls(
             case=case,
             status=result.status,
-            **dict(zip(("signed_m", "mean_m", "max_m"), map(float, ends), strict=True)),
-            **{name: known(getattr(result, name)) for name in names},
+            signed_m=math.nan if result.deviation is None else float(result.deviation.signed),
+            **{name: known(getattr(result, name)) for name in NUMBERS[1:]},
             path_m=tuple(
                 map(tuple, result.path_m[PATH_STRIDE - 1 :: PATH_STRIDE].astype(np.float32).tolist())
             ),
@@ -77,7 +67,7 @@ class GaitWalk:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LandscapeSpec(Place[int | str, GaitWalk]):
+class LandscapeSpec(Place[int, GaitWalk]):
     """Settings of a landscape: everything that decides its numbers except the code that computes them.
 
     Attributes:
@@ -90,7 +80,6 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
         codes: the gaits, ascending.
         place: label of the world where there are several; decides no number.
         hold: what the walks hold by feedback, one of `hexctl.control.trial_plan.HOLDS`.
-        posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 
     WALK: ClassVar[type[GaitWalk]] = GaitWalk
@@ -105,7 +94,6 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
     codes: tuple[int, ...] = tuple(range(1, N_CODES + 1))
     place: str = ""
     hold: str = "none"
-    posture: str = "stance"
 
     @property
     def leg_failure(self) -> Failure:
@@ -133,18 +121,14 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
         """Number of points of a complete path."""
         return math.ceil(self.duration_s / PERIOD_S - 1e-9) // PATH_STRIDE
 
-    def trial(self, case: int | str) -> SimTrial:
-        """Return the trial of a gait: a code, or the name of a gait."""
+    def trial(self, case: int) -> SimTrial:
+        """Return the trial of a code."""
         default = self.robot.gait
-        gait = (
-            make_gait(self.robot, case)
-            if isinstance(case, str)
-            else Gait(
-                slots=self.space.slots_of(case),
-                pace_hz=default.pace_hz,
-                amplitude=default.amplitude,
-                height=default.height,
-            )
+        gait = Gait(
+            slots=self.space.slots_of(case),
+            pace_hz=default.pace_hz,
+            amplitude=default.amplitude,
+            height=default.height,
         )
         plan = TrialPlan(
             gait=gait,
@@ -153,13 +137,13 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
             self_rotation=self.self_rotation,
             hold=self.hold,
         )
-        plan = in_posture(self.robot, plan, self.posture)
+        plan = in_posture(self.robot, plan, usual_posture(self.hold))
         trial = SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.seed)
         return trial.put_down_turned(self.miss_rad) if self.placed else trial
 
     def settings(self) -> dict[str, Any]:
         """Settings that decide a walk."""
-        names = ("self_rotation", "duration_s", "seed", "placed", "miss_rad", "hold", "posture")
+        names = ("self_rotation", "duration_s", "seed", "placed", "miss_rad", "hold")
         return {name: getattr(self, name) for name in names} | {
             "failure": asdict(self.leg_failure),
             "codes": list(self.codes),
@@ -177,7 +161,7 @@ class Landscape(ArrayFields):
     Attributes:
         codes: (n,).
         status: one of `hexctl.control.trial_result.STATUSES`, (n,).
-        numbers: one column for each of `NUMBERS`, (n, 10).
+        numbers: one column for each of `NUMBERS`, (n, 7).
         paths_m: progress and signed deviation, five points a second, the last one at the end; NaN after the
             end of the walk, (n, P, 2).
     """

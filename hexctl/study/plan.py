@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.batch import SimTrial
@@ -23,9 +23,6 @@ ResultT = TypeVar("ResultT")
 class Plan(ABC):
     """Settings of simulations. The annotations of its fields have their types, choices and ranges."""
 
-    #: Counted unit of the cache.
-    UNIT: ClassVar[str] = "walks"
-
     def __post_init__(self) -> None:
         check_fields(self)
         for name, kind, value in _items(self):
@@ -44,8 +41,6 @@ class Plan(ABC):
 @dataclass(frozen=True, kw_only=True)
 class LandscapePlan(Plan):
     """Settings of simulations of landscapes."""
-
-    UNIT: ClassVar[str] = "gaits"
 
     @abstractmethod
     def specs(self) -> list[LandscapeSpec]:

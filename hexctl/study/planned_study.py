@@ -25,8 +25,7 @@ from hexctl.study.plan import PlannedWork
 from hexctl.study.recovery import recovery_plan
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.study_options import HOLD, MATRIX, PAPER, RECOVERY, TRANSFER, StudyOptions
-from hexctl.study.transfer.transfer_plan import TransferPlan
-from hexctl.study.transfer.transfer_settings import UNSEEN, find_transfer_prior
+from hexctl.study.transfer.transfer_plan import UNSEEN, TransferPlan, find_transfer_prior
 
 Planned = PlannedWork[Result[Any]]
 

@@ -62,18 +62,8 @@ class Picture:
         return base64.b64encode(self.file.read_bytes()).decode()
 
 
-@dataclass(frozen=True)
-class Fold:
-    """A table hidden until its title is opened."""
-
-    title: str
-    table: Table
-
-    kind: ClassVar = "fold"
-
-
 #: A text is a paragraph.
-Block = str | Bullets | Table | Picture | Fold
+Block = str | Bullets | Table | Picture
 
 
 @dataclass(frozen=True)
@@ -95,7 +85,7 @@ def markdown(table: Table) -> list[str]:
     return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
 
 
-def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
+def render_page(heading: str, sections: Iterable[Section]) -> str:
     """Return a page as HTML, all text escaped; the contents follow the first sections without a title."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -109,7 +99,6 @@ def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
     )
     colors = {"grey": GREY, "yes": VERDICT_COLORS["holds"], "no": VERDICT_COLORS["does not hold"]}
     return environment.get_template(TEMPLATE).render(
-        title=title,
         heading=heading,
         sections=list(sections),
         colors={name: " ".join(map(str, color)) for name, color in colors.items()},
@@ -123,7 +112,7 @@ def texts(name: str) -> Any:
     return yaml.safe_load(file.read_text(encoding="utf-8"))[name]
 
 
-def reading(name: str, *more: Block, **values: object) -> Section:
+def reading(name: str, **values: object) -> Section:
     """Return the part of a report on how to read it; `values` fill its texts."""
     bullets = [text.format(**values) for text in texts("reading")[name]]
-    return Section("How to read this", [Bullets(bullets), *more])
+    return Section("How to read this", [Bullets(bullets)])

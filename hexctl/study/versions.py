@@ -7,9 +7,6 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-#: Raised by hand when landscapes change in a way that neither package versions nor sources show.
-LANDSCAPE_VERSION = 1
-
 _PACKAGES = ("hexctl", "mujoco", "dm_control", "numpy")
 
 #: The module whose imports, direct and indirect, decide how a gait walks in a landscape.
@@ -29,41 +26,45 @@ def code_versions() -> dict[str, str]:
     Read once per process: files are assumed to be the imported ones.
     """
     installed = {package: _version(package) for package in _PACKAGES}
-    return {**installed, "landscape": str(LANDSCAPE_VERSION), "source": source_digest()}
+    return {**installed, "source": source_digest()}
 
 
 def source_digest(entry: str = ENTRY, root: Path = ROOT) -> str:
-    """Digest of the names and the code of `simulating_sources`; comments and docstrings do not count."""
+    """Digest of the names and the code of `simulating_sources`."""
     digest = hashlib.sha256()
-    for file in simulating_sources(entry, root):
+    for file, code in sorted(simulating_sources(entry, root).items()):
         digest.update(file.relative_to(root).as_posix().encode())
-        digest.update(_code_of(ast.parse(file.read_bytes())).encode())
+        digest.update(code.encode())
     return digest.hexdigest()[:16]
 
 
-def simulating_sources(entry: str = ENTRY, root: Path = ROOT) -> list[Path]:
-    """Files of hexctl that simulate a landscape: a module and everything that it imports, sorted.
+def simulating_sources(entry: str = ENTRY, root: Path = ROOT) -> dict[Path, str]:
+    """Code of the files of hexctl that simulate a landscape: a module and everything that it imports.
 
     Imports inside functions count, imports for type checkers do not.
     """
-    files: dict[str, Path] = {}
-    modules = [entry]
+    codes: dict[Path, str] = {}
+    modules, seen = [entry], {*_ASIDE}
     while modules:
         module = modules.pop()
-        file = _file_of(module, root)
-        if file is not None and module not in files and module not in _ASIDE:
-            files[module] = file
-            modules += _imported(ast.parse(file.read_bytes()))
-    return sorted(files.values())
+        file = None if module in seen else _file_of(module, root)
+        seen.add(module)
+        if file is not None:
+            imported, codes[file] = _read(file.read_bytes())
+            modules += imported
+    return codes
 
 
-def _code_of(tree: ast.Module) -> str:
-    """Code without comments and docstrings, those of fields included."""
+@cache
+def _read(source: bytes) -> tuple[list[str], str]:
+    """Imports of a module, and its code without comments and docstrings, those of fields included."""
+    tree = ast.parse(source)
+    imported = list(_imported(tree))
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
             vars(node)["body"] = [one for one in body if not _is_text(one)]
-    return ast.unparse(tree)
+    return imported, ast.unparse(tree)
 
 
 def _is_text(statement: ast.stmt) -> bool:

@@ -4,7 +4,6 @@ import gzip
 import hashlib
 import json
 import math
-import os
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Sequence
@@ -18,7 +17,7 @@ from pydantic import ConfigDict, TypeAdapter
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.errors import HexctlError
-from hexctl.files import atomic_write, damage_reason
+from hexctl.files import atomic_write, damage_reason, write_trouble
 from hexctl.robot.model import Robot
 from hexctl.study.versions import code_versions, source_digest
 
@@ -158,13 +157,8 @@ class WalkCache:
 
     def probe(self) -> None:
         """Raise CacheError, before hours are spent, unless walks can be saved here."""
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            probe = self.folder / f".probe.{os.getpid()}"
-            probe.touch()
-            probe.unlink()
-        except OSError as error:
-            raise CacheError(f"study cache: {self.folder} cannot be written: {error.strerror}") from error
+        if trouble := write_trouble(self.folder):
+            raise CacheError(f"study cache: {trouble}")
 
     def path_of(self, place: Place[CaseT, WalkT]) -> Path:
         """Return the file of a place."""

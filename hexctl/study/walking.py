@@ -2,7 +2,6 @@
 
 import math
 import socket
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager, nullcontext
@@ -66,7 +65,7 @@ class _Chunk:
 
 @dataclass(kw_only=True)
 class Work:
-    """Where walks are simulated and saved, who watches, and how long the parts of the work took.
+    """Where walks are simulated and saved, and who watches.
 
     Attributes:
         cache: gets each chunk as soon as it is done: the next work continues an interrupted one. The folder
@@ -81,8 +80,6 @@ class Work:
     jobs: int | None = None
     dask: str | None = None
     progress: Progress = field(default_factory=Silent)
-    times_s: dict[str, float] = field(default_factory=dict)
-    _began_s: float = field(default_factory=time.perf_counter)
 
     def __post_init__(self) -> None:
         if self.jobs is not None:
@@ -124,12 +121,6 @@ class Work:
         """Return complete landscapes in the order of their specs."""
         walks = self.walk([(spec, spec.codes) for spec in specs])
         return [Landscape.of(spec, some) for spec, some in zip(specs, walks, strict=True)]
-
-    def lap(self, name: str) -> None:
-        """End a part and begin the next one."""
-        now_s = time.perf_counter()
-        self.times_s[name] = round(now_s - self._began_s, 2)
-        self._began_s = now_s
 
 
 def _note_known(walked: Walked, known: dict[str, dict[Any, Any]], progress: Progress) -> None:

@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks import catalogue
-from benchmarks.__main__ import main
-from benchmarks.catalogue import BENCHMARKS
+from benchmarks import __main__ as command
+from benchmarks.__main__ import BENCHMARKS, main
 from benchmarks.reality import ITEMS, TABLE
 from benchmarks.results import results
 from benchmarks.rows import Row
@@ -31,30 +30,27 @@ TINY = Scale(
     memory_s=4.0,
     memory_link_s=3.0,
     starts=1,
-    robots=1,
     see_step_m=2.0,
     see_walks=1,
     see_walk_s=0.5,
+    robots=1,
 )
-
-SOME_LANDSCAPES = ("landscape.straight.leg1", "landscape.rotated.leg4")
-EACH_KIND = [name for name in BENCHMARKS if "landscape" not in name or name in SOME_LANDSCAPES]
 
 
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.__main__.QUICK", TINY)
+    monkeypatch.setattr(command, "FULL", TINY)
 
 
 def rows_of(output: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in output.splitlines()]
 
 
-@pytest.mark.parametrize("name", EACH_KIND)
+@pytest.mark.parametrize("name", BENCHMARKS)
 def test_every_benchmark_prints_one_json_object_per_row(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["--json", "--quick", "--only", name]) == 0
+    assert main(["--json", "--only", name]) == 0
     rows = rows_of(capsys.readouterr().out)
     assert rows
     for row in rows:
@@ -65,7 +61,7 @@ def test_every_benchmark_prints_one_json_object_per_row(
 
 
 def test_only_picks_single_rows_too(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--json", "--quick", "--only", "tick.ahead.median"]) == 0
+    assert main(["--json", "--only", "tick.ahead.median"]) == 0
     assert [row["name"] for row in rows_of(capsys.readouterr().out)] == ["tick.ahead.median"]
 
 
@@ -87,8 +83,8 @@ def test_a_benchmark_that_crashes_fails_the_run_but_not_the_others(
     def crash(_: Scale) -> Iterator[Row]:
         raise RuntimeError("boom")
 
-    monkeypatch.setitem(catalogue.BENCHMARKS, "startup", crash)
-    assert main(["--json", "--quick", "--only", "startup", "--only", "tick"]) == 1
+    monkeypatch.setitem(command.BENCHMARKS, "startup", crash)
+    assert main(["--json", "--only", "startup", "--only", "tick"]) == 1
     captured = capsys.readouterr()
     assert "boom" in captured.err
     assert rows_of(captured.out)

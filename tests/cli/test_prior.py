@@ -176,7 +176,7 @@ def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
     monkeypatch.setattr("hexctl.study.priors.planned_prior.build_prior", built_at_once)
     for hold in ("line", "heading"):
         assert exit_code(["prior", "build", "--hold", hold, "--legs", "2", "--worlds", "2"]) == 0
-    found = [(plan.hold, plan.self_rotation, plan.posture) for plan in plans]
+    found = [(plan.hold, plan.self_rotation, plan.key.posture) for plan in plans]
     assert found == [("line", "none", "auto"), ("heading", "rear", "auto")]
     capsys.readouterr()
     assert exit_code(["prior", "show", "ant-locked-none-30s-line-leg2"]) == 0

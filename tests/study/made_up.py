@@ -1,21 +1,14 @@
 """Landscapes for tests: made up in an instant, or really walked for a moment."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hexctl.backends.sim.world import World
-from hexctl.study.data_frames import where
-from hexctl.study.landscape import (
-    NUMBERS,
-    Landscape,
-    LandscapeSpec,
-)
+from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
 from hexctl.study.paper.claims import claims_of
-from hexctl.study.paper.evidence import StudyUncertainty
 from hexctl.study.paper.searches import Findings, search_all
 from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.walking import Silent
@@ -90,31 +83,9 @@ def made_up_findings(
     return search_all(plan, landscapes)
 
 
-def plan_of(findings: Findings) -> StudyPlan:
-    """Plan of a study with these findings."""
-    return StudyPlan(**{field.name: getattr(findings.plan, field.name) for field in fields(StudyPlan)})
-
-
-def best_m(findings: Findings, **which: object) -> FloatArray:
-    """Best scores so far of some runs in the first world, (runs, budget)."""
-    return np.stack(where(findings.first_runs, **which)["best_m"].to_list())
-
-
-def judged(findings: Findings) -> Findings:
-    """The same with the paper's claims and the simulation's own uncertainty."""
-    plan = findings.plan
-    uncertainty = StudyUncertainty.of(plan.robot, plan.world, plan.duration_s)
-    return replace(findings, claims=tuple(claims_of(findings)), uncertainty=uncertainty)
-
-
 def reported(findings: Findings, folder: Path) -> Path:
     """Report of findings, in a folder."""
-    return plan_of(findings).write(judged(findings), folder)
-
-
-def summarised(findings: Findings) -> dict[str, Any]:
-    """Findings as in `study.json`."""
-    return plan_of(findings).numbers(judged(findings))
+    return findings.plan.write(replace(findings, claims=tuple(claims_of(findings))), folder)
 
 
 class Remembering(Silent):

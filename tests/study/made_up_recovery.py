@@ -9,8 +9,7 @@ from hexctl.backends.sim.world import load_randomization
 from hexctl.study.held_out_experiment import frame_of
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import Alarm
-from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, RecoveryPlan
-from hexctl.study.recovery.recovery_report import statistics
+from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, RecoveryPlan, statistics
 from tests.robots import shipped
 
 PACE_HZ, IDEAL_M_S = 0.9, 0.15
@@ -60,10 +59,8 @@ def episode(case: RecoveryCase, **changes: Any) -> Episode:
         ideal_m_s=IDEAL_M_S,
         signed_m=-FINAL_M[case.method] if case.legs else 0.001,
         way_m=0.06,
-        before_m_s=IDEAL_M_S,
         after_m_s=speed * IDEAL_M_S,
         last_m_s=(0.4 if case.method == "nothing" else 0.9) * IDEAL_M_S,
-        settled_s=1.2,
     )
     return replace(usual, **changes)
 
@@ -120,7 +117,3 @@ def on_line(method: str, *, legs: bool = True) -> Any:
         return place.protocol == LINE and one.case.method == method and bool(one.case.legs) == legs
 
     return which
-
-
-def bars_of(found: Found) -> dict[str, Any]:
-    return {bar.name: bar for bar in found.plan.bars(found.rows)}

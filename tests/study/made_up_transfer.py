@@ -1,20 +1,21 @@
 """A small benchmark in worlds of a made-up model; some gaits fall on their way."""
 
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
+from hexctl.study.experiment import where
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
-from hexctl.study.transfer.transfer_plan import TransferFound, TransferPlan
-from hexctl.study.transfer.transfer_searches import search_worlds
-from hexctl.study.transfer.transfer_settings import EARLY
+from hexctl.study.transfer.transfer_plan import EARLY, TransferPlan
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of
 from tests.robots import shipped
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 DURATION_S = 6.0
 LEGS, WORLDS, BUDGET, RUNS = (2, 5), 3, 20, 2
@@ -64,13 +65,7 @@ def in_the_model(spec: LandscapeSpec, features: FloatArray) -> Landscape:
     return Landscape(spec=spec, codes=codes, status=status, numbers=numbers, paths_m=paths)
 
 
-def found_in(asked: TransferPlan, landscapes: Sequence[Landscape]) -> TransferFound:
-    """What the searches of a plan find in some landscapes."""
-    without = sum(not landscape.valid.any() for landscape in landscapes)
-    return TransferFound(runs=search_worlds(asked, landscapes), without=without)
-
-
-def courses_of(found: TransferFound, optimizer: str, place: int | None = None) -> list[Any]:
+def courses_of(found: "DataFrame", optimizer: str, place: int | None = None) -> list[Any]:
     """Runs of an optimizer, in all landscapes or in one."""
-    runs = found.of(optimizer)
+    runs = where(found, optimizer=optimizer)
     return list((runs if place is None else runs[runs["place"] == place]).itertuples())

@@ -41,19 +41,14 @@ def plan(**options: Any) -> HoldPlan:
 def walk(case: HoldCase, final_m: float, *, status: str = "ok", speed: float = 0.9) -> HoldWalk:
     return HoldWalk(
         case=case,
-        slots=(1, 2, 3, 4, 5, 6),
-        body_raise=0.0,
         held=case.hold,
         status=status,
         why=None,
         duration_s=30.0,
         signed_m=math.nan if status == "fell" else final_m,
-        mean_m=abs(final_m) / 2,
         max_m=2 * abs(final_m),
         distance_m=speed * IDEAL_M,
         ideal_distance_m=IDEAL_M,
-        yaw_change_rad=0.1,
-        clipped_ticks=3,
     )
 
 
@@ -110,14 +105,9 @@ def test_every_robot_walks_every_case_in_every_world() -> None:
         ({"robots": ()}, "robot"),
         ({"robots": (shipped(), shipped())}, "robot"),
         ({"families": {}}, "world"),
-        ({"worlds": 0}, "worlds"),
         ({"legs": (7,)}, "legs"),
-        ({"legs": ()}, "legs"),
         ({"failures": ("tired",)}, "failure"),
-        ({"failures": ()}, "failure"),
         ({"holds": ("line", "line")}, "holds"),
-        ({"self_rotation": "left"}, "self_rotation"),
-        ({"duration_s": 0.0}, "duration_s"),
         ({"legs": [2]}, "legs"),
     ],
 )
@@ -128,10 +118,6 @@ def test_what_cannot_be_is_refused_before_anything_runs(options: dict[str, Any],
 
 def of_failed_legs(made: Any, hold: str) -> dict[str, Any]:
     return statistics(made[(made["hold"] == hold) & (made["failure"] != INTACT)])
-
-
-def bars_of(made: Any, **options: Any) -> dict[str, Any]:
-    return {bar.name: bar for bar in plan(**options).bars(made)}
 
 
 def test_statistics_are_those_of_the_walks() -> None:
@@ -154,34 +140,19 @@ def test_statistics_are_those_of_the_walks() -> None:
     assert found["way_p90_m"] == pytest.approx(2 * found["p90_m"])
     assert (found["no_progress"], found["fell"], found["others"]) == (0, 0, 0)
     assert found["over_ideal"] == pytest.approx(0.9)
-    assert found["over_open"] == pytest.approx(0.9 / 0.8)
-
-
-def test_bars_are_judged_by_their_numbers_and_on_walks_of_30_s_only() -> None:
-    bars = bars_of(rows())
-    assert len(bars) == 13
-    assert {bar.verdict for bar in bars.values()} == {"holds"}
-    assert bars["line_rough"].asked.endswith("at most 1.2 cm (stretch: 0.8 cm)")
-    walks = [[replace(one, signed_m=20 * one.signed_m) for one in some] for some in made_up_walks(plan())]
-    missed = {name for name, bar in bars_of(rows_of(plan(), walks)).items() if not bar.holds}
-    assert missed == {"line_mean", "line_p90", "line_max", "line_rough", "heading_mean", "heading_p90",
-                      "intact_mean", "intact_max"}  # fmt: skip
-    short = bars_of(rows(), duration_s=10.0)
-    assert {bar.verdict for bar in short.values()} == {"not judged: walks of 10 s, needs at least 30 s"}
 
 
 @pytest.mark.slow
-def test_the_report_is_one_page_with_figures_and_all_walks_beside_it(tmp_path: Path) -> None:
+def test_the_report_is_one_page_with_all_walks_beside_it(tmp_path: Path) -> None:
     import pyarrow.parquet as pq
 
     made = rows()
     assert plan().write(made, tmp_path) == tmp_path / "holds.html"
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"holds.html", "holds.parquet", "holds.svg", "holds_by_failure.svg"}
+    assert names == {"holds.html", "holds.parquet"}
     text = (tmp_path / "holds.html").read_text(encoding="utf-8")
-    assert text.count("data:image/svg+xml;base64,") == 2
     for words in ("worlds 250 to 252 of transfer and real", "open loop", "yaw alone", "1 cm and 0.5 degrees",
-                  "By kind of world", "24 in 6 worlds", "holds"):  # fmt: skip
+                  "By kind of world", "24 in 6 worlds"):  # fmt: skip
         assert words in text, words
     table = pq.read_table(tmp_path / "holds.parquet")
     assert table.num_rows == len(made)
@@ -189,14 +160,13 @@ def test_the_report_is_one_page_with_figures_and_all_walks_beside_it(tmp_path: P
     assert (row["robot"], row["family"], row["world"], row["kind"]) == (
         "ant", "real", 252, last["kind_of_world"])  # fmt: skip
     assert (row["leg"], row["failure"], row["hold"]) == (5, "limp", "line")
-    assert (row["final_m"], row["status"], row["slots"]) == (last["final_m"], "ok", [1, 2, 3, 4, 5, 6])
+    assert (row["final_m"], row["status"]) == (last["final_m"], "ok")
 
 
-def test_the_summary_is_a_table_with_a_row_for_each_hold_and_the_verdicts() -> None:
+def test_the_summary_is_a_table_with_a_row_for_each_hold() -> None:
     lines = plan().lines(rows())
     assert len({line.count("|") for line in lines[:5]}) == 1
     assert re.match(r"\| one leg failed \| pose \| 24 in 6 worlds \| 0\.\d\d cm ± 0\.\d\d cm \|", lines[4])
-    assert lines[5].startswith("holds ")
 
 
 PLACE = HoldPlace(

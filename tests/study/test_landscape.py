@@ -15,7 +15,6 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_result import QUALITIES, TrialResult
-from hexctl.gait.gait import make_gait
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
@@ -43,11 +42,8 @@ def test_rows_are_those_of_the_trials_alone(one: Landscape) -> None:
         assert one.status[row] == alone.status
         expected = [
             alone.deviation.signed,
-            alone.deviation.mean,
-            alone.deviation.max,
             alone.distance_m,
             alone.yaw_change_rad,
-            alone.turned_rad,
             *(getattr(alone, name) for name in QUALITIES),
         ]
         assert one.numbers[row].tolist() == expected
@@ -60,17 +56,6 @@ def test_walks_are_kept_to_the_last_bit(one: Landscape, tmp_path: Path) -> None:
     cache = WalkCache(tmp_path)
     cache.save(one.spec, walks)
     assert repr(list(cache.load(one.spec).values())) == repr(walks)
-
-
-def test_a_default_gait_walks_as_a_trial_would() -> None:
-    asked = spec(2, "rear", 0.4)
-    trial = asked.trial("tripod")
-    assert trial.plan.gait == make_gait(asked.robot, "tripod")
-    assert replace(trial, plan=replace(trial.plan, gait=asked.trial(1).plan.gait)) == asked.trial(1)
-    (walk,) = asked.walk(["tripod"])
-    alone = run_sim_trial(trial)
-    assert alone.deviation is not None
-    assert (walk.case, walk.status, walk.signed_m) == ("tripod", alone.status, alone.deviation.signed)
 
 
 def test_scores_are_those_that_an_optimizer_is_told() -> None:
@@ -90,7 +75,7 @@ def test_another_question_has_another_fingerprint() -> None:
     asked = [spec(), spec(leg=4), spec(self_rotation="rear"), spec(duration_s=0.5), spec(seed=1),
              spec(codes=CODES), spec(world=World(friction=0.5)), replace(spec(), placed=True),
              *(replace(spec(), placed=True, miss_rad=miss_rad) for miss_rad in (0.1, -0.1))]  # fmt: skip
-    asked += [replace(spec(), hold="line"), replace(spec(), posture="auto")]
+    asked.append(replace(spec(), hold="line"))
     assert len({each.fingerprint for each in asked}) == len(asked)
     assert spec().fingerprint == spec().fingerprint
 
@@ -140,7 +125,6 @@ def test_robots_put_down_differently_do_not_share_a_start() -> None:
 def test_a_landscape_under_a_hold_stands_up_off_a_leg_that_does_not_trail(
     leg: int, body_raise: float
 ) -> None:
-    held = replace(spec(leg), hold="line", posture="auto")
+    held = replace(spec(leg), hold="line")
     plan = held.trial(7).plan
     assert (plan.hold, plan.gait.posture.body_raise) == ("line", body_raise)
-    assert replace(held, posture="stance").trial(7).plan.gait.posture.body_raise == 0

@@ -117,7 +117,7 @@ def test_the_shape_of_a_gait_walks_like_the_gait_and_a_search_keeps_its_best(
     first = EvolutionSearch(tripod, seed=0).ask()
     scores = scores_of([(trial_of(trial), shape) for shape in first])
     assert found.trials == 13
-    np.testing.assert_array_equal(found.shape, first[int(np.argmax(scores))])
+    np.testing.assert_array_equal(found.best, first[int(np.argmax(scores))])
 
 
 def test_what_is_shipped_for_ant_is_small_and_says_how_it_was_made() -> None:

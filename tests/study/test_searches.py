@@ -1,7 +1,6 @@
 """Searches in landscapes: their curves and statistics, and which legs are one experiment."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,10 +12,9 @@ from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.backends.sim.world import World
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
-from hexctl.study.data_frames import where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.leg_groups import experiments_of, image_of, is_mirror_of, landscape_by_symmetry
-from hexctl.study.paper.searches import FRESH, PAPER, curve_of, search_landscape
+from hexctl.study.paper.searches import curve_of, search_landscape
 from tests.robots import shipped
 from tests.study.made_up import made_up, spread_out
 
@@ -30,9 +28,9 @@ def landscape() -> Landscape:
     return made_up(5, "rear", spread_out(2.0), invalid=list(INVALID))
 
 
-def brute_force(landscape: Landscape, name: str, seed: int, budget: int, *, paper_count: bool) -> list[float]:
+def brute_force(landscape: Landscape, name: str, seed: int, budget: int) -> list[float]:
     """The best valid deviation after each evaluation, step by step and without arrays."""
-    search = Deduplication(make_optimizer(name, landscape.spec.space, seed), seed, paper_count=paper_count)
+    search = Deduplication(make_optimizer(name, landscape.spec.space, seed), seed, paper_count=True)
     best, curve = math.nan, []
     for _ in range(budget):
         if not search.exhausted:
@@ -49,25 +47,7 @@ def brute_force(landscape: Landscape, name: str, seed: int, budget: int, *, pape
 @pytest.mark.parametrize("name", list(OPTIMIZERS))
 def test_curves_are_those_of_a_step_by_step_search(landscape: Landscape, name: str) -> None:
     for run in search_landscape(landscape, name, SEEDS, 130):
-        paper_count = run["count"] == PAPER
-        expected = brute_force(landscape, name, run["seed"], 130, paper_count=paper_count)
-        np.testing.assert_array_equal(run["best_m"], expected)
-
-
-def by_count(landscape: Landscape, name: str, seeds: Sequence[int], budget: int) -> list[Any]:
-    from pandas import DataFrame
-
-    runs = DataFrame(search_landscape(landscape, name, seeds, budget))
-    return [where(runs, count=count) for count in (FRESH, PAPER)]
-
-
-def test_the_fresh_count_pays_for_each_code_once_and_ends_with_all(landscape: Landscape) -> None:
-    fresh, paper = by_count(landscape, "pso", SEEDS, 130)
-    assert [np.unique(codes[codes > 0]).size for codes in fresh["codes"]] == [120] * 4
-    assert all((codes[120:] == 0).all() for codes in fresh["codes"])
-    assert {best_m[-1] for best_m in fresh["best_m"]} == {landscape.best_m}
-    assert all(np.unique(codes).size < 120 for codes in paper["codes"])
-    assert all((codes > 0).all() for codes in paper["codes"])
+        np.testing.assert_array_equal(run["best_m"], brute_force(landscape, name, run["seed"], 130))
 
 
 def curve(best_m: list[list[float]]) -> Any:

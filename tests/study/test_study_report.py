@@ -6,20 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.world import World
-from hexctl.control.assessment.uncertainty_store import (
-    SimulationUncertainty,
-    keep_uncertainty,
-    known_uncertainty,
-)
 from hexctl.palette import INVALID_COLOR, deviation_color
-from hexctl.study.data_frames import where
-from hexctl.study.paper.evidence import cm
-from hexctl.study.paper.searches import FRESH, Findings, curve_of
+from hexctl.study.experiment import where
+from hexctl.study.paper.searches import Findings, curve_of
 from hexctl.study.paper.study_figures import trajectories_figure
-from hexctl.study.paper.study_report import assumptions
-from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, markdown, render_page
-from tests.robots import shipped
+from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, render_page
 from tests.study.made_up import made_up, made_up_findings, reported, spread_out
 
 HOSTILE = '<script>alert("a & b")</script>'
@@ -34,7 +25,7 @@ def test_every_text_is_escaped(tmp_path: Path) -> None:
         Table([HOSTILE], [[HOSTILE]]),
         Picture(image, HOSTILE, HOSTILE),
     ]
-    text = render_page(HOSTILE, HOSTILE, [Section(HOSTILE, blocks)])
+    text = render_page(HOSTILE, [Section(HOSTILE, blocks)])
     assert text.count("<script") == 1
     assert HOSTILE not in text
     assert text.count("&lt;script&gt;") >= 9
@@ -43,7 +34,7 @@ def test_every_text_is_escaped(tmp_path: Path) -> None:
 
 def test_verdicts_are_coloured_and_nothing_else_is() -> None:
     row = ["holds", "does not hold, by 2 cm", "not measured", "not judged: too short", "it holds", ""]
-    text = render_page("", "", [Section("", [Table(["holds"] * 6, [row])])])
+    text = render_page("", [Section("", [Table(["holds"] * 6, [row])])])
     assert '<td class="yes">holds</td>' in text
     assert '<td class="no">does not hold, by 2 cm</td>' in text
     assert '<td class="open">not judged: too short</td>' in text
@@ -99,36 +90,11 @@ def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: P
         for name in ("landscapes", "convergence", "runs")
     )
     assert len(gaits["code"]) == 2 * 2 * 120
-    assert len(curves["mean_m"]) == 2 * 2 * 2 * 25
-    assert len(runs["best_m"]) == 2 * 2 * 2 * 3 * 25
+    assert len(curves["mean_m"]) == 2 * 2 * 25
+    assert len(runs["best_m"]) == 2 * 2 * 3 * 25
     landscape = findings.without(2)
     assert gaits["signed_m"][:120] == landscape.number("signed_m").tolist()
     assert gaits["path_deviation_m"][7] == landscape.paths_m[7, :, 1].tolist()
-    searches = where(findings.first_runs, leg=2, optimizer="pso", count=FRESH)
+    searches = where(findings.first_runs, leg=2, optimizer="pso")
     assert curves["mean_m"][:25] == curve_of(searches)["mean_m"].tolist()
     assert np.array_equal(np.reshape(runs["code"][: 3 * 25], (3, 25)), np.stack(searches["codes"]))
-
-
-DOCS = Path(__file__).parents[2] / "docs"
-
-
-def test_the_page_has_the_table_of_the_report() -> None:
-    table = "\n".join(markdown(assumptions())) + "\n"
-    assert table in (DOCS / "results" / "parque-2022.md").read_text(encoding="utf-8"), (
-        "docs/results/parque-2022.md differs from hexctl/study/templates/texts.yaml: replace its table with\n"
-        + table
-    )
-
-
-def test_what_step_solver_and_contacts_change_is_what_was_measured(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The page has the numbers that come with hexctl, not copies of them nor those of this computer."""
-    known = known_uncertainty("ant", folder=tmp_path)
-    assert known is not None
-    monkeypatch.chdir(tmp_path)
-    other = SimulationUncertainty(step_m=0.5, solver_m=0.5, contact_m=0.5, walks=1000, duration_s=30.0)
-    keep_uncertainty(shipped(), World(), other)
-    simulator = assumptions().rows[-1][-1]
-    for moved_m in (known.step_m, known.solver_m, known.contact_m):
-        assert f"by {cm(moved_m)}" in simulator

@@ -1,10 +1,10 @@
-"""The transfer benchmark on made-up landscapes: its settings, searches, bars and report."""
+"""The transfer benchmark on made-up landscapes: its settings, searches and report."""
 
 import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -15,19 +15,8 @@ from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.failure import Failure, drawn_failure
 from hexctl.study.landscape import Landscape
-from hexctl.study.paper.searches import curve_of
 from hexctl.study.priors.prior_building import PriorPlan
-from hexctl.study.transfer.transfer_plan import TransferFound
-from hexctl.study.transfer.transfer_searches import (
-    coverage,
-    make_search,
-    run_course,
-    search_worlds,
-    sure_share,
-    trials_to,
-    walk_of,
-)
-from hexctl.study.transfer.transfer_settings import EARLY
+from hexctl.study.transfer.transfer_plan import EARLY, make_search, run_course, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_prior, plan_of
 from tests.robots import shipped
@@ -40,10 +29,25 @@ from tests.study.made_up_transfer import (
     OPTIMIZERS,
     WORLDS,
     courses_of,
-    found_in,
+    in_the_model,
     plan,
     question,
 )
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+@pytest.fixture(scope="module")
+def landscapes() -> list[Landscape]:
+    specs = plan().specs()
+    worlds = MODEL.worlds(len(specs), seed=600)
+    return [in_the_model(spec, world) for spec, world in zip(specs, worlds, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def findings(landscapes: list[Landscape]) -> "DataFrame":
+    return search_worlds(plan(), landscapes)
 
 
 def test_no_world_has_a_value_in_common_with_one_of_a_prior() -> None:
@@ -70,7 +74,7 @@ def test_what_is_not_known_differs_from_world_to_world_and_needs_a_prior_for_tha
         plan(failure="unknown").check()
 
 
-def test_a_course_is_what_the_landscape_has(landscapes: list[Landscape], findings: TransferFound) -> None:
+def test_a_course_is_what_the_landscape_has(landscapes: list[Landscape], findings: "DataFrame") -> None:
     for place, landscape in enumerate(landscapes):
         runs = [one for name in OPTIMIZERS for one in courses_of(findings, name, place)]
         for course in runs:
@@ -91,28 +95,18 @@ def test_a_course_is_what_the_landscape_has(landscapes: list[Landscape], finding
             np.testing.assert_allclose(course.walked_s[:trials], np.cumsum(seconds))
 
 
-def test_bayes_ends_when_it_is_sure_and_is_right(findings: TransferFound) -> None:
-    sure = [course for course in courses_of(findings, "bayes") if course.sure]
-    assert sure
-    assert all(course.best_m[-1] <= 0.025 for course in sure)
-    share, trials = sure_share(findings.of("bayes"))
-    assert share == pytest.approx(len(sure) / 6)
-    assert trials == pytest.approx(np.mean([len(course.codes) for course in sure]))
-    assert sure_share(findings.of("random"))[0] == 0.0
-
-
 def test_bayes_is_told_how_the_robot_stands_in_each_world(
-    landscapes: list[Landscape], findings: TransferFound, monkeypatch: pytest.MonkeyPatch
+    landscapes: list[Landscape], findings: "DataFrame", monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sags_rad = MODEL.sags(len(landscapes), seed=600)
     by_place = {one.spec.title: sag for one, sag in zip(landscapes, sags_rad, strict=True)}
     monkeypatch.setattr(
-        "hexctl.study.transfer.transfer_searches.deflection_of", lambda spec: by_place[spec.title]
+        "hexctl.study.transfer.transfer_plan.deflection_of", lambda spec: by_place[spec.title]
     )
     blind = made_up_prior(question(), legs=LEGS, worlds=16, model=MODEL)
     stances = np.array([MODEL.sags(16, leg) for leg in LEGS])
     asked = plan(prior=replace(blind, sag_rad=stances), optimizers=("bayes", "random"))
-    told = found_in(asked, landscapes)
+    told = search_worlds(asked, landscapes)
     samples = {leg: samples_of(asked.prior, asked.robot, leg) for leg in LEGS}
     others = 0
     for place, landscape in enumerate(landscapes):
@@ -129,49 +123,18 @@ def test_bayes_is_told_how_the_robot_stands_in_each_world(
     assert others > 0, "what it was told changed no choice"
 
 
-def test_the_bars_follow_from_the_curves(findings: TransferFound) -> None:
-    short = plan().bars(findings)
-    assert {(bar.holds, bar.verdict) for bar in short} == {
-        (None, f"not judged: walks of {DURATION_S:g} s, needs at least 30 s")
-    }
-    as_if = replace(plan(), duration_s=30.0)
-    bars = {bar.name: bar for bar in as_if.bars(findings)}
-    assert list(bars) == [bar.name for bar in short]
-    mean = curve_of(findings.of("bayes"))["mean_m"]
-    for name, bound_m, within in (("mean_0.1_m", 0.1, 4), ("mean_0.025_m", 0.025, 10)):
-        assert bars[name].holds == bool((mean.loc[:within] <= bound_m).any())
-    share, _ = coverage(findings.of("bayes"))
-    assert bars["coverage"].holds == (0.80 <= share <= 0.97)
-    for kind in findings.kinds:
-        theirs, ours = (
-            trials_to(curve_of(findings.of(name, kind=kind)), 0.1) for name in ("random", "bayes")
-        )
-        if theirs is not None and ours is not None:
-            assert bars[f"{kind}_0.1_m"].holds == (ours <= theirs + 2)
-    for bar in bars.values():
-        assert bar.verdict == ("holds" if bar.holds else "does not hold")
-
-
 @pytest.mark.slow
-def test_the_report_is_one_page_with_figures_and_table_beside_it(
-    findings: TransferFound, tmp_path: Path
-) -> None:
+def test_the_report_is_one_page_with_all_walks_beside_it(findings: "DataFrame", tmp_path: Path) -> None:
     import pyarrow.parquet as pq
 
     assert plan().write(findings, tmp_path) == tmp_path / "transfer.html"
-    figures = {f"transfer_{name}.svg" for name in ("over_trials", "over_seconds", "kinds")}
-    names = {path.name for path in tmp_path.iterdir()}
-    assert figures | {"transfer.html", "transfer.parquet"} <= names
-    assert not any(name.endswith(".part") for name in names)
+    assert {path.name for path in tmp_path.iterdir()} == {"transfer.html", "transfer.parquet"}
     text = (tmp_path / "transfer.html").read_text(encoding="utf-8")
     assert text.startswith("<!doctype html>")
-    assert text.count("data:image/svg+xml;base64,") == 3
-    for words in (*OPTIMIZERS, *findings.kinds, f"{WORLDS} worlds", f"{BUDGET} trials"):
+    for words in (*OPTIMIZERS, f"{WORLDS} worlds", f"{BUDGET} trials"):
         assert words in text
-    assert "own uncertainty is not known for these walks" in text  # they take some seconds
-    assert plan().numbers(findings)["uncertainty"] is None
     table = pq.read_table(tmp_path / "transfer.parquet")
-    assert table.num_rows == sum(map(len, findings.runs["codes"]))
+    assert table.num_rows == sum(map(len, findings["codes"]))
     assert {"world", "kind", "leg", "optimizer", "run", "trial", "code", "best_m", "walked_s"} == set(
         table.column_names
     )
@@ -220,8 +183,8 @@ def test_a_walk_is_what_a_session_would_have_seen(
 def test_landscapes_without_a_valid_gait_are_left_out_and_counted(landscapes: list[Landscape]) -> None:
     asked = plan(optimizers=("random",))
     dead = replace(landscapes[0], status=np.full(120, "no_progress"))
-    values = asked.numbers(found_in(asked, [dead, landscapes[1]]))
-    assert (values["landscapes"], values["landscapes_without_valid_gait"]) == (1, 1)
+    values = asked.numbers(search_worlds(asked, [dead, *landscapes[1:]]))
+    assert (values["landscapes"], values["landscapes_without_valid_gait"]) == (len(landscapes) - 1, 1)
     with pytest.raises(RobotFaultError):
         search_worlds(asked, [dead])
 
@@ -234,19 +197,11 @@ PEXODS_LEG = made_up_prior(question("pexod"), legs=(1,), worlds=1)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"worlds": 0}, "worlds"),
         ({"worlds": 1001}, "worlds"),
-        ({"budget": 0}, "budget"),
-        ({"runs": 0}, "runs"),
-        ({"legs": ()}, "legs"),
         ({"legs": (2, 2)}, "legs"),
         ({"legs": (5, 9)}, "9"),
-        ({"seed": -1}, "seed"),
-        ({"optimizers": ()}, "optimizers"),
-        ({"optimizers": ("random", "random")}, "optimizers"),
         ({"optimizers": ("nobody",)}, "nobody"),
         ({"duration_s": math.nan}, "duration"),
-        ({"duration_s": math.inf}, "duration"),
         ({"duration_s": 12.0}, "duration"),
         ({"robot": shipped("pexod")}, "robot"),
         ({"prior": made_up_prior(question(self_rotation="front"), worlds=1)}, "self-rotation"),

@@ -30,10 +30,12 @@ def _not_judged(options: StudyOptions) -> Iterator[str]:
     from hexctl.study.paper.evidence import JUDGED_FROM_S, LATE, too_short
     from hexctl.study.paper.study_plan import StudyPlan
 
+    if options.kind not in (PAPER, MATRIX):
+        return
     if reason := too_short(options.duration_s):
-        yield f"hexctl: distances will not be judged: {reason} (--duration {JUDGED_FROM_S:g})"
+        yield f"hexctl: claims will not be judged: {reason} (--duration {JUDGED_FROM_S:g})"
     budget = options.budget or StudyPlan.budget
-    if options.kind in (PAPER, MATRIX) and budget <= LATE:
+    if budget <= LATE:
         yield (
             f"hexctl: claims about the first {LATE} evaluations will not be judged: {budget} evaluations, "
             f"needs more than {LATE} (--budget)"

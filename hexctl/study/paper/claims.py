@@ -1,14 +1,13 @@
-"""Claims of the paper about searches: rules, numbers and verdicts, also on random numbers; and the bar.
+"""Claims of the paper about searches: rules, numbers and verdicts, also on random numbers.
 
 A claim holds, does not hold, or there is no evidence: the numbers decide nothing, a symmetry implies it, or
 it holds on random numbers too. Claims about trajectories are in `hexctl.study.paper.trajectory_claims`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from hexctl.study.paper.evidence import (
     Claim,
     Measure,
     Tolerance,
-    Verdict,
     cm,
     judge_all,
     limit_text,
@@ -29,8 +27,7 @@ from hexctl.study.paper.evidence import (
     share_text,
     too_short,
 )
-from hexctl.study.paper.searches import ALL, FRESH, NULL_DRAWS, PAPER, Findings
-from hexctl.study.paper.study_settings import BASELINE, HEURISTICS
+from hexctl.study.paper.searches import BASELINE, HEURISTICS, NULL_DRAWS, Findings
 from hexctl.study.paper.trajectory_claims import OF_WALKS, claim_of, experiment_text, make_claim
 from hexctl.study.report_page import texts
 from hexctl.types import FloatArray
@@ -52,20 +49,10 @@ FAST = 0.8
 #: A claim that holds in more than this share of draws of random numbers is no evidence.
 NULL_SHARE = 0.05
 
-#: If no gait is within `LATE_M`, the bar is this much above the best gait.
-LATE_ABOVE_BEST_M = 0.01
-
-
-#: Columns of `bars_of`.
-BAR_COLUMNS = (
-    *("optimizer", "count", "evaluations", "leg", "mean_m", "limit_m", "share_of_runs", "holds"),
-    *("over_m", "verdict"),
-)
-
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """Searches by which claims are judged: those of one leg of each experiment, by the paper's count.
+    """Searches by which claims are judged: those of one leg of each experiment.
 
     On random numbers no other leg is searched: means over all legs would be compared with means over fewer.
 
@@ -82,7 +69,7 @@ class Searched:
         from pandas import DataFrame, MultiIndex
 
         runs, first = findings.runs, [group[0] for group in findings.experiments]
-        runs = runs[(runs["draw"] == draw) & (runs["count"] == PAPER) & runs["leg"].isin(first)]
+        runs = runs[(runs["draw"] == draw) & runs["leg"].isin(first)]
         best_m = np.reshape(runs["best_m"].to_list(), (len(runs), findings.plan.budget))
         return cls(findings, DataFrame(best_m, MultiIndex.from_frame(runs[["world", "leg", "optimizer"]])))
 
@@ -286,68 +273,3 @@ def _against_null(claim: Claim, draws: list[bool | None]) -> Claim:
 def null_share(holds: list[bool | None]) -> float:
     """Chance that a claim holds on random numbers, from draws of them: (k + 1) / (n + 1)."""
     return (holds.count(True) + 1) / (len(holds) + 1)
-
-
-def limit_m(findings: Findings, evaluations: int, leg: int) -> float:
-    """Bar of a leg in m, or the mean of the legs' bars."""
-    if evaluations == EARLY:
-        return EARLY_M
-    if leg == ALL:
-        return fmean(limit_m(findings, evaluations, each) for each in findings.searched)
-    best = findings.rotated(leg).best_m
-    return best + LATE_ABOVE_BEST_M if best > LATE_M else LATE_M
-
-
-def bars_of(findings: Findings) -> "DataFrame":
-    """Return every optimizer against every bar within the budget: all legs together, then each leg.
-
-    Columns: optimizer, count, evaluations, leg, mean_m (over the runs with a valid gait; NaN
-    without any), limit_m, share_of_runs in the mean, holds (None if it cannot be judged), over_m
-    (excess over the bar) and the verdict in words.
-    """
-    from pandas import DataFrame
-
-    reason = too_short(findings.plan.duration_s)
-
-    def row(optimizer: str, count: str, evaluations: int, leg: int) -> dict[str, Any]:
-        at = findings.curves[leg, optimizer, count].loc[evaluations]
-        limit = limit_m(findings, evaluations, leg)
-        over_m = float(at["mean_m"] - limit)
-        verdict = Verdict(holds=None if reason else over_m <= 0, not_judged=reason)
-        missed = f", by {cm(over_m)}" if verdict.holds is False else ""
-        return {
-            "optimizer": optimizer,
-            "count": count,
-            "evaluations": evaluations,
-            "leg": leg,
-            "mean_m": float(at["mean_m"]),
-            "limit_m": limit,
-            "share_of_runs": float(at["share_of_runs"]),
-            "holds": verdict.holds,
-            "over_m": over_m,
-            "verdict": verdict.verdict + missed,
-        }
-
-    rows = [
-        row(optimizer, count, evaluations, leg)
-        for count in (FRESH, PAPER)
-        for optimizer in findings.plan.optimizers
-        for evaluations in (EARLY, LATE)
-        if evaluations <= findings.plan.budget
-        for leg in (ALL, *findings.searched)
-    ]
-    return DataFrame(rows, columns=list(BAR_COLUMNS))
-
-
-def missed_lines(findings: Findings) -> Iterator[str]:
-    """Return the optimizers that miss the bar for distances, or that all reach it."""
-    rows = [row for row in bars_of(findings).to_dict("records") if (row["count"], row["leg"]) == (FRESH, ALL)]
-    judged = [row for row in rows if row["holds"] is not None]
-    missed = [row for row in judged if not row["holds"]]
-    for row in missed:
-        yield (
-            f"bar missed: {row['optimizer']} {cm(row['mean_m'])} after {row['evaluations']} evaluations, "
-            f"{cm(row['over_m'])} over"
-        )
-    if judged and not missed:
-        yield "bar held by all optimizers, each gait paid for once"

@@ -1,26 +1,13 @@
 """Evidence for a claim: numbers of several worlds, tolerances, intervals over worlds, and verdicts."""
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from operator import attrgetter
-from pathlib import Path
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.backends.sim.world import World
-from hexctl.control.assessment.uncertainty_store import (
-    DISTINCT,
-    MEASURED_FAILURE,
-    SimulationUncertainty,
-    known_uncertainty,
-)
-from hexctl.robot.model import Robot
-from hexctl.study.report_page import Table
 from hexctl.types import FloatArray
 
 #: The paper's deviations: about 10 cm after 20 evaluations, about 2.5 cm after 60.
@@ -115,21 +102,6 @@ def clustered_error(values: FloatArray, groups: NDArray[Any]) -> FloatArray:
     return np.asarray(np.sqrt(len(numbers) / (len(numbers) - 1) * (sums**2).sum(axis=0)))
 
 
-def wilson_interval(count: int, of: int) -> tuple[float, float]:
-    """Wilson's interval of a share, with `CONFIDENCE`; 0 to 1 without any case.
-
-    E. B. Wilson, *Probable inference, the law of succession, and statistical inference*, 1927: the shares p
-    with |count / of - p| at most z sqrt(p (1 - p) / of). Cases are assumed to be independent.
-    """
-    if not of:
-        return 0.0, 1.0
-    z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
-    share, more = count / of, z**2 / of
-    centre = (share + more / 2) / (1 + more)
-    half = math.sqrt(share * (1 - share) * more + more**2 / 4) / (1 + more)
-    return max(0.0, centre - half), min(1.0, centre + half)
-
-
 def judge(measure: Measure, tolerance: Tolerance) -> str:
     """Return the position of an interval: within a tolerance, below, above, across its limit, or unknown.
 
@@ -202,48 +174,11 @@ class Claim(Verdict):
     null: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Bar(Verdict):
-    """Requirement of a benchmark, and the result."""
-
-    name: str
-    asked: str
-    measured: str
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        return {name: getattr(self, name) for name in ("name", "asked", "measured", "holds")}
-
-
 def too_short(duration_s: float) -> str:
     """Reason why walks of a duration are not judged, empty if they are long enough."""
     if duration_s >= JUDGED_FROM_S:
         return ""
     return f"walks of {duration_s:g} s, needs at least {JUDGED_FROM_S:g} s"
-
-
-def judged_bars(bars: Iterable[Bar], duration_s: float) -> list[Bar]:
-    """Return bars of distances; walks shorter than the minimum are not judged."""
-    reason = too_short(duration_s)
-    return [replace(bar, holds=None, not_judged=reason) if reason else bar for bar in bars]
-
-
-def bar_table(bars: Iterable[Bar]) -> Table:
-    """Return the table of bars in a report."""
-    return Table.of(bars, {name: attrgetter(name) for name in ("asked", "measured", "verdict")})
-
-
-def bar_lines(bars: Iterable[Bar]) -> list[str]:
-    """Return the verdicts on bars, each with what was asked and measured."""
-    return verdict_lines((bar.verdict, f"{bar.asked}: {bar.measured}") for bar in bars)
-
-
-def verdict_lines(verdicts: Iterable[tuple[str, str]]) -> list[str]:
-    """Return verdicts in a column before their statements, and below them each reason once."""
-    pairs = [(verdict.partition(": "), statement) for verdict, statement in verdicts]
-    lines = [f"{verdict:<15} {statement}" for (verdict, _, _), statement in pairs]
-    reasons = dict.fromkeys(f"{verdict}: {reason}" for (verdict, _, reason), _ in pairs if reason)
-    return [*lines, *reasons]
 
 
 def cm(value_m: float) -> str:
@@ -293,62 +228,3 @@ def _measure_text(measure: Measure, text: Callable[[float], str], tolerance: Tol
     limit = {BELOW: tolerance.low, ABOVE: tolerance.high}.get(side)
     missed = f", {side} {limit_text(limit) if text is cm else text(limit)}" if limit is not None else ""
     return f"{measure.name} {text(measure.mean)}{interval}{missed}{note}"
-
-
-@dataclass(frozen=True, slots=True)
-class StudyUncertainty:
-    """Uncertainty of the walks of a study by the simulation itself.
-
-    Attributes:
-        known: None if it was not measured.
-    """
-
-    known: SimulationUncertainty | None = None
-    duration_s: float = JUDGED_FROM_S
-    failure: str = MEASURED_FAILURE
-
-    @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        world: World,
-        duration_s: float,
-        folder: Path | str = "runs",
-        *,
-        failure: str = MEASURED_FAILURE,
-    ) -> "StudyUncertainty":
-        """Return the measured uncertainty of a robot's walks in a world; `folder` is that of sessions.
-
-        Raises InputError for a damaged file of measurements.
-        """
-        known = known_uncertainty(robot, world, duration_s=duration_s, folder=folder)
-        return cls(known, duration_s, failure)
-
-    @property
-    def sentence(self) -> str:
-        """The uncertainty in words."""
-        if self.known is None:
-            return (
-                "The simulation's own uncertainty is not known for these walks; hexctl check ROBOT --physics "
-                "measures it."
-            )
-        caveat = self.known.caveat(self.failure)
-        return (
-            f"Every deviation of a single walk is ± {cm(self.known.numerical_m)} by the simulation's own "
-            f"uncertainty (by its time step{f'; {caveat}' if caveat else ''}): two gaits whose ends are "
-            f"nearer to one another than {DISTINCT} times this, {cm(DISTINCT * self.known.numerical_m)}, "
-            "do not differ significantly (95 %)."
-        )
-
-    @property
-    def lines(self) -> list[str]:
-        """The sentence as lines of a summary; none if the walks are too short to be judged."""
-        return [self.sentence] if self.known is not None or self.duration_s >= JUDGED_FROM_S else []
-
-    def beside(self, deviation_m: float) -> str:
-        """Text of the deviation of a single walk, with its uncertainty if known."""
-        return cm(deviation_m) + ("" if self.known is None else f" ± {cm(self.known.numerical_m)}")
-
-    def as_json(self) -> dict[str, Any] | None:
-        """As in `hexctl check --physics --json`; None if it is not known."""
-        return None if self.known is None else self.known.to_dict()

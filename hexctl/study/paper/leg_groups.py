@@ -70,7 +70,7 @@ def is_mirror_of(
 def image_of(landscape: Landscape, symmetry: BodySymmetry) -> Landscape:
     """Image of a landscape under a symmetry, with the codes of the other leg.
 
-    A mirror changes the sign of deviations and yaw. How far the robot turned before is unknown (NaN).
+    A mirror changes the sign of deviations and yaw.
     """
     spec = landscape.spec
     codes = moved_codes(symmetry, spec.leg)[landscape.codes - 1]
@@ -79,7 +79,6 @@ def image_of(landscape: Landscape, symmetry: BodySymmetry) -> Landscape:
     numbers = landscape.numbers.copy()
     for name in ("signed_m", "yaw_change_rad"):
         numbers[:, NUMBERS.index(name)] *= sign
-    numbers[:, NUMBERS.index("turned_rad")] = np.nan
     paths_m = landscape.paths_m.copy()
     paths_m[..., 1] *= sign
     return Landscape(

@@ -1,24 +1,21 @@
 """Verdicts on every claim of the paper under every reading of what the paper leaves open."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
-from hexctl.study.data_frames import records, where
-from hexctl.study.experiment import Drawing, Experiment, plain
+from hexctl.study.experiment import Experiment, plain, records, where
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.paper.claims import NAMES, claims_of
 from hexctl.study.paper.evidence import Claim
 from hexctl.study.paper.searches import search_all
-from hexctl.study.paper.study_figures import verdicts_figure
-from hexctl.study.paper.study_settings import StudySettings
+from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.plan import LandscapePlan
-from hexctl.study.report_page import Picture, Section, Table, markdown
+from hexctl.study.report_page import Section, Table, markdown
 from hexctl.study.versions import code_versions
 from hexctl.study.walking import Work
 
@@ -46,7 +43,7 @@ class Cell:
     """One setting of the matrix; its title names robot, failure, world and time step."""
 
     title: str
-    plan: StudySettings
+    plan: StudyPlan
 
     def specs(self) -> list[LandscapeSpec]:
         """Return the specs of its landscapes, titled by the setting."""
@@ -83,7 +80,7 @@ def cells_of(
 
     Args:
         failures: as `parse_failure` reads them.
-        options: further fields of `StudySettings`.
+        options: further fields of `StudyPlan`.
 
     Raises InputError for an empty list, and for a step that a world does not take.
     """
@@ -109,7 +106,7 @@ def _cell(
 ) -> Cell:
     stepped = World.model_validate(world.model_dump() | {"time_step_s": step_s})
     defaults = {"worlds": CELL_WORLDS, "without_gaits": CELL_GAITS, "by_symmetry": True}
-    plan = StudySettings(robot=robot, world=stepped, failure=failure, **(defaults | options))
+    plan = StudyPlan(robot=robot, world=stepped, failure=failure, **(defaults | options))
     return Cell(title=f"{robot.name}, {name}, {1000 * step_s:g} ms, {failure}", plan=plan)
 
 
@@ -119,7 +116,6 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
 
     NAME: ClassVar[str] = "matrix"
     REPORT: ClassVar[str] = "matrix.html"
-    TITLE: ClassVar[str] = "hexctl study --matrix"
     HEADING: ClassVar[str] = "Verdicts on the paper's claims"
     cells: tuple[Cell, ...]
 
@@ -137,14 +133,12 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
         from pandas import DataFrame
 
         landscapes = iter(work.evaluate(self.specs()))
-        work.lap("landscapes")
         work.progress.stage("searches, cell by cell", len(self.cells))
         rows = []
         for cell in self.cells:
             findings = search_all(cell.plan, [next(landscapes) for _ in cell.specs()])
             rows += cell.rows(claims_of(findings))
             work.progress.step()
-        work.lap("searches")
         return DataFrame(rows)
 
     def numbers(self, found: "DataFrame") -> dict[str, Any]:
@@ -165,25 +159,11 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
         """Return the table of verdicts in Markdown."""
         return [line.replace("does not hold", "**does not hold**") for line in markdown(self._table(found))]
 
-    def texts(self, found: "DataFrame") -> Mapping[str, str]:
-        """Return the table of verdicts as a file in Markdown."""
-        return {"matrix.md": "\n".join(self.lines(found)) + "\n"}
-
-    def drawings(self, found: "DataFrame") -> Sequence[Drawing]:
-        """Return the figure of the report."""
-        counts = sorted({cell.plan.without_gaits for cell in self.cells})
-        here = (
-            "Each failed leg of each robot with all gaits. Legs that are one experiment are walked once, and "
-            f"without self-rotation {' or '.join(map(str, counts))} gaits. {SINGLE_WORLD} The study's page "
-            "says how claims are judged."
-        )
-        rows = [(title, verdicts) for title, _, *verdicts in self._table(found).rows]
-        draw = partial(verdicts_figure, rows, NAMES)
-        return (Drawing(name="matrix", draw=draw, here=here, paper="One robot, one simulator, one reading."),)
-
-    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    def sections(self, found: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report."""
-        yield Section("Verdicts", [*pictures.values(), self._table(found)])
+        gaits = " or ".join(map(str, sorted({cell.plan.without_gaits for cell in self.cells})))
+        note = f"Without self-rotation {gaits} gaits. {SINGLE_WORLD}"
+        yield Section("Verdicts", [note, self._table(found)])
         names = ("claim", "rule", "measured", "null", "verdict")
         header = ("claim of the paper", "holds here if", "measured here", "random numbers", "verdict")
         columns = {title: itemgetter(name) for title, name in zip(header, names, strict=True)}

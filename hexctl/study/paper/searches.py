@@ -1,30 +1,34 @@
 """Searches in known landscapes: every optimizer, many seeded runs, no simulation."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.optimizers.deduplication import PATIENCE, Deduplication
+from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.population import POPULATION
 from hexctl.adapt.space import GaitSpace
-from hexctl.errors import InputError
-from hexctl.study.data_frames import where
+from hexctl.study.experiment import where
 from hexctl.study.landscape import Landscape
-from hexctl.study.paper.evidence import Claim, StudyUncertainty
+from hexctl.study.paper.evidence import Claim
 from hexctl.study.paper.leg_groups import landscape_by_symmetry
-from hexctl.study.paper.study_settings import HEURISTICS, WITHOUT, StudySettings
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Counts of evaluations: each code costs one evaluation, or repetitions cost one each too (the paper's).
-FRESH, PAPER = "fresh", "paper"
+    from hexctl.study.paper.study_plan import StudyPlan
+
+#: The five optimizers of the paper, and the baseline.
+HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
+BASELINE = "random"
+
+#: Self-rotation of the landscapes without one.
+WITHOUT = "none"
 
 #: Number of landscapes of random numbers that each landscape is compared with.
 NULL_DRAWS = 19
@@ -41,62 +45,33 @@ def search_landscape(
     optimizer: str,
     seeds: Sequence[int],
     budget: int,
-    counts: Sequence[str] = (FRESH, PAPER),
     scores: FloatArray | None = None,
 ) -> list[Row]:
-    """Return the runs of an optimizer that looks up every gait: for each count and seed a row.
+    """Return the runs of an optimizer that looks up every gait, a row for each seed; repeated codes count.
 
-    Columns: optimizer, count, seed; `own_codes`, the number of distinct codes that the search asked for
-    before it was stuck (0 without the fresh count); `codes`, in order of evaluation, 0 after the end of a
-    run that had tried all, (budget,); `scores` of these, `INVALID_SCORE` for an invalid gait and after the
-    end; `best_m`, the best score so far in m, NaN before the first valid gait.
-
-    `scores` replace those of the landscape. Raises InputError for a landscape without all gaits.
+    Columns: optimizer, seed; `codes`, in order of evaluation, 0 after the end of a run that had tried all,
+    (budget,); `scores` of these, `INVALID_SCORE` for an invalid gait and after the end; `best_m`, the best
+    score so far in m, NaN before the first valid gait. `scores` replace those of the landscape.
     """
     space, scores = landscape.spec.space, landscape.scores if scores is None else scores
-    if len(scores) != space.size:
-        raise InputError(f"{landscape.spec.title}: got {len(scores)} gaits; allowed: {space.size}")
-    own = [codes_until_stuck(optimizer, space, seed, scores) if FRESH in counts else 0 for seed in seeds]
     return [
-        {"optimizer": optimizer, "count": count, "seed": seed, "own_codes": own_codes}
-        | _run(optimizer, space, seed, scores, budget, paper_count=count == PAPER)
-        for count in counts
-        for seed, own_codes in zip(seeds, own, strict=True)
+        {"optimizer": optimizer, "seed": seed} | _run(optimizer, space, seed, scores, budget)
+        for seed in seeds
     ]
 
 
-def _run(
-    optimizer: str, space: GaitSpace, seed: int, scores: FloatArray, budget: int, *, paper_count: bool
-) -> Row:
-    """Codes and scores of one run.
-
-    Codes are paid for one by one, as in `hexctl adapt`. If repetitions count, the size of an ask does not
-    matter, and a generation at a time is quicker.
-    """
-    together = POPULATION if paper_count else 1
-    search = Deduplication(make_optimizer(optimizer, space, seed), seed, paper_count=paper_count)
+def _run(optimizer: str, space: GaitSpace, seed: int, scores: FloatArray, budget: int) -> Row:
+    """Codes and scores of one run. If repetitions count, asking for a generation at a time is quicker."""
+    search = Deduplication(make_optimizer(optimizer, space, seed), seed, paper_count=True)
     codes: list[int] = []
     while len(codes) < budget and not search.exhausted:
-        asked = search.ask(min(together, budget - len(codes)))
+        asked = search.ask(min(POPULATION, budget - len(codes)))
         search.tell(asked, [float(scores[code - 1]) for code in asked])
         codes += asked
     padded = np.array(codes + [0] * (budget - len(codes)), dtype=np.int64)
     found = np.where(padded > 0, scores[padded - 1], INVALID_SCORE)
     best = np.minimum.accumulate(found)
     return {"codes": padded, "scores": found, "best_m": np.where(best < INVALID_SCORE, best, np.nan)}
-
-
-def codes_until_stuck(optimizer: str, space: GaitSpace, seed: int, scores: FloatArray) -> int:
-    """Number of distinct codes a search asks for until none of the next `PATIENCE` is fresh."""
-    search = make_optimizer(optimizer, space, seed)
-    tried: set[int] = set()
-    stale = 0
-    while stale < PATIENCE and len(tried) < space.size:
-        (code,) = search.ask(1)
-        search.tell([code], [float(scores[code - 1])])
-        stale = stale + 1 if code in tried else 0
-        tried.add(code)
-    return len(tried)
 
 
 def curve_of(runs: "DataFrame") -> "DataFrame":
@@ -121,16 +96,12 @@ class Findings:
         landscapes: by world, leg and self-rotation; world 0 is that of the plan.
         runs: rows of `search_landscape`, with `world`, `leg` and `draw`: 0 for searches in the landscapes,
             other numbers for those in random numbers, see `null_runs`.
-        default_walks: with the gaits that the robot would use without a search. Columns: leg, gait, status,
-            signed_m, distance_m, final_m.
     """
 
-    plan: StudySettings
+    plan: "StudyPlan"
     landscapes: dict[tuple[int, int, str], Landscape]
     runs: "DataFrame"
-    default_walks: "DataFrame | None" = None
     claims: tuple[Claim, ...] = ()
-    uncertainty: StudyUncertainty = field(default_factory=StudyUncertainty)
 
     @property
     def worlds(self) -> range:
@@ -166,62 +137,54 @@ class Findings:
         return self.landscapes[world, leg, self.plan.self_rotation]
 
     @cached_property
-    def curves(self) -> "dict[tuple[int, str, str], DataFrame]":
-        """Statistics in the first world by leg, optimizer and count; leg `ALL` is all of them together."""
-        groups = ["optimizer", "count"]
-        by_leg = {key: curve_of(some) for key, some in self.first_runs.groupby(["leg", *groups], sort=False)}
-        of_all = {(ALL, *key): curve_of(some) for key, some in self.first_runs.groupby(groups, sort=False)}
+    def curves(self) -> "dict[tuple[int, str], DataFrame]":
+        """Statistics in the first world by leg and optimizer; leg `ALL` is all of them together."""
+        runs = self.first_runs
+        by_leg = {key: curve_of(some) for key, some in runs.groupby(["leg", "optimizer"], sort=False)}
+        of_all = {(ALL, name): curve_of(some) for name, some in runs.groupby("optimizer", sort=False)}
         return by_leg | of_all
 
 
 def search_all(
-    plan: StudySettings, landscapes: Sequence[Landscape], on_leg: Callable[[], None] = lambda: None
+    plan: "StudyPlan", landscapes: Sequence[Landscape], on_leg: Callable[[], None] = lambda: None
 ) -> Findings:
-    """Run every optimizer on every leg, by both counts; `on_leg` is called after each leg.
+    """Run every optimizer on every leg; `on_leg` is called after each leg.
 
-    `landscapes` are those of `plan.specs()`, in their order. In the worlds like the first one and in
-    random numbers, searches use only the paper's count.
+    `landscapes` are those of `plan.specs()`, in their order.
     """
-    from pandas import DataFrame
+    from pandas import DataFrame, concat
 
     known: dict[tuple[int, int, str], Landscape] = {}
     left, rows = iter(landscapes), list[Row]()
     for world, specs in enumerate(plan.specs_by_world()):
         walked = [next(left) for _ in specs]
         known |= {(world, *key): one for key, one in _of_all_legs(plan, walked).items()}
-        counts = (PAPER,) if world else (FRESH, PAPER)
         for landscape in walked:
             if landscape.spec.self_rotation == plan.self_rotation:
-                rows += _searches(plan, landscape, world, plan.optimizers, counts)
+                rows += _searches(plan, landscape, world, plan.optimizers)
                 if not world:
                     on_leg()
     found = Findings(plan=plan, landscapes=known, runs=DataFrame(rows).assign(draw=0))
-    nulls = DataFrame(null_runs(found), columns=found.runs.columns)
-    return Findings(plan=plan, landscapes=known, runs=_joined(found.runs, nulls))
-
-
-def _joined(runs: "DataFrame", more: "DataFrame") -> "DataFrame":
-    from pandas import concat
-
-    return concat([runs, more], ignore_index=True) if len(more) else runs
+    nulls = list(null_runs(found))
+    runs = concat([found.runs, DataFrame(nulls)], ignore_index=True) if nulls else found.runs
+    return Findings(plan=plan, landscapes=known, runs=runs)
 
 
 def _searches(
-    plan: StudySettings,
+    plan: "StudyPlan",
     landscape: Landscape,
     world: int,
     optimizers: Sequence[str],
-    counts: Sequence[str],
     scores: FloatArray | None = None,
 ) -> Iterator[Row]:
     leg = landscape.spec.leg
     seeds = [plan.seed_of(leg, run, world) for run in range(plan.runs)]
     for name in optimizers:
-        for row in search_landscape(landscape, name, seeds, plan.budget, counts, scores):
+        for row in search_landscape(landscape, name, seeds, plan.budget, scores):
             yield {"world": world, "leg": leg, **row}
 
 
-def _of_all_legs(plan: StudySettings, walked: Sequence[Landscape]) -> dict[tuple[int, str], Landscape]:
+def _of_all_legs(plan: "StudyPlan", walked: Sequence[Landscape]) -> dict[tuple[int, str], Landscape]:
     """Landscapes of all legs; those not simulated are images of others."""
     return {
         (leg, rotation): landscape_by_symmetry(
@@ -232,17 +195,16 @@ def _of_all_legs(plan: StudySettings, walked: Sequence[Landscape]) -> dict[tuple
     }
 
 
-def null_runs(findings: Findings, draws: int = NULL_DRAWS) -> Iterator[Row]:
+def null_runs(findings: Findings) -> Iterator[Row]:
     """Run the heuristics in landscapes of random numbers: the same scores, assigned to random codes.
 
     A claim that holds there would hold for any numbers of this size.
     """
     random = np.random.default_rng([findings.plan.seed, 120])
-    for draw in range(1, draws + 1):
+    for draw in range(1, NULL_DRAWS + 1):
         for world in findings.worlds:
             for leg, *_ in findings.experiments:
                 landscape = findings.rotated(leg, world)
                 scores = landscape.scores[random.permutation(len(landscape.codes))]
-                names = findings.heuristics
-                for row in _searches(findings.plan, landscape, world, names, (PAPER,), scores):
+                for row in _searches(findings.plan, landscape, world, findings.heuristics, scores):
                     yield row | {"draw": draw}

@@ -7,47 +7,31 @@ import numpy as np
 
 from hexctl.palette import (
     BAR_COLOR,
-    GREY,
+    BEST_OF_ALL_COLOR,
     INVALID_COLOR,
     LEGEND_M,
     LINE_COLOR,
-    VERDICT_COLORS,
-    baseline_color,
+    OPTIMIZER_COLORS,
+    OPTIMIZER_DASHES,
+    OTHER_OPTIMIZER_COLORS,
+    OTHER_OPTIMIZER_DASHES,
     hex_color,
     scale_stops,
 )
-from hexctl.study.data_frames import where
-from hexctl.study.experiment import Drawing
-from hexctl.study.figure_style import (
-    color_of,
-    draw_curves,
-    finish_curves,
-    grid_of,
-    label_axes,
-    new_figure,
-)
+from hexctl.study.experiment import Drawing, where
 from hexctl.study.landscape import Landscape
-from hexctl.study.paper.evidence import EARLY, EARLY_M, LATE, LATE_M, cm
-from hexctl.study.paper.searches import ALL, FRESH, PAPER, Findings
-from hexctl.study.paper.study_report import default_text
-from hexctl.study.paper.study_settings import BASELINE
+from hexctl.study.paper.evidence import EARLY_M, LATE_M, cm
+from hexctl.study.paper.searches import BASELINE, Findings
 from hexctl.study.report_page import texts
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
 #: Width of a panel and of the colour bar, in inches.
 PANEL_IN, BAR_IN = 4.3, 1.0
-
-#: Opacity of a verdict without an interval.
-PALE = 0.4
-
-#: Legs whose examples the paper shows, and the arbitrary gait that stands for them without self-rotation.
-EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
-
 
 #: Title, landscape, rows and line widths of the paths in a panel.
 Paths = tuple[str, Landscape, "np.ndarray[Any, Any]", "FloatArray | float"]
@@ -68,7 +52,7 @@ def trajectories_figure(landscapes: list[Landscape], title: str) -> "Figure":
 
 
 def best_figure(findings: Findings) -> "Figure":
-    """Best gaits of the optimizers over all runs, by the paper's count."""
+    """Best gaits of the optimizers over all runs."""
 
     def paths(leg: int) -> Paths:
         codes, times = _best_codes(findings, leg)
@@ -90,7 +74,12 @@ def _paths_figure(
     for panel, (name, landscape, rows, widths) in zip(panels, each, strict=False):
         lines = _draw_paths(panel, landscape, rows, widths)
         panel.set_title(name, fontsize=9)
-    _finish_paths(figure, panels, len(each), title, equal=equal)
+        panel.axhline(0, color=hex_color(LINE_COLOR), linewidth=0.8, zorder=0)
+        panel.plot(0, 0, "o", color=hex_color(LINE_COLOR), markersize=4)
+        if equal:
+            panel.set_aspect("equal", adjustable="box")
+    label_axes(panels, len(each), "progress along the heading in m", "to the left of the line in m")
+    figure.suptitle(title, fontsize=11, wrap=True)
     bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
     bar.set_label("deviation at the end", fontsize=9)
     bar.set_ticks(list(LEGEND_M), labels=["1 cm", "2.5 cm", "10 cm", "30 cm", "1 m", "3 m"])
@@ -98,27 +87,9 @@ def _paths_figure(
     return figure
 
 
-def examples_figure(findings: Findings) -> "Figure | None":
-    """Single trajectories of legs 2 and 6, without and with self-rotation; None without these legs."""
-    legs = [leg for leg in EXAMPLE_LEGS if leg in findings.plan.legs]
-    if not legs:
-        return None
-    figure, panels = new_figure(len(legs), 2, (11.0, 3.2 * len(legs) + 0.4))
-    for row, leg in enumerate(legs):
-        plain, turned = findings.without(leg), findings.rotated(leg)
-        example = plain.row_of(EXAMPLE_CODE) if EXAMPLE_CODE in plain.spec.codes else 0
-        pairs = [(plain, example), (turned, int(turned.scores.argmin()))]
-        for panel, (landscape, chosen) in zip(panels[2 * row :], pairs, strict=False):
-            _draw_example(panel, landscape, chosen)
-    _finish_paths(
-        figure, panels, len(panels), "Left: an arbitrary gait. Right: self-rotation and the best gait"
-    )
-    return figure
-
-
 def _best_codes(findings: Findings, leg: int) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]":
     """Best codes of runs, and the number of runs of each."""
-    runs = where(findings.first_runs, leg=leg, count=PAPER)
+    runs = where(findings.first_runs, leg=leg)
     found = runs[[np.isfinite(best_m[-1]) for best_m in runs["best_m"]]]
     best = [codes[scores.argmin()] for codes, scores in zip(found["codes"], found["scores"], strict=True)]
     return np.unique(np.array(best, dtype=int), return_counts=True)
@@ -157,16 +128,6 @@ def _draw_paths(
     return lines
 
 
-def _draw_example(panel: "Axes", landscape: Landscape, row: int) -> None:
-    points = _points(landscape, row)
-    panel.plot(points[:, 0], points[:, 1], color="#1F4E79", linewidth=1.8)
-    panel.plot(points[::25, 0], points[::25, 1], "o", color="#1F4E79", markersize=3)
-    slots = ",".join(str(slot) for slot in landscape.spec.space.slots_of(int(landscape.codes[row])))
-    off = f"{landscape.number('signed_m')[row]:+.3f} m"
-    ends = off if landscape.valid[row] else f"{off}, invalid ({landscape.status[row]})"
-    panel.set_title(f"{landscape.spec.title}, code {landscape.codes[row]} ({slots}): {ends}", fontsize=9)
-
-
 def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[float, float]:
     """Width and height, in inches, at which all paths fit at equal scales."""
     points = np.concatenate([landscape.paths_m.reshape(-1, 2) for landscape in landscapes])
@@ -176,82 +137,56 @@ def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[floa
     return PANEL_IN * columns + BAR_IN + 0.4, (panel_in + 0.35) * rows + 0.6
 
 
-def _finish_paths(
-    figure: "Figure", panels: "list[Axes]", used: int, title: str, *, equal: bool = True
-) -> None:
-    for panel in panels[:used]:
-        panel.axhline(0, color=hex_color(LINE_COLOR), linewidth=0.8, zorder=0)
-        panel.plot(0, 0, "o", color=hex_color(LINE_COLOR), markersize=4)
-        if equal:
-            panel.set_aspect("equal", adjustable="box")
-    label_axes(panels, used, "progress along the heading in m", "to the left of the line in m")
-    figure.suptitle(title, fontsize=11, wrap=True)
-
-
 #: Lower end of the scale; smaller deviations mean nothing for a robot.
 LOW_M = 0.002
 
+#: Width of a legend's entry, in inches.
+LEGEND_ENTRY_IN = 2.0
 
-def convergence_figure(findings: Findings, count: str) -> "Figure":
-    """One panel per leg with the mean of every optimizer, by one of the two counts."""
+
+def convergence_figure(findings: Findings) -> "Figure":
+    """One panel per leg with the mean of every optimizer."""
     legs = findings.searched
     rows, columns = grid_of(len(legs))
     figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
     for panel, leg in zip(panels, legs, strict=False):
-        best = findings.rotated(leg).best_m
-        draw_curves(panel, _mean_curves(findings, leg, count), best, 1.4)
-        for name in findings.plan.optimizers:
-            curve = findings.curves[leg, name, count]
-            if name == BASELINE:
-                _draw_spread(panel, name, curve)
-            elif count == FRESH:
-                runs = where(findings.first_runs, leg=leg, optimizer=name, count=count)
-                _mark_stuck(panel, name, curve, float(runs["own_codes"].mean()))
-        own = _draw_defaults(panel, findings, leg)
-        panel.set_title("\n".join([f"leg {leg}:  best of all gaits {_on_scale(best)}", *own]), fontsize=9)
-    counted = "repetitions counted (the paper's count)" if count == PAPER else "each gait paid for once"
-    title = f"Mean of the best deviation over {findings.plan.runs} runs, {counted}"
-    _finish_curves(figure, panels, len(legs), title)
+        _draw_curves(panel, findings, leg)
+    label_axes(panels, len(legs), "evaluations", "deviation from the line")
+    handles, labels = panels[0].get_legend_handles_labels()
+    columns = min(len(labels), max(2, int(figure.get_figwidth() / LEGEND_ENTRY_IN)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+    title = f"Mean of the best deviation over {findings.plan.runs} runs, repetitions counted"
+    figure.suptitle(title, fontsize=11, wrap=True)
     return figure
 
 
-def _draw_defaults(panel: "Axes", findings: Findings, leg: int) -> list[str]:
-    """Draw where the robot's own gaits end, as level lines; return their values as text."""
-    if findings.default_walks is None:
-        return []
-    ends = []
-    for walk in where(findings.default_walks, leg=leg).itertuples():
-        # An invalid one has an entry in the legend, too, because all panels share it.
-        color, label = hex_color(baseline_color(walk.gait)), f"{walk.gait}, without a search"
-        panel.axhline(walk.final_m, color=color, linewidth=1.4, linestyle="-.", label=label)
-        ends.append(f"{walk.gait} {default_text(walk)}{_below_scale(walk.final_m)}")
-    return [f"without a search: {', '.join(ends)}"]
+def _draw_curves(panel: "Axes", findings: Findings, leg: int) -> None:
+    """Draw the mean of every optimizer, and the best of all gaits, on a logarithmic scale."""
+    for name in findings.plan.optimizers:
+        curve = findings.curves[leg, name]
+        panel.plot(curve.index, curve["mean_m"], linewidth=1.4, label=name, **line_of(name))
+        if name == BASELINE:
+            _draw_spread(panel, name, curve)
+    best_m = findings.rotated(leg).best_m
+    color = hex_color(BEST_OF_ALL_COLOR)
+    panel.axhline(best_m, color=color, linewidth=1.2, linestyle=":", label="best of all gaits")
+    for bound_m in (LATE_M, EARLY_M):
+        panel.axhline(bound_m, color=hex_color(BAR_COLOR), linewidth=0.5)
+    below = " (below the scale)" if best_m < LOW_M else ""
+    panel.set_title(f"leg {leg}:  best of all gaits {cm(best_m)}{below}", fontsize=9)
+    panel.set_yscale("log")
+    panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
+    panel.minorticks_off()
+    panel.set_ylim(bottom=LOW_M)
 
 
-def _on_scale(value_m: float) -> str:
-    return cm(value_m) + _below_scale(value_m)
-
-
-def _below_scale(value_m: float) -> str:
-    return " (below the scale)" if value_m < LOW_M else ""
-
-
-def means_figure(findings: Findings) -> "Figure":
-    """Means over all legs and runs, by both counts, with the project's bars."""
-    figure, panels = new_figure(1, 2, (11.0, 4.2))
-    best = float(np.mean([findings.rotated(leg).best_m for leg in findings.searched]))
-    for panel, count in zip(panels, (PAPER, FRESH), strict=True):
-        draw_curves(panel, _mean_curves(findings, ALL, count), best, 1.4)
-        panel.plot(
-            [EARLY, LATE], [EARLY_M, LATE_M], "v", color=hex_color(BAR_COLOR), markersize=7, label="bars"
-        )
-        panel.set_title("repetitions counted" if count == PAPER else "each gait paid for once", fontsize=9)
-    _finish_curves(figure, panels, 2, "Mean over all legs and runs")
-    return figure
-
-
-def _mean_curves(findings: Findings, leg: int, count: str) -> "dict[str, Series[float]]":
-    return {name: findings.curves[leg, name, count]["mean_m"] for name in findings.plan.optimizers}
+def line_of(optimizer: str) -> dict[str, Any]:
+    """Colour and dashes of an optimizer's lines, as keywords of matplotlib; the same in all figures."""
+    others = OTHER_OPTIMIZER_COLORS
+    color = OPTIMIZER_COLORS.get(optimizer, others[sum(optimizer.encode()) % len(others)])
+    usual = () if optimizer in OPTIMIZER_COLORS else OTHER_OPTIMIZER_DASHES
+    dashes = OPTIMIZER_DASHES.get(optimizer, usual)
+    return {"color": hex_color(color), "linestyle": (0, dashes) if dashes else "-"}
 
 
 def _draw_spread(panel: "Axes", name: str, curve: "DataFrame") -> None:
@@ -262,61 +197,12 @@ def _draw_spread(panel: "Axes", name: str, curve: "DataFrame") -> None:
     )
 
 
-def _mark_stuck(panel: "Axes", name: str, curve: "DataFrame", stuck: float) -> None:
-    """Mark the mean number of codes after which a search is stuck and random codes take over."""
-    if stuck < len(curve):
-        panel.plot(stuck, curve["mean_m"][round(stuck)], "o", color=color_of(name), markersize=4)
-
-
-def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> None:
-    finish_curves(figure, panels, used, "evaluations", "deviation from the line", title)
-    for panel in panels[:used]:
-        panel.set_ylim(bottom=LOW_M)
-
-
-def verdicts_figure(rows: Sequence[tuple[str, Sequence[str]]], columns: Sequence[str]) -> "Figure":
-    """Verdicts as coloured squares: a row for each setting, a column for each claim.
-
-    Verdicts in brackets, for which no interval was tested, are pale.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(0.55 * len(columns) + 3.4, 0.3 * len(rows) + 2.0), layout="constrained")
-    panel = figure.subplots()
-    for row, (_, verdicts) in enumerate(rows):
-        for column, verdict in enumerate(verdicts):
-            panel.add_patch(_square(column, row, verdict))
-    panel.set_xlim(-0.5, len(columns) - 0.5)
-    panel.set_ylim(len(rows) - 0.5, -0.5)
-    panel.set_xticks(range(len(columns)), columns, rotation=40, ha="right", fontsize=8)
-    panel.set_yticks(range(len(rows)), [title for title, _ in rows], fontsize=8)
-    panel.tick_params(length=0)
-    names = [*VERDICT_COLORS, "not judged"]
-    shown = {verdict for _, verdicts in rows for verdict in verdicts}
-    names += [f"({name})" for name in VERDICT_COLORS if f"({name})" in shown]
-    keys = [_square(0, 0, name, name) for name in names]
-    figure.legend(handles=keys, loc="outside upper center", ncols=4, fontsize=8, frameon=False)
-    return figure
-
-
-def _square(column: int, row: int, verdict: str, label: str = "") -> Any:
-    from matplotlib.patches import Rectangle
-
-    corner, judged = (column - 0.46, row - 0.46), verdict.strip("()") in VERDICT_COLORS
-    color = hex_color(VERDICT_COLORS[verdict.strip("()")] if judged else GREY)
-    alpha = PALE if verdict.startswith("(") else 1.0
-    return Rectangle(corner, 0.92, 0.92, fill=judged, color=color, alpha=alpha, label=label)
-
-
 def study_drawings(findings: Findings) -> list[Drawing]:
     """Return the figures of a study."""
     draw = {
         "trajectories_without_self_rotation": lambda: _all_gaits(findings, turned=False),
         "trajectories_with_self_rotation": lambda: _all_gaits(findings, turned=True),
-        "examples": lambda: examples_figure(findings),
-        "convergence_paper_count": lambda: convergence_figure(findings, PAPER),
-        "convergence_fresh_count": lambda: convergence_figure(findings, FRESH),
-        "convergence_means": lambda: means_figure(findings),
+        "convergence": lambda: convergence_figure(findings),
         "best_trajectories": lambda: best_figure(findings),
     }
     captions = texts("captions")
@@ -329,3 +215,31 @@ def _all_gaits(findings: Findings, *, turned: bool) -> "Figure | None":
     landscape_of = findings.rotated if turned else findings.without
     title = f"All gaits, {'with' if turned else 'without'} self-rotation"
     return trajectories_figure([landscape_of(leg) for leg in findings.plan.legs], title)
+
+
+def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[Figure, list[Axes]]":
+    """Figure and its panels, row by row, with shared axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size_in, layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    return figure, list(panels.flat)
+
+
+def label_axes(panels: "list[Axes]", used: int, across: str, up: str) -> None:
+    """Label the axes of the outer panels in use and hide the others."""
+    columns = panels[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
+    for number, panel in enumerate(panels):
+        panel.set_visible(number < used)
+        panel.grid(visible=True, linewidth=0.3)
+        if number + columns >= used:
+            panel.set_xlabel(across, fontsize=9)
+            panel.tick_params(labelbottom=True)
+        if number % columns == 0:
+            panel.set_ylabel(up, fontsize=9)
+
+
+def grid_of(count: int) -> tuple[int, int]:
+    """Rows and columns for a number of panels, up to three in a row."""
+    columns = min(3, count)
+    return -(-count // columns), columns

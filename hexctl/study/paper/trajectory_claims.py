@@ -203,15 +203,12 @@ def rotation_helps(findings: Findings) -> Claim:
               for group, some in zip(turning, near, strict=True)]  # fmt: skip
     gain = [_gain(near)] if near else []
     here = [f"leg {leg} {findings.without(leg).within(EARLY_M)}" for leg in findings.plan.legs]
-    expected = [expected_within(findings.rotated(group[0]), EARLY_M) for group in findings.experiments]
-    numbers = ", ".join(f"{count:.1f}" for count in expected)
     return make_claim(
         "gaits near the line",
         f"gaits within 10 cm: {measures_text(after, '{:.3g}'.format, enough)}; of the same "
         f"gaits more than without: {measures_text(gain, '{:+.1f}'.format, more)}",
         _judge_near(judge_all(after, enough), judge_all(before, enough), judge_all(gain, more)),
         beside="without self-rotation: " + ", ".join(here),
-        null=f"{numbers} gaits within 10 cm if deviations up to the median were spread evenly",
     )
 
 
@@ -247,18 +244,6 @@ def _gain(near: Sequence[Sequence[tuple[int, int]]]) -> Measure:
         for without, turned in counts.transpose(0, 2, 1)
     )
     return Measure("mean", tuple(gains.mean(axis=0).tolist()), each, least=-np.inf)
-
-
-def expected_within(landscape: Landscape, limit_m: float) -> float:
-    """Expected number of valid gaits within a distance of the line, if only chance placed them.
-
-    Half of them end within the median. If these are spread evenly, limit / median of them are within the
-    limit. 0 without a valid gait.
-    """
-    if not landscape.valid.any():
-        return 0.0
-    valid_m = landscape.final_m[landscape.valid]
-    return float(valid_m.size * min(1.0, limit_m / (2 * max(float(np.median(valid_m)), limit_m / 2))))
 
 
 #: Claims about the robot.

@@ -34,7 +34,7 @@ from hexctl.study.priors.prior_options import (
 )
 from hexctl.study.study_options import ALL_LEGS
 from hexctl.study.versions import code_versions
-from hexctl.study.walking import Work
+from hexctl.study.walking import Progress, Work
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
 if TYPE_CHECKING:
@@ -59,8 +59,6 @@ class PriorPlan(LandscapePlan):
     Attributes:
         failure: as `parse_kind` reads it; with `unknown` each world draws what breaks.
         hold: what feedback keeps; unless `none`, the prior is one of scores.
-        posture: one of `hexctl.control.assessment.static_stability.POSTURES`; None is that of sessions with
-            this hold.
     """
 
     robot: Robot
@@ -71,13 +69,6 @@ class PriorPlan(LandscapePlan):
     self_rotation: SelfRotation = "rear"
     duration_s: Annotated[float, PRIOR_DURATION_S] = 30.0
     hold: PriorHold = "none"
-    posture: str | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.posture is None:
-            object.__setattr__(self, "posture", usual_posture(self.hold))
-        check_families({"one in which legs fail": self.family}, "family")
 
     def specs(self) -> list[LandscapeSpec]:
         """Landscapes to simulate, world by world; any first part of the list covers all legs.
@@ -105,7 +96,6 @@ class PriorPlan(LandscapePlan):
                 miss_rad=math.radians(miss_deg) if self.self_rotation != "none" else 0.0,
                 place=f"world {index + 1}",
                 hold=self.hold,
-                posture=self.posture or "stance",
             )
             for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
         ]
@@ -125,11 +115,12 @@ class PriorPlan(LandscapePlan):
     def key(self) -> PriorKey:
         """Key of the prior."""
         key = PriorKey.of(self.robot, self.trial_plan())
-        return replace(key, posture=self.posture or "stance")
+        return replace(key, posture=usual_posture(self.hold))
 
     def check(self) -> None:
         """Raise InputError for invalid settings, before anything runs."""
         super().check()
+        check_families({"one in which legs fail": self.family}, "family")
         check_legs(self.legs)
         whole = in_whole_steps(self.duration_s)
         allowed = f"{PRIOR_DURATION_S.low:g} s or more, in steps of {WHOLE_S:g} s"
@@ -175,7 +166,7 @@ def build_prior(plan: PriorPlan, path: Path, work: Work | None = None) -> Prior 
     prior: Prior | ScorePrior
     if plan.hold == "none":
         work.progress.stage("stances", len(landscapes))
-        prior = prior_of(plan, landscapes, deflections_of(plan, work.progress.step))
+        prior = prior_of(plan, landscapes, deflections_of(plan, landscapes, work.progress))
     else:
         prior = score_prior_of(plan, landscapes)
     save_prior(prior, path)
@@ -190,8 +181,6 @@ def prior_file_name(plan: PriorPlan, family: str) -> str:
     parts = [plan.robot.name, plan.failure.replace(":", "-"), plan.self_rotation, f"{plan.duration_s:g}s"]
     if plan.hold != "none":
         parts.append(plan.hold)
-    if plan.posture != usual_posture(plan.hold):
-        parts.append(str(plan.posture))
     if len(plan.legs) < N_LEGS:
         parts.append("leg" + "".join(str(leg) for leg in plan.legs))
     if family != "randomised":
@@ -215,24 +204,19 @@ def deflection_of(spec: LandscapeSpec) -> FloatArray:
     return np.full(N_JOINTS, np.nan) if deflection_rad is None else deflection_rad
 
 
-def deflections_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None) -> FloatArray:
-    """Static deflections of the joints in all worlds of a prior, rad, (legs, worlds, 18).
-
-    `on_stance` is called after each of them.
-    """
-
-    def one(spec: LandscapeSpec) -> FloatArray:
-        deflection_rad = deflection_of(spec)
-        on_stance()
-        return deflection_rad
-
-    specs = plan.specs()
-    return np.array([[one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
-
-
 def _by_leg(plan: PriorPlan, landscapes: Sequence[Landscape], values: Callable[[Landscape], Any]) -> Any:
     """Values of each landscape, (legs, worlds, ...)."""
     return np.array([[values(one) for one in landscapes if one.spec.leg == leg] for leg in plan.legs])
+
+
+def deflections_of(plan: PriorPlan, landscapes: Sequence[Landscape], progress: Progress) -> FloatArray:
+    """Static deflections of the joints in all worlds of a prior, rad, (legs, worlds, 18)."""
+
+    def one(landscape: Landscape) -> FloatArray:
+        progress.step()
+        return deflection_of(landscape.spec)
+
+    return np.asarray(_by_leg(plan, landscapes, one))
 
 
 def prior_of(

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.repertoire_store import find_repertoire
@@ -31,9 +31,6 @@ AUTO_GAIT = "auto"
 
 #: The later speed is measured from this time after the failure on.
 LATER_S = 5.0
-
-#: Share of the later speed at which a walk counts as settled.
-SETTLED = 0.9
 
 #: HexaHeal's rule: a walk has recovered if it has this share of the commanded speed over its last seconds.
 RULE_SHARE, RULE_S = 0.5, 8.0
@@ -77,11 +74,8 @@ class Episode:
         ideal_m_s: commanded speed before the failure.
         signed_m: deviation from the original line at the end, positive to the left.
         way_m: maximum absolute deviation after the failure.
-        before_m_s: speed along the line over the second half of the time before the failure.
         after_m_s: speed from `LATER_S` after the failure on.
         last_m_s: speed over the last `RULE_S`.
-        settled_s: time from the failure until the mean speed over the cycle about that moment is `SETTLED` of
-            the later one again, after its lowest within `LATER_S`; 0 if it never falls below.
         trials: trials that its method made before the walk, to find out how to walk.
     """
 
@@ -94,10 +88,8 @@ class Episode:
     ideal_m_s: float
     signed_m: float
     way_m: float
-    before_m_s: float
     after_m_s: float
     last_m_s: float
-    settled_s: float
     trials: int = 0
 
     @property
@@ -151,7 +143,6 @@ class Episode:
         ended = result.status in ENDED
         off_m = math.nan if not ended else float(track.path_m[-1, 1])
         end_s = result.duration_s
-        after_m_s = track.speed(at_s + LATER_S, end_s) if ended else math.nan
         return cls(
             case=case,
             status=result.status,
@@ -162,10 +153,8 @@ class Episode:
             ideal_m_s=float(ideal_speed_m_s(trial.robot, gait, trial.plan.motion(0.0))),
             signed_m=off_m,
             way_m=track.way_m(at_s),
-            before_m_s=track.speed(at_s / 2, at_s),
-            after_m_s=after_m_s,
+            after_m_s=track.speed(at_s + LATER_S, end_s) if ended else math.nan,
             last_m_s=track.speed(end_s - RULE_S, end_s) if ended else math.nan,
-            settled_s=track.settled_s(at_s, after_m_s),
             trials=trials,
         )
 
@@ -198,21 +187,6 @@ class Track(ArrayFields):
         """Maximum absolute deviation from a time on."""
         rows = self.path_m[self._row(from_s) :, 1]
         return float(np.abs(rows).max()) if rows.size else math.nan
-
-    def settled_s(self, at_s: float, later_m_s: float) -> float:
-        """Time until a speed is reached again, as `Episode.settled_s` has it; NaN if it never is."""
-        half, first = max(1, self._row(self.cycle_s / 2)), self._row(at_s)
-        if not later_m_s > 0 or first < half or first + half >= len(self.path_m):
-            return math.nan
-        progress = self.path_m[:, 0]
-        speed = (progress[2 * half :] - progress[: -2 * half]) / (2 * half * self.period_s)
-        since = speed[first - half :]  # over the cycle about each tick, from the failure on
-        enough = since >= SETTLED * later_m_s
-        lowest = int(np.argmin(since[: self._row(LATER_S)]))
-        if enough[lowest]:
-            return 0.0
-        again = np.flatnonzero(enough[lowest:])
-        return float((lowest + again[0]) * self.period_s) if again.size else math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,15 +221,10 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         return {"protocol": self.protocol} | super().columns()
 
     def row(self, walk: Episode) -> dict[str, Any]:
-        """Values of the row of a walk, its first alarm and what follows from it included."""
-        first = walk.alarms[0] if walk.alarms else None
-        noticed = {
-            f"noticed_{name}": getattr(first, name, None) for name in ("leg", "kind", "joint", "evidence")
-        }
+        """Values of the row of a walk, with what follows from its alarms."""
         names = ("ended", "final_m", "delay_s", "right_leg", "right_kind", "recovered")
         return (
             super().row(walk)
-            | noticed
             | {name: getattr(walk, name) for name in names}
             | {
                 "delay_cycles": walk.delay_s * walk.pace_hz,
@@ -273,7 +242,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         return walk.case.method in METHODS
 
     def trial(self, case: RecoveryCase) -> SimTrial:
-        """Return the trial of a case."""
+        """Return the trial of a case; methods distinguish walks by the identity of their plans."""
         plan = TrialPlan(
             gait=make_gait(self.robot, "tripod" if case.gait == AUTO_GAIT else case.gait),
             heading_rad=math.radians(case.heading_deg),
@@ -283,8 +252,6 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         )
         if case.gait == AUTO_GAIT:
             plan = replace(plan, gait=stable_gait_of(self.robot, plan))
-        # A copy for each trial: methods distinguish the walks of a batch by the identity of their plans.
-        plan = replace(method_of(case.method).planned(plan))
         return SimTrial(
             robot=self.robot,
             plan=plan,
@@ -303,7 +270,11 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         def make(start: WalkStart) -> Controller | StepFunction:
             return method.controller(start, [to_come[id(plan)] for plan in start.plans])
 
-        results = run_sim_trials(trials, threads, make, apart=True)
+        results = (
+            [run_sim_trial(trial, make) for trial in trials]
+            if method.alone
+            else run_sim_trials(trials, threads, make, apart=True)
+        )
         return [
             Episode.of(case, trial, result, trials=method.trials_before(trial.plan))
             for case, trial, result in zip(cases, trials, results, strict=True)

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -24,15 +25,9 @@ from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure, in_words
 from hexctl.robot.plugins import made_of
 from hexctl.study.recovery.decentralised import DecentralisedWalk
 from hexctl.study.recovery.evolution import EvolutionSearch
-from hexctl.study.recovery.open_loop import TRIES, OpenLoopFromFailure, Rehearsal, rehearse
-from hexctl.study.recovery.shaped_walk import (
-    FoundShape,
-    ShapeSearch,
-    search_shapes,
-    shape_of,
-    shaped_walk,
-)
-from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
+from hexctl.study.recovery.open_loop import OpenLoopFromFailure, Rehearsal, rehearse
+from hexctl.study.recovery.shaped_walk import ShapedWalk, ShapeSearch, search_shapes, shape_of
+from hexctl.study.recovery.stop_and_diagnose import StopAndDiagnoseWalk
 from hexctl.study.recovery.trial_and_error import TrialAndErrorSearch, behaviours_of
 from hexctl.types import BoolArray, FloatArray, RobotState
 
@@ -74,14 +69,12 @@ class RecoveryMethod(ABC):
     Attributes:
         notices: whether its walks report what they notice (`Controller.noticed_failures`).
         makes_trials: whether it makes trials before its walks.
+        alone: whether its controllers lead single robots, not batches.
     """
 
     notices = False
     makes_trials = False
-
-    def planned(self, plan: TrialPlan) -> TrialPlan:
-        """Plan of a walk by this method, from that of a walk that holds its line."""
-        return plan
+    alone = False
 
     def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> "RecoveryMethod":
         """Return the method with the results of trials in the worlds of some walks; itself without trials.
@@ -195,45 +188,55 @@ class ToldWalk(Controller):
 class StopDiagnose(RecoveryMethod):
     """Stops at the monitor's alarm, makes the standing test, and continues with its result."""
 
-    notices = True
+    notices = alone = True
 
     def __init__(self) -> None:
         self._policy = GlideToStableGait()
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Walks that stop and go."""
-        return EachAlone(start, lambda one: StopAndDiagnoseWalk(one, self._policy))
+        """A walk that stops and goes."""
+        return StopAndDiagnoseWalk(start, self._policy)
 
 
-class OpenLoopBest(RecoveryMethod):
-    """The paper's method: after the failure it continues in open loop with the gait that trials have found.
+class ByTrials(RecoveryMethod):
+    """Continues after the failure as trials have found.
 
     Args:
-        tries: number of gaits tried before each walk.
         found: what trials have found, by the `id` of the walk's plan.
     """
 
     makes_trials = True
 
-    def __init__(self, tries: int = TRIES, found: Mapping[int, Rehearsal] | None = None) -> None:
-        self._tries, self._found = tries, dict(found or {})
+    def __init__(self, found: Mapping[int, Rehearsal[Any]] | None = None) -> None:
+        self._found = found or {}
+
+    @abstractmethod
+    def rehearsed(self, trials: Sequence[SimTrial], threads: int) -> Sequence[Rehearsal[Any] | None]:
+        """What trials of each walk have found; None without a failure."""
 
     def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> RecoveryMethod:
-        """The method with the gaits that trials of these walks have found."""
-        rehearsals = rehearse(trials, self._tries, threads)
-        pairs = zip(trials, rehearsals, strict=True)
-        return OpenLoopBest(self._tries, {id(trial.plan): each for trial, each in pairs if each is not None})
+        """The method with what trials of these walks have found."""
+        pairs = zip(trials, self.rehearsed(trials, threads), strict=True)
+        return type(self)({id(trial.plan): each for trial, each in pairs if each is not None})
 
     def trials_before(self, plan: TrialPlan) -> int:
-        """How many gaits were tried for a walk."""
+        """Number of trials for a walk."""
         return self._found[id(plan)].trials if id(plan) in self._found else 0
+
+
+class OpenLoopBest(ByTrials):
+    """The paper's method: after the failure it walks in open loop with the gait that trials have found."""
+
+    def rehearsed(self, trials: Sequence[SimTrial], threads: int) -> Sequence[Rehearsal[Any] | None]:
+        """The gaits that ended nearest the lines."""
+        return rehearse(trials, threads)
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
         """Walks with knowledge of the future failures and their next gaits."""
-        told_s = first_times_s(to_come)
         known = [self._found.get(id(plan)) for plan in start.plans]
-        gaits = {index: each.gait for index, each in enumerate(known) if each is not None}
-        return OpenLoopFromFailure(start, hold=held(start.plans[0], start.frame), told_s=told_s, gaits=gaits)
+        gaits = {index: each.best for index, each in enumerate(known) if each is not None}
+        hold, told_s = held(start.plans[0], start.frame), first_times_s(to_come)
+        return OpenLoopFromFailure(start, hold=hold, told_s=told_s, gaits=gaits)
 
 
 class Decentralised(RecoveryMethod):
@@ -252,35 +255,28 @@ class Learned(RecoveryMethod):
         return LearnedWalk(start, policy_of(start.robot), hold=held(start.plans[0], start.frame))
 
 
-class Shaped(RecoveryMethod):
-    """After the failure it continues in open loop with the shape that a search by trials has found.
-
-    Args:
-        found: what trials have found, by the `id` of the walk's plan.
-    """
-
-    makes_trials = True
-
-    def __init__(self, found: Mapping[int, FoundShape] | None = None) -> None:
-        self._found = dict(found or {})
+class Shaped(ByTrials):
+    """After the failure it continues in open loop with the shape that a search by trials has found."""
 
     @abstractmethod
     def search(self, trial: SimTrial) -> ShapeSearch:
         """A search for the walk of a trial."""
 
-    def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> RecoveryMethod:
-        """The method with the shapes that trials of these walks have found."""
+    def rehearsed(self, trials: Sequence[SimTrial], threads: int) -> Sequence[Rehearsal[Any] | None]:
+        """The best shapes."""
         failing = [trial for trial in trials if trial.events]
-        found = search_shapes(failing, [self.search(trial) for trial in failing], threads)
-        return type(self)({id(trial.plan): one for trial, one in zip(failing, found, strict=True)})
-
-    def trials_before(self, plan: TrialPlan) -> int:
-        """Number of shapes that were tried for a walk."""
-        return self._found[id(plan)].trials if id(plan) in self._found else 0
+        found = iter(search_shapes(failing, [self.search(trial) for trial in failing], threads))
+        return [next(found) if trial.events else None for trial in trials]
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
         """Walks with knowledge of the future failures and their next shapes."""
-        return shaped_walk(start, held(start.plans[0], start.frame), first_times_s(to_come), self._found)
+        known = [self._found.get(id(plan)) for plan in start.plans]
+        shapes = [
+            shape_of(plan.gait) if each is None else each.best
+            for plan, each in zip(start.plans, known, strict=True)
+        ]
+        hold, told_s = held(start.plans[0], start.frame), np.array(first_times_s(to_come))
+        return ShapedWalk(start, hold=hold, told_s=told_s, shapes=np.stack(shapes))
 
 
 class TrialAndError(Shaped):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -20,41 +21,41 @@ TRIES = 40
 LEAST_TRIAL_S = 10.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rehearsal:
-    """Gait of the trial that ended nearest its line, and the number of trials for one walk."""
+BestT = TypeVar("BestT", Gait, FloatArray)
 
-    gait: Gait
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rehearsal(Generic[BestT]):
+    """Best gait or shape for one walk, and the number of trials to find it."""
+
+    best: BestT
     trials: int
 
 
-def rehearse(trials: Sequence[SimTrial], tries: int, threads: int = 1) -> list[Rehearsal | None]:
-    """Rehearsals of walks in which legs fail; None for walks without a failure.
+def rehearse(trials: Sequence[SimTrial], threads: int = 1) -> list[Rehearsal[Gait] | None]:
+    """Gaits of trials that ended nearest their lines, for walks in which legs fail; None for the others.
 
-    Each gait is tried once, in open loop, in the same world and direction of travel, for the time that the
-    walk has left after the first failure. All legs that fail in the walk have failed from the first step
-    on. The seed of the world draws the gaits among all codes of the remaining legs. The end is judged as the
-    robot measures it.
-
-    Args:
-        tries: gaits for each; all if there are fewer.
+    `TRIES` gaits, or all if there are fewer, are tried once each, in open loop, in the same world and
+    direction of travel, for the time that the walk has left after the first failure. All legs that fail in
+    the walk have failed from the first step on. The seed of the world draws the gaits among all codes of the
+    remaining legs. The end is judged as the robot measures it.
     """
-    tried = [_tries_of(trial, tries) for trial in trials]
+    tried = [_tries_of(trial) for trial in trials]
     results = iter(run_sim_trials([one for each in tried for one in each], threads))
-    found: list[Rehearsal | None] = []
+    found: list[Rehearsal[Gait] | None] = []
     for each in tried:
         ends = [(next(results), one) for one in each]
         best = min(ends, key=lambda pair: _badness(pair[0]))[1] if ends else None
-        found.append(None if best is None else Rehearsal(gait=best.plan.gait, trials=len(each)))
+        found.append(None if best is None else Rehearsal(best=best.plan.gait, trials=len(each)))
     return found
 
 
-def _tries_of(trial: SimTrial, tries: int) -> list[SimTrial]:
+def _tries_of(trial: SimTrial) -> list[SimTrial]:
     failing = [event for event in trial.events if event.failure is not None]
     if not failing:
         return []
     space = GaitSpace(tuple(sorted({event.leg for event in failing})))
-    codes = 1 + np.random.default_rng(trial.seed).permutation(space.size)[:tries]
+    codes = 1 + np.random.default_rng(trial.seed).permutation(space.size)[:TRIES]
     left_s = trial.plan.duration_s - min(event.at_s for event in failing)
     plan = replace(trial.plan, hold="none", duration_s=max(LEAST_TRIAL_S, left_s))
     events = tuple(replace(event, at_s=0.0) for event in failing)

@@ -5,8 +5,8 @@ Error" has amplitude, phase and duty factor of each servo instead.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases, part_of_cycle
 from hexctl.gait.gait import Gait
+from hexctl.study.recovery.open_loop import Rehearsal
 from hexctl.types import N_LEGS, FloatArray, RobotState
 
 #: Lowest and highest phase in cycles, stroke and height as multiples of the gait's, and swing share.
@@ -85,36 +86,22 @@ class ShapeSearch(ABC):
         """Take the scores of the last shapes."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FoundShape:
-    """The best shape of a search, (6, 4), and its number of trials."""
-
-    shape: FloatArray
-    trials: int
-
-
 def search_shapes(
     trials: Sequence[SimTrial], searches: Sequence[ShapeSearch], threads: int = 1
-) -> list[FoundShape]:
+) -> list[Rehearsal[FloatArray]]:
     """Best shapes for walks in which legs fail; in a trial they have failed from its first step on."""
-    best = [FoundShape(shape=np.zeros((N_LEGS, 4)), trials=0) for _ in trials]
-    top = [-np.inf] * len(trials)
+    tried: list[list[tuple[float, FloatArray]]] = [[] for _ in trials]
     while any(asked := [search.ask() for search in searches]):
-        tried = [
-            (trial_of(trial), shape) for trial, some in zip(trials, asked, strict=True) for shape in some
-        ]
-        scores = iter(scores_of(tried, threads))
-        for place, (search, some) in enumerate(zip(searches, asked, strict=True)):
-            got = np.array([next(scores) for _ in some])
-            if not some:
-                continue
-            search.tell(got)
-            first = int(got.argmax())
-            shape, count = best[place].shape, best[place].trials + len(some)
-            if got[first] > top[place]:
-                top[place], shape = float(got[first]), some[first]
-            best[place] = FoundShape(shape=shape, trials=count)
-    return best
+        pairs = zip(trials, asked, strict=True)
+        scores = iter(
+            scores_of([(trial_of(trial), shape) for trial, some in pairs for shape in some], threads)
+        )
+        for known, search, some in zip(tried, searches, asked, strict=True):
+            if some:
+                known += [(next(scores), shape) for shape in some]
+                search.tell(np.array([score for score, _ in known[-len(some) :]]))
+    best = [max(known, key=lambda one: one[0])[1] for known in tried]
+    return [Rehearsal(best=shape, trials=len(known)) for shape, known in zip(best, tried, strict=True)]
 
 
 def trial_of(trial: SimTrial) -> SimTrial:
@@ -139,11 +126,3 @@ def score_of(result: TrialResult) -> float:
     """Progress as a share of the commanded one; `FELL` for a robot that did not stay on its feet."""
     stands = result.status in ("ok", "no_progress") and result.distance_m is not None
     return result.distance_m / result.ideal_distance_m if stands and result.distance_m else FELL
-
-
-def shaped_walk(
-    start: WalkStart, hold: str, told_s: Sequence[float], found: Mapping[int, FoundShape]
-) -> ShapedWalk:
-    """Walks of a batch with the shapes found for them, by the `id` of their plans."""
-    shapes = [found[id(plan)].shape if id(plan) in found else shape_of(plan.gait) for plan in start.plans]
-    return ShapedWalk(start, hold=hold, told_s=np.array(told_s), shapes=np.stack(shapes))

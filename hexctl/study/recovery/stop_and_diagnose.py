@@ -1,9 +1,7 @@
 """A walk that stops at an alarm, tests its legs while standing, and continues without the failed ones."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from hexctl.control.controllers import Controller, Stand, soft_stop_steps
 from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, unsafe_legs
@@ -11,13 +9,12 @@ from hexctl.control.diagnosis.standing_test import ALL_PROBES, Probe, StandingTe
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy, WalkOn
 from hexctl.control.preparation import WalkStart
-from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk
 from hexctl.robot.failure import MOST_FAILED, Failure, NoticedFailure, each_failure, failure_text, loses_leg
-from hexctl.types import BoolArray, FloatArray, RobotState
+from hexctl.types import FloatArray, RobotState
 
 #: Time from the end of the soft stop to rest in the stance, as before a separate diagnosis.
 SETTLE_S = 0.8
@@ -138,61 +135,3 @@ class StopAndDiagnoseWalk(Controller):
         by_leg = {one.leg: one for one in (*plan.failures, *self._failures)}
         believed = each_failure(tuple(by_leg.values()))[:MOST_FAILED]
         return replace(plan, belief=next(iter(believed), None), further_failures=believed[1:])
-
-
-class EachAlone(Controller):
-    """Leads a batch of robots by a separate controller for each."""
-
-    def __init__(self, start: WalkStart, make: Callable[[WalkStart], Controller]) -> None:
-        self._each: list[Controller] = [make(one) for one in starts_alone(start)]
-        self.hold = self._each[0].hold
-
-    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """Joint angles at this step, (n, 18)."""
-        targets = [one.targets_rad(step, state_of(state, index)) for index, one in enumerate(self._each)]
-        self.limited_steps = np.array([one.limited_steps for one in self._each])
-        return np.array(targets)
-
-    def done(self, step: int, state: RobotState) -> BoolArray:
-        """Which of them have ended, (n,)."""
-        return np.array([bool(one.done(step, state)) for one in self._each])
-
-    def why_stopped(self, index: int = 0) -> str | None:
-        """Why one has ended a walk."""
-        return self._each[index].why_stopped()
-
-    def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
-        """Failures that one has noticed."""
-        return self._each[index].noticed_failures()
-
-
-def starts_alone(start: WalkStart) -> list[WalkStart]:
-    """The starts of a batch, each as that of a single robot."""
-    n = len(start.plans)
-    turned_rad = np.broadcast_to(start.turned_rad, n).tolist()
-    frames: list[TrialFrame | None] = [None] * n
-    if start.frame is not None:
-        places = np.broadcast_to(start.frame.origin_world, (n, 3))
-        headings = np.broadcast_to(start.frame.heading_rad, n).tolist()
-        yaws = np.broadcast_to(start.frame.yaw_rad, n).tolist()
-        frames = [TrialFrame(*values) for values in zip(places, headings, yaws, strict=True)]
-    return [
-        replace(start, plans=(plan,), batch_shape=(), turned_rad=turned, frame=frame)
-        for plan, turned, frame in zip(start.plans, turned_rad, frames, strict=True)
-    ]
-
-
-def state_of(state: RobotState, index: int) -> RobotState:
-    """State of one robot of a batch; its unmeasured values, NaN, are None, as for a single robot."""
-
-    def of(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None or np.isnan(values[index]).any() else values[index]
-
-    return replace(
-        state,
-        joint_positions_rad=state.joint_positions_rad[index],
-        base_position_world=of(state.base_position_world),
-        base_quaternion_world=of(state.base_quaternion_world),
-        foot_contacts=None if state.foot_contacts is None else state.foot_contacts[index],
-        joint_torques_nm=of(state.joint_torques_nm),
-    )

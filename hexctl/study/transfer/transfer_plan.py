@@ -1,59 +1,60 @@
 """The transfer benchmark: adaptation in worlds outside every prior."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import BAYES
-from hexctl.study.data_frames import json_value, where
-from hexctl.study.experiment import Drawing, Experiment, plain
-from hexctl.study.figure_style import draw_curves, finish_curves, grid_of, new_figure
-from hexctl.study.paper.evidence import (
-    EARLY_M,
-    LATE_M,
-    Bar,
-    StudyUncertainty,
-    bar_lines,
-    bar_table,
-    cm,
-    cm_with_error,
-    judged_bars,
-)
-from hexctl.study.paper.searches import curve_of
-from hexctl.study.paper.study_settings import BASELINE
-from hexctl.study.report_page import Block, Picture, Section, Table, reading
-from hexctl.study.transfer.transfer_searches import (
-    by_seconds,
-    coverage,
-    floor_m,
-    search_worlds,
-    standard_error_m,
-    sure_share,
-    trials_to,
-    walked_s,
-)
-from hexctl.study.transfer.transfer_settings import PRIORED, TransferSettings
+from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
+from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
+from hexctl.adapt.prior.prior_files import find_prior
+from hexctl.adapt.prior.samples import Samples, covering, covers, samples_of
+from hexctl.adapt.space import GaitSpace
+from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.sim.world import DomainRandomization
+from hexctl.control.assessment.score import progress_floor_m
+from hexctl.control.trial import LOOK_TICKS, Enough
+from hexctl.control.trial_plan import DURATION_S, TrialPlan
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure_grammar import parse_kind
+from hexctl.robot.model import Robot
+from hexctl.study.experiment import Experiment, json_value, plain, where
+from hexctl.study.landscape import PATH_STRIDE, Landscape, LandscapeSpec
+from hexctl.study.paper.evidence import clustered_error, cm, cm_with_error
+from hexctl.study.paper.searches import BASELINE, HEURISTICS, curve_of
+from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
+from hexctl.study.priors.prior_building import WHOLE_S, deflection_of, in_whole_steps
+from hexctl.study.report_page import Section, Table, markdown, reading
+from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, STUDY_SEED, WORLDS
 from hexctl.study.versions import code_versions
 from hexctl.study.walking import Work
+from hexctl.types import N_LEGS, FloatArray
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
-#: Mean deviation over all worlds and legs, the maximum number of trials to reach it, and the stretch goal.
-ASKED = ((EARLY_M, 4, 2), (LATE_M, 12, 6))
+#: The default family of worlds.
+UNSEEN = "transfer"
 
-#: Maximum of trials that `bayes` may need beyond random search, in any kind of world.
-MORE_THAN_RANDOM = 2
+#: Earlier worlds of the family were used to develop `bayes`.
+FIRST_WORLD = 65
 
-#: Required share of outcomes inside their 90 % intervals.
-COVERAGE = (0.85, 0.95)
+MAX_WORLDS = int(WORLDS.high)
 
-#: Points of the curves over seconds.
-SECONDS = 120
+#: `bayes` with early stopping.
+EARLY = "bayes-early"
+
+#: Optimizers that use a prior.
+PRIORED = (BAYES, EARLY)
 
 #: Trials at which tables show the curves, up to the budget.
 SHOWN = (1, 2, 3, 4, 6, 8, 10, 15, 20, 40, 60)
@@ -62,148 +63,133 @@ SHOWN = (1, 2, 3, 4, 6, 8, 10, 15, 20, 40, 60)
 STATISTICS = {"mean_m": "mean", "median_m": "median", "p90_m": "90th percentile"}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TransferFound:
-    """The results of one benchmark.
-
-    Attributes:
-        runs: a row for each run of a search, see `search_worlds`.
-        without: number of landscapes without a valid gait, which are left out.
-    """
-
-    runs: "DataFrame"
-    without: int = 0
-    uncertainty: StudyUncertainty = field(default_factory=StudyUncertainty)
-
-    def of(self, optimizer: str, **values: object) -> "DataFrame":
-        """Return the runs of an optimizer in which columns have given values."""
-        return where(self.runs, optimizer=optimizer, **values)
-
-    def reachable(self, bound_m: float) -> "DataFrame":
-        """Return the runs in landscapes whose best gait is within a bound."""
-        return self.runs[self.runs["best_of_all_m"] <= bound_m]
-
-    @property
-    def kinds(self) -> list[str]:
-        """Kinds of worlds, in the order of their first appearance."""
-        return list(self.runs["kind"].unique())
-
-
 def places(runs: "DataFrame") -> int:
     """Return the number of landscapes."""
     return int(runs["place"].nunique())
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransferPlan(TransferSettings, Experiment[TransferFound]):
-    """The transfer benchmark with its settings."""
+class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
+    """Settings of the transfer benchmark; it finds a row for each run of a search, see `search_worlds`.
+
+    Attributes:
+        family: held-out worlds, never those of a prior.
+        optimizers: names as in `hexctl.adapt.optimizers.shipped`, `bayes` and `bayes-early`.
+        runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
+        failure: of each leg, as `parse_kind` reads it; with `unknown` each world draws what breaks, and the
+            searches do not know it.
+        one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.
+    """
 
     NAME: ClassVar[str] = "transfer"
     REPORT: ClassVar[str] = "transfer.html"
-    TITLE: ClassVar[str] = "hexctl study --transfer"
     HEADING: ClassVar[str] = "Adaptation in worlds outside every prior"
 
-    def find(self, work: Work) -> TransferFound:
-        """Walk all gaits and run every optimizer in every landscape."""
-        specs = self.specs()
-        uncertainty = StudyUncertainty.of(
-            self.robot, specs[0].world, self.duration_s, work.cache.folder.parent, failure=self.failure
-        )
-        landscapes = work.evaluate(specs)
-        work.lap("landscapes")
-        work.progress.stage("searches, world by world", len(landscapes))
-        runs = search_worlds(self, landscapes, work.progress.step)
-        work.lap("searches")
-        without = sum(not landscape.valid.any() for landscape in landscapes)
-        return TransferFound(runs=runs, without=without, uncertainty=uncertainty)
+    robot: Robot
+    family: DomainRandomization
+    prior: Prior
+    worlds: Annotated[int, WORLDS] = 30
+    legs: tuple[int, ...] = ALL_LEGS
+    optimizers: tuple[str, ...] = (*PRIORED, *HEURISTICS, BASELINE)
+    runs: Annotated[int, RUNS] = 5
+    budget: Annotated[int, BUDGET] = 60
+    duration_s: Annotated[float, DURATION_S] = 30.0
+    seed: Annotated[int, STUDY_SEED] = 0
+    failure: str = "locked"
+    one_leg: bool = False
 
-    def bars(self, found: TransferFound) -> list[Bar]:
-        """Return the bars that optimizers and budget reach; too short walks are not judged."""
-        if BAYES not in self.optimizers:
-            return []
-        share, outcomes = coverage(found.of(BAYES))
-        low, high = COVERAGE
-        inside = Bar(
-            name="coverage",
-            asked=f"{low:.0%} to {high:.0%} of outcomes in their 90 % intervals",
-            measured=f"{share:.1%} of {outcomes}",
-            holds=low <= share <= high,
-        )
-        return judged_bars([*self._means(found), *self._against_random(found), inside], self.duration_s)
-
-    def _means(self, found: TransferFound) -> Iterator[Bar]:
-        curve = curve_of(found.of(BAYES))
-        for bound_m, within, stretch in ASKED:
-            if within > self.budget:
-                continue
-            needed = trials_to(curve, bound_m)
-            yield Bar(
-                name=f"mean_{bound_m:g}_m",
-                asked=f"mean within {cm(bound_m)} after {within} trials (stretch: {stretch})",
-                measured=f"{_trials(needed)}; {cm(float(curve['mean_m'][within]))} after {within}",
-                holds=needed is not None and needed <= within,
+    def specs(self) -> list[LandscapeSpec]:
+        """Specs of the landscapes, world by world; a world's number is the seed of its draws."""
+        return [
+            LandscapeSpec(
+                robot=self.robot,
+                world=world,
+                leg=leg,
+                self_rotation="rear",
+                duration_s=self.duration_s,
+                failure=self.failure,
+                seed=number,
+                place=f"world {number} ({self.family.kind(number).name})",
             )
+            for number, world in enumerate(self.family.members(FIRST_WORLD, self.worlds), FIRST_WORLD)
+            for leg in ((self.legs[number % len(self.legs)],) if self.one_leg else self.legs)
+        ]
 
-    def _against_random(self, found: TransferFound) -> Iterator[Bar]:
-        """Compare with random search by kind of world, if one of both reaches the bound within the budget."""
-        for kind in found.kinds if BASELINE in self.optimizers else ():
-            bayes, random = (curve_of(found.of(name, kind=kind)) for name in (BAYES, BASELINE))
-            for bound_m in (EARLY_M, LATE_M):
-                ours, theirs = trials_to(bayes, bound_m), trials_to(random, bound_m)
-                if theirs is None and ours is None:
-                    continue
-                limit = f"{MORE_THAN_RANDOM} trials after random at most"
-                yield Bar(
-                    name=f"{kind}_{bound_m:g}_m",
-                    asked=f"{kind}: mean within {cm(bound_m)}, {limit}",
-                    measured=f"{_trials(ours)}, random {_trials(theirs)}",
-                    holds=ours is not None and (theirs is None or ours <= theirs + MORE_THAN_RANDOM),
-                )
+    def kind_of(self, spec: LandscapeSpec) -> str:
+        """Kind of a landscape's world."""
+        return self.family.kind(spec.seed).name
 
-    def numbers(self, found: TransferFound) -> dict[str, Any]:
+    def check(self) -> None:
+        """Raise InputError for invalid settings, before anything runs."""
+        super().check()
+        check_legs(self.legs)
+        parse_kind(1, self.failure)
+        for name in self.optimizers:
+            if name not in PRIORED:
+                make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
+        if self.family.model_dump(mode="json") == self.prior.origin.get("family"):
+            raise InputError("transfer: the prior was built from these worlds; allowed: a family of others")
+        missing = [leg for leg in self.legs if not covers(self.robot, "rear", self.prior.legs, leg)]
+        if missing:
+            raise InputError(
+                f"prior: has nothing on legs {missing}; allowed: {argument('legs')} {list(self.prior.legs)}"
+            )
+        whole = in_whole_steps(self.duration_s)
+        check_setting("duration_s", f"{self.duration_s:g}", whole, f"multiples of {WHOLE_S:g} s")
+        differences = self.prior.key.differences(PriorKey.of(self.robot, self.specs()[0].trial(1).plan))
+        if differences:
+            raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
+        check_walks(self.specs())
+
+    def seed_of(self, spec: LandscapeSpec, run: int) -> int:
+        """Seed of a run."""
+        return ((self.seed * MAX_WORLDS + spec.seed) * N_LEGS + spec.leg) * 1_000 + run
+
+    def find(self, work: Work) -> "DataFrame":
+        """Walk all gaits and run every optimizer in every landscape."""
+        landscapes = work.evaluate(self.specs())
+        work.progress.stage("searches, world by world", len(landscapes))
+        return search_worlds(self, landscapes, work.progress.step)
+
+    def numbers(self, found: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
-        floor, error_m = floor_m(found.runs)
-        names = ("worlds", "legs", "optimizers", "runs", "budget", "duration_s", "target_m")
+        floor, error_m = floor_m(found)
+        names = ("worlds", "legs", "optimizers", "runs", "budget", "duration_s")
         return {
             "robot": self.robot.name,
             **plain(self, *names),
-            "uncertainty": found.uncertainty.as_json(),
+            "target_m": DEFAULT_TARGET_M,
             "code": code_versions(),
-            "landscapes": places(found.runs),
-            "landscapes_without_valid_gait": found.without,
+            "landscapes": places(found),
+            "landscapes_without_valid_gait": len(self.specs()) - places(found),
             "best_of_all_m": json_value(floor),
             "best_of_all_standard_error_m": json_value(error_m),
-            "reachable": {f"{bound:g}": places(found.reachable(bound)) for bound in (EARLY_M, LATE_M)},
-            "bars": [bar.as_json() for bar in self.bars(found)],
-            "optimizers_found": {name: self._found(found.of(name)) for name in self.optimizers},
+            "optimizers_found": {name: self._found(where(found, optimizer=name)) for name in self.optimizers},
         }
 
     def _found(self, runs: "DataFrame") -> dict[str, Any]:
-        curve, (share, outcomes) = curve_of(runs), coverage(runs)
+        curve = curve_of(runs)
         curve["standard_error_m"] = standard_error_m(runs)
         return {
             **{
                 name: {str(count): json_value(curve[name][count]) for count in self._shown}
                 for name in (*STATISTICS, "standard_error_m")
             },
-            "trials_to": {f"{bound:g}": trials_to(curve, bound) for bound in (EARLY_M, LATE_M)},
             "walked_s": json_value(walked_s(runs)),
-            "coverage": json_value(share),
-            "outcomes": outcomes,
         }
 
     @property
     def _shown(self) -> list[int]:
         return [count for count in SHOWN if count <= self.budget]
 
-    def lines(self, found: TransferFound) -> list[str]:
-        """Return the verdicts as lines of text."""
-        return bar_lines(self.bars(found))
+    def lines(self, found: "DataFrame") -> list[str]:
+        """Return the table of the curves."""
+        return markdown(self._curves(found))
 
-    def tables(self, found: TransferFound) -> "Mapping[str, DataFrame]":
+    def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
         """Return the table of all trials: a row for each trial of each run."""
         head, trials = ["world", "kind", "leg", "optimizer", "run"], ["best_m", "walked_s"]
-        runs = found.runs[[*head, "codes", *trials]].rename(columns={"codes": "code"})
+        runs = found[[*head, "codes", *trials]].rename(columns={"codes": "code"})
         for name in trials:
             pairs = zip(runs[name], runs["code"], strict=True)
             runs[name] = [values[: len(codes)] for values, codes in pairs]
@@ -211,67 +197,26 @@ class TransferPlan(TransferSettings, Experiment[TransferFound]):
         table = runs[[*head, "trial", "code", *trials]].explode(["trial", "code", *trials])
         return {"transfer": table.astype({"trial": int, "code": int, "best_m": float, "walked_s": float})}
 
-    def drawings(self, found: TransferFound) -> list[Drawing]:
-        """Return the figures of the report."""
-        here = "Red lines: 10 cm and 2.5 cm. The scale is logarithmic."
-        seconds = np.linspace(0, self.budget * self.duration_s, SECONDS + 1)[1:]
-        over: dict[str, tuple[str, Callable[[DataFrame], DataFrame]]] = {
-            "trials": ("trials", curve_of),
-            "seconds": ("seconds walked", partial(by_seconds, seconds=seconds)),
-        }
-        draw = {
-            f"over_{name}": partial(self._curves_figure, found, across, curve)
-            for name, (across, curve) in over.items()
-        }
-        draw["kinds"] = partial(self._kinds_figure, found)
-        return [Drawing(name=f"transfer_{name}", draw=one, here=here) for name, one in draw.items()]
-
-    def _curves_figure(
-        self, found: TransferFound, across: str, curve: "Callable[[DataFrame], DataFrame]"
-    ) -> "Figure":
-        curves = {name: curve(found.of(name)) for name in self.optimizers}
-        floor, _ = floor_m(found.runs)
-        panels = {
-            f"{title};  best of all gaits {cm(floor)}": {name: one[what] for name, one in curves.items()}
-            for what, title in STATISTICS.items()
-        }
-        return _lines_figure(panels, [floor] * 3, (13.0, 4.6), across, f"All worlds and legs, over {across}")
-
-    def _kinds_figure(self, found: TransferFound) -> "Figure":
-        some = {kind: where(found.runs, kind=kind) for kind in found.kinds}
-        panels = {
-            f"{kind}, {places(runs)} worlds and legs": {
-                name: curve_of(where(runs, optimizer=name))["mean_m"] for name in self.optimizers
-            }
-            for kind, runs in some.items()
-        }
-        rows, columns = grid_of(len(some))
-        size_in = (4.6 * columns + 0.6, 3.4 * rows + 0.8)
-        floors = [floor_m(runs)[0] for runs in some.values()]
-        return _lines_figure(panels, floors, size_in, "trials", "Mean, by the kind of world")
-
-    def sections(self, found: TransferFound, pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    def sections(self, found: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report."""
         settings = (
             f"Robot {self.robot.name}; legs {', '.join(str(leg) for leg in self.legs)} locked, self-rotation "
             f"rear, {self.duration_s:g} s a trial; {self.worlds} worlds; {self.budget} trials; {self.runs} "
             f"runs of each search that has a seed; prior of {self.prior.worlds} worlds a leg; "
-            f"target {cm(self.target_m)}."
+            f"target {cm(DEFAULT_TARGET_M)}."
         )
-        yield Section("", [settings, found.uncertainty.sentence])
-        yield Section("Bars", [bar_table(self.bars(found))])
-        yield reading("transfer", _reach(found))
-        for name, picture in pictures.items():
-            yield Section(name.removeprefix("transfer_").replace("_", " ").capitalize(), [picture])
-        yield Section("All worlds and legs", self._curves(found.runs))
-        yield Section("Where some gait is within 2.5 cm", self._curves(found.reachable(LATE_M)))
-        for kind in found.kinds:
-            yield Section(f"Kind {kind}", self._curves(where(found.runs, kind=kind)))
-        yield Section("How sure bayes was", [self._sure_table(found)])
+        floor = cm_with_error(*floor_m(found))
+        reach = (
+            f"{places(found)} of {len(self.specs())} worlds and legs have a valid gait, the others are left "
+            f"out. Best of all gaits {floor}. Means ± standard error over worlds."
+        )
+        yield Section("", [settings])
+        yield reading("transfer")
+        yield Section("All worlds and legs", [reach, self._curves(found)])
 
-    def _curves(self, runs: "DataFrame") -> list[Block]:
+    def _curves(self, runs: "DataFrame") -> Table:
         rows: list[list[str]] = []
-        for name in self.optimizers if len(runs) else ():
+        for name in self.optimizers:
             some = where(runs, optimizer=name)
             curve, error_m = curve_of(some), standard_error_m(some)
             means = [cm_with_error(curve["mean_m"][count], error_m[count - 1]) for count in self._shown]
@@ -280,49 +225,163 @@ class TransferPlan(TransferSettings, Experiment[TransferFound]):
                 [f"{name}, {what}", *[cm(curve[f"{what}_m"][count]) for count in self._shown]]
                 for what in ("median", "p90")
             ]
-        floor = cm_with_error(*floor_m(runs)) if len(runs) else "-"
-        note = (
-            f"{places(runs)} worlds and legs; best of all gaits {floor}. Means ± standard error over worlds."
+        return Table(("deviation", *[f"after {count}" for count in self._shown]), rows)
+
+
+def find_transfer_prior(
+    robot: Robot,
+    legs: tuple[int, ...],
+    duration_s: float,
+    folders: Iterable[Path],
+    *,
+    failure: str = "locked",
+) -> Prior:
+    """First prior in some folders that covers the trials of a benchmark; InputError if there is none."""
+    if not legs:
+        raise InputError(f"{argument('legs')}: got none; allowed: one or more of 1..6")
+    belief = parse_kind(legs[0], failure)
+    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=belief)
+    found = find_prior(PriorKey.of(robot, plan), folders, covers=covering(robot, plan))
+    if found.path is None:
+        raise InputError(
+            f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"
         )
-        return [note, Table(("deviation", *[f"after {count}" for count in self._shown]), rows)]
-
-    def _sure_table(self, found: TransferFound) -> Table:
-        rows = []
-        for name in (name for name in self.optimizers if name in PRIORED):
-            runs = found.of(name)
-            (share, outcomes), (sure, trials) = coverage(runs), sure_share(runs)
-            by_kind = [f"{kind} {coverage(found.of(name, kind=kind))[0]:.0%}" for kind in found.kinds]
-            walked = f"{walked_s(runs):.0f} s"
-            row = [name, f"{share:.1%} of {outcomes}", f"{sure:.0%}", f"{trials:.1f}", walked]
-            rows.append([*row, ", ".join(by_kind)])
-        header = ("", "outcomes in their 90 % interval", "ended sure", "after trials", "walked", "by kind")
-        return Table(header, rows)
+    return load_prior(found.path)
 
 
-def _trials(count: int | None) -> str:
-    return "not within the budget" if count is None else f"after {count}"
+def search_worlds(
+    plan: TransferPlan, landscapes: Sequence[Landscape], on_landscape: Callable[[], None] = lambda: None
+) -> "DataFrame":
+    """Run every optimizer in every landscape with a valid gait; a row for each run.
+
+    Columns: place (number of the landscape), world, kind, leg, deviation of the best valid gait of the
+    landscape, optimizer, run, and those of `run_course`. `on_landscape` is called after each
+    landscape. Raises RobotFaultError if no gait is valid anywhere.
+    """
+    from pandas import DataFrame
+
+    if not any(landscape.valid.any() for landscape in landscapes):
+        raise RobotFaultError("transfer: no gait is valid in any world and leg; there is nothing to search")
+    samples = {leg: samples_of(plan.prior, plan.robot, leg) for leg in plan.legs}
+    rows: list[dict[str, Any]] = []
+    for place, landscape in enumerate(landscapes):
+        if not landscape.valid.any():
+            continue
+        found = {"place": place, "best_of_all_m": landscape.best_m}
+        rows += [found | row for row in _courses(plan, landscape, samples[landscape.spec.leg])]
+        on_landscape()
+    return DataFrame(rows)
 
 
-def _reach(found: TransferFound) -> str:
-    within = [places(found.reachable(bound)) for bound in (EARLY_M, LATE_M)]
-    return (
-        f"Best of all gaits: {cm_with_error(*floor_m(found.runs))} on average. Of {places(found.runs)} "
-        f"worlds and legs {within[0]} have a valid gait within 10 cm and {within[1]} one within 2.5 cm; "
-        f"{found.without} more have no valid gait and are left out."
+def _courses(plan: TransferPlan, landscape: Landscape, samples: Samples) -> Iterator[dict[str, Any]]:
+    spec = landscape.spec
+    deflection_rad = None if plan.prior.sag_rad is None else deflection_of(spec)
+    for name in plan.optimizers:
+        for run in range(1 if name in PRIORED else plan.runs):
+            search = make_search(plan, landscape, name, run, samples, deflection_rad)
+            course = run_course(search, landscape, plan.budget, early=name == EARLY)
+            head = {"world": spec.seed, "kind": plan.kind_of(spec), "leg": spec.leg}
+            yield {**head, "optimizer": name, "run": run, **course}
+
+
+def make_search(
+    plan: TransferPlan,
+    landscape: Landscape,
+    optimizer: str,
+    run: int,
+    samples: Samples,
+    deflection_rad: FloatArray | None = None,
+) -> Optimizer:
+    """Return the search of a run; some priors need `deflection_rad`, static and in the stance."""
+    spec = landscape.spec
+    seed = plan.seed_of(spec, run)
+    if optimizer not in PRIORED:
+        return Deduplication(make_optimizer(optimizer, spec.space, seed), seed)
+    # No `uncertainty_m`: the simulated world stands for the robot here, and its walks are the truth.
+    search = Bayes(
+        spec.space,
+        seed,
+        samples=samples,
+        target_m=DEFAULT_TARGET_M,
+        duration_s=plan.duration_s,
+        floor_m=progress_floor_m(plan.robot, spec.trial(1).plan, plan.duration_s),
+    )
+    if deflection_rad is not None:
+        search.observe_stance(deflection_rad)
+    return search
+
+
+def run_course(
+    search: Optimizer, landscape: Landscape, budget: int, *, early: bool = False
+) -> dict[str, Any]:
+    """Run a search that looks up every walk in a landscape; `early` ends decided walks early.
+
+    Returns:
+        `codes`: the gaits walked, in order, (T,); fewer than the budget if the search was sure.
+        `best_m`: deviation of the best gait after each trial, (budget,), constant after the last one; before
+            a valid gait was found, that of the worst valid gait.
+        `walked_s`: the time walked, likewise.
+    """
+    codes: list[int] = []
+    bests, walked = [], []
+    best_m, walked_s = landscape.worst_m, 0.0
+    while len(codes) < budget and not search.finished and not search.exhausted:
+        (code,) = search.ask(1)
+        shown = walk_of(landscape, code, search.early_stopping(code) if early else None)
+        row = landscape.row_of(code)
+        score = float(landscape.scores[row]) if shown.status == "ok" else INVALID_SCORE
+        search.tell([code], [score], [shown])
+        codes.append(code)
+        best_m, walked_s = min(best_m, score), walked_s + shown.duration_s
+        bests.append(best_m)
+        walked.append(walked_s)
+    left = budget - len(codes)
+    return {
+        "codes": np.array(codes, dtype=np.int64),
+        "best_m": np.array(bests + [best_m] * left),
+        "walked_s": np.array(walked + [walked_s] * left),
+    }
+
+
+def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Observation:
+    """Walk of a gait as a session would observe it, cut short where early stopping ends it."""
+    row = landscape.row_of(code)
+    path = landscape.paths_m[row]
+    path = path[np.isfinite(path[:, 0])].astype(float)
+    point_s = PATH_STRIDE * PERIOD_S
+    if enough is not None:
+        # A point of the path stands for all ticks up to it; `enough` needs no more.
+        per_look = LOOK_TICKS // PATH_STRIDE
+        for points in range(per_look, len(path), per_look):
+            if enough(np.repeat(path[:points], PATH_STRIDE, axis=0)):
+                seconds = points * point_s
+                return Observation(
+                    path_m=path[:points], duration_s=seconds, yaw_change_rad=None, status="cut_short"
+                )
+    yaw_rad = float(landscape.number("yaw_change_rad")[row])
+    return Observation(
+        path_m=path,
+        duration_s=len(path) * point_s,
+        yaw_change_rad=yaw_rad if np.isfinite(yaw_rad) else None,
+        status=str(landscape.status[row]),
     )
 
 
-def _lines_figure(
-    panels: "Mapping[str, Mapping[str, Any]]",
-    floors: Sequence[float],
-    size_in: tuple[float, float],
-    across: str,
-    title: str,
-) -> "Figure":
-    """Draw lines of optimizers in panels, by title, above the deviation of the best of all gaits."""
-    figure, axes = new_figure(*grid_of(len(panels)), size_in)
-    for axis, (name, lines), floor in zip(axes, panels.items(), floors, strict=False):
-        draw_curves(axis, lines, floor, 1.1)
-        axis.set_title(name, fontsize=9)
-    finish_curves(figure, axes, len(panels), across, "deviation of the best gait so far", title)
-    return figure
+def floor_m(runs: "DataFrame") -> tuple[float, float]:
+    """Mean deviation of the best of all gaits, a lower bound of every search, and its standard error."""
+    places = runs.drop_duplicates("place")
+    best_m = places["best_of_all_m"].to_numpy()
+    error_m = clustered_error(best_m[:, np.newaxis], places["world"].to_numpy())
+    return float(np.mean(best_m)), float(error_m[0])
+
+
+def standard_error_m(runs: "DataFrame") -> FloatArray:
+    """Standard error over worlds of the mean after each trial, (B,), in m; NaN for a single world."""
+    places = [some for _, some in runs.groupby("place", sort=False)]
+    means_m = np.array([np.mean(some["best_m"].to_list(), axis=0) for some in places])
+    return clustered_error(means_m, np.array([some["world"].iloc[0] for some in places]))
+
+
+def walked_s(runs: "DataFrame") -> float:
+    """Mean walking time of a run, in s."""
+    return float(np.mean([seconds[-1] for seconds in runs["walked_s"]]))
