@@ -30,6 +30,7 @@ from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import Hold
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import Course
 from hexctl.control.walks.velocity_walk import OVERDRIVE
@@ -58,7 +59,7 @@ FAULTS: dict[str, dict[str, Any]] = {
 
 
 def trial_of(
-    code: int, hold: str, *, robot: str = "ant", duration_s: float = 12.0, **options: object
+    code: int, hold: Hold, *, robot: str = "ant", duration_s: float = 12.0, **options: object
 ) -> SimTrial:
     model, failure = shipped(robot), Failure(leg=3)
     plan = TrialPlan(
@@ -67,7 +68,7 @@ def trial_of(
     return SimTrial(robot=model, plan=plan, failure=failure, **options).put_down_turned()  # type: ignore[arg-type]
 
 
-def off_line_trial(*, hold: str = "auto", world: World | None = None, **plan: Any) -> SimTrial:
+def off_line_trial(*, hold: Hold = "auto", world: World | None = None, **plan: Any) -> SimTrial:
     """A walk with leg 3 locked and no self-rotation, which veers by decimetres in open loop."""
     gait = make_gait(shipped(), "62", failed_legs=(3,))
     made = TrialPlan(gait=gait, belief=Failure(leg=3), self_rotation="none", hold=hold, **plan)
@@ -188,9 +189,8 @@ def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensor
 @pytest.mark.slow
 def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     noisy = World(sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3))
-    trials = [
-        trial_of(code, hold, duration_s=4.0, world=noisy) for code in CODES for hold in ("line", "heading")
-    ]
+    holds: tuple[Hold, ...] = ("line", "heading")
+    trials = [trial_of(code, hold, duration_s=4.0, world=noisy) for code in CODES for hold in holds]
     together = run_sim_trials(trials)
     assert together == [run_sim_trial(trial) for trial in trials]
     assert {result.hold for result in together} == {"line", "heading"}
