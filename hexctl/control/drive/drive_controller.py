@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.control.assessment.speed_envelope import VelocityLimits
 from hexctl.control.controllers import SITTING_S, Controller, Stand, sitting_angles_rad
 from hexctl.control.drive.arbiter import Arbiter, Decision
 from hexctl.control.drive.drive_walk import DriveWalk
 from hexctl.control.drive.velocity_hold import VelocityHold
-from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy
 from hexctl.control.preparation import WalkStart
 from hexctl.control.telemetry_watch import Temperatures, pace
-from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_plan import Feet, TrialPlan
 from hexctl.errors import check_type
 from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.gait.gait import Gait
@@ -50,7 +50,7 @@ class DriveController(Controller):
         hold: bool = True,
         level: bool = False,
         failures: Sequence[Failure] = (),
-        feet: str = "planned",
+        feet: Feet = "planned",
     ) -> None:
         check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
         self._robot, self._gait, self._period_s = robot, gait, period_s
