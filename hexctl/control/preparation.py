@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -112,24 +111,6 @@ class _NewsObserver(TickObserver):
             self._log.note(texts)
 
 
-class WalkRows(Protocol):
-    """Keeps values of the ticks of a walk, in addition to the trace."""
-
-    def add(self, state: RobotState, commanded_rad: FloatArray) -> None:
-        """Take the next tick: the state, and the targets sent after it."""
-
-
-class RowObserver(TickObserver):
-    """Adds every tick of the walk to `WalkRows`."""
-
-    def __init__(self, rows: WalkRows) -> None:
-        self._rows = rows
-
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        """Take one tick."""
-        self._rows.add(state, sent.joint_positions_rad)
-
-
 class Phases:
     """Runs controllers one after the other, each as a phase of the trial."""
 
@@ -151,10 +132,10 @@ class Phases:
         *,
         until: Until | None = None,
         first_step: int = 0,
-        seen_by: Sequence[WalkRows] = (),
+        seen_by: Sequence[TickObserver] = (),
     ) -> int:
         """Run a controller until it is done; the last step."""
-        observers = [*self._observers, *map(RowObserver, seen_by)]
+        observers = [*self._observers, *seen_by]
         if self._recorders is not None:
             self._recorders.log.controller = controller
             observers.insert(0, _NewsObserver(self._recorders.log, self.servos.unwrapped, controller))

@@ -23,6 +23,7 @@ from hexctl.control.assessment.walk_quality import (
 )
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import Hold
 from hexctl.types import FloatArray
 from tests.control.assessment.loads import UPRIGHT, along, scored
 from tests.robots import shipped
@@ -266,7 +267,7 @@ def test_even_motion_is_steady_and_swaying_is_not() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("world", "hold"), [(World(), "none"), (WORN, "line")], ids=["flat", "worn"])
-def test_a_batch_costs_what_its_trials_cost_alone(world: World, hold: str) -> None:
+def test_a_batch_costs_what_its_trials_cost_alone(world: World, hold: Hold) -> None:
     ant, failure = shipped(), Failure(leg=5, kind="limp")
     trials = [
         SimTrial(
