@@ -14,6 +14,7 @@ from benchmarks.plans import ant, recovery_plans
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.trial_plan import SelfRotation
 from hexctl.control.trial_result import TrialResult
 from hexctl.types import N_LEGS
 
@@ -62,7 +63,7 @@ def _near_rows(name: str, results: list[TrialResult], scale: Scale, bar: Bar | N
     yield Row(f"{name}.best", float(final_m.min()) if final_m.size else None, "m", None, note)
 
 
-def _results(leg: int, scale: Scale, self_rotation: str) -> list[TrialResult]:
+def _results(leg: int, scale: Scale, self_rotation: SelfRotation) -> list[TrialResult]:
     plans = recovery_plans(leg, scale.codes, scale.walk_s, self_rotation)
     return run_sim_trials([SimTrial(robot=ant(), plan=plan, failure=plan.belief) for plan in plans])
 

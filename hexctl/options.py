@@ -15,6 +15,7 @@ import math
 import textwrap
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
+from functools import cache, partial
 from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -202,12 +203,15 @@ def check_names(call: Callable[..., Any], given: Iterable[str], spec: type) -> N
 
 
 def check_fields(spec: Any) -> None:
-    """Check types, choices and ranges of options; raises WrongTypeError or InputError."""
-    hints = get_type_hints(type(spec), include_extras=True)
+    """Check types, choices and ranges of fields; raises WrongTypeError or InputError."""
+    hints = _hints(type(spec))  # type: ignore[arg-type]
     for field in fields(spec):
         hint = hints[field.name]
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         _check_value(argument(field.name), getattr(spec, field.name), kind, marks)
+
+
+_hints = cache(partial(get_type_hints, include_extras=True))
 
 
 def check_used(spec: Any, names: Container[str], where: str) -> None:

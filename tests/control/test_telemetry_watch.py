@@ -8,11 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.control.position_check import MOST_CORRECTION_M, MOST_M, MOST_SPEED_M_S, TOLD_S, PositionCheck
 from hexctl.control.telemetry_watch import (
     ALL_SERVOS,
     LEAST_PACE,
+    MOST_CORRECTION_M,
+    MOST_M,
+    MOST_SPEED_M_S,
+    TOLD_S,
     BatteryWatch,
+    PositionCheck,
     SeenWarnings,
     Temperatures,
     hot_servos,

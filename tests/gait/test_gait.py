@@ -179,8 +179,8 @@ WRONG_TYPES: dict[str, Callable[[], object]] = {
     "gait: got 'tripod'": lambda: Gait(**{**GOOD, "slots": "tripod"}),  # type: ignore[arg-type]
     "gait: got 57 ": lambda: Gait(**{**GOOD, "slots": 57}),  # type: ignore[arg-type]
     "height: got None": lambda: Gait(**{**GOOD, "height": None}),  # type: ignore[arg-type]
-    "motion.heading_rad: got '0'": lambda: Motion(heading_rad="0"),  # type: ignore[arg-type]
-    "motion.travel: got True": lambda: Motion(travel=True),
+    "heading_rad: got '0'": lambda: Motion(heading_rad="0"),  # type: ignore[arg-type]
+    "travel: got True": lambda: Motion(travel=True),
 }
 
 

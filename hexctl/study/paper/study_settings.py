@@ -26,7 +26,7 @@ HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
 BASELINE = "random"
 
 #: Self-rotation of the landscapes without one.
-WITHOUT = "none"
+WITHOUT: SelfRotation = "none"
 
 #: Default self-rotation of the landscapes that the optimizers search.
 WITH: SelfRotation = "rear"
@@ -80,7 +80,7 @@ class StudySettings(LandscapePlan):
     without_gaits: Annotated[int, Range(low=1, high=N_CODES, whole=True)] = N_CODES
 
     @property
-    def rotations(self) -> tuple[str, ...]:
+    def rotations(self) -> tuple[SelfRotation, ...]:
         """Self-rotations of the landscapes."""
         return tuple(dict.fromkeys((WITHOUT, self.self_rotation)))
 

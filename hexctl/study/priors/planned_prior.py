@@ -41,7 +41,7 @@ def _prior(options: PriorOptions, runs: Path) -> Planned:
         worlds=options.worlds or 16,
         legs=tuple(options.legs),
         failure=options.failure,
-        self_rotation=suited_rotation(rotation, options.hold, chosen_gait=True),  # type: ignore[arg-type]
+        self_rotation=suited_rotation(rotation, options.hold, chosen_gait=True),
         hold=options.hold,
         duration_s=options.duration_s,
     )
