@@ -76,8 +76,9 @@ class Range:
 
     def check(self, what: str, value: float) -> None:
         """Raise InputError for a value outside the range or no number; `what` names it."""
-        kind = "a whole number" if self.whole else "a number"
-        check_type(value, int if self.whole else float, what, f"{kind}, {self._allowed}")
+        number, kind = (int, "a whole number") if self.whole else (float, "a number")
+        if type(value) is not number:
+            check_type(value, number, what, f"{kind}, {self._allowed}")
         if value not in self:
             raise InputError(f"{what}: got {value:g}; allowed: {self._allowed}")
 
@@ -204,9 +205,8 @@ def check_names(call: Callable[..., Any], given: Iterable[str], spec: type) -> N
 
 def check_fields(spec: Any) -> None:
     """Check types, choices and ranges of fields; raises WrongTypeError or InputError."""
-    hints = _hints(type(spec))  # type: ignore[arg-type]
     for field in fields(spec):
-        hint = hints[field.name]
+        hint = _hints(type(spec))[field.name]  # type: ignore[arg-type]
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         _check_value(argument(field.name), getattr(spec, field.name), kind, marks)
 

@@ -18,14 +18,12 @@ Sources may be used from any thread, `decide` only from the control loop.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Lock
-from typing import Annotated
 
 import numpy as np
 
 from hexctl.errors import InputError, check_type
 from hexctl.gait.body_pose import BodyPose
 from hexctl.gait.gait import FINITE
-from hexctl.options import check_fields
 from hexctl.time_source import WALL_TIME
 from hexctl.types import FloatArray
 
@@ -40,13 +38,13 @@ COMMAND_EXPIRY_S = 0.5
 class Velocity:
     """Forward, left and counter-clockwise velocity in the body frame; raises InputError unless finite."""
 
-    forward_m_s: Annotated[float, FINITE] = 0.0
-    left_m_s: Annotated[float, FINITE] = 0.0
-    turn_rad_s: Annotated[float, FINITE] = 0.0
+    forward_m_s: float = 0.0
+    left_m_s: float = 0.0
+    turn_rad_s: float = 0.0
 
     def __post_init__(self) -> None:
-        check_fields(self)
         for name in ("forward_m_s", "left_m_s", "turn_rad_s"):
+            FINITE.check(name, getattr(self, name))
             object.__setattr__(self, name, float(getattr(self, name)))
 
     @property
