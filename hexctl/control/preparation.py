@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.backends.base import LegServos, failures_in_force
-from hexctl.backends.clock import Tick
+from hexctl.backends.clock import PERIOD_S, Tick
 from hexctl.control.controllers import Controller, HeldLegs, Stand
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
@@ -56,10 +56,10 @@ class WalkStart:
 
     robot: Robot
     plans: tuple[TrialPlan, ...]
-    batch_shape: tuple[int, ...]
-    period_s: float
-    turned_rad: float
-    frame: TrialFrame | None
+    batch_shape: tuple[int, ...] = ()
+    period_s: float = PERIOD_S
+    turned_rad: float = 0.0
+    frame: TrialFrame | None = None
     true_frame: TrialFrame | None = None
     echoes: bool = False
 
@@ -77,13 +77,10 @@ class WalkStart:
 
 
 def prepare(
-    servos: Guard,
-    plan: TrialPlan,
-    recorders: Recorders | Sequence[Recorder | TickLog] = (),
-    stop_requested: StopRequested = never,
+    servos: Guard, plan: TrialPlan, recorders: Recorders | Sequence[Recorder | TickLog] = ()
 ) -> WalkStart:
     """Settle in the stance and turn the failed leg away; raises what `run_controller` raises."""
-    return Preparation(servos, plan, Trace(), Recorders.of(recorders), stop_requested).run()
+    return Preparation(servos, plan, Trace(), Recorders.of(recorders), never).run()
 
 
 def ticks_of(servos: LegServos, duration_s: float) -> int:
@@ -233,7 +230,6 @@ class Preparation:
         return WalkStart(
             robot=self._servos.robot,
             plans=(self._plan,),
-            batch_shape=(),
             period_s=self._servos.clock.period_s,
             turned_rad=turned_rad,
             frame=frame,

@@ -133,7 +133,7 @@ def test_what_was_interrupted_goes_on_from_what_has_finished(
     left = Remembering()
     built = build_repertoire(LIMP_PLAN, out, Work(cache=cache, jobs=1, progress=left))
     assert left.steps == total - saved
-    assert load_repertoire(out).digest() == built.digest()
+    assert load_repertoire(out).digest == built.digest
     again = Remembering()
     build_repertoire(LIMP_PLAN, out, Work(cache=cache, jobs=1, progress=again))
     assert again.steps == 0

@@ -275,14 +275,7 @@ class DriveController(Controller):
             level=self._level,
             feet=self._feet,
         )
-        start = WalkStart(
-            robot=self._robot,
-            plans=(plan,),
-            batch_shape=(),
-            period_s=self._period_s,
-            turned_rad=0.0,
-            frame=None,
-        )
+        start = WalkStart(robot=self._robot, plans=(plan,), period_s=self._period_s)
         self._walk = DriveWalk(start, lambda: self._asked)
         self._monitored = MonitoredWalk(start, self._walk, self._policy)
         if gait != plain:

@@ -263,12 +263,9 @@ class Repertoire:
         """The stored arrays, by name."""
         return {"speeds": self._column("speeds"), "costs": self._column("costs")}
 
-    def digest(self) -> str:
-        """Hash of the complete content, computed once."""
-        return self._digest
-
     @cached_property
-    def _digest(self) -> str:
+    def digest(self) -> str:
+        """Hash of the complete content."""
         return content_digest(self.head, self.arrays)
 
 
@@ -292,16 +289,11 @@ def _choice(situation: Situation, best: int, symmetry: BodySymmetry) -> Choice:
     )
 
 
-def is_shifted(one: Slots, other: Slots) -> bool:
-    """Whether two gaits differ only in the time at which they begin."""
-    differences = {(a - b) % N_LEGS for a, b in zip(one, other, strict=True)}
-    return len(differences) == 1
-
-
 #: The gait of `WALK_ON`.
 INTACT_GAIT = "tripod"
 
 
 def walks_on(candidate: Candidate, gait: Gait) -> bool:
-    """Whether a candidate is the gait that the intact robot of a plan walks."""
-    return candidate.name == WALK_ON and is_shifted(NAMED_SLOTS[INTACT_GAIT], gait.slots)
+    """Whether a candidate is the gait that the intact robot of a plan walks, at any shift in time."""
+    pairs = zip(NAMED_SLOTS[INTACT_GAIT], gait.slots, strict=True)
+    return candidate.name == WALK_ON and len({(one - other) % N_LEGS for one, other in pairs}) == 1

@@ -234,7 +234,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         """Settings that decide a walk, with what was learned before for the robot."""
         plan = TrialPlan(gait=make_gait(self.robot, "tripod"), hold="line")
         repertoire = find_repertoire(self.robot, plan)
-        digest = None if repertoire is None else repertoire.digest()
+        digest = None if repertoire is None else repertoire.digest
         learned = {
             "repertoire": digest,
             "policy": POLICY.digest(policy_file(self.robot)),

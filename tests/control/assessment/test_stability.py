@@ -296,9 +296,7 @@ def test_a_walk_within_it_is_not_limited_and_one_beyond_it_is() -> None:
     robot = shipped()
     gait = make_gait(robot, "demo")
     limits = VelocityLimits.of(robot, gait, POINTS)
-    start = WalkStart(
-        robot=robot, plans=(TrialPlan(gait=gait),), batch_shape=(), period_s=0.02, turned_rad=0.0, frame=None
-    )
+    start = WalkStart(robot=robot, plans=(TrialPlan(gait=gait),))
     nothing = RobotState(np.zeros(18), 0.0, True)
     for share, limited in ((0.99, False), (1.05, True)):
         ahead = np.array([math.cos(DIRECTIONS_RAD[1]), math.sin(DIRECTIONS_RAD[1]), 0.0])

@@ -31,9 +31,7 @@ class Driven:
         self.robot = shipped(name)
         self.gait = make_gait(self.robot, gait)
         plan = TrialPlan(gait=self.gait)
-        self.start = WalkStart(
-            robot=self.robot, plans=(plan,), batch_shape=(), period_s=PERIOD_S, turned_rad=0.0, frame=None
-        )
+        self.start = WalkStart(robot=self.robot, plans=(plan,))
         self.wanted: FloatArray = np.zeros(3)
         self.walk = DriveWalk(self.start, lambda: self.wanted)
         self.limits = VelocityLimits.of(self.robot, self.gait)

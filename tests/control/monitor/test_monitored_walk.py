@@ -52,27 +52,27 @@ def _trial(*events: str, duration_s: float = 10.0, world: str = "flat", **plan: 
     return SimTrial(robot=shipped(), plan=made, failure=plan.get("belief"), world=world, events=happens)
 
 
+class Kept(list[MonitoredWalk]):
+    """Makes recovering walks, and keeps them."""
+
+    policy: RecoveryPolicy | None = None
+
+    def make(self, start: WalkStart) -> MonitoredWalk:
+        self.append(recovering_walk(self.policy)(start))
+        return self[-1]
+
+
 def _walk(trial: SimTrial, policy: RecoveryPolicy | None = None) -> tuple[TrialResult, MonitoredWalk]:
-    walks = []
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk(policy)(start))
-        return walks[-1]
-
-    return run_sim_trial(trial, make), walks[0]
+    walks = Kept()
+    walks.policy = policy
+    return run_sim_trial(trial, walks.make), walks[0]
 
 
 @pytest.fixture(scope="module")
 def lost_legs() -> tuple[list[TrialResult], MonitoredWalk]:
     """Walks that lose a leg, and one that does not, led together."""
-    walks = []
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk()(start))
-        return walks[0]
-
-    trials = [*map(_trial, EVENTS), _trial()]
-    return run_sim_trials(trials, make_controller=make, apart=True), walks[0]
+    walks, trials = Kept(), [*map(_trial, EVENTS), _trial()]
+    return run_sim_trials(trials, make_controller=walks.make, apart=True), walks[0]
 
 
 @pytest.mark.parametrize("place", range(4), ids=EVENTS)
@@ -238,15 +238,10 @@ def _with_joints(change: Callable[[FloatArray], FloatArray]) -> Callable[[RobotS
 def _walk_with(
     changed: Callable[[RobotState], RobotState], from_s: float, *, robot: str = "ant"
 ) -> tuple[TrialResult, MonitoredWalk]:
-    model, walks = shipped(robot), list[MonitoredWalk]()
+    model, walks = shipped(robot), Kept()
     plan = TrialPlan(gait=make_gait(model, "tripod"), hold="line", duration_s=9.0)
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk()(start))
-        return walks[0]
-
     with Guard(Faulty(SimServos(model), changed, from_s)) as guard:
-        return run_trial(guard, plan, make), walks[0]
+        return run_trial(guard, plan, walks.make), walks[0]
 
 
 @pytest.mark.slow
@@ -294,14 +289,10 @@ def test_a_robot_that_falls_short_tells_its_higher_pace_and_still_finds_a_weak_j
         assert state.base_position_world is not None
         return replace(state, base_position_world=0.8 * state.base_position_world)
 
-    trial, walks = _trial("5:missing@3", "2:weak:femur:0.4@12", duration_s=16.0), list[MonitoredWalk]()
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk(Tries())(start))
-        return walks[0]
-
+    trial, walks = _trial("5:missing@3", "2:weak:femur:0.4@12", duration_s=16.0), Kept()
+    walks.policy = Tries()
     with Guard(Faulty(trial.servos(), shortened, 0.0)) as guard:
-        run_trial(guard, trial.plan, make)
+        run_trial(guard, trial.plan, walks.make)
     assert "policy: slow on this posture; pace raised to 1.35 Hz" in walks[0].news()
     assert str(walks[0].noticed[0][-1].suspicion).startswith("leg 2 femur weak"), "found at that pace too"
 

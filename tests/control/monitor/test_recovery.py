@@ -9,8 +9,7 @@ import pytest
 from hexctl import Failure, TrialPlan, make_gait
 from hexctl.control.assessment import crawl
 from hexctl.control.assessment.crawl import CRAWL_SWING
-from hexctl.control.assessment.joint_path import JointPath
-from hexctl.control.assessment.top_speed import fast_gaits
+from hexctl.control.assessment.top_speed import JointPath, fast_gaits
 from hexctl.control.monitor import recovery
 from hexctl.control.monitor.posture_trial import MOST_HASTE, TOLD_RISE, PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn

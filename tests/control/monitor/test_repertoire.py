@@ -159,7 +159,7 @@ def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "ant.npz"
     save_repertoire(repertoire, path)
     loaded = load_repertoire(path)
-    assert loaded.digest() == repertoire.digest()
+    assert loaded.digest == repertoire.digest
     assert loaded.head == repertoire.head
     assert loaded.symmetries == repertoire.symmetries
     (one,), (before,) = loaded.situations, repertoire.situations

@@ -199,7 +199,7 @@ def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
 def start_of(frame: TrialFrame | None) -> WalkStart:
     robot = shipped()
     plan = TrialPlan(gait=make_gait(robot, "demo"))
-    return WalkStart(robot=robot, plans=(plan,), batch_shape=(), period_s=0.02, turned_rad=0.0, frame=frame)
+    return WalkStart(robot=robot, plans=(plan,), frame=frame)
 
 
 def state_at(position_m: tuple[float, float]) -> RobotState:

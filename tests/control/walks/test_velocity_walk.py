@@ -37,9 +37,7 @@ NOTHING = RobotState(np.zeros(18), 0.0, True)
 
 def start_of(*changes: GaitChange, gait: str = "demo") -> WalkStart:
     plan = TrialPlan(gait=make_gait(shipped(), gait), changes=changes)
-    return WalkStart(
-        robot=shipped(), plans=(plan,), batch_shape=(), period_s=0.02, turned_rad=0.0, frame=None
-    )
+    return WalkStart(robot=shipped(), plans=(plan,))
 
 
 def feet_of(walk: VelocityWalk, steps: int) -> FloatArray:
