@@ -73,11 +73,6 @@ class DriveController(Controller):
         self._new_walk()
 
     @property
-    def gait(self) -> Gait:
-        """The requested gait; a failed leg may have changed it."""
-        return self._gait
-
-    @property
     def gait_now(self) -> Gait:
         """The gait that it walks with, or changes to."""
         return self._walk.gaits[0]

@@ -2,7 +2,6 @@
 
 import math
 import runpy
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from hexctl import (
     Failure,
     Guard,
     InputError,
-    LegServos,
     RobotState,
     SimServos,
     SimTrial,
@@ -25,7 +23,6 @@ from hexctl import (
     run_sim_trials,
     run_trial,
 )
-from hexctl.backends.base import ServosWrapper
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
@@ -36,6 +33,7 @@ from hexctl.control.walks.steering import Course
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.ik.legs import foot_positions_body
 from hexctl.types import N_LEGS, FloatArray
+from tests.control.posed import Fault, Faulty
 from tests.robots import shipped
 
 ROOT = Path(__file__).parents[3]
@@ -44,9 +42,6 @@ ROOT = Path(__file__).parents[3]
 #: Gaits of a failed leg 3 that end far from their line when nothing is held.
 CODES = (17, 62, 98)
 
-
-#: A state at a time since the robot was put down, as a faulty sensor shows it.
-Fault = Callable[[RobotState, float], RobotState]
 
 #: In times of the simulation; the walk begins at 1 s, and in open loop ends 1.1 m off. Measured: 0.3 cm off
 #: without a fault, 0.4 to 0.6 with most, 1.9 and 0.9 with the second and third pose that freezes.
@@ -114,18 +109,6 @@ def test_a_pose_that_stays_frozen_is_lost_and_no_slip(with_faults: dict[str, Tri
     assert result.hold_lost_s == pytest.approx(8.0, abs=0.1)
     assert result.true_path_m is not None
     assert result.true_path_m[-1, 0] > 1.0
-
-
-class Faulty(ServosWrapper):
-    """A robot whose sensors show something else than what is; times count from the first state."""
-
-    def __init__(self, servos: LegServos, fault: Fault) -> None:
-        super().__init__(servos)
-        self._fault = fault
-
-    def read(self) -> RobotState:
-        state = super().read()
-        return self._fault(state, state.stamp_s)
 
 
 def without(*sensors: str, first_s: float = 0.0, last_s: float = math.inf) -> Fault:
