@@ -85,19 +85,12 @@ def test_joints_are_apart() -> None:
 @pytest.mark.parametrize(
     ("degrees", "share"),
     [
-        ([31.0, np.nan], 1.0),
-        ([60.0, 40.0], 1.0),
-        ([64.0, 40.0], 0.7),
-        ([68.0], LEAST_PACE),
-        ([90.0], LEAST_PACE),
+        *(([np.nan, np.nan], 1.0), ([31.0, np.nan], 1.0), ([60.0, 40.0], 1.0), ([64.0, 40.0], 0.7)),
+        *(([68.0], LEAST_PACE), ([90.0], LEAST_PACE)),
     ],
 )
 def test_the_pace_falls_with_the_hottest_servo(degrees: list[float], share: float) -> None:
     assert pace(np.array(degrees)) == pytest.approx(share)
-
-
-def test_without_readings_the_pace_stays() -> None:
-    assert pace(np.full(18, np.nan)) == 1.0
 
 
 def lows(volts: Sequence[float | None], least_v: float = 9.0) -> list[bool]:

@@ -10,8 +10,7 @@ import pytest
 
 from hexctl.backends.sim.world import load_randomization
 from hexctl.control.monitor.recovery import GlideToStableGait
-from hexctl.control.monitor.repertoire import SAFEST, WALK_ON, moved_parts, parts_of
-from hexctl.control.monitor.repertoire_store import load_repertoire
+from hexctl.control.monitor.repertoire import SAFEST, WALK_ON, load_repertoire, moved_parts, parts_of
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure

@@ -5,7 +5,7 @@ from typing import Any
 
 from hexctl.adapt.prior.prior_files import PRIORS, describe_prior
 from hexctl.backends.sim.world import load_randomization
-from hexctl.control.monitor.repertoire_store import REPERTOIRES, describe_repertoire
+from hexctl.control.monitor.repertoire import REPERTOIRES, describe_repertoire
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import check_type
 from hexctl.options import listed

@@ -10,7 +10,7 @@ import numpy as np
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
-from hexctl.control.monitor.repertoire_store import find_repertoire
+from hexctl.control.monitor.repertoire import find_repertoire
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import STATUSES, TrialResult

@@ -13,7 +13,7 @@ from hexctl.control.assessment.top_speed import JointPath, fast_gaits
 from hexctl.control.monitor import recovery
 from hexctl.control.monitor.posture_trial import MOST_HASTE, TOLD_RISE, PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
-from hexctl.control.monitor.repertoire_store import save_repertoire
+from hexctl.control.monitor.repertoire import save_repertoire
 from hexctl.control.trial_plan import Hold
 from hexctl.gait.gait import Motion, ideal_speed_m_s
 from hexctl.gait.posture import Posture

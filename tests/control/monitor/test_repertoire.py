@@ -11,8 +11,9 @@ import pytest
 from hexctl import Failure, InputError, TrialPlan, make_gait
 from hexctl.archive import ArchiveFileError
 from hexctl.control.body_symmetry import IDENTITY
-from hexctl.control.monitor.repertoire import Candidate, Situation
-from hexctl.control.monitor.repertoire_store import (
+from hexctl.control.monitor.repertoire import (
+    Candidate,
+    Situation,
     describe_repertoire,
     find_repertoire,
     load_repertoire,
