@@ -18,8 +18,14 @@ from benchmarks.rows import Count, Row
 from benchmarks.scale import Scale
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.assessment.feasibility import gait_demand
-from hexctl.control.assessment.gait_load import GaitLoad, gait_load
-from hexctl.control.assessment.load_verdict import CROSSING_WALKS, GOOD_CAPACITY, GOOD_LIFT, load_verdict
+from hexctl.control.assessment.gait_load import (
+    CROSSING_WALKS,
+    GOOD_CAPACITY,
+    GOOD_LIFT,
+    GaitLoad,
+    gait_load,
+    load_verdict,
+)
 from hexctl.control.guard import Guard
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan

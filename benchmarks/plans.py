@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_plan import SelfRotation, TrialPlan
 from hexctl.gait.encoding import Slots, slots_from_code
 from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure import Failure
@@ -25,7 +25,7 @@ def default_gait(slots: Slots = NAMED_SLOTS["demo"]) -> Gait:
     return Gait(slots=slots, pace_hz=defaults.pace_hz, amplitude=defaults.amplitude, height=defaults.height)
 
 
-def recovery_plans(leg: int, codes: int, walk_s: float, self_rotation: str) -> list[TrialPlan]:
+def recovery_plans(leg: int, codes: int, walk_s: float, self_rotation: SelfRotation) -> list[TrialPlan]:
     """Return trials of a locked leg with some of the 120 codes, evenly spread; all of them with 120."""
     chosen = [1 + index * N_CODES // codes for index in range(codes)]
     return [

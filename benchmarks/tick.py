@@ -86,14 +86,7 @@ def _steered_us(ticks: int, make: Callable[[WalkStart], Controller]) -> FloatArr
     log, plan = TickLog(), TrialPlan(gait=default_gait(), hold="line")
     frame = TrialFrame(np.zeros(3), 0.0, 0.0)
     with PosedMock() as servos:
-        start = WalkStart(
-            robot=ant(),
-            plans=(plan,),
-            batch_shape=(),
-            period_s=servos.clock.period_s,
-            turned_rad=0.0,
-            frame=frame,
-        )
+        start = WalkStart(robot=ant(), plans=(plan,), period_s=servos.clock.period_s, frame=frame)
         run_controller(Guard(servos), make(start), (log,), until=lambda step, _: step >= ticks - 1)
     return np.asarray(log["work_s"] * 1e6)
 

@@ -13,7 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from hexctl.gait.foot_trajectory import in_stance, lift_offset, phase_in_cycle, stroke_offset
+from hexctl.gait.foot_trajectory import in_stance, lift_offset, part_of_cycle, stroke_offset
 from hexctl.gait.gait import parse_slots
 from hexctl.ik.legs import link_points_body
 from hexctl.robot.loader import load_robot
@@ -35,7 +35,7 @@ def draw_gait(panel: "Axes", title: str, text: str, failed: int | None) -> None:
     cycles = np.linspace(0, 2, 2401)
     for leg in range(1, N_LEGS + 1):
         slot = slots[leg - 1]
-        swinging = ~in_stance(phase_in_cycle(cycles, slot))
+        swinging = ~in_stance(part_of_cycle(cycles + (slot - 1) / 6))
         broken = leg == failed
         panel.barh(leg, 2, height=0.7, color=FAILED if broken else FLOOR)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], swinging.astype(int), [0]])))

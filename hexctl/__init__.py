@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from hexctl.export.export import export
     from hexctl.gait.body_pose import BodyPose
     from hexctl.gait.gait import Gait, make_gait
-    from hexctl.ik.kinematics import feet_of_joint_angles, joint_angles_of_feet
+    from hexctl.ik.legs import feet_of_joint_angles, joint_angles_of_feet
     from hexctl.recording.recorded_trial import read_trial
     from hexctl.recording.recording import Recording
     from hexctl.robot.failure import Failure
@@ -89,7 +89,7 @@ _MODULES = {
     "robot.failure": "Failure",
     "backends.sim.world": "World load_world",
     "gait.gait": "Gait make_gait",
-    "ik.kinematics": "joint_angles_of_feet feet_of_joint_angles",
+    "ik.legs": "joint_angles_of_feet feet_of_joint_angles",
     # servos
     "types": "JointTargets RobotState",
     "backends.base": "LegServos",

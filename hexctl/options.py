@@ -15,6 +15,7 @@ import math
 import textwrap
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
+from functools import cache, partial
 from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -75,8 +76,9 @@ class Range:
 
     def check(self, what: str, value: float) -> None:
         """Raise InputError for a value outside the range or no number; `what` names it."""
-        kind = "a whole number" if self.whole else "a number"
-        check_type(value, int if self.whole else float, what, f"{kind}, {self._allowed}")
+        number, kind = (int, "a whole number") if self.whole else (float, "a number")
+        if type(value) is not number:
+            check_type(value, number, what, f"{kind}, {self._allowed}")
         if value not in self:
             raise InputError(f"{what}: got {value:g}; allowed: {self._allowed}")
 
@@ -202,12 +204,14 @@ def check_names(call: Callable[..., Any], given: Iterable[str], spec: type) -> N
 
 
 def check_fields(spec: Any) -> None:
-    """Check types, choices and ranges of options; raises WrongTypeError or InputError."""
-    hints = get_type_hints(type(spec), include_extras=True)
+    """Check types, choices and ranges of fields; raises WrongTypeError or InputError."""
     for field in fields(spec):
-        hint = hints[field.name]
+        hint = _hints(type(spec))[field.name]  # type: ignore[arg-type]
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         _check_value(argument(field.name), getattr(spec, field.name), kind, marks)
+
+
+_hints = cache(partial(get_type_hints, include_extras=True))
 
 
 def check_used(spec: Any, names: Container[str], where: str) -> None:

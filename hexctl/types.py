@@ -35,6 +35,11 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
+def by_leg(joints: NDArray[Any]) -> NDArray[Any]:
+    """Values of all joints, (..., 18), as those of each leg, (..., 6, 3)."""
+    return joints.reshape(*joints.shape[:-1], N_LEGS, JOINTS_PER_LEG)
+
+
 def chosen(condition: BoolArray | np.bool_, yes: FloatArray | float, no: FloatArray | float) -> FloatArray:
     """`np.where`, ten times as fast for the scalars of a single robot."""
     if isinstance(condition, np.bool_):

@@ -148,8 +148,8 @@ rooms: Any = SimpleNamespace(
 
 #: What is called with a value of a wrong type, by the argument that its answer names.
 WRONG: tuple[tuple[str, Callable[[], Any]], ...] = (
-    ("plan.gait", lambda: api.TrialPlan(gait="tripod")),
-    ("plan.turn_rad", lambda: api.TrialPlan(gait=GAIT, turn_rad="left")),
+    ("gait", lambda: api.TrialPlan(gait="tripod")),
+    ("turn_rad", lambda: api.TrialPlan(gait=GAIT, turn_rad="left")),
     ("robot", lambda: api.SimServos(5)),
     ("world", lambda: api.SimServos("ant", world=5)),
     ("failure", lambda: api.SimServos("ant", failure=5)),

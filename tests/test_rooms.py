@@ -6,18 +6,18 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_160,
-    "adapt": 8_470,
+    "": 2_170,
+    "adapt": 8_460,
     "backends": 10_450,
     "cli": 7_340,
     "client": 1_100,
-    "control": 13_910,
+    "control": 13_580,
     "demo": 270,
     "doctor": 570,
     "export": 1_900,
-    "gait": 750,
+    "gait": 740,
     "identify": 1_600,
-    "ik": 1_170,
+    "ik": 1_150,
     "learning": 390,
     "recording": 4_470,
     "robot": 6_400,

@@ -75,19 +75,7 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
 
 def not_walked(robot: Robot, plan: TrialPlan) -> TrialResult:
     """Result of a trial that an operator did not start."""
-    nowhere = np.zeros((0, 3)), np.zeros((0, 4))
-    return score(
-        robot,
-        plan,
-        status="aborted",
-        stopped="requested",
-        duration_s=0.0,
-        turned_rad=0.0,
-        clipped_ticks=0,
-        frame=None,
-        positions_world=nowhere[0],
-        quaternions_world=nowhere[1],
-    )
+    return score(robot, plan, status="aborted", stopped="requested")
 
 
 def _path(result: TrialResult, *points_m: tuple[float, float]) -> FloatArray:

@@ -27,7 +27,7 @@ from hexctl.backends.sim.world import with_step
 from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.monitor.recovery import make_policy
-from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
+from hexctl.control.trial_plan import AUTO_ROTATION, SelfRotation, suited_rotation
 from hexctl.errors import InputError, UnusedError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.configs import shipped_text
@@ -80,7 +80,7 @@ def new_spec(
     )
 
 
-def _rotation_of(asked: str | None, hold: str, *, asking: bool) -> str:
+def _rotation_of(asked: SelfRotation | None, hold: str, *, asking: bool) -> SelfRotation:
     # An operator's robot does not know where it is.
     held = "heading" if asking and hold == "auto" else hold
     return suited_rotation(asked or AUTO_ROTATION, held, chosen_gait=True)

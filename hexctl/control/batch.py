@@ -215,7 +215,9 @@ def _run_group(
                 start = prepare(guard, plans[0])
             except (EStopError, SimulationDivergedError, RobotFaultError) as error:
                 status, name = _status_of(error), controller_name(make_controller)
-                results[number] = [_never_walked(servos.robot, plan, status, name) for plan in plans]
+                results[number] = [
+                    score(servos.robot, plan, status=status, controller=name) for plan in plans
+                ]
                 continue
             alike = (held(plans[0], start.frame), start.frame is None, *batch_layout(servos))
             one = _Ready(guard, servos, replace(start, plans=plans, batch_shape=(len(plans),)))
@@ -262,22 +264,6 @@ def _start_together(starts: Sequence[WalkStart]) -> WalkStart:
         batch_shape=(len(plans),),
         turned_rad=turned_rad,  # type: ignore[arg-type]
         frame=frame,
-    )
-
-
-def _never_walked(robot: Robot, plan: TrialPlan, status: str, controller: str | None) -> TrialResult:
-    nothing = np.zeros((0, 4))
-    return score(
-        robot,
-        plan,
-        status=status,
-        duration_s=0.0,
-        turned_rad=0.0,
-        clipped_ticks=0,
-        frame=None,
-        positions_world=nothing[:, :3],
-        quaternions_world=nothing,
-        controller=controller,
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
+from hexctl.types import N_LEGS, FloatArray, by_leg
 
 #: Two positions or angles this near are the same, in m and rad.
 SAME = 1e-4
@@ -61,8 +61,7 @@ class BodySymmetry:
 
     def joints(self, angles_rad: FloatArray) -> FloatArray:
         """Angles of all joints, (..., 18), of the moved robot; a mirror changes the sign of the coxae."""
-        before = angles_rad.reshape(*angles_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
-        moved = before[..., np.array(self.legs_before) - 1, :]
+        moved = by_leg(angles_rad)[..., np.array(self.legs_before) - 1, :]
         if self.mirrored:
             moved[..., 0] = -moved[..., 0]
         return moved.reshape(angles_rad.shape)
@@ -105,7 +104,7 @@ def _trunk_allows(robot: Robot, move: BodySymmetry) -> bool:
 def _apart(robot: Robot, move: BodySymmetry) -> FloatArray:
     """By how much each moved leg differs from each leg, in mount, foot, limits and yaw, (moved, legs)."""
     names = ("joint_lower_rad", "joint_upper_rad", "joint_max_speed_rad_s", "joint_max_torque_nm")
-    limits = np.stack([getattr(robot, name).reshape(N_LEGS, JOINTS_PER_LEG) for name in names], axis=1)
+    limits = np.stack([by_leg(getattr(robot, name)) for name in names], axis=1)
     flipped = limits.copy()
     if move.mirrored:  # the coxae's angles change sign
         flipped[:, :2, 0] = -limits[:, 1::-1, 0]

@@ -5,12 +5,11 @@ import math
 import numpy as np
 
 from hexctl.control.controllers import Controller
-from hexctl.errors import InputError
-from hexctl.ik.legs import foot_positions_body, solve_legs_within_limits
+from hexctl.ik.legs import solve_legs_within_limits
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, RobotState
 
-#: Defaults of a twist.
+#: A twist.
 AMPLITUDE_RAD = math.radians(5.0)
 FREQUENCY_HZ = 0.7
 DURATION_S = 4.0
@@ -19,65 +18,33 @@ DURATION_S = 4.0
 FADING = 0.2
 
 
-def wiggle_yaw_rad(
-    times_s: FloatArray,
-    *,
-    amplitude_rad: float = AMPLITUDE_RAD,
-    frequency_hz: float = FREQUENCY_HZ,
-    duration_s: float = DURATION_S,
-) -> FloatArray:
+def wiggle_yaw_rad(times_s: FloatArray) -> FloatArray:
     """Yaw at times, in their shape: a sine within raised cosines, 0 before and afterwards."""
-    share = np.clip(np.asarray(times_s, dtype=float) / duration_s, 0.0, 1.0)
+    share = np.clip(np.asarray(times_s, dtype=float) / DURATION_S, 0.0, 1.0)
     edge = np.minimum(np.minimum(share, 1 - share) / FADING, 1.0)
     envelope = (1 - np.cos(np.pi * edge)) / 2
-    return np.asarray(amplitude_rad * envelope * np.sin(math.tau * frequency_hz * duration_s * share))
+    return np.asarray(AMPLITUDE_RAD * envelope * np.sin(math.tau * FREQUENCY_HZ * DURATION_S * share))
 
 
-def wiggle_targets_rad(
-    robot: Robot, times_s: FloatArray, start_rad: FloatArray | None = None, **motion: float
-) -> FloatArray:
-    """Joint angles (T, 18) of a twist at times (T,), as `wiggle_yaw_rad`, from the stance or `start_rad`.
+def wiggle_targets_rad(robot: Robot, times_s: FloatArray) -> FloatArray:
+    """Joint angles (T, 18) of a twist from the stance at times (T,), as `wiggle_yaw_rad`.
 
     Raises ReachError or LimitError, naming leg and joint.
     """
-    start_rad = robot.stance_angles_rad if start_rad is None else start_rad
-    yaw_rad = wiggle_yaw_rad(times_s, **motion)
+    yaw_rad = wiggle_yaw_rad(times_s)
     cos, sin, zero = np.cos(yaw_rad), np.sin(yaw_rad), np.zeros_like(yaw_rad)
     one = np.ones_like(yaw_rad)
     back = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
     # Row vectors: a fixed foot rotates backwards in the frame of the body.
-    return solve_legs_within_limits(robot, foot_positions_body(robot, start_rad) @ back)
+    return solve_legs_within_limits(robot, robot.stance_feet_body @ back)
 
 
 class BodyWiggle(Controller):
-    """Twists the body of a standing robot about its middle, from the stance or `start_rad`.
+    """Twists the body of a robot in its stance about its middle; raises what `wiggle_targets_rad` raises."""
 
-    Raises ReachError or LimitError, naming leg and joint, and InputError for a duration without a twist.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        start_rad: FloatArray | None = None,
-        *,
-        period_s: float,
-        amplitude_rad: float = AMPLITUDE_RAD,
-        frequency_hz: float = FREQUENCY_HZ,
-        duration_s: float = DURATION_S,
-    ) -> None:
-        if not duration_s * frequency_hz >= 1:
-            raise InputError(
-                f"duration_s: got {duration_s:g} s at {frequency_hz:g} Hz; allowed: one twist or more"
-            )
-        steps = np.arange(math.ceil(duration_s / period_s) + 1)
-        self._targets_rad = wiggle_targets_rad(
-            robot,
-            np.asarray(steps * period_s, dtype=float),
-            start_rad,
-            amplitude_rad=amplitude_rad,
-            frequency_hz=frequency_hz,
-            duration_s=duration_s,
-        )
+    def __init__(self, robot: Robot, *, period_s: float) -> None:
+        steps = np.arange(math.ceil(DURATION_S / period_s) + 1)
+        self._targets_rad = wiggle_targets_rad(robot, np.asarray(steps * period_s, dtype=float))
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at a step, (18,); the start pose after the end."""

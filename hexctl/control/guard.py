@@ -14,9 +14,8 @@ import numpy as np
 
 from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.backends.clock import Standstill
-from hexctl.control.position_check import PositionCheck
 from hexctl.control.stop_reason import reason_in_words
-from hexctl.control.telemetry_watch import HOT, BatteryWatch, Temperatures
+from hexctl.control.telemetry_watch import HOT, BatteryWatch, PositionCheck, Temperatures
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,

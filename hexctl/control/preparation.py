@@ -3,12 +3,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from hexctl.backends.base import LegServos, failures_in_force
-from hexctl.backends.clock import Tick
+from hexctl.backends.clock import PERIOD_S, Tick
 from hexctl.control.controllers import Controller, HeldLegs, Stand
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
@@ -57,10 +56,10 @@ class WalkStart:
 
     robot: Robot
     plans: tuple[TrialPlan, ...]
-    batch_shape: tuple[int, ...]
-    period_s: float
-    turned_rad: float
-    frame: TrialFrame | None
+    batch_shape: tuple[int, ...] = ()
+    period_s: float = PERIOD_S
+    turned_rad: float = 0.0
+    frame: TrialFrame | None = None
     true_frame: TrialFrame | None = None
     echoes: bool = False
 
@@ -78,13 +77,10 @@ class WalkStart:
 
 
 def prepare(
-    servos: Guard,
-    plan: TrialPlan,
-    recorders: Recorders | Sequence[Recorder | TickLog] = (),
-    stop_requested: StopRequested = never,
+    servos: Guard, plan: TrialPlan, recorders: Recorders | Sequence[Recorder | TickLog] = ()
 ) -> WalkStart:
     """Settle in the stance and turn the failed leg away; raises what `run_controller` raises."""
-    return Preparation(servos, plan, Trace(), Recorders.of(recorders), stop_requested).run()
+    return Preparation(servos, plan, Trace(), Recorders.of(recorders), never).run()
 
 
 def ticks_of(servos: LegServos, duration_s: float) -> int:
@@ -112,24 +108,6 @@ class _NewsObserver(TickObserver):
             self._log.note(texts)
 
 
-class WalkRows(Protocol):
-    """Keeps values of the ticks of a walk, in addition to the trace."""
-
-    def add(self, state: RobotState, commanded_rad: FloatArray) -> None:
-        """Take the next tick: the state, and the targets sent after it."""
-
-
-class RowObserver(TickObserver):
-    """Adds every tick of the walk to `WalkRows`."""
-
-    def __init__(self, rows: WalkRows) -> None:
-        self._rows = rows
-
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        """Take one tick."""
-        self._rows.add(state, sent.joint_positions_rad)
-
-
 class Phases:
     """Runs controllers one after the other, each as a phase of the trial."""
 
@@ -151,10 +129,10 @@ class Phases:
         *,
         until: Until | None = None,
         first_step: int = 0,
-        seen_by: Sequence[WalkRows] = (),
+        seen_by: Sequence[TickObserver] = (),
     ) -> int:
         """Run a controller until it is done; the last step."""
-        observers = [*self._observers, *map(RowObserver, seen_by)]
+        observers = [*self._observers, *seen_by]
         if self._recorders is not None:
             self._recorders.log.controller = controller
             observers.insert(0, _NewsObserver(self._recorders.log, self.servos.unwrapped, controller))
@@ -252,7 +230,6 @@ class Preparation:
         return WalkStart(
             robot=self._servos.robot,
             plans=(self._plan,),
-            batch_shape=(),
             period_s=self._servos.clock.period_s,
             turned_rad=turned_rad,
             frame=frame,

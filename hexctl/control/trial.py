@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.clock import realtime_priority
+from hexctl.backends.clock import Tick, realtime_priority
 from hexctl.control.assessment.cause import WalkSamples
 from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import WalkEffort
@@ -18,7 +18,7 @@ from hexctl.control.custom_controller import (
 )
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
-from hexctl.control.loop import Until
+from hexctl.control.loop import TickObserver, Until
 from hexctl.control.preparation import Phases, Preparation, WalkStart, ticks_of
 from hexctl.control.sit_down import sit_down
 from hexctl.control.telemetry_watch import with_troubles
@@ -38,7 +38,7 @@ from hexctl.errors import (
     check_type,
 )
 from hexctl.robot.failure import NoticedFailure
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.waiting import StopRequested, never
 
 #: Ticks between two calls of `should_stop`.
@@ -234,7 +234,7 @@ class _Trial:
             self._servos.simulation.walk_begins()
         clipped_before = self._servos.counters.clipped
         try:
-            step = phases.run(walk, until=self._until(), seen_by=(self._samples, self._effort))
+            step = phases.run(walk, until=self._until(), seen_by=(_Measuring(self._samples, self._effort),))
         finally:
             self.clipped_ticks = self._servos.counters.clipped - clipped_before
             self.limited_ticks = int(walk.limited_steps)
@@ -275,6 +275,15 @@ class _Trial:
             else:
                 steps = soft_stop_steps(self._servos.clock.period_s)
                 phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), steps))
+
+
+class _Measuring(TickObserver):
+    def __init__(self, samples: WalkSamples, effort: WalkEffort) -> None:
+        self._samples, self._effort = samples, effort
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        self._samples.add(state, sent.joint_positions_rad)
+        self._effort.add(state, sent.joint_positions_rad)
 
 
 class _SoftStop(Controller):

@@ -1,19 +1,17 @@
-"""The plan of a trial: a plain, picklable value."""
+"""The plan of a trial, a plain, picklable value; and the walk options that several commands share."""
 
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal, get_args
+from typing import Annotated, ClassVar, Final, Literal, get_args
 
 from hexctl.errors import InputError, argument, check_type
-from hexctl.gait.gait import Gait, Motion
-from hexctl.options import Range
+from hexctl.gait.gait import FINITE, PACE_HZ, STEP, TRAVEL, Gait, Motion
+from hexctl.options import RARE, Range, Typed, check_fields
 from hexctl.robot.failure import UNKNOWN, Failure, check_further, each_failure
 
 SelfRotation = Literal["rear", "front", "none"]
 SELF_ROTATIONS = get_args(SelfRotation)
-
-_THEN = argument("then")
 
 #: What a walk holds by feedback; `auto` is the best that the robot allows.
 Hold = Literal["auto", "line", "heading", "none"]
@@ -24,6 +22,8 @@ Feet = Literal["planned", "adaptive"]
 FEET = get_args(Feet)
 
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
+
+CHANGE_S = Range(low=0, high=DURATION_S.high, unit="s")
 
 HEADING_DEG = Range(low=-360, high=360, unit="deg", degrees=True)
 
@@ -42,7 +42,7 @@ TURN_TRIM_DEG_S = Range(low=-4, high=4, unit="deg/s", degrees=True)
 MAX_TURN_TRIM_RAD_S = math.radians(TURN_TRIM_DEG_S.high)
 
 
-def suited_rotation(self_rotation: str, hold: str, *, chosen_gait: bool) -> str:
+def suited_rotation(self_rotation: AskedRotation, hold: str, *, chosen_gait: bool) -> SelfRotation:
     """The self-rotation asked for, or for `auto` the one that suits a walk.
 
     A turn gains no speed with a held line and a gait chosen for the failed leg. Otherwise the leg turns to
@@ -62,9 +62,7 @@ class GaitChange:
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "change.gait", "a Gait, as make_gait(robot, 'wave') gives")
-        check_type(self.at_s, float, "change.at_s")
-        if not (math.isfinite(self.at_s) and 0 <= self.at_s <= DURATION_S.high):
-            raise InputError(f"{_THEN}: got {self.at_s:g} s; allowed: 0 up to {DURATION_S.high:g} s")
+        CHANGE_S.check(argument("then"), self.at_s)
 
     def __str__(self) -> str:
         """Slots and time, as `--then` takes them."""
@@ -97,70 +95,36 @@ class TrialPlan:
     """
 
     gait: Gait
-    heading_rad: float = 0.0
-    travel: float = 1.0
-    turn_rate_rad_s: float = 0.0
-    duration_s: float = 30.0
+    heading_rad: Annotated[float, FINITE] = 0.0
+    travel: Annotated[float, TRAVEL] = 1.0
+    turn_rate_rad_s: Annotated[float, FINITE] = 0.0
+    duration_s: Annotated[float, DURATION_S] = 30.0
     belief: Failure | None = None
-    self_rotation: str = "rear"
-    turn_rad: float | None = None
-    settle_s: float = 1.0
-    hold: str = "none"
+    self_rotation: SelfRotation = "rear"
+    turn_rad: Annotated[float | None, FINITE] = None
+    settle_s: Annotated[float, Range(low=0, above=True, unit="s")] = 1.0
+    hold: Hold = "none"
     changes: tuple[GaitChange, ...] = ()
-    trim_rad: float = 0.0
-    turn_trim_rad_s: float | None = None
+    trim_rad: Annotated[float, TRIM_DEG] = 0.0
+    turn_trim_rad_s: Annotated[float | None, TURN_TRIM_DEG_S] = None
     further_failures: tuple[Failure, ...] = ()
     level: bool = False
-    feet: str = "planned"
+    feet: Feet = "planned"
 
     def __post_init__(self) -> None:
-        check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
-        check_type(self.belief, (Failure, type(None)), "plan.belief", "a Failure, as Failure(leg=5), or None")
+        check_fields(self)
         check_further(self.belief, self.further_failures, "plan.further_failures")
         object.__setattr__(self, "further_failures", each_failure(self.further_failures))
-        for name in ("heading_rad", "travel", "turn_rate_rad_s", "duration_s", "settle_s", "trim_rad"):
-            check_type(getattr(self, name), float, f"plan.{name}")
-        if not abs(self.trim_rad) <= MAX_TRIM_RAD:
+        if self.turn_trim_rad_s is not None and (self.hold != "none" or not self.straight):
+            turned = "" if self.straight else " and a walk that is not straight"
             raise InputError(
-                f"trim: got {math.degrees(self.trim_rad):g}; "
-                f"allowed: up to {math.degrees(MAX_TRIM_RAD):g} degrees either way"
+                f"turn trim: used with hold {self.hold}{turned}; allowed: with hold none and a straight walk"
             )
-        self._check_turn_trim()
-        DURATION_S.check("duration", self.duration_s)
-        if self.self_rotation not in SELF_ROTATIONS:
-            raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
-        if self.hold not in HOLDS:
-            raise InputError(f"hold: got {self.hold}; allowed: {', '.join(HOLDS)}")
-        if self.feet not in FEET:
-            raise InputError(f"{argument('feet')}: got {self.feet}; allowed: {', '.join(FEET)}")
         for change in self.changes:
             check_type(change, GaitChange, "plan.changes", "GaitChanges")
         if any(after.at_s <= before.at_s for before, after in pairwise(self.changes)):
             raise InputError(
                 "plan.changes: got times that do not ascend; allowed: the first change first, one at a time"
-            )
-        if not (math.isfinite(self.settle_s) and self.settle_s > 0):
-            raise InputError(f"settle time: got {self.settle_s:g}; allowed: above 0 s")
-        check_type(self.turn_rad, (float, type(None)), "plan.turn_rad", "an angle in rad, or None")
-        if self.turn_rad is not None and not math.isfinite(self.turn_rad):
-            raise InputError(f"turn before the walk: got {self.turn_rad}; allowed: a finite angle")
-        self.motion(0.0)
-
-    def _check_turn_trim(self) -> None:
-        """Raise InputError for a large trim, and for one of a walk other than straight and in open loop."""
-        trim_rad_s = self.turn_trim_rad_s
-        check_type(trim_rad_s, (float, type(None)), "plan.turn_trim_rad_s", "a rate in rad/s, or None")
-        if trim_rad_s is None:
-            return
-        if self.hold != "none" or not self.straight:
-            turned = "" if self.straight else " and a walk that is not straight"
-            raise InputError(
-                f"turn trim: used with hold {self.hold}{turned}; allowed: with hold none and a straight walk"
-            )
-        if not abs(trim_rad_s) <= MAX_TURN_TRIM_RAD_S:
-            raise InputError(
-                f"turn trim: got {math.degrees(trim_rad_s):g}; "
-                f"allowed: up to {math.degrees(MAX_TURN_TRIM_RAD_S):g} deg/s either way"
             )
 
     def motion(self, yaw_rad: float) -> Motion:
@@ -189,3 +153,43 @@ class TrialPlan:
     def held_legs(self) -> tuple[int, ...]:
         """Legs that the controller keeps in their stance pose."""
         return tuple(one.leg for one in self.failures if one.kind in ("locked", UNKNOWN))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkOptions:
+    """How a robot steps and turns; None takes the robot's value."""
+
+    PANEL: ClassVar = "Walk"
+
+    turn_rate_rad_s: Annotated[float | None, TURN_DEG_S, Typed(flag="turn")] = None
+    """Turn rate in degrees per second, {}, counter-clockwise. Without --heading the robot turns in place.
+    (default: 0)
+
+    In Python in rad/s.
+    """
+
+    pace_hz: Annotated[float | None, PACE_HZ] = None
+    """Gait cycles per second, {}. (default: the robot's)"""
+
+    amplitude: Annotated[float | None, STEP, RARE] = None
+    """Length of the stroke of a foot as a fraction of the robot's size, {}. (default: the robot's)"""
+
+    height: Annotated[float | None, STEP, RARE] = None
+    """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundOptions:
+    """How a robot walks over uneven ground."""
+
+    PANEL: ClassVar = "Walk"
+
+    level: Annotated[bool, RARE] = False
+    """Keep the body level on slopes, with the roll and pitch that the robot measures."""
+
+    feet: Feet = "planned"
+    """How feet meet the ground: planned, as the gait has them, or adaptive, for uneven ground: they lift
+    higher, by default at least 0.04 of the robot's size, and search the ground below until they touch it.
+
+    The search needs foot contacts.
+    """

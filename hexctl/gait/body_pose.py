@@ -1,10 +1,11 @@
 """Pose of the body over its feet, as a command: roll, pitch, yaw, sway and height."""
 
 from dataclasses import astuple, dataclass, fields
+from typing import Annotated
 
 import numpy as np
 
-from hexctl.options import Range
+from hexctl.options import Range, check_fields
 from hexctl.types import FloatArray
 
 #: Accepted angles and distances; the legs reach less.
@@ -25,17 +26,16 @@ class BodyPose:
         yaw_rad: counter-clockwise.
     """
 
-    roll_rad: float = 0.0
-    pitch_rad: float = 0.0
-    yaw_rad: float = 0.0
-    forward_m: float = 0.0
-    left_m: float = 0.0
-    up_m: float = 0.0
+    roll_rad: Annotated[float, ANGLE] = 0.0
+    pitch_rad: Annotated[float, ANGLE] = 0.0
+    yaw_rad: Annotated[float, ANGLE] = 0.0
+    forward_m: Annotated[float, DISTANCE] = 0.0
+    left_m: Annotated[float, DISTANCE] = 0.0
+    up_m: Annotated[float, DISTANCE] = 0.0
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for field in fields(self):
-            allowed = ANGLE if field.name.endswith("_rad") else DISTANCE
-            allowed.check(field.name, getattr(self, field.name))
             object.__setattr__(self, field.name, float(getattr(self, field.name)))
 
     @classmethod

@@ -27,13 +27,8 @@ _BACK, _ZERO, _HALF, _ONE = np.array(-0.5), np.array(0.0), np.array(0.5), np.arr
 _TOP, _END = np.array(SWING_TOP), np.array(SWING_END)
 
 
-def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
-    """Normalised time of each leg in [0, 1), u = mod(t + (g_i - 1) / 6, 1), of slots g_i (paper, Eq. 5)."""
-    return part_of_cycle(np.asarray(cycles) + (np.asarray(slots) - 1) / 6)
-
-
 def part_of_cycle(cycles: FloatArray) -> FloatArray:
-    """Fractional part of times in cycles, in [0, 1)."""
+    """Fractional part of times in cycles, u in [0, 1): of a leg, of t + (g_i - 1) / 6 (paper, Eq. 5)."""
     # mod of a tiny negative rounds to 1.0, which is the start of the cycle: hence the second one.
     part: FloatArray = np.mod(np.mod(cycles, _ONE), _ONE)
     return part

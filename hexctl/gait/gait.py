@@ -1,9 +1,9 @@
 """Gaits (slots, pace, amplitude, height), motions (heading and turn), and gaits by name, code or slots."""
 
-import math
 import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.encoding import (
@@ -15,7 +15,7 @@ from hexctl.gait.encoding import (
     slots_from_code,
 )
 from hexctl.gait.posture import STANCE, Posture
-from hexctl.options import Range
+from hexctl.options import Range, check_fields
 from hexctl.robot.model import Robot
 from hexctl.typed_names import known_name, nearest
 from hexctl.types import N_LEGS
@@ -35,6 +35,11 @@ SWING_SHARE = 1 / 3
 
 SWING = Range(low=0.1, high=0.5)
 
+#: Share of the full amplitude with which a body travels.
+TRAVEL = Range(low=0, high=1)
+
+FINITE = Range()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gait:
@@ -51,25 +56,18 @@ class Gait:
     """
 
     slots: Slots
-    pace_hz: float
-    amplitude: float
-    height: float
+    pace_hz: Annotated[float, PACE_HZ]
+    amplitude: Annotated[float, STEP]
+    height: Annotated[float, STEP]
     posture: Posture = STANCE
-    swing_share: float = SWING_SHARE
+    swing_share: Annotated[float, SWING] = SWING_SHARE
     phases: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "slots", as_slots(self.slots))
         if len(self.slots) != N_LEGS or not all(1 <= slot <= N_LEGS for slot in self.slots):
             raise InputError(f"{_GAIT}: got {self.slots}; allowed: six numbers, each 1..6")
-        PACE_HZ.check(argument("pace_hz"), self.pace_hz)
-        STEP.check(argument("amplitude"), self.amplitude)
-        STEP.check(argument("height"), self.height)
-        check_type(self.posture, Posture, "posture", "a Posture")
-        SWING.check(argument("swing_share"), self.swing_share)
-        self._check_phases()
-
-    def _check_phases(self) -> None:
+        check_fields(self)
         if self.phases is None:
             return
         allowed = f"{N_LEGS} parts of a cycle, each 0 up to 1 without 1, or None"
@@ -111,20 +109,12 @@ class Motion:
         turn_rate_rad_s: commanded yaw rate, counter-clockwise positive.
     """
 
-    heading_rad: float = 0.0
-    travel: float = 1.0
-    turn_rate_rad_s: float = 0.0
+    heading_rad: Annotated[float, FINITE] = 0.0
+    travel: Annotated[float, TRAVEL] = 1.0
+    turn_rate_rad_s: Annotated[float, FINITE] = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("heading_rad", "travel", "turn_rate_rad_s"):
-            check_type(getattr(self, name), float, f"motion.{name}")
-        if not (math.isfinite(self.heading_rad) and math.isfinite(self.turn_rate_rad_s)):
-            raise InputError(
-                f"motion: got heading {self.heading_rad} and turn {self.turn_rate_rad_s} rad/s; "
-                "allowed: finite numbers"
-            )
-        if not 0 <= self.travel <= 1:
-            raise InputError(f"travel: got {self.travel}; allowed: 0..1")
+        check_fields(self)
 
 
 def is_crawl(phases: Sequence[float] | None, swing_share: float) -> bool:

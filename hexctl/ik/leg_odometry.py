@@ -22,7 +22,7 @@ from hexctl.ik.legs import foot_positions_body, link_points_body
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import levelled
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
+from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray, by_leg
 
 #: A foot this far above the standing plane has e^-1 of its weight, as a share of the stance radius.
 NEAR_FLOOR = 0.01
@@ -71,13 +71,11 @@ class LegMotions(ArrayFields):
 
     Attributes:
         motions: in the frame of the first moment, (T - 1, 3): forward and left in m, counter-clockwise.
-        slip_m: RMS slip of the standing feet, (T - 1,).
         height_m: of the body frame's origin above the floor, (T,).
         up_body: the vertical in the body frame, (T, 3).
     """
 
     motions: FloatArray
-    slip_m: FloatArray
     height_m: FloatArray
     up_body: FloatArray
 
@@ -120,7 +118,7 @@ def leg_motions(
     fit = _fit(before, after, weights, slipping_m)
     shift = fit.middle_before - fit.turn * fit.middle_after
     motions = np.stack([shift.real, shift.imag, np.angle(fit.turn)], axis=-1)
-    return LegMotions(motions, fit.slip_m, stands.height_m, stands.up_body)
+    return LegMotions(motions, stands.height_m, stands.up_body)
 
 
 def stance_motions(
@@ -147,12 +145,11 @@ def stance_motions(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """Turn that maps feet back to their positions before, weighted middles and residuals, (N, ...)."""
+    """Turn that maps feet back to their positions before, and weighted middles, (N, ...)."""
 
     middle_before: ComplexArray
     middle_after: ComplexArray
     turn: ComplexArray
-    slip_m: FloatArray
 
 
 def _fit(
@@ -174,13 +171,12 @@ def _fit(
         turn = (weights * from_before * from_after.conj()).sum(axis=-1)
         turn = turn / np.abs(turn)
         off_m = np.abs(from_before - turn[..., np.newaxis] * from_after)
-    slip_m = np.sqrt((weights * np.square(off_m)).sum(axis=-1) / total)
-    return _Fit(middle_before, middle_after, turn, slip_m)
+    return _Fit(middle_before, middle_after, turn)
 
 
 def _rolled(robot: Robot, joints_rad: FloatArray) -> ComplexArray:
     """Outward roll of the feet between moments in the body frame, (T - 1, ..., 6)."""
-    angles = joints_rad.reshape(*joints_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
+    angles = by_leg(joints_rad)
     tilted_rad = np.diff(angles[..., 1] + angles[..., 2], axis=0)
     outward = np.exp(1j * (robot.mount_yaws_rad + angles[1:, ..., 0]))
     return np.asarray(robot.foot_radius_m * tilted_rad * outward)

@@ -8,10 +8,23 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from hexctl.errors import LimitError, ReachError
+from hexctl.errors import LimitError, ReachError, check_type
 from hexctl.robot.model import Robot, leg_reach_m
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
+from hexctl.types import (
+    JOINT_KINDS,
+    JOINTS_PER_LEG,
+    N_JOINTS,
+    N_LEGS,
+    ArrayFields,
+    BoolArray,
+    FloatArray,
+    as_joint_angles,
+    as_numbers,
+    by_leg,
+    check_finite,
+)
 
 #: Numbers as arrays, as those of `LegTriangle`.
 _LEAST_COSINE, _MOST_COSINE = np.array(-1.0), np.array(1.0)
@@ -34,7 +47,7 @@ class LegAngles(ArrayFields):
 
 def link_points_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
     """Coxa axis, femur joint, knee and foot of each leg in the body frame, leading shape + (6, 4, 3) in m."""
-    angles = _per_leg(joint_positions_rad)
+    angles = by_leg(joint_positions_rad)
     yaw = robot.mount_yaws_rad + angles[..., 0]
     slopes = np.stack([np.zeros_like(yaw), angles[..., 1], angles[..., 1] + angles[..., 2]], axis=-1)
     cos, sin = np.cos(slopes), np.sin(slopes)
@@ -51,7 +64,7 @@ def link_points_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArra
 def foot_positions_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
     """Centres of the feet in the body frame, leading shape + (6, 3) in m."""
     # As in `link_points_body`, to the same bits, in half the time.
-    angles = _per_leg(joint_positions_rad)
+    angles = by_leg(joint_positions_rad)
     yaw, femur = robot.mount_yaws_rad + angles[..., 0], angles[..., 1]
     tibia = femur + angles[..., 2]
     (coxa_out, femur_out, tibia_out), (coxa_up, femur_up, tibia_up) = robot.link_vectors_m.T
@@ -114,10 +127,6 @@ def _cosine(value: FloatArray) -> FloatArray:
     return cosine
 
 
-def _per_leg(joint_positions_rad: FloatArray) -> FloatArray:
-    return joint_positions_rad.reshape(*joint_positions_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
-
-
 def _wrapped(angle_rad: FloatArray) -> FloatArray:
     wrapped: FloatArray = angle_rad - _TURN * np.rint(angle_rad / _TURN)
     return wrapped
@@ -162,8 +171,7 @@ def legs_that_reach(robot: Robot, feet_body: FloatArray) -> BoolArray:
     """Whether each leg reaches its foot within its joint ranges, (..., 6), of feet in m, (..., 6, 3)."""
     solution = solve_legs(robot, feet_body)
     outside = range_excess_rad(robot, solution.joint_positions_rad) > TOLERANCE_RAD
-    legs_outside = outside.reshape(*outside.shape[:-1], N_LEGS, JOINTS_PER_LEG).any(axis=-1)
-    return np.asarray(solution.reachable & ~legs_outside)
+    return np.asarray(solution.reachable & ~by_leg(outside).any(axis=-1))
 
 
 def _reach_message(robot: Robot, feet_body: FloatArray, leg_index: int) -> str:
@@ -175,3 +183,51 @@ def _reach_message(robot: Robot, feet_body: FloatArray, leg_index: int) -> str:
     return (
         f"leg {leg_index + 1}: foot {worst:.4f} m from its femur joint; allowed: {least:.4f} to {most:.4f} m"
     )
+
+
+def joint_angles_of_feet(robot: Robot, feet_body: ArrayLike) -> FloatArray:
+    """Joint angles that put the feet at positions in the body frame (inverse kinematics).
+
+        feet = hexctl.feet_of_joint_angles(robot, robot.stance_angles_rad)
+        feet[4] += [0.0, 0.0, 0.03]  # lift the foot of leg 5 by 3 cm
+        angles_rad = hexctl.joint_angles_of_feet(robot, feet)
+
+    Of the two solutions of a leg, it is the one with the knee up.
+
+    Args:
+        robot: whose legs.
+        feet_body: centres of the feet of legs 1 to 6 in m, leading shape + (6, 3). The body frame has x
+            forward, y left and z up.
+
+    Returns:
+        Angles in rad, leading shape + (18,): coxa, femur and tibia of leg 1, then of leg 2, and so on.
+
+    Raises:
+        ReachError: a foot is out of reach. The message names the leg and the allowed distances.
+        LimitError: a joint would leave its range. The message names the leg, the joint and the range.
+        InputError: the positions have another shape or are not finite.
+        WrongTypeError: an argument has a wrong type.
+    """
+    check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
+    return solve_legs_within_limits(robot, as_numbers(feet_body, (N_LEGS, 3), "feet_body"))
+
+
+def feet_of_joint_angles(robot: Robot, joint_positions_rad: ArrayLike) -> FloatArray:
+    """Positions of the feet in the body frame at joint angles (forward kinematics).
+
+    Args:
+        robot: whose legs.
+        joint_positions_rad: angles in rad, leading shape + (18,), in the order that `joint_angles_of_feet`
+            returns. They may be outside the ranges of the joints.
+
+    Returns:
+        Centres of the feet of legs 1 to 6 in m, leading shape + (6, 3).
+
+    Raises:
+        InputError: there are not 18 angles, or they are not finite.
+        WrongTypeError: an argument has a wrong type.
+    """
+    check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
+    angles_rad = as_joint_angles(joint_positions_rad, "joint_positions_rad")
+    check_finite(angles_rad, angles_rad.shape, "joint_positions_rad")
+    return foot_positions_body(robot, angles_rad)

@@ -20,7 +20,7 @@ from hexctl.ik.legs import link_points_body
 from hexctl.ik.statics import arms_m, link_torques_nm
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
-from hexctl.types import GRAVITY_M_S2, JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray
+from hexctl.types import GRAVITY_M_S2, N_LEGS, BoolArray, FloatArray, by_leg
 
 #: Determinants and distances below this are zero.
 TINY = 1e-12
@@ -52,12 +52,11 @@ def _leg_capacity_n(
     robot: Robot, joint_positions_rad: FloatArray, points: FloatArray, friction: float
 ) -> FloatArray:
     """The most that each leg carries, (..., 6): a linear program in (f, h), solved at its corners."""
-    joints = joint_positions_rad.reshape(*joint_positions_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
-    arms = arms_m(robot, points, joints)
+    arms = arms_m(robot, points, by_leg(joint_positions_rad))
     outward = arms[..., -1, 1:]
     up = points[..., -1:, 2] - points[..., 1:-1, 2]
     own = link_torques_nm(robot, arms)[..., 1:]
-    limit = (robot.joint_max_torque_nm + robot.dry_friction_nm).reshape(N_LEGS, JOINTS_PER_LEG)[:, 1:]
+    limit = by_leg(robot.joint_max_torque_nm + robot.dry_friction_nm)[:, 1:]
     ones = np.ones_like(outward[..., :1])
     # a f + b h <= c: both joints to either side, and the two sides of the friction cone.
     a = np.concatenate([-outward, outward, -friction * ones, -friction * ones], axis=-1)

@@ -18,7 +18,7 @@ import numpy as np
 from hexctl.ik.legs import link_points_body
 from hexctl.ik.support_polygon import centre_of_mass_of, link_centres_of
 from hexctl.robot.model import Robot
-from hexctl.types import GRAVITY_M_S2, JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
+from hexctl.types import GRAVITY_M_S2, JOINTS_PER_LEG, ArrayFields, BoolArray, FloatArray, by_leg
 
 #: Passes over the geometry, each at the deflected pose of the one before.
 PASSES = 4
@@ -67,8 +67,8 @@ class StaticLoad(ArrayFields):
 
 def static_load(robot: Robot, joint_targets_rad: FloatArray) -> StaticLoad:
     """Load of a robot on an even floor whose servos hold targets, leading shape + (18,), at any torque."""
-    stiffness = robot.stiffness_nm_per_rad.reshape(N_LEGS, JOINTS_PER_LEG)
-    targets = joint_targets_rad.reshape(*joint_targets_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
+    stiffness = by_leg(robot.stiffness_nm_per_rad)
+    targets = by_leg(joint_targets_rad)
     joints, level_m = targets, np.zeros(targets.shape[:-2])
     for number in range(PASSES):
         points = link_points_body(robot, joints.reshape(joint_targets_rad.shape))

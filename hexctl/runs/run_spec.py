@@ -21,11 +21,12 @@ from hexctl.control.trial_plan import (
     TURN_TRIM_DEG_S,
     AskedRotation,
     GaitChange,
+    GroundOptions,
     Hold,
     TrialPlan,
+    WalkOptions,
     suited_rotation,
 )
-from hexctl.control.walk_options import GroundOptions, WalkOptions
 from hexctl.control.walks.ground_contact import step_height
 from hexctl.control.walks.turning import body_heading_rad
 from hexctl.errors import InputError, UnusedError, argument

@@ -14,7 +14,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.batch import SimTrial
-from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_plan import Hold, SelfRotation, TrialPlan
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
@@ -85,7 +85,7 @@ class LandscapeSpec(Place[int, GaitWalk]):
     WALK: ClassVar[type[GaitWalk]] = GaitWalk
 
     leg: int
-    self_rotation: str
+    self_rotation: SelfRotation
     duration_s: float = 30.0
     failure: str = "locked"
     seed: int = 0
@@ -93,7 +93,7 @@ class LandscapeSpec(Place[int, GaitWalk]):
     miss_rad: float = 0.0
     codes: tuple[int, ...] = tuple(range(1, N_CODES + 1))
     place: str = ""
-    hold: str = "none"
+    hold: Hold = "none"
 
     @property
     def leg_failure(self) -> Failure:

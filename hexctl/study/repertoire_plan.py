@@ -18,6 +18,7 @@ from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.control.monitor.repertoire import (
     INTACT_GAIT,
     SAFEST,
+    SUFFIX,
     WALK_ON,
     Candidate,
     FailedParts,
@@ -25,8 +26,8 @@ from hexctl.control.monitor.repertoire import (
     Situation,
     moved_parts,
     parts_of,
+    save_repertoire,
 )
-from hexctl.control.monitor.repertoire_store import SUFFIX, save_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import LimitError, ReachError

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from hexctl.backends.robot_options import FAILURE, RobotOptions, check_backend_options
-from hexctl.control.walk_options import GroundOptions
+from hexctl.control.trial_plan import GroundOptions
 from hexctl.errors import InputError, argument
 from hexctl.gait.gait import DEFAULT_GAIT, gait_text
 from hexctl.gait.posture import POSTURE

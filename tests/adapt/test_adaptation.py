@@ -338,7 +338,9 @@ def test_walks_are_confirmed_where_a_finer_step_says_more(tmp_path: Path) -> Non
     )
     fine = tmp_path / "fine.yaml"
     fine.write_text("time_step_s: 0.0005", encoding="utf-8")
-    keep_uncertainty(shipped(), load_world(fine), replace(FOUND, confirmed_m=0.01), folder=tmp_path)
+    keep_uncertainty(
+        shipped(), load_world(fine), FOUND.model_copy(update={"confirmed_m": 0.01}), folder=tmp_path
+    )
     at_fine = spec_of(tmp_path, notes, world=str(fine), duration_s=40.0, trim="off")
     assert (at_fine.uncertainty_m, at_fine.confirmed_uncertainty_m) == (FOUND.step_m, 0.0)
     assert spec_of(tmp_path, notes, objective="mean").confirmed_uncertainty_m == 0.0

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hexctl.adapt.arena import Arena, Geofence, aimed, check_radius
 from hexctl.control.trace import Trace, TrialFrame
-from hexctl.control.trial_plan import SELF_ROTATIONS, TrialPlan
+from hexctl.control.trial_plan import SELF_ROTATIONS, SelfRotation, TrialPlan
 from hexctl.control.walks.turning import body_heading_rad, turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
@@ -97,7 +97,7 @@ ARENA = Arena(home_m=(0.5, -0.2), radius_m=3.0)
 ROTATIONS = st.sampled_from(SELF_ROTATIONS)
 
 
-def plan_of(self_rotation: str, leg: int = 5, heading_rad: float = 0.3) -> TrialPlan:
+def plan_of(self_rotation: SelfRotation, leg: int = 5, heading_rad: float = 0.3) -> TrialPlan:
     gait = make_gait(ROBOT, "demo")
     return TrialPlan(gait=gait, heading_rad=heading_rad, belief=Failure(leg=leg), self_rotation=self_rotation)
 
@@ -116,7 +116,7 @@ def apart_deg(one_rad: float, other_rad: float) -> float:
 
 @given(ROTATIONS, st.integers(1, 6), st.floats(-3, 3), st.floats(-3, 3), ANGLES, st.booleans())
 def test_the_walk_leads_through_home_and_is_the_same_seen_from_the_body(
-    self_rotation: str, leg: int, x: float, y: float, yaw_rad: float, outward: bool
+    self_rotation: SelfRotation, leg: int, x: float, y: float, yaw_rad: float, outward: bool
 ) -> None:
     plan, state = plan_of(self_rotation, leg), standing(x, y, yaw_rad)
     turned = aimed(plan, ROBOT, state, ARENA, outward=outward)
@@ -129,7 +129,7 @@ def test_the_walk_leads_through_home_and_is_the_same_seen_from_the_body(
 
 
 @given(ROTATIONS, ANGLES)
-def test_at_home_nothing_turns(self_rotation: str, yaw_rad: float) -> None:
+def test_at_home_nothing_turns(self_rotation: SelfRotation, yaw_rad: float) -> None:
     for outward in (False, True):
         plan = aimed(plan_of(self_rotation), ROBOT, standing(0.5, -0.2, yaw_rad), ARENA, outward=outward)
         assert turn_needed_rad(ROBOT, plan) == pytest.approx(0.0, abs=1e-9)

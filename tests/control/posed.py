@@ -1,9 +1,11 @@
 """A mock robot that knows a pose, which the test gives it."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
+from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
 from hexctl.robot.model import Robot
@@ -88,6 +90,22 @@ class PosedMock(MockServos):
     def _use_link(self) -> None:
         if self._broken is not None:
             raise self._broken
+
+
+#: What sensors show of a state at a time.
+Fault = Callable[[RobotState, float], RobotState]
+
+
+class Faulty(ServosWrapper):
+    """Servos whose sensors show something else than what is."""
+
+    def __init__(self, servos: LegServos, fault: Fault) -> None:
+        super().__init__(servos)
+        self._fault = fault
+
+    def read(self) -> RobotState:
+        state = super().read()
+        return self._fault(state, state.stamp_s)
 
 
 class FallsAfter(Guard):

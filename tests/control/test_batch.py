@@ -111,6 +111,7 @@ def test_trials_of_many_worlds_and_failures_are_stepped_together_and_each_is_as_
     made = run_sim_trials(trials)
     assert sorted(together) == [2, 2, 6], "bumps and a payload make models of other sizes"
     assert {one.hold for one in assert_as_alone(trials, made)} == {hold}
+    assert None not in (made[-1].energy_j, made[-1].tilt_deg, made[-1].steadiness)
 
 
 @pytest.mark.slow

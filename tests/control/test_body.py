@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from hexctl import InputError, LimitError, ReachError, RobotState
+from hexctl import RobotState
 from hexctl.control.body_symmetry import IDENTITY, BodySymmetry, body_symmetries
 from hexctl.control.body_wiggle import (
     AMPLITUDE_RAD,
@@ -115,10 +115,3 @@ def test_as_a_controller_it_ends_where_it_began() -> None:
     assert wiggle.done(200, state)
     for step in (0, 200, 999):
         assert wiggle.targets_rad(step, state) == pytest.approx(robot.stance_angles_rad, abs=1e-6)
-
-
-def test_a_twist_that_the_legs_cannot_make_is_refused() -> None:
-    with pytest.raises((LimitError, ReachError)):
-        BodyWiggle(shipped(), period_s=0.02, amplitude_rad=1.5)
-    with pytest.raises(InputError):
-        BodyWiggle(shipped(), period_s=0.02, duration_s=1.0)

@@ -223,7 +223,7 @@ def _cut(whole: Observed, rows: int) -> Observed:
         for section in whole.sections
         if section.start <= rows
     ]
-    return Observed(sections=sections, measured=whole.measured, _rows=whole._rows[:rows])
+    return Observed(sections=sections, measured=whole.measured, rows=whole.rows[:rows])
 
 
 def test_a_test_that_is_stopped_early_says_no_more_than_it_knows() -> None:

@@ -28,7 +28,7 @@ from hexctl import (
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.log import TickLog
 from hexctl.control.trace import TrialFrame
-from hexctl.control.trial_plan import suited_rotation
+from hexctl.control.trial_plan import AskedRotation, suited_rotation
 from hexctl.control.trial_result import Deviation
 from hexctl.robot.rotations import yaw_rad
 from tests.control.assessment.loads import along, scored
@@ -50,9 +50,9 @@ UNEVEN_MOUNTS = [
         ({"duration_s": math.nan}, "duration"),
         ({"duration_s": math.inf}, "duration"),
         ({"duration_s": 86401.0}, "duration"),
-        ({"settle_s": 0}, "settle time"),
-        ({"settle_s": math.inf}, "settle time"),
-        ({"self_rotation": "left"}, "self-rotation"),
+        ({"settle_s": 0}, "settle_s"),
+        ({"settle_s": math.inf}, "settle_s"),
+        ({"self_rotation": "left"}, "self_rotation"),
         ({"heading_rad": math.nan}, "heading"),
         ({"turn_rate_rad_s": math.inf}, "turn"),
         ({"travel": 2.0}, "travel"),
@@ -96,7 +96,7 @@ def test_a_plan_may_be_told_of_several_failed_legs_and_of_a_body_that_has_turned
     ],
 )
 def test_a_failed_leg_is_turned_to_the_rear_but_for_a_chosen_gait_on_its_line(
-    asked: str, hold: str, chosen_gait: bool, suited: str
+    asked: AskedRotation, hold: str, chosen_gait: bool, suited: str
 ) -> None:
     assert suited_rotation(asked, hold, chosen_gait=chosen_gait) == suited
 

@@ -13,7 +13,7 @@ import yaml
 
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import exit_code
-from hexctl.control.drive.velocity_limits import VelocityLimits
+from hexctl.control.assessment.speed_envelope import VelocityLimits
 from hexctl.gait.gait import DEFAULT_GAIT, make_gait
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.loader import load_meshes, load_robot, load_robot_file

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import InputError
-from hexctl.gait.body_pose import LEVEL, BodyPose, feet_from_body
+from hexctl.gait.body_pose import BodyPose, feet_from_body
 from hexctl.types import FloatArray
 from tests.robots import shipped
 
@@ -32,12 +32,8 @@ def test_a_pose_keeps_the_distances_between_the_feet(numbers: FloatArray) -> Non
 @pytest.mark.parametrize(
     ("pose", "axis", "first", "second"),
     [
-        (
-            BodyPose(pitch_rad=0.1),
-            2,
-            (0.2, 0, -0.1),
-            (-0.2, 0, -0.1),
-        ),  # the front is lower: nearer to its feet
+        # The front is lower: nearer to its feet.
+        (BodyPose(pitch_rad=0.1), 2, (0.2, 0, -0.1), (-0.2, 0, -0.1)),
         (BodyPose(roll_rad=0.1), 2, (0, -0.2, -0.1), (0, 0.2, -0.1)),
         (BodyPose(yaw_rad=0.1), 1, (-0.2, 0, -0.1), (0.2, 0, -0.1)),
         (BodyPose(), 0, (0.2, 0, 0), (0.1, 0, 0)),
@@ -55,7 +51,3 @@ def test_signs_are_those_of_rep_103(
 def test_other_numbers_are_refused_by_name(name: str, value: object) -> None:
     with pytest.raises(InputError, match=f"{name}: got .*allowed: "):
         BodyPose(**{name: value})  # type: ignore[arg-type]
-
-
-def test_the_level_pose_is_zero() -> None:
-    assert not LEVEL.array.any()

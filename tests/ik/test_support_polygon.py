@@ -64,12 +64,6 @@ def test_foot_heights_are_those_of_the_kinematics() -> None:
     np.testing.assert_allclose(foot_heights_body(robot, joints), expected, atol=1e-12)
 
 
-def test_a_robot_that_stands_is_in_the_middle_of_its_feet() -> None:
-    found = support(HEXAGON, ALL, np.zeros(2))
-    assert found.margin_m == pytest.approx(np.cos(np.pi / 6))
-    np.testing.assert_allclose(np.sort(found.corners, axis=0), np.sort(HEXAGON, axis=0))
-
-
 @given(feet=plane, point=st.tuples(st.floats(-1, 1), st.floats(-1, 1)).map(np.array))
 def test_the_polygon_is_the_convex_hull(feet: np.ndarray, point: np.ndarray) -> None:
     from scipy.spatial import ConvexHull

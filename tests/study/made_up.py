@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.sim.world import World
+from hexctl.control.trial_plan import SelfRotation
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
 from hexctl.study.paper.claims import claims_of
 from hexctl.study.paper.searches import Findings, search_all
@@ -18,8 +19,8 @@ from tests.robots import shipped
 ALL = tuple(range(1, 121))
 
 
-def spec(leg: int = 5, self_rotation: str = "none", duration_s: float = 0.4, codes: Sequence[int] = ALL,
-         seed: int = 0, world: World | None = None) -> LandscapeSpec:  # fmt: skip
+def spec(leg: int = 5, self_rotation: SelfRotation = "none", duration_s: float = 0.4,
+         codes: Sequence[int] = ALL, seed: int = 0, world: World | None = None) -> LandscapeSpec:  # fmt: skip
     return LandscapeSpec(
         robot=shipped(),
         world=world or World(),
@@ -31,7 +32,9 @@ def spec(leg: int = 5, self_rotation: str = "none", duration_s: float = 0.4, cod
     )
 
 
-def made_up(leg: int, self_rotation: str, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
+def made_up(
+    leg: int, self_rotation: SelfRotation, signed_m: FloatArray, invalid: Sequence[int] = ()
+) -> Landscape:
     """A landscape with these signed deviations; `invalid` are codes that made no progress."""
     return made_up_in(spec(leg, self_rotation, duration_s=1.0), signed_m, invalid)
 
@@ -77,9 +80,7 @@ def made_up_findings(
     for leg in legs:
         sign = np.where(np.arange(120) < 120 * left[leg], 1.0, -1.0)
         signed = (spread_out(2.0, sign), rotated_m)
-        landscapes += [
-            made_up(leg, rotation, m) for rotation, m in zip(("none", "rear"), signed, strict=True)
-        ]
+        landscapes += [made_up(leg, "none", signed[0]), made_up(leg, "rear", signed[1])]
     return search_all(plan, landscapes)
 
 

@@ -14,6 +14,7 @@ from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import SelfRotation
 from hexctl.control.trial_result import QUALITIES, TrialResult
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.walk_cache import WalkCache
@@ -80,7 +81,9 @@ def test_another_question_has_another_fingerprint() -> None:
     assert spec().fingerprint == spec().fingerprint
 
 
-def placed(leg: int, self_rotation: str, *, miss_deg: float = 0.0, duration_s: float = 0.4) -> LandscapeSpec:
+def placed(
+    leg: int, self_rotation: SelfRotation, *, miss_deg: float = 0.0, duration_s: float = 0.4
+) -> LandscapeSpec:
     asked = spec(leg, self_rotation, duration_s, CODES)
     return replace(asked, placed=True, miss_rad=math.radians(miss_deg))
 
@@ -99,7 +102,7 @@ def _off_rad(angle_rad: float, wanted_rad: float) -> float:
 @pytest.mark.parametrize("miss_deg", [0.0, 6.0])
 @pytest.mark.parametrize("leg", [1, 2, 5])
 def test_a_robot_that_is_put_down_stands_as_its_self_rotation_would_leave_it(
-    leg: int, self_rotation: str, points_to_deg: float, miss_deg: float
+    leg: int, self_rotation: SelfRotation, points_to_deg: float, miss_deg: float
 ) -> None:
     result, log = _watched(placed(leg, self_rotation, miss_deg=miss_deg, duration_s=0.1).trial(3))
     assert log.frame is not None

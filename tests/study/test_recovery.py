@@ -250,9 +250,7 @@ def test_loads_are_read_from_torques_else_from_contacts(name: str) -> None:
 
 def test_the_oracle_stops_a_walk_when_its_policy_stops() -> None:
     plans = (TrialPlan(gait=make_gait(shipped(), "tripod")),) * 2
-    start = WalkStart(
-        robot=shipped(), plans=plans, batch_shape=(2,), period_s=0.02, turned_rad=0.0, frame=None
-    )
+    start = WalkStart(robot=shipped(), plans=plans, batch_shape=(2,))
     failures = [Failure(leg=leg, kind="limp") for leg in (1, 3, 5)]
     events = [FailureEvent(at_s=0.0, leg=one.leg, failure=one) for one in failures]
     walk = ToldWalk(start, GlideToStableGait(None), [events, events[:2]])

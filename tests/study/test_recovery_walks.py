@@ -15,7 +15,7 @@ from hexctl.control.custom_controller import StepFunction
 from hexctl.control.diagnosis.standing_test import Probe
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import StopWalking
-from hexctl.control.monitor.repertoire_store import save_repertoire
+from hexctl.control.monitor.repertoire import save_repertoire
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_result import TrialResult
 from hexctl.study.recovery import open_loop

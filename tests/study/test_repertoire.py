@@ -10,8 +10,7 @@ import pytest
 
 from hexctl.backends.sim.world import load_randomization
 from hexctl.control.monitor.recovery import GlideToStableGait
-from hexctl.control.monitor.repertoire import SAFEST, WALK_ON, moved_parts, parts_of
-from hexctl.control.monitor.repertoire_store import load_repertoire
+from hexctl.control.monitor.repertoire import SAFEST, WALK_ON, load_repertoire, moved_parts, parts_of
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
@@ -133,7 +132,7 @@ def test_what_was_interrupted_goes_on_from_what_has_finished(
     left = Remembering()
     built = build_repertoire(LIMP_PLAN, out, Work(cache=cache, jobs=1, progress=left))
     assert left.steps == total - saved
-    assert load_repertoire(out).digest() == built.digest()
+    assert load_repertoire(out).digest == built.digest
     again = Remembering()
     build_repertoire(LIMP_PLAN, out, Work(cache=cache, jobs=1, progress=again))
     assert again.steps == 0

@@ -74,7 +74,7 @@ def _further(checked: "RobotCheck", options: CheckOptions) -> dict[str, Any]:
     if options.envelope:
         from hexctl.control.assessment.speed_envelope import speed_envelope
 
-        report["envelope"] = speed_envelope(checked.robot, checked.gait).to_dict()
+        report["envelope"] = speed_envelope(checked.robot, checked.gait)
     if options.leg_sets:
         report["leg_sets"] = _leg_sets(checked, options.heading_rad)
     return report

@@ -74,7 +74,7 @@ def _priors(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
 
 
 def _repertoires(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
-    from hexctl.control.monitor.repertoire_store import (
+    from hexctl.control.monitor.repertoire import (
         describe_repertoire,
         list_repertoires,
         named_repertoire,

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.ik.legs import link_points_body, solve_legs
 from hexctl.ik.support_polygon import foot_heights_body, to_world
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
+from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, by_leg
 
 #: Causes and their explanations for people.
 CAUSES = {
@@ -156,8 +155,8 @@ def symptoms(
     heights_m = corners[..., 2].min(axis=-1) - (feet[..., 2].min(axis=-1) - robot.foot_radius_m)
     speeds_m_s = np.linalg.norm(np.diff(feet[..., :2], axis=0), axis=-1) / (SAMPLE_TICKS * PERIOD_S)
     held = np.abs(sent - measured) * robot.stiffness_nm_per_rad >= robot.joint_max_torque_nm
-    saturated = _by_leg(held)[..., 1:].any(axis=-1)
-    error, motion = _by_leg(sent - measured)[:, legs], _by_leg(sent - sent.mean(axis=0))[:, legs]
+    saturated = np.asarray(by_leg(held)[..., 1:].any(axis=-1))
+    error, motion = by_leg(sent - measured)[:, legs], by_leg(sent - sent.mean(axis=0))[:, legs]
     return Symptoms(
         saturated=_mean(saturated[:, legs], down[:, legs]),
         tracking_error=math.sqrt((error**2).mean() / max(float((motion**2).mean()), 1e-12)),
@@ -179,11 +178,7 @@ def _gait_motion(robot: Robot, plan: TrialPlan, legs: list[int]) -> float:
     """Mean square motion of the joints of some legs over a cycle of the plan's gait, in rad^2."""
     time_s = RAMP_DURATION_S + np.arange(POINTS) / (POINTS * plan.gait.pace_hz)
     joints = solve_legs(robot, gait_feet_body(robot, plan.gait, plan.motion(0.0), time_s)).joint_positions_rad
-    return float((_by_leg(joints - joints.mean(axis=0))[:, legs] ** 2).mean())
-
-
-def _by_leg(joints: Any) -> Any:
-    return joints.reshape(-1, N_LEGS, JOINTS_PER_LEG)
+    return float((by_leg(joints - joints.mean(axis=0))[:, legs] ** 2).mean())
 
 
 def _mean(values: FloatArray | BoolArray, where: BoolArray) -> float:

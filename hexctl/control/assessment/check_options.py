@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from hexctl.control.trial_plan import DURATION_S, HEADING_DEG
-from hexctl.control.walk_options import WalkOptions
+from hexctl.control.trial_plan import DURATION_S, HEADING_DEG, WalkOptions
 from hexctl.errors import argument
 from hexctl.gait.gait import DEFAULT_GAIT, gait_text
 from hexctl.options import RARE, Panel, Typed, check_fields, check_used

@@ -8,8 +8,7 @@ from itertools import islice
 import numpy as np
 
 from hexctl.control.assessment.feasibility import HEADINGS_RAD, RobotCheck, gait_demand
-from hexctl.control.assessment.gait_load import gait_load
-from hexctl.control.assessment.load_verdict import LoadVerdict
+from hexctl.control.assessment.gait_load import LoadVerdict, gait_load
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait

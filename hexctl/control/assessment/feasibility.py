@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.assessment.gait_load import GaitLoad, gait_load
-from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
+from hexctl.control.assessment.gait_load import GaitLoad, LoadVerdict, gait_load, load_verdict
 from hexctl.control.assessment.stance_width import stance_width
 from hexctl.control.assessment.static_stability import most_stable_slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body

@@ -109,13 +109,8 @@ def drag(robot: Robot, failures: Sequence[Failure], heading_rad: float) -> str |
 def _verdict(lost: int, margin: float, crawl: bool) -> str:
     if lost > MOST_LOST:
         return NO_GAIT
-    if margin < -_most_lean(crawl):
-        return DOUBTFUL
-    return CRAWLS if crawl else WALKS
-
-
-def _most_lean(crawl: bool) -> float:
-    return CRAWL_LEAN if crawl else CODE_LEAN
+    most_lean, verdict = (CRAWL_LEAN, CRAWLS) if crawl else (CODE_LEAN, WALKS)
+    return DOUBTFUL if margin < -most_lean else verdict
 
 
 def leg_sets(

@@ -23,6 +23,9 @@ PROGRESS_FLOOR = 0.5
 #: A walk has an end if the position is known in one of this many last ticks.
 END_TICKS = 50
 
+#: Orientations of a walk that never began; also its positions.
+NOWHERE: FloatArray = np.zeros((0, 4))
+
 
 def score(
     robot: Robot,
@@ -30,12 +33,12 @@ def score(
     *,
     status: str,
     stopped: str | None = None,
-    duration_s: float,
-    turned_rad: float,
-    clipped_ticks: int,
-    frame: TrialFrame | None,
-    positions_world: FloatArray,
-    quaternions_world: FloatArray,
+    duration_s: float = 0.0,
+    turned_rad: float = 0.0,
+    clipped_ticks: int = 0,
+    frame: TrialFrame | None = None,
+    positions_world: FloatArray = NOWHERE[:, :3],
+    quaternions_world: FloatArray = NOWHERE,
     samples: Samples | None = None,
     hold: str = "none",
     limited_ticks: int = 0,
@@ -48,7 +51,7 @@ def score(
 ) -> TrialResult:
     """Result of a walk from base positions (T, 3) and orientations (T, 4); NaN or None if unknown.
 
-    The status `ok` may become `no_progress`, with a cause from the samples.
+    The status `ok` may become `no_progress`, with a cause from the samples. By default nothing was walked.
     """
     shown_world = positions_world
     positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)
@@ -82,7 +85,7 @@ def score(
         true_deviation=None if true_path_m is None else _deviation(true_path_m[:, 1]),
         true_path_m=true_path_m,
         energy_j=energy_j,
-        cost_of_transport=cost_of_transport(robot, energy_j, distance_m if _goes_straight(plan) else None),
+        cost_of_transport=cost_of_transport(robot, energy_j, distance_m if plan.straight else None),
         tilt_deg=lean_deg(quaternions_world),
         steadiness=unsteadiness_m_s(positions_world),
         trim_rad=plan.trim_rad if hold == "heading" or plan.turn_trim_rad_s is not None else None,
@@ -109,7 +112,7 @@ def _paths(frame: TrialFrame | None, positions_world: FloatArray) -> tuple[Float
 def _lacks_progress(
     robot: Robot, plan: TrialPlan, duration_s: float, distance_m: float | None, *, never_moved: bool
 ) -> bool:
-    if duration_s < RAMP_DURATION_S or not _goes_straight(plan):
+    if duration_s < RAMP_DURATION_S or not plan.straight:
         return False
     too_short = distance_m is not None and distance_m < progress_floor_m(robot, plan, duration_s)
     return too_short or never_moved
@@ -203,7 +206,7 @@ def progress_floor_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
         lost_m = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0)) * RAMP_DURATION_S / 2
         return PROGRESS_FLOOR * (ideal_distance_m(robot, plan, duration_s) - lost_m)
     ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
-    return PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
+    return PROGRESS_FLOOR * ideal_speed * (duration_s - RAMP_DURATION_S / 2)  # the soft start costs a half
 
 
 def _deviation(signed_m: FloatArray) -> Deviation:
@@ -217,12 +220,3 @@ def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> floa
         return None
     yaws = np.unwrap(np.concatenate([[first_yaw_rad], yaw_rad(known)]))
     return float(yaws[-1] - yaws[0])
-
-
-def _goes_straight(plan: TrialPlan) -> bool:
-    return plan.travel > 0 and plan.turn_rate_rad_s == 0
-
-
-def _ramped_duration_s(duration_s: float) -> float:
-    """Equivalent time at full stride, for durations longer than the soft start."""
-    return duration_s - RAMP_DURATION_S / 2

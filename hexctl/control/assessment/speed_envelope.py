@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,71 +20,60 @@ from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 #: Directions of travel, counter-clockwise from forward.
 DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 45))
 
-#: Tried shares of the maximum stroke, and checked points of a cycle.
+#: Tried shares of the maximum stroke.
 SHARES = np.linspace(0.05, 1.0, 20)
-POINTS = 120
+
+#: Checked points of a cycle, and those of a drive: a third, because a robot waits.
+POINTS, DRIVE_POINTS = 120, 40
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SpeedEnvelope(ArrayFields):
-    """Maximum speeds of an intact robot in row 0 and without leg k in row k; 0 if none is possible.
+@dataclass(frozen=True, slots=True, eq=False)
+class VelocityLimits(ArrayFields):
+    """Maximum velocities of a gait, with all legs in row 0 and without leg k in row k; 0 if none is possible.
+
+    They are within reach, joint ranges and strokes up to 1.2 amplitudes, but not joint speeds.
 
     Attributes:
-        directions_rad: of travel in the body frame, (D,).
-        speeds_m_s: within reach, joint ranges and strokes up to 1.2 amplitudes, but not joint speeds, (7, D).
-        turn_rates_rad_s: of a turn in place, with the same limits, (7,).
-        margins_m: smallest static margin of the most stable gait, (7, D).
+        speeds_m_s: of travel along `DIRECTIONS_RAD`, (7, 8).
+        turn_rates_rad_s: of a turn in place, (7,).
     """
 
-    directions_rad: FloatArray
     speeds_m_s: FloatArray
     turn_rates_rad_s: FloatArray
-    margins_m: FloatArray
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON values, directions and rates in degrees; the key of a row is `intact` or the missing leg."""
-        names = ["intact", *(str(leg) for leg in range(1, N_LEGS + 1))]
+    @classmethod
+    def of(cls, robot: Robot, gait: Gait, points: int = DRIVE_POINTS) -> "VelocityLimits":
+        """Limits of a gait, cached by its strides, checked at some points of its cycle."""
+        plain = replace(gait, slots=(1,) * N_LEGS, phases=None)  # the order of the legs does not matter
+        return _limits(robot, plain, points)
 
-        def by_leg(rows: FloatArray, places: int) -> dict[str, Any]:
-            return dict(zip(names, rows.round(places).tolist(), strict=True))
+    def limited(self, velocity: FloatArray, failed_legs: Sequence[int] = ()) -> FloatArray:
+        """Velocity, (3,), within the limits, its direction kept: forward and left in m/s, turn in rad/s.
 
-        return {
-            "directions_deg": np.degrees(self.directions_rad).round(1).tolist(),
-            "speeds_m_s": by_leg(self.speeds_m_s, 4),
-            "turn_rates_deg_s": by_leg(np.degrees(self.turn_rates_rad_s), 2),
-            "static_margins_m": by_leg(self.margins_m, 4),
-        }
+        The shares of travel and turn in their maxima add up to 1 at most.
+        """
+        rows = list(failed_legs) or [0]
+        speed_m_s = math.hypot(velocity[0], velocity[1])
+        most_m_s = self._speed_m_s(math.atan2(velocity[1], velocity[0]), rows)
+        most_rad_s = float(self.turn_rates_rad_s[rows].min())
+        if min(most_m_s, most_rad_s) <= 0:
+            return np.zeros(3)
+        share = speed_m_s / most_m_s + abs(velocity[2]) / most_rad_s
+        return np.asarray(velocity / max(1.0, share))
 
-
-def speed_envelope(
-    robot: Robot, gait: Gait, directions_rad: Sequence[float] = DIRECTIONS_RAD
-) -> SpeedEnvelope:
-    """Envelope of a gait for velocity commands; planned motions are limited only by the reach of the legs."""
-    speeds_m_s, turn_rates_rad_s = speed_limits(robot, gait, directions_rad)
-    failures = [None, *(Failure(leg=leg, kind="missing") for leg in range(1, N_LEGS + 1))]
-    margins_m = np.array([[_margin_m(robot, one, heading) for heading in directions_rad] for one in failures])
-    return SpeedEnvelope(
-        directions_rad=np.array(directions_rad),
-        speeds_m_s=speeds_m_s,
-        turn_rates_rad_s=turn_rates_rad_s,
-        margins_m=margins_m,
-    )
+    def _speed_m_s(self, heading_rad: float, rows: Sequence[int]) -> float:
+        speeds = self.speeds_m_s[rows].min(axis=0)
+        return float(np.interp(heading_rad % math.tau, [*DIRECTIONS_RAD, math.tau], [*speeds, speeds[0]]))
 
 
-def speed_limits(
-    robot: Robot,
-    gait: Gait,
-    directions_rad: Sequence[float] = DIRECTIONS_RAD,
-    *,
-    points: int = POINTS,
-) -> tuple[FloatArray, FloatArray]:
-    """Maximum speeds in m/s, (7, D), and turn rates in rad/s, (7,), as in `SpeedEnvelope`."""
-    way = [_possible(robot, gait, Motion(heading_rad=one), points) for one in directions_rad]
+@lru_cache(maxsize=64)
+def _limits(robot: Robot, gait: Gait, points: int) -> VelocityLimits:
+    way = [_possible(robot, gait, Motion(heading_rad=one), points) for one in DIRECTIONS_RAD]
     turn_rate_rad_s = 2 * half_amplitude_turn_rate_rad_s(robot, gait)
     turn = _possible(robot, gait, Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s), points)
     speed_m_s = ideal_speed_m_s(robot, gait, Motion())
     speeds_m_s = OVERDRIVE * speed_m_s * np.array([_greatest(one) for one in way]).T
-    return speeds_m_s, OVERDRIVE * turn_rate_rad_s * _greatest(turn)
+    return VelocityLimits(speeds_m_s, OVERDRIVE * turn_rate_rad_s * _greatest(turn))
 
 
 def _possible(robot: Robot, gait: Gait, motion: Motion, points: int) -> BoolArray:
@@ -105,6 +95,25 @@ def _greatest(possible: BoolArray) -> FloatArray:
     return np.array([SHARES[np.cumprod(row).astype(bool)].max(initial=0.0) for row in rows])
 
 
+def speed_envelope(robot: Robot, gait: Gait) -> dict[str, Any]:
+    """Velocity limits and static margins of a gait as JSON values, intact and without each leg."""
+    limits = VelocityLimits.of(robot, gait, POINTS)
+    failures = [None, *(Failure(leg=leg, kind="missing") for leg in range(1, N_LEGS + 1))]
+    margins_m = np.array([[_margin_m(robot, one, heading) for heading in DIRECTIONS_RAD] for one in failures])
+
+    def by_leg(rows: FloatArray, places: int) -> dict[str, Any]:
+        names = ("intact", *map(str, range(1, N_LEGS + 1)))
+        return dict(zip(names, rows.round(places).tolist(), strict=True))
+
+    return {
+        "directions_deg": np.degrees(DIRECTIONS_RAD).round(1).tolist(),
+        "speeds_m_s": by_leg(limits.speeds_m_s, 4),
+        "turn_rates_deg_s": by_leg(np.degrees(limits.turn_rates_rad_s), 2),
+        "static_margins_m": by_leg(margins_m, 4),
+    }
+
+
 def _margin_m(robot: Robot, failure: Failure | None, heading_rad: float) -> float:
+    """Smallest static margin of the most stable gait."""
     slots = most_stable_slots(robot, heading_rad=heading_rad, failure=failure)
     return float(static_margins_m(robot, [slots], heading_rad=heading_rad, failure=failure)[0, 0])

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hexctl.control.assessment.crawl import gait_without
-from hexctl.control.assessment.joint_path import JointPath
 from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.control.assessment.top_speed import JointPath
 from hexctl.errors import InputError
 from hexctl.gait.gait import Gait, Motion
 from hexctl.robot.model import Robot, in_stance_of

@@ -118,14 +118,13 @@ def simulation_uncertainty(
     world: World | str | Path | None = None,
     *,
     duration_s: float = 30.0,
-    codes: Sequence[int] = CODES,
 ) -> SimulationUncertainty:
     """Uncertainty of a robot's walks in a world, over some gaits and two failed legs; the default is flat.
 
     Raises what `uncertainty_of_walks` raises, and ReachError or LimitError for a robot that cannot walk.
     """
     model, place = as_robot(robot), as_world(world)
-    trials = [_placed(model, place, leg, code, duration_s) for leg in LEGS for code in codes]
+    trials = [_placed(model, place, leg, code, duration_s) for leg in LEGS for code in CODES]
     return uncertainty_of_walks(trials)
 
 

@@ -1,7 +1,6 @@
 """Measured uncertainties of the simulation, shipped or kept in files, by robot, world and duration."""
 
 import math
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,8 +31,11 @@ COMPUTATION = ("time_step_s", "friction_cone", "solver_tolerance")
 MEASURED_FAILURE = "locked"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulationUncertainty:
+_Metres = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
+_Seconds = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
+
+
+class SimulationUncertainty(BaseModel):
     """Root mean square change of the ends of walks across their line, in m.
 
     Attributes:
@@ -46,15 +48,17 @@ class SimulationUncertainty:
         borrowed: True if it was measured on the flat world for another one.
     """
 
-    step_m: float
-    solver_m: float
-    contact_m: float
-    confirmed_m: float | None = None
-    walks: int
-    duration_s: float
-    low_m: float | None = None
-    high_m: float | None = None
-    borrowed: bool = False
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    step_m: _Metres
+    solver_m: _Metres
+    contact_m: _Metres
+    confirmed_m: _Metres | None = None
+    walks: Annotated[int, Field(ge=1)]
+    duration_s: _Seconds
+    low_m: _Metres | None = None
+    high_m: _Metres | None = None
+    borrowed: Annotated[bool, Field(exclude=True)] = False
 
     @property
     def numerical_m(self) -> float:
@@ -74,34 +78,15 @@ class SimulationUncertainty:
         """JSON values, lengths rounded to 0.1 mm."""
         return {
             name: round(value, 4) if name.endswith("_m") and value is not None else value
-            for name, value in (asdict(self) | {"numerical_m": self.numerical_m}).items()
+            for name, value in (dict(self) | {"numerical_m": self.numerical_m}).items()
         }
 
 
-_Metres = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
-_Seconds = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
-
-
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
+class _Entry(SimulationUncertainty):
     robot: str
     fingerprint: str
     world: World
-    duration_s: _Seconds
-    step_m: _Metres
-    solver_m: _Metres
-    contact_m: _Metres
-    confirmed_m: _Metres | None = None
-    low_m: _Metres | None = None
-    high_m: _Metres | None = None
-    walks: Annotated[int, Field(ge=1)]
     how: str = ""
-
-    @classmethod
-    def of(cls, robot: Robot, world: World, found: SimulationUncertainty, how: str) -> "_Entry":
-        values = {name: value for name, value in found.to_dict().items() if name in cls.model_fields}
-        return cls(robot=robot.name, fingerprint=robot.fingerprint, world=world, how=how, **values)
 
     def is_for(self, robot: Robot, world: World, duration_s: float) -> bool:
         same_walks = self.fingerprint == robot.fingerprint and math.isclose(self.duration_s, duration_s)
@@ -113,19 +98,6 @@ class _Entry(BaseModel):
         world = self.world.model_copy(update={"time_step_s": CONFIRM_STEP_S})
         finer = {"world": world, "step_m": self.confirmed_m, "confirmed_m": None}
         return self.model_copy(update={**finer, "low_m": None, "high_m": None})
-
-    @property
-    def uncertainty(self) -> SimulationUncertainty:
-        return SimulationUncertainty(
-            step_m=self.step_m,
-            solver_m=self.solver_m,
-            contact_m=self.contact_m,
-            confirmed_m=self.confirmed_m,
-            walks=self.walks,
-            duration_s=self.duration_s,
-            low_m=self.low_m,
-            high_m=self.high_m,
-        )
 
 
 class _Entries(BaseModel):
@@ -153,8 +125,9 @@ def known_uncertainty(
     for measured_in in (place, _flat_like(place)):
         fitting = [entry for entry in entries if entry.is_for(model, measured_in, duration_s)]
         if fitting:
-            found = max(fitting, key=lambda entry: entry.walks).uncertainty
-            return replace(found, borrowed=measured_in != place)
+            found = max(fitting, key=lambda entry: entry.walks)
+            values = {name: getattr(found, name) for name in SimulationUncertainty.model_fields}
+            return SimulationUncertainty(**values | {"borrowed": measured_in != place})
     return None
 
 
@@ -171,7 +144,9 @@ def keep_uncertainty(
     same = [entry for entry in kept if entry.is_for(robot, world, found.duration_s)]
     if any(entry.walks > found.walks for entry in same):
         return path
-    entries = [entry for entry in kept if entry not in same] + [_Entry.of(robot, world, found, how)]
+    values = {name: value for name, value in found.to_dict().items() if name in _Entry.model_fields}
+    new = _Entry(robot=robot.name, fingerprint=robot.fingerprint, world=world, how=how, **values)
+    entries = [entry for entry in kept if entry not in same] + [new]
     content = {"measured": [entry.model_dump(mode="json", exclude_none=True) for entry in entries]}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -128,7 +128,7 @@ def diagnosis_of(observed: Observed, robot: Robot) -> Diagnosis:
     evidence = Evidence.of(observed)
     notes = _notes(observed)
     if observed.measured and np.isfinite(evidence.gains).any():
-        judge = _Judge(evidence, observed.measured_rad, robot)
+        judge = _Judge(evidence, observed.columns()[0], robot)
         findings = judge.findings()
         return Diagnosis(legs=findings, source="joints", notes=(*notes, *_gaps(evidence)))
     if observed.measured:

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.control.diagnosis.standing_test import Observed, Section
-from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray, leg_slice
+from hexctl.types import (
+    JOINTS_PER_LEG,
+    N_JOINTS,
+    N_LEGS,
+    ArrayFields,
+    BoolArray,
+    FloatArray,
+    by_leg,
+    leg_slice,
+)
 
 #: Maximum lag from a target to its measurement, in control periods.
 MOST_LAG = 10
@@ -23,9 +32,8 @@ class Evidence(ArrayFields):
     """Measurements of a standing test; NaN if unknown; of joints (6, 3), of legs (6,).
 
     Attributes:
-        lag_ticks: time from a target to the measurement that fits it best.
         gains: slope of measured over lagged targets in the leg's lift, or else the sway; dead joints have 0.
-        follows: slope over the targets of the sway.
+        follows: slope over the targets of the sway; of all joints of a leg together `leg_follows`.
         travel_rad: range in the complete test, 1st to 99th percentile.
         lifted_contact: share of contact in the upper part of each foot's lift.
         standing_contact: share of contact while the foot is asked to stand.
@@ -33,7 +41,6 @@ class Evidence(ArrayFields):
         softness: position error for a torque, as a multiple of the other legs'.
     """
 
-    lag_ticks: int
     gains: FloatArray
     follows: FloatArray
     leg_follows: FloatArray
@@ -48,16 +55,15 @@ class Evidence(ArrayFields):
     def of(cls, observed: Observed) -> "Evidence":
         """Evidence from the observations so far."""
         rows = _Rows(observed)
-        torques = rows.torques
+        torques, (follows, leg_follows) = rows.torques, _follows(rows)
         return cls(
-            lag_ticks=rows.lag,
             gains=_gains(rows),
-            follows=_follows(rows),
-            leg_follows=_leg_follows(rows),
+            follows=follows,
+            leg_follows=leg_follows,
             travel_rad=_travel_rad(rows),
             lifted_contact=_lifted_contact(rows),
             standing_contact=_standing_contact(rows),
-            torque_rms_nm=_legs(np.sqrt((torques**2).mean(axis=0))) if len(torques) else _nan3(),
+            torque_rms_nm=by_leg(np.sqrt((torques**2).mean(axis=0))) if len(torques) else _nan3(),
             servo_share=_servo_share(rows),
             softness=_softness(rows),
         )
@@ -70,9 +76,7 @@ class _Rows:
             if section.stop <= section.start:
                 section.stop = len(observed)
         self.known = observed.measured and len(observed) > 0
-        self.measured, self.targets = observed.measured_rad, observed.targets_rad
-        self.contacts, self.torques = observed.contacts, observed.torques_nm
-        self.quaternions = observed.quaternions_world
+        self.measured, self.targets, self.contacts, self.torques = observed.columns()
         self.lag = self._best_lag() if self.known else 0
 
     def _best_lag(self) -> int:
@@ -99,10 +103,6 @@ def _nan3() -> FloatArray:
     return np.full((N_LEGS, JOINTS_PER_LEG), np.nan)
 
 
-def _legs(values: FloatArray) -> FloatArray:
-    return values.reshape(N_LEGS, JOINTS_PER_LEG)
-
-
 def _gains(rows: _Rows) -> FloatArray:
     """Slope of each joint over its own target, with the leg's other joints fitted, (6, 3).
 
@@ -127,32 +127,23 @@ def _gains(rows: _Rows) -> FloatArray:
     return gains
 
 
-def _follows(rows: _Rows) -> FloatArray:
-    follows = _nan3()
+def _follows(rows: _Rows) -> tuple[FloatArray, FloatArray]:
+    """Slopes over the targets of the sway, of joints, (6, 3), and of legs, (6,)."""
     for section in rows.of("sway") if rows.known else ():
         targets, measured = rows.pair(section, slice(0, N_JOINTS))
         if len(targets):
-            squares = (targets**2).sum(axis=0)
-            slopes = (targets * measured).sum(axis=0) / np.maximum(squares, 1e-12)
-            follows = _legs(np.where(targets.std(axis=0) > LEAST_SPREAD_RAD / 2, slopes, np.nan))
-    return follows
-
-
-def _leg_follows(rows: _Rows) -> FloatArray:
-    for section in rows.of("sway") if rows.known else ():
-        targets, measured = rows.pair(section, slice(0, N_JOINTS))
-        if len(targets):
-            products = (targets * measured).reshape(-1, N_LEGS, JOINTS_PER_LEG).sum(axis=(0, 2))
-            squares = (targets**2).reshape(-1, N_LEGS, JOINTS_PER_LEG).sum(axis=(0, 2))
-            return np.asarray(products / np.maximum(squares, 1e-12))
-    return np.full(N_LEGS, np.nan)
+            products, squares = by_leg((targets * measured).sum(axis=0)), by_leg((targets**2).sum(axis=0))
+            moved = by_leg(targets.std(axis=0)) > LEAST_SPREAD_RAD / 2
+            slopes = np.where(moved, products / np.maximum(squares, 1e-12), np.nan)
+            return slopes, products.sum(axis=-1) / np.maximum(squares.sum(axis=-1), 1e-12)
+    return _nan3(), np.full(N_LEGS, np.nan)
 
 
 def _travel_rad(rows: _Rows) -> FloatArray:
     if not rows.known:
         return _nan3()
     low, high = np.percentile(rows.measured, [1, 99], axis=0)
-    return _legs(np.asarray(high - low))
+    return by_leg(np.asarray(high - low))
 
 
 def _upper(section: Section) -> slice:
@@ -202,10 +193,10 @@ def _servo_share(rows: _Rows) -> FloatArray:
     error = error - error.mean(axis=0)
     speed = np.gradient(rows.measured, axis=0)[lag:]
     slopes = np.array([_slope(error[:, j], torque[:, j], speed[:, j]) for j in range(N_JOINTS)])
-    stiffness = np.tile(np.median(_legs(slopes), axis=0), N_LEGS)
-    limits = np.tile(_legs(np.abs(torque).max(axis=0)).max(axis=0), N_LEGS)
+    stiffness = np.tile(np.median(by_leg(slopes), axis=0), N_LEGS)
+    limits = np.tile(by_leg(np.abs(torque).max(axis=0)).max(axis=0), N_LEGS)
     expected = np.clip(stiffness * error, -limits, limits)
-    return _legs(np.array([_slope(expected[:, j], torque[:, j], speed[:, j]) for j in range(N_JOINTS)]))
+    return by_leg(np.array([_slope(expected[:, j], torque[:, j], speed[:, j]) for j in range(N_JOINTS)]))
 
 
 def _softness(rows: _Rows) -> FloatArray:
@@ -224,9 +215,9 @@ def _softness(rows: _Rows) -> FloatArray:
         within = np.abs(torque[:, joint]) <= 0.9 * np.abs(torque[:, joint]).max()
         if within.sum() >= 2 * LEAST_ROWS and torque[within, joint].std() > 0:
             slopes[joint] = _slope(torque[within, joint], error[within, joint], speed[within, joint])
-    finite = (column[np.isfinite(column)] for column in _legs(slopes).T)
+    finite = (column[np.isfinite(column)] for column in by_leg(slopes).T)
     usual = np.array([np.median(column) if column.size else np.nan for column in finite])
-    return np.asarray(_legs(slopes) / usual)
+    return np.asarray(by_leg(slopes) / usual)
 
 
 def _slope(over: FloatArray, values: FloatArray, speed: FloatArray) -> float:

@@ -168,58 +168,35 @@ class Section:
 
 @dataclass(slots=True)
 class Observed:
-    """Observations of a standing test, tick by tick: the state read, and the targets sent after it."""
+    """Observations of a standing test, tick by tick.
+
+    Attributes:
+        rows: joint angles read and targets sent after them, (18,), contacts, (6,), and torques, (18,).
+    """
 
     sections: list[Section] = field(default_factory=list)
     measured: bool = True
-    _rows: list[tuple[FloatArray, ...]] = field(default_factory=list)
+    rows: list[tuple[FloatArray, ...]] = field(default_factory=list)
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self.rows)
 
     def add(self, state: RobotState, targets_rad: FloatArray) -> None:
         """Append a state and the targets sent after it."""
         self.measured = self.measured and state.measured
-        unknown = np.full(N_LEGS, np.nan)
-        contacts = state.foot_contacts
-        torques, quaternion = state.joint_torques_nm, state.base_quaternion_world
-        self._rows.append(
+        contacts, torques = state.foot_contacts, state.joint_torques_nm
+        self.rows.append(
             (
                 state.joint_positions_rad,
                 np.array(targets_rad),
-                unknown if contacts is None else contacts.astype(float),
+                np.full(N_LEGS, np.nan) if contacts is None else contacts.astype(float),
                 np.full(N_LEGS * JOINTS_PER_LEG, np.nan) if torques is None else torques,
-                np.full(4, np.nan) if quaternion is None else quaternion,
             )
         )
 
-    def _column(self, index: int) -> FloatArray:
-        return np.array([row[index] for row in self._rows])
-
-    @property
-    def measured_rad(self) -> FloatArray:
-        """Joint positions, (T, 18)."""
-        return self._column(0)
-
-    @property
-    def targets_rad(self) -> FloatArray:
-        """Targets sent after each state, (T, 18)."""
-        return self._column(1)
-
-    @property
-    def contacts(self) -> FloatArray:
-        """Foot contacts, 1 or 0, (T, 6); NaN if unknown."""
-        return self._column(2)
-
-    @property
-    def torques_nm(self) -> FloatArray:
-        """Joint torques, (T, 18); NaN if unknown."""
-        return self._column(3)
-
-    @property
-    def quaternions_world(self) -> FloatArray:
-        """Orientations of the base, (T, 4); NaN if unknown."""
-        return self._column(4)
+    def columns(self) -> tuple[FloatArray, ...]:
+        """The four values of `rows` over time, (T, 18) or (T, 6); NaN if unknown."""
+        return tuple(np.array([row[index] for row in self.rows]) for index in range(4))
 
 
 def lean_rad(quaternion: FloatArray) -> FloatArray:
@@ -230,11 +207,6 @@ def lean_rad(quaternion: FloatArray) -> FloatArray:
 
 #: Legs that must not carry a tripod by the observations so far, with the reason.
 UnsafeLegs = Callable[[Observed], Mapping[int, str]]
-
-
-def no_unsafe_legs(_observed: Observed) -> Mapping[int, str]:
-    """Every leg carries."""
-    return {}
 
 
 class StandingTest(Controller):
@@ -252,7 +224,7 @@ class StandingTest(Controller):
         period_s: float,
         *,
         probes: Sequence[Probe] = ALL_PROBES,
-        unsafe: UnsafeLegs = no_unsafe_legs,
+        unsafe: UnsafeLegs = lambda _: {},
     ) -> None:
         check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
         self.observed = Observed()

@@ -15,7 +15,6 @@ A body pose is commanded once, and held. A named source may command one only whi
 Sources may be used from any thread, `decide` only from the control loop.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Lock
@@ -24,6 +23,7 @@ import numpy as np
 
 from hexctl.errors import InputError, check_type
 from hexctl.gait.body_pose import BodyPose
+from hexctl.gait.gait import FINITE
 from hexctl.time_source import WALL_TIME
 from hexctl.types import FloatArray
 
@@ -44,11 +44,8 @@ class Velocity:
 
     def __post_init__(self) -> None:
         for name in ("forward_m_s", "left_m_s", "turn_rad_s"):
-            value = getattr(self, name)
-            check_type(value, float, name)
-            if not math.isfinite(value):
-                raise InputError(f"{name}: got {value}; allowed: a finite number")
-            object.__setattr__(self, name, float(value))
+            FINITE.check(name, getattr(self, name))
+            object.__setattr__(self, name, float(getattr(self, name)))
 
     @property
     def array(self) -> FloatArray:

@@ -22,7 +22,7 @@ from hexctl.control.loop import TickObserver, run_step
 from hexctl.control.monitor.recovery import RecoveryPolicy, default_policy, make_policy
 from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import TrialFrame
-from hexctl.control.trial_plan import FEET
+from hexctl.control.trial_plan import FEET, Feet
 from hexctl.control.walks.ground_contact import contact_notes, step_height
 from hexctl.errors import EStopError, InputError, check_type
 from hexctl.gait.body_pose import LEVEL, BodyPose
@@ -84,7 +84,7 @@ class Drive:
         policy: str | RecoveryPolicy | None = None,
         hold: str = "auto",
         level: bool = False,
-        feet: str = "planned",
+        feet: Feet = "planned",
         failure: AskedFailures = (),
         told: bool = True,
         arbiter: Arbiter | None = None,

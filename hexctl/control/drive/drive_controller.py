@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.control.assessment.speed_envelope import VelocityLimits
 from hexctl.control.controllers import SITTING_S, Controller, Stand, sitting_angles_rad
 from hexctl.control.drive.arbiter import Arbiter, Decision
 from hexctl.control.drive.drive_walk import DriveWalk
 from hexctl.control.drive.velocity_hold import VelocityHold
-from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy
 from hexctl.control.preparation import WalkStart
 from hexctl.control.telemetry_watch import Temperatures, pace
-from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_plan import Feet, TrialPlan
 from hexctl.errors import check_type
 from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.gait.gait import Gait
@@ -50,7 +50,7 @@ class DriveController(Controller):
         hold: bool = True,
         level: bool = False,
         failures: Sequence[Failure] = (),
-        feet: str = "planned",
+        feet: Feet = "planned",
     ) -> None:
         check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
         self._robot, self._gait, self._period_s = robot, gait, period_s
@@ -71,11 +71,6 @@ class DriveController(Controller):
         self._sent_rad = start_rad
         self._be("standing up", Stand(robot, start_rad, self._moving_steps))
         self._new_walk()
-
-    @property
-    def gait(self) -> Gait:
-        """The requested gait; a failed leg may have changed it."""
-        return self._gait
 
     @property
     def gait_now(self) -> Gait:
@@ -275,14 +270,7 @@ class DriveController(Controller):
             level=self._level,
             feet=self._feet,
         )
-        start = WalkStart(
-            robot=self._robot,
-            plans=(plan,),
-            batch_shape=(),
-            period_s=self._period_s,
-            turned_rad=0.0,
-            frame=None,
-        )
+        start = WalkStart(robot=self._robot, plans=(plan,), period_s=self._period_s)
         self._walk = DriveWalk(start, lambda: self._asked)
         self._monitored = MonitoredWalk(start, self._walk, self._policy)
         if gait != plain:

@@ -18,7 +18,7 @@ import numpy as np
 
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.robot.failure import Failure
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, RobotState
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, RobotState, by_leg
 
 #: Time without torque after which a leg is dead, in s and in cycles.
 IDLE_S, IDLE_CYCLES = 1.0, 0.6
@@ -108,7 +108,7 @@ class DeadLegs:
         self._sums += np.stack([measured, expected, measured * expected, expected * expected])
         self._count += 1
         mean, wanted, both, square = self._sums / self._count
-        covariance, variance = _of_legs(np.stack([both - mean * wanted, square - wanted * wanted])).sum(-1)
+        covariance, variance = by_leg(np.stack([both - mean * wanted, square - wanted * wanted])).sum(-1)
         gain = covariance / np.maximum(variance, LEAST_SPREAD_RAD**2)
         usual = np.sort(gain, axis=-1)[..., 2:4].mean(axis=-1, keepdims=True)
         share = gain / np.maximum(usual, LEAST_USUAL)
@@ -122,7 +122,3 @@ class DeadLegs:
         if self._walked_s > TOUCHED_S and not self._touched.all():
             many = np.count_nonzero(self._touched, axis=-1, keepdims=True) > N_LEGS // 2
             self.start = np.maximum(self.start, 2.0 * (many & now & ~self._touched))
-
-
-def _of_legs(joints: FloatArray | BoolArray) -> FloatArray:
-    return np.asarray(joints.reshape(*joints.shape[:-1], N_LEGS, JOINTS_PER_LEG))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.dead_reckoning import DeadReckoning
-from hexctl.control.walks.steering import Course, CourseHold, SteeringGains
+from hexctl.control.walks.steering import Course, CourseHold
 from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, half_amplitude_turn_rate_rad_s, ideal_speed_m_s
@@ -14,7 +14,7 @@ from hexctl.types import BoolArray, FloatArray, RobotState
 class SteeredWalk(VelocityWalk):
     """Walks along the line of the trial, its course corrected at every tick; `heading` ignores positions."""
 
-    def __init__(self, start: WalkStart, *, hold: str = "line", gains: SteeringGains | None = None) -> None:
+    def __init__(self, start: WalkStart, *, hold: str = "line") -> None:
         check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
         frame = start.frame
         if frame is None:
@@ -31,7 +31,6 @@ class SteeredWalk(VelocityWalk):
             dead_reckoning=(
                 DeadReckoning(start.robot, self._shape, start.period_s) if hold == "heading" else None
             ),
-            gains=gains,
         )
         self.velocity_body = self._law.velocity_body
 

@@ -26,24 +26,14 @@ from hexctl.errors import InputError, check_type
 from hexctl.robot.rotations import components, yaw_of
 from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen, within
 
+#: D, as a multiple of L, and sigma.
+LOOK_AHEAD, INTEGRAL = 1.5, 0.15
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SteeringGains:
-    """Gains of the law, in units of the gait.
+#: K, the corrected share of a yaw error per cycle, and K_i, per cycle.
+TURN, TURN_INTEGRAL = 0.4, 0.02
 
-    Attributes:
-        look_ahead: D, as a multiple of L.
-        integral: sigma.
-        turn: K, the corrected share of a yaw error per cycle.
-        turn_integral: K_i, per cycle.
-        mean_cycles: time constant that smooths deviation and yaw error, in cycles.
-    """
-
-    look_ahead: float = 1.5
-    integral: float = 0.15
-    turn: float = 0.4
-    turn_integral: float = 0.02
-    mean_cycles: float = 0.1
+#: Time constant that smooths deviation and yaw error, in cycles.
+MEAN_CYCLES = 0.1
 
 
 class CourseOverGround:
@@ -148,7 +138,6 @@ class CourseHold:
         hold: str = "line",
         trim_rad: FloatArray | float = 0.0,
         dead_reckoning: DeadReckoning | None = None,
-        gains: SteeringGains | None = None,
     ) -> None:
         check_type(course, Course, "course", "a Course")
         if hold not in ("line", "heading"):
@@ -158,7 +147,7 @@ class CourseHold:
         self._dead_reckoning = dead_reckoning
         self._all: BoolArray = np.ones(self._shape, dtype=bool)[()]
         self._over_ground: CourseOverGround | None = None
-        self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
+        self._course, self._hold = course, hold
         self.retune(speed_m_s=speed_m_s, cycle_s=cycle_s, stride_m=stride_m, most_turn_rad_s=most_turn_rad_s)
         self._frozen_position, self._frozen_yaw = FrozenSensor(), FrozenSensor()
         zero, self._unknown = np.zeros(self._shape)[()], np.full(self._shape, math.nan)[()]
@@ -198,7 +187,7 @@ class CourseHold:
         if self._over_ground is not None:
             self._over_ground.retune(np.asarray(cycle_s)[()], self._all if which is None else which)
         self._speed_m_s, self._cycle_s = np.asarray(speed_m_s)[()], np.asarray(cycle_s)[()]
-        self._ahead_m = self._gains.look_ahead * np.asarray(stride_m)[()]
+        self._ahead_m = LOOK_AHEAD * np.asarray(stride_m)[()]
         self._most_turn_rad = most_turn_rad_s * self._cycle_s
         self._dt_s = math.nan
 
@@ -206,7 +195,7 @@ class CourseHold:
         """Velocity for the next control period, from the state and the time since the last one."""
         if dt_s != self._dt_s:
             self._dt_s, self._cycles = dt_s, dt_s / self._cycle_s
-            self._share = 1 - np.exp(-self._cycles / self._gains.mean_cycles)
+            self._share = 1 - np.exp(-self._cycles / MEAN_CYCLES)
         self._walked_cycles = self._walked_cycles + self._cycles
         self._yaw.update(self._measured_error_rad(dt_s, state), dt_s)
         self._aside.update(self._measured_deviation_m(dt_s, state), dt_s)
@@ -267,19 +256,19 @@ class CourseHold:
 
     def _integrate(self) -> None:
         """Update the two integrals and the turn; the first cycle, with its soft start, is excluded."""
-        gains, deviation_m, error_rad = self._gains, self._deviation_m, self._error_rad
+        deviation_m, error_rad = self._deviation_m, self._error_rad
         cycles = chosen(self._walked_cycles > 1, self._cycles, ZERO)
-        aside_m = deviation_m + gains.integral * self._pull_m
+        aside_m = deviation_m + INTEGRAL * self._pull_m
         square = self._ahead_m * self._ahead_m
         self._pull_m = self._pull_m + cycles * square * deviation_m / (square + aside_m * aside_m)
-        turn_rad = gains.turn * error_rad + gains.turn_integral * self._turned_rad
+        turn_rad = TURN * error_rad + TURN_INTEGRAL * self._turned_rad
         outward = (abs(turn_rad) >= self._most_turn_rad) & (turn_rad * error_rad > 0)
         turned_rad = self._turned_rad + cycles * error_rad
         self._turned_rad = chosen(self._yaw.lost | outward, self._turned_rad, turned_rad)
         self._turn_rad = -within(turn_rad, self._most_turn_rad)
 
     def _velocity(self) -> FloatArray:
-        aside_m = self._deviation_m + self._gains.integral * self._pull_m
+        aside_m = self._deviation_m + INTEGRAL * self._pull_m
         course_rad = self._trim_rad - np.arctan2(aside_m, self._ahead_m)
         toward_rad = self._course.heading_rad - self._course.yaw_rad - self._error_rad + course_rad
         velocity = np.empty((*self._shape, 3))

@@ -35,12 +35,6 @@ OVERDRIVE = 1.2
 #: Duration of a change of gait, and of one to a crawl on four legs: in 1.5 cycles one of 45 robots fell.
 GLIDE_CYCLES, CRAWL_GLIDE_CYCLES = 1.5, 1.0
 
-#: What sets the speed: the length of the strokes, the pace, or both.
-SPEED_BY = ("stride", "pace", "both")
-
-#: Minimum share of the gait's pace; below, the strokes become shorter.
-SLOWEST = 0.3
-
 #: Velocity of the body in its own frame, leading shape + (3,): forward and left in m/s, turn in rad/s.
 Command = Callable[[int, RobotState], FloatArray]
 
@@ -58,15 +52,12 @@ class VelocityWalk(Controller):
         haste: multiple of the pace, leading shape, to walk the same strides faster; None for 1.
     """
 
-    def __init__(self, start: WalkStart, command: Command | None = None, *, speed_by: str = "stride") -> None:
+    def __init__(self, start: WalkStart, command: Command | None = None) -> None:
         check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
-        if speed_by not in SPEED_BY:
-            raise InputError(f"speed_by: got {speed_by}; allowed: {', '.join(SPEED_BY)}")
         if command is not None:
             check_callable(command, "command", "a function of the step and the state")
         self._robot, self._period_s, self._held = start.robot, start.period_s, held_joints(start.held_legs)
         self._shape, self._command = start.batch_shape, command
-        self._speed_by = speed_by
         self._turning_m = start.robot.stance_feet_body[:, 1::-1] * np.array([1.0, -1.0])  # (y, -x)
         self.gaits = [plan.gait for plan in start.plans]
         self._glide: _Glide | None = None
@@ -103,7 +94,7 @@ class VelocityWalk(Controller):
             self._follow(dt_s, self.wanted(dt_s, step, state))
         elif self._command is not None and not self._last_step:
             self.velocity_body = self.wanted(dt_s, step, state)  # the ramp makes the start soft
-        strokes, pace_hz = self._paced(self._strokes())
+        strokes, pace_hz = self._strokes(), self._pattern.pace_hz[()]
         if dt_s > 0:
             self.poser.update(dt_s, state, self._pattern)
             cycles = dt_s * (pace_hz if self.haste is None else pace_hz * self.haste)
@@ -221,17 +212,6 @@ class VelocityWalk(Controller):
             strokes = strokes * scale[..., np.newaxis, np.newaxis]
             self.velocity_body = self.velocity_body * np.where(too_long, scale, 1.0)[..., np.newaxis]
         return np.asarray(strokes)
-
-    def _paced(self, strokes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Strokes and pace for a speed: shorter strokes need a higher pace."""
-        pace_hz = self._pattern.pace_hz[()]
-        if self._speed_by == "stride":
-            return strokes, pace_hz
-        longest_m = np.sqrt((strokes * strokes).sum(axis=-1).max(axis=-1))
-        share = np.clip(longest_m / self._pattern.amplitude_m, SLOWEST, 1.0)
-        if self._speed_by == "both":
-            share = np.sqrt(share)
-        return strokes / share[..., np.newaxis, np.newaxis], pace_hz * share
 
     def _change(self, step: int, cycles: FloatArray) -> None:
         if self._changes and step * self._period_s >= self._changes[0][0]:

@@ -12,6 +12,7 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.population import POPULATION
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.trial_plan import SelfRotation
 from hexctl.study.experiment import where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.evidence import Claim
@@ -28,7 +29,7 @@ HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
 BASELINE = "random"
 
 #: Self-rotation of the landscapes without one.
-WITHOUT = "none"
+WITHOUT: SelfRotation = "none"
 
 #: Number of landscapes of random numbers that each landscape is compared with.
 NULL_DRAWS = 19

@@ -239,7 +239,7 @@ class StudyPlan(LandscapePlan, Experiment[Findings]):
     without_gaits: Annotated[int, Range(low=1, high=N_CODES, whole=True)] = N_CODES
 
     @property
-    def rotations(self) -> tuple[str, ...]:
+    def rotations(self) -> tuple[SelfRotation, ...]:
         """Self-rotations of the landscapes."""
         return tuple(dict.fromkeys((WITHOUT, self.self_rotation)))
 

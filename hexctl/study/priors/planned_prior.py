@@ -5,7 +5,7 @@ from typing import Any
 
 from hexctl.adapt.prior.prior_files import PRIORS, describe_prior
 from hexctl.backends.sim.world import load_randomization
-from hexctl.control.monitor.repertoire_store import REPERTOIRES, describe_repertoire
+from hexctl.control.monitor.repertoire import REPERTOIRES, describe_repertoire
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import check_type
 from hexctl.options import listed
@@ -41,7 +41,7 @@ def _prior(options: PriorOptions, runs: Path) -> Planned:
         worlds=options.worlds or 16,
         legs=tuple(options.legs),
         failure=options.failure,
-        self_rotation=suited_rotation(rotation, options.hold, chosen_gait=True),  # type: ignore[arg-type]
+        self_rotation=suited_rotation(rotation, options.hold, chosen_gait=True),
         hold=options.hold,
         duration_s=options.duration_s,
     )

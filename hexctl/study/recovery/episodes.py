@@ -10,7 +10,7 @@ import numpy as np
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
-from hexctl.control.monitor.repertoire_store import find_repertoire
+from hexctl.control.monitor.repertoire import find_repertoire
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import STATUSES, TrialResult
@@ -208,7 +208,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         """Settings that decide a walk, with what was learned before for the robot."""
         plan = TrialPlan(gait=make_gait(self.robot, "tripod"), hold="line")
         repertoire = find_repertoire(self.robot, plan)
-        digest = None if repertoire is None else repertoire.digest()
+        digest = None if repertoire is None else repertoire.digest
         learned = {
             "repertoire": digest,
             "policy": POLICY.digest(policy_file(self.robot)),

@@ -9,7 +9,7 @@ import pytest
 from hexctl import InputError, Robot
 from hexctl.control.assessment.check_options import CheckOptions
 from hexctl.control.assessment.feasibility import LEAST_SPEED, check_robot
-from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
+from hexctl.control.assessment.gait_load import LoadVerdict, load_verdict
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.clearance import PARTS
 from tests.control.assessment.loads import changed, load_of, moved_back, moved_together

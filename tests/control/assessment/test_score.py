@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl import Failure, Robot, RobotState, SimTrial, TrialPlan, TrialResult, World, run_sim_trials
+from hexctl import Failure, Robot, RobotState, SimTrial, TrialPlan, TrialResult, World
 from hexctl.control.assessment.cause import Symptoms, WalkSamples
 from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import (
@@ -172,12 +172,6 @@ def test_a_position_freezes_by_where_it_is_and_one_that_never_changes_is_no_prog
 # Energy and steadiness
 
 
-WORN = World.model_validate(
-    {"sensor_noise": {"joint_deg": 0.2, "position_m": 0.001, "yaw_deg": 0.5}, "roughness_m": 0.004}
-    | {"state_latency_s": 0.03, "servo_delay_s": 0.02}
-)
-
-
 def state(angle_rad: float, torque_nm: float | None) -> RobotState:
     torques_nm = None if torque_nm is None else np.full(18, torque_nm)
     return RobotState(np.full(18, angle_rad), 0.0, True, joint_torques_nm=torques_nm)
@@ -262,34 +256,6 @@ def test_even_motion_is_steady_and_swaying_is_not() -> None:
     assert unsteadiness_m_s(swaying) == pytest.approx(0.01 * omega / math.sqrt(2), rel=0.03)
     assert unsteadiness_m_s(np.full((500, 3), np.nan)) is None
     assert unsteadiness_m_s(even[:3]) is None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("world", "hold"), [(World(), "none"), (WORN, "line")], ids=["flat", "worn"])
-def test_a_batch_costs_what_its_trials_cost_alone(world: World, hold: str) -> None:
-    ant, failure = shipped(), Failure(leg=5, kind="limp")
-    trials = [
-        SimTrial(
-            robot=ant,
-            plan=TrialPlan(
-                gait=gait_of(ant, gait),
-                duration_s=duration_s,
-                belief=failure,
-                hold=hold,
-                self_rotation="none",
-            ),
-            failure=failure,
-            world=world,
-        )
-        for gait, duration_s in (("tripod", 2.5), ("demo", 2.3), ("wave", 2.5))
-    ]
-    alone = [run_sim_trial(trial) for trial in trials]
-    for one, other in zip(run_sim_trials(trials), alone, strict=True):
-        assert one == other
-        assert one.energy_j is not None
-        assert one.energy_j > 0
-        assert None not in (one.tilt_deg, one.steadiness)
-    assert len({result.energy_j for result in alone}) == 3
 
 
 # Why a walk made no progress

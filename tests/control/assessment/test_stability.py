@@ -22,7 +22,7 @@ from hexctl.control.assessment.leg_sets import (
     leg_set,
     leg_sets,
 )
-from hexctl.control.assessment.speed_envelope import speed_envelope
+from hexctl.control.assessment.speed_envelope import DIRECTIONS_RAD, POINTS, VelocityLimits
 from hexctl.control.assessment.static_stability import (
     STAND_UP,
     check_tucked,
@@ -295,14 +295,12 @@ def test_limp_neighbours_ahead_drag(legs: tuple[int, ...], kind: str, heading_de
 def test_a_walk_within_it_is_not_limited_and_one_beyond_it_is() -> None:
     robot = shipped()
     gait = make_gait(robot, "demo")
-    envelope = speed_envelope(robot, gait, (math.radians(30),))
-    start = WalkStart(
-        robot=robot, plans=(TrialPlan(gait=gait),), batch_shape=(), period_s=0.02, turned_rad=0.0, frame=None
-    )
+    limits = VelocityLimits.of(robot, gait, POINTS)
+    start = WalkStart(robot=robot, plans=(TrialPlan(gait=gait),))
     nothing = RobotState(np.zeros(18), 0.0, True)
     for share, limited in ((0.99, False), (1.05, True)):
-        speed_m_s = share * envelope.speeds_m_s[0, 0]
-        velocity = speed_m_s * np.array([math.cos(math.radians(30)), math.sin(math.radians(30)), 0.0])
+        ahead = np.array([math.cos(DIRECTIONS_RAD[1]), math.sin(DIRECTIONS_RAD[1]), 0.0])
+        velocity = share * limits.speeds_m_s[0, 1] * ahead
         walk = VelocityWalk(start, lambda *_, velocity=velocity: velocity)
         for step in range(100):
             walk.targets_rad(step, nothing)

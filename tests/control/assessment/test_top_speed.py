@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from hexctl.control.assessment.crawl import auto_gait, least_margin_m, two_up
-from hexctl.control.assessment.joint_path import JointPath
-from hexctl.control.assessment.top_speed import AMPLITUDES, COURSES_RAD, fast_gaits
+from hexctl.control.assessment.top_speed import AMPLITUDES, COURSES_RAD, JointPath, fast_gaits
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.errors import UnusedError
 from hexctl.gait.foot_trajectory import Swing, in_stance, part_of_cycle

@@ -91,7 +91,7 @@ FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7
 
 
 def keep(folder: Path, *, place: World | None = None, **changes: Any) -> Path:
-    return keep_uncertainty(shipped(), place or World(), replace(FOUND, **changes), folder=folder)
+    return keep_uncertainty(shipped(), place or World(), FOUND.model_copy(update=changes), folder=folder)
 
 
 def known(folder: Path, robot: str = "ant", duration_s: float = 12.0, **world: Any) -> Any:
@@ -111,7 +111,7 @@ def test_another_world_borrows_the_value_of_the_flat_one_and_says_so(tmp_path: P
     keep(tmp_path)
     others: tuple[dict[str, Any], ...] = ({"friction": 0.4}, {"slope_deg": 5.0}, {"contact_time_s": 0.01})
     for world in others:
-        assert known(tmp_path, **world) == replace(FOUND, borrowed=True)
+        assert known(tmp_path, **world) == FOUND.model_copy(update={"borrowed": True})
     otherwise: tuple[dict[str, Any], ...] = (
         {"time_step_s": 0.004},
         {"friction_cone": "pyramidal"},

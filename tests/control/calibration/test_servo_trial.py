@@ -39,6 +39,11 @@ class RecordedServos(MockServos):
         self.seen.append(targets.joint_positions_rad.copy())
         return super().write(targets)
 
+    def away_deg(self) -> np.ndarray:
+        """Recorded angles from the stance, in which it begins, (T, 18)."""
+        stance_rad = self.robot.stance_angles_rad
+        return np.degrees(np.array([stance_rad, *self.seen]) - stance_rad)
+
 
 class Bench:
     """A servo on a bus in memory.
@@ -67,7 +72,7 @@ def test_a_servo_moves_a_little_and_back_and_no_other_does(driver: str, model: s
     bench = Bench(driver, model)
     assert abs(bench.wiggle()) == pytest.approx(5.0, abs=0.3)
     assert not any(each.holds for each in bench.board._servos)
-    angles = np.degrees(np.array(bench.moved.seen) - bench.moved.robot.stance_angles_rad)
+    angles = bench.moved.away_deg()
     farthest = np.abs(angles).max(axis=0)
     assert farthest[JOINT] == pytest.approx(5.0, abs=0.5)
     assert np.delete(farthest, JOINT).max() < 0.5
@@ -143,31 +148,18 @@ def test_a_servo_beyond_its_limits_or_without_room_is_not_moved() -> None:
         assert not real.holds
 
 
-class SeenServos(MockServos):
-    """Joints that an operator watches."""
-
-    def connect(self) -> None:
-        self.farthest = np.zeros(18)
-        super().connect()
-
-    def write(self, targets: JointTargets) -> JointTargets:
-        away = np.abs(targets.joint_positions_rad - self.robot.stance_angles_rad)
-        self.farthest = np.maximum(self.farthest, away)
-        return super().write(targets)
-
-
 @contextmanager
-def seen_bus(bus_map: BusMap, *faults: str) -> Iterator[tuple[MemoryBus, SeenServos]]:
+def seen_bus(bus_map: BusMap, *faults: str) -> Iterator[tuple[MemoryBus, RecordedServos]]:
     """A bus in memory and the joints that its servos move."""
-    with memory_bus(bus_map, *faults, kind=SeenServos) as bus:
-        assert isinstance(bus.robot, SeenServos)
+    with memory_bus(bus_map, *faults, kind=RecordedServos) as bus:
+        assert isinstance(bus.robot, RecordedServos)
         yield bus, bus.robot
 
 
 class Watcher:
     """An operator who says which joint moved, after some other answers."""
 
-    def __init__(self, robot: SeenServos, *first: str, ends_after: int = 99) -> None:
+    def __init__(self, robot: RecordedServos, *first: str, ends_after: int = 99) -> None:
         self._robot, self._first, self._left = robot, list(first), ends_after
         self.asked: list[str] = []
         self.told: list[str] = []
@@ -182,12 +174,12 @@ class Watcher:
             if not self._left:
                 raise EndedError
             self._left -= 1
-            self._robot.farthest = np.zeros(18)
+            self._robot.seen.clear()
             self._answer = ""
         elif self._first:
             self._answer = self._first.pop(0)
         else:
-            self._answer = JOINT_NAMES[int(np.argmax(self._robot.farthest))]
+            self._answer = JOINT_NAMES[int(np.abs(self._robot.away_deg()).max(axis=0).argmax())]
 
     def poll(self) -> str | None:
         return self._answer
@@ -248,7 +240,7 @@ def test_a_servo_moves_by_a_yes_or_with_consent_and_is_left_out_by_a_skip_alone(
         assert known.ids == {"leg1_coxa": 1, "leg3_tibia": 9}
         assert [each[:9] for each in watcher.asked if each.startswith("got")] == ["got 'n'; ", "got 'jes'"]
         known, trusting = ServoAssignment(driver="feetech", port=bus.path, baud=1_000_000), Watcher(moved)
-        moved.farthest = np.zeros(18)
+        moved.seen.clear()
         assign_servos(known, [5], trusting, consent=True)
     assert known.ids == {"leg2_femur": 5}
     assert len(trusting.asked) == 1

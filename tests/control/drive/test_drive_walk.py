@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl import RobotState, TrialPlan, make_gait
-from hexctl.control.assessment.speed_envelope import speed_envelope
+from hexctl.control.assessment.speed_envelope import POINTS, VelocityLimits
 from hexctl.control.drive.drive_walk import FASTEST_SWING, HALT_S, DriveWalk
 from hexctl.control.drive.velocity_hold import MOST, VelocityHold
-from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.velocity_walk import OVERDRIVE, VelocityWalk
 from hexctl.ik.legs import foot_positions_body
@@ -32,9 +31,7 @@ class Driven:
         self.robot = shipped(name)
         self.gait = make_gait(self.robot, gait)
         plan = TrialPlan(gait=self.gait)
-        self.start = WalkStart(
-            robot=self.robot, plans=(plan,), batch_shape=(), period_s=PERIOD_S, turned_rad=0.0, frame=None
-        )
+        self.start = WalkStart(robot=self.robot, plans=(plan,))
         self.wanted: FloatArray = np.zeros(3)
         self.walk = DriveWalk(self.start, lambda: self.wanted)
         self.limits = VelocityLimits.of(self.robot, self.gait)
@@ -147,10 +144,9 @@ def test_it_is_watched_only_while_its_feet_step_at_their_height_and_a_stop_ends_
 def test_the_limits_are_those_of_the_envelope_for_any_order_of_the_legs(name: str) -> None:
     robot = shipped(name)
     gait = make_gait(robot, "wave")
-    limits = VelocityLimits.of(robot, gait)
-    envelope = speed_envelope(robot, gait)
-    np.testing.assert_allclose(limits.speeds_m_s, envelope.speeds_m_s, rtol=0.05)
-    np.testing.assert_allclose(limits.turn_rates_rad_s, envelope.turn_rates_rad_s, rtol=0.05)
+    limits, finer = VelocityLimits.of(robot, gait), VelocityLimits.of(robot, gait, POINTS)
+    np.testing.assert_allclose(limits.speeds_m_s, finer.speeds_m_s, rtol=0.05)
+    np.testing.assert_allclose(limits.turn_rates_rad_s, finer.turn_rates_rad_s, rtol=0.05)
     assert VelocityLimits.of(robot, make_gait(robot, "tripod")) is limits
 
 

@@ -20,7 +20,6 @@ from hexctl import (
     run_sim_trials,
     run_trial,
 )
-from hexctl.backends.base import ServosWrapper
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
 from hexctl.control.monitor.recovery import (
@@ -40,6 +39,7 @@ from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import FloatArray
 from tests.control.monitor.repertoires import made_up, situation
+from tests.control.posed import Faulty
 from tests.robots import shipped
 
 EVENTS = ("5:locked@4.2", "2:limp@4.5", "3:missing@4.8", "1:stuck:femur@4")
@@ -52,27 +52,27 @@ def _trial(*events: str, duration_s: float = 10.0, world: str = "flat", **plan: 
     return SimTrial(robot=shipped(), plan=made, failure=plan.get("belief"), world=world, events=happens)
 
 
+class Kept(list[MonitoredWalk]):
+    """Makes recovering walks, and keeps them."""
+
+    policy: RecoveryPolicy | None = None
+
+    def make(self, start: WalkStart) -> MonitoredWalk:
+        self.append(recovering_walk(self.policy)(start))
+        return self[-1]
+
+
 def _walk(trial: SimTrial, policy: RecoveryPolicy | None = None) -> tuple[TrialResult, MonitoredWalk]:
-    walks = []
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk(policy)(start))
-        return walks[-1]
-
-    return run_sim_trial(trial, make), walks[0]
+    walks = Kept()
+    walks.policy = policy
+    return run_sim_trial(trial, walks.make), walks[0]
 
 
 @pytest.fixture(scope="module")
 def lost_legs() -> tuple[list[TrialResult], MonitoredWalk]:
     """Walks that lose a leg, and one that does not, led together."""
-    walks = []
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk()(start))
-        return walks[0]
-
-    trials = [*map(_trial, EVENTS), _trial()]
-    return run_sim_trials(trials, make_controller=make, apart=True), walks[0]
+    walks, trials = Kept(), [*map(_trial, EVENTS), _trial()]
+    return run_sim_trials(trials, make_controller=walks.make, apart=True), walks[0]
 
 
 @pytest.mark.parametrize("place", range(4), ids=EVENTS)
@@ -219,18 +219,6 @@ def test_a_leg_that_is_dead_before_the_first_step_is_noticed_and_tucked(kind: st
     assert first.response.gait.posture.tucked_legs == (2,)
 
 
-class Faulty(ServosWrapper):
-    """Servos of a whole robot whose sensors tell something else from a time on."""
-
-    def __init__(self, servos: SimServos, changed: Callable[[RobotState], RobotState], from_s: float) -> None:
-        super().__init__(servos)
-        self._changed, self._from_s = changed, from_s
-
-    def read(self) -> RobotState:
-        state = super().read()
-        return self._changed(state) if state.stamp_s >= self._from_s else state
-
-
 def _with_joints(change: Callable[[FloatArray], FloatArray]) -> Callable[[RobotState], RobotState]:
     return lambda state: replace(state, joint_positions_rad=change(state.joint_positions_rad.copy()))
 
@@ -238,15 +226,14 @@ def _with_joints(change: Callable[[FloatArray], FloatArray]) -> Callable[[RobotS
 def _walk_with(
     changed: Callable[[RobotState], RobotState], from_s: float, *, robot: str = "ant"
 ) -> tuple[TrialResult, MonitoredWalk]:
-    model, walks = shipped(robot), list[MonitoredWalk]()
+    model, walks = shipped(robot), Kept()
     plan = TrialPlan(gait=make_gait(model, "tripod"), hold="line", duration_s=9.0)
 
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk()(start))
-        return walks[0]
+    def fault(state: RobotState, time_s: float) -> RobotState:
+        return changed(state) if time_s >= from_s else state
 
-    with Guard(Faulty(SimServos(model), changed, from_s)) as guard:
-        return run_trial(guard, plan, make), walks[0]
+    with Guard(Faulty(SimServos(model), fault)) as guard:
+        return run_trial(guard, plan, walks.make), walks[0]
 
 
 @pytest.mark.slow
@@ -290,18 +277,14 @@ class Tries(RecoveryPolicy):
 def test_a_robot_that_falls_short_tells_its_higher_pace_and_still_finds_a_weak_joint() -> None:
     """Its sensor shows 0.8 of the distance."""
 
-    def shortened(state: RobotState) -> RobotState:
+    def shortened(state: RobotState, _time_s: float) -> RobotState:
         assert state.base_position_world is not None
         return replace(state, base_position_world=0.8 * state.base_position_world)
 
-    trial, walks = _trial("5:missing@3", "2:weak:femur:0.4@12", duration_s=16.0), list[MonitoredWalk]()
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(recovering_walk(Tries())(start))
-        return walks[0]
-
-    with Guard(Faulty(trial.servos(), shortened, 0.0)) as guard:
-        run_trial(guard, trial.plan, make)
+    trial, walks = _trial("5:missing@3", "2:weak:femur:0.4@12", duration_s=16.0), Kept()
+    walks.policy = Tries()
+    with Guard(Faulty(trial.servos(), shortened)) as guard:
+        run_trial(guard, trial.plan, walks.make)
     assert "policy: slow on this posture; pace raised to 1.35 Hz" in walks[0].news()
     assert str(walks[0].noticed[0][-1].suspicion).startswith("leg 2 femur weak"), "found at that pace too"
 

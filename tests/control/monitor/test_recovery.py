@@ -9,12 +9,12 @@ import pytest
 from hexctl import Failure, TrialPlan, make_gait
 from hexctl.control.assessment import crawl
 from hexctl.control.assessment.crawl import CRAWL_SWING
-from hexctl.control.assessment.joint_path import JointPath
-from hexctl.control.assessment.top_speed import fast_gaits
+from hexctl.control.assessment.top_speed import JointPath, fast_gaits
 from hexctl.control.monitor import recovery
 from hexctl.control.monitor.posture_trial import MOST_HASTE, TOLD_RISE, PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
-from hexctl.control.monitor.repertoire_store import save_repertoire
+from hexctl.control.monitor.repertoire import save_repertoire
+from hexctl.control.trial_plan import Hold
 from hexctl.gait.gait import Motion, ideal_speed_m_s
 from hexctl.gait.posture import Posture
 from tests.control.monitor.repertoires import (
@@ -175,7 +175,7 @@ def test_by_its_repertoire_it_takes_what_was_faster_at_the_pace_of_the_walk_and_
     ],
 )
 def test_what_the_repertoire_has_not_walked_is_left_to_the_margin(
-    gait: str, hold: str, heading_rad: float, failures: list[Failure]
+    gait: str, hold: Hold, heading_rad: float, failures: list[Failure]
 ) -> None:
     plan = TrialPlan(gait=make_gait(shipped(), gait), hold=hold)
     by_margin = GlideToStableGait(None).respond(shipped(), plan, heading_rad, failures)

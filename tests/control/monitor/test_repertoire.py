@@ -11,8 +11,9 @@ import pytest
 from hexctl import Failure, InputError, TrialPlan, make_gait
 from hexctl.archive import ArchiveFileError
 from hexctl.control.body_symmetry import IDENTITY
-from hexctl.control.monitor.repertoire import Candidate, Situation
-from hexctl.control.monitor.repertoire_store import (
+from hexctl.control.monitor.repertoire import (
+    Candidate,
+    Situation,
     describe_repertoire,
     find_repertoire,
     load_repertoire,
@@ -159,7 +160,7 @@ def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "ant.npz"
     save_repertoire(repertoire, path)
     loaded = load_repertoire(path)
-    assert loaded.digest() == repertoire.digest()
+    assert loaded.digest == repertoire.digest
     assert loaded.head == repertoire.head
     assert loaded.symmetries == repertoire.symmetries
     (one,), (before,) = loaded.situations, repertoire.situations

@@ -35,7 +35,7 @@ def plan(gait: str = "tripod") -> TrialPlan:
 
 def start(of: TrialPlan) -> WalkStart:
     """One robot that stands ready to walk."""
-    return WalkStart(robot=ROBOT, plans=(of,), batch_shape=(), period_s=PERIOD_S, turned_rad=0.0, frame=None)
+    return WalkStart(robot=ROBOT, plans=(of,))
 
 
 def heights(

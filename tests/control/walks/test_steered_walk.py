@@ -2,7 +2,6 @@
 
 import math
 import runpy
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from hexctl import (
     Failure,
     Guard,
     InputError,
-    LegServos,
     RobotState,
     SimServos,
     SimTrial,
@@ -25,16 +23,17 @@ from hexctl import (
     run_sim_trials,
     run_trial,
 )
-from hexctl.backends.base import ServosWrapper
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import Hold
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import Course
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.ik.legs import foot_positions_body
 from hexctl.types import N_LEGS, FloatArray
+from tests.control.posed import Fault, Faulty
 from tests.robots import shipped
 
 ROOT = Path(__file__).parents[3]
@@ -43,9 +42,6 @@ ROOT = Path(__file__).parents[3]
 #: Gaits of a failed leg 3 that end far from their line when nothing is held.
 CODES = (17, 62, 98)
 
-
-#: A state at a time since the robot was put down, as a faulty sensor shows it.
-Fault = Callable[[RobotState, float], RobotState]
 
 #: In times of the simulation; the walk begins at 1 s, and in open loop ends 1.1 m off. Measured: 0.3 cm off
 #: without a fault, 0.4 to 0.6 with most, 1.9 and 0.9 with the second and third pose that freezes.
@@ -58,7 +54,7 @@ FAULTS: dict[str, dict[str, Any]] = {
 
 
 def trial_of(
-    code: int, hold: str, *, robot: str = "ant", duration_s: float = 12.0, **options: object
+    code: int, hold: Hold, *, robot: str = "ant", duration_s: float = 12.0, **options: object
 ) -> SimTrial:
     model, failure = shipped(robot), Failure(leg=3)
     plan = TrialPlan(
@@ -67,7 +63,7 @@ def trial_of(
     return SimTrial(robot=model, plan=plan, failure=failure, **options).put_down_turned()  # type: ignore[arg-type]
 
 
-def off_line_trial(*, hold: str = "auto", world: World | None = None, **plan: Any) -> SimTrial:
+def off_line_trial(*, hold: Hold = "auto", world: World | None = None, **plan: Any) -> SimTrial:
     """A walk with leg 3 locked and no self-rotation, which veers by decimetres in open loop."""
     gait = make_gait(shipped(), "62", failed_legs=(3,))
     made = TrialPlan(gait=gait, belief=Failure(leg=3), self_rotation="none", hold=hold, **plan)
@@ -113,18 +109,6 @@ def test_a_pose_that_stays_frozen_is_lost_and_no_slip(with_faults: dict[str, Tri
     assert result.hold_lost_s == pytest.approx(8.0, abs=0.1)
     assert result.true_path_m is not None
     assert result.true_path_m[-1, 0] > 1.0
-
-
-class Faulty(ServosWrapper):
-    """A robot whose sensors show something else than what is; times count from the first state."""
-
-    def __init__(self, servos: LegServos, fault: Fault) -> None:
-        super().__init__(servos)
-        self._fault = fault
-
-    def read(self) -> RobotState:
-        state = super().read()
-        return self._fault(state, state.stamp_s)
 
 
 def without(*sensors: str, first_s: float = 0.0, last_s: float = math.inf) -> Fault:
@@ -188,9 +172,8 @@ def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensor
 @pytest.mark.slow
 def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     noisy = World(sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3))
-    trials = [
-        trial_of(code, hold, duration_s=4.0, world=noisy) for code in CODES for hold in ("line", "heading")
-    ]
+    holds: tuple[Hold, ...] = ("line", "heading")
+    trials = [trial_of(code, hold, duration_s=4.0, world=noisy) for code in CODES for hold in holds]
     together = run_sim_trials(trials)
     assert together == [run_sim_trial(trial) for trial in trials]
     assert {result.hold for result in together} == {"line", "heading"}
@@ -199,7 +182,7 @@ def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
 def start_of(frame: TrialFrame | None) -> WalkStart:
     robot = shipped()
     plan = TrialPlan(gait=make_gait(robot, "demo"))
-    return WalkStart(robot=robot, plans=(plan,), batch_shape=(), period_s=0.02, turned_rad=0.0, frame=frame)
+    return WalkStart(robot=robot, plans=(plan,), frame=frame)
 
 
 def state_at(position_m: tuple[float, float]) -> RobotState:

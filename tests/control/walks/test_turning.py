@@ -9,6 +9,7 @@ import pytest
 from hexctl import Failure, Guard, SimServos, TrialPlan, TrialResult, World, run_trial
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.log import TickLog
+from hexctl.control.trial_plan import SelfRotation
 from hexctl.control.walks.turning import MAX_TURN_STEPS, TurnSteps, swallowed_rad, turn_needed_rad
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.rotations import yaw_rad
@@ -17,7 +18,7 @@ from tests.robots import shipped
 from tests.trials import gait_of
 
 
-def _needed_deg(leg: int, heading_deg: float = 0.0, self_rotation: str = "rear") -> float:
+def _needed_deg(leg: int, heading_deg: float = 0.0, self_rotation: SelfRotation = "rear") -> float:
     plan = TrialPlan(
         gait=gait_of(shipped()),
         belief=Failure(leg=leg),
