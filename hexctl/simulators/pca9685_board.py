@@ -2,12 +2,12 @@
 
 import contextlib
 import errno
-import socket
+import struct
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.pwm.i2c_socket import I2cMessage, take_transaction
+from hexctl.backends.pwm.i2c_socket import decode_transaction
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.simulators.board_faults import BoardFault
 from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
@@ -51,7 +51,6 @@ class Pca9685Board(SimulatedBoard):
         }
         self._bus = SimulatedI2c(self.chips)
         self._nacks = 0.0
-        self._data: dict[socket.socket, bytes] = {}
 
     def pulses_us(self) -> FloatArray:
         """Pulses of the joints, (18,); 0 for servos without."""
@@ -61,17 +60,15 @@ class Pca9685Board(SimulatedBoard):
 
     def _serve(self, timeout_s: float) -> None:
         for client, data in self._line.receive(timeout_s):
-            whole = self._data.pop(client, b"") + data
-            while (taken := take_transaction(whole))[0] is not None:
-                messages, size = taken
-                whole = whole[size:]
-                with contextlib.suppress(OSError):  # a disconnected client misses its answer
-                    client.sendall(self._answer(messages or []))
-            self._data[client] = whole
-        self._data = {client: data for client, data in self._data.items() if client.fileno() >= 0}
+            with contextlib.suppress(OSError):  # a disconnected client misses its answer
+                client.send(self._answer(data))
 
-    def _answer(self, messages: list[I2cMessage]) -> bytes:
+    def _answer(self, data: bytes) -> bytes:
         """Answer to a transaction: 0 and the bytes read, or an error number."""
+        try:
+            messages = decode_transaction(data)
+        except struct.error:
+            return bytes([errno.EINVAL])
         count = sum(1 + len(message.data) + message.reads for message in messages)
         self._time.sleep(BITS * count / self._bits_per_s)
         self.counts["transfers"] += 1

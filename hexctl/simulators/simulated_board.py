@@ -59,18 +59,18 @@ class PseudoTerminal:
 
 
 class SocketLine:
-    """A Unix socket in a temporary folder."""
+    """A Unix socket of packets in a temporary folder."""
 
     def __init__(self, name: str) -> None:
         self._scratch = ExitStack()
         self.path = str(self._scratch.enter_context(scratch_folder()) / name)
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._listener.bind(self.path)
         self._listener.listen()
         self._clients: list[socket.socket] = []
 
     def receive(self, timeout_s: float) -> list[tuple[socket.socket, bytes]]:
-        """Bytes received within a time, by client."""
+        """Packets received within a time, by client."""
         ready = select.select([self._listener, *self._clients], [], [], timeout_s)[0]
         came = []
         for each in ready:
