@@ -43,6 +43,9 @@ class ChipBus:
     def i2c_rdwr(self, *messages: Any) -> None:
         self._transfer([I2cMessage(message.addr, data=bytes(message)) for message in messages])
 
+    def close(self) -> None:
+        """The chips stay."""
+
     def pulses_us(self) -> FloatArray:
         """Pulses that come out, (32,), of the chips in the order of their addresses."""
         with self.lock:
@@ -78,3 +81,6 @@ class FlatBus:
         for message in messages:
             register, *data = list(message)
             self.memories[message.addr][register : register + len(data)] = bytes(data)
+
+    def close(self) -> None:
+        """The bytes stay."""

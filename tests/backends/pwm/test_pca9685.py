@@ -37,7 +37,13 @@ COUNT_US = 122 / 25
 
 def _servos(bus: I2cBus, pwm_map: PwmMap | None = None) -> Pca9685Servos:
     used = a_map("pca9685") if pwm_map is None else pwm_map
-    return Pca9685Servos(shipped(), pwm_map=used, port="1", i2c=bus, clock=FakeTime().clock())
+    servos = Pca9685Servos(shipped(), pwm_map=used, port="1", clock=FakeTime().clock())
+
+    def board() -> Pca9685:
+        return Pca9685(bus, used, servos.clock.time, known=servos._known)
+
+    servos._open = board  # type: ignore[method-assign]
+    return servos
 
 
 def _until(
