@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from hexctl.backends.facets import TruePose
+from hexctl.backends.base import TruePose
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.sensing import SensorMemory
 from hexctl.backends.sim.servos import SimServos

@@ -20,8 +20,7 @@ from pydantic import (
 )
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.distribution import Distribution
-from hexctl.backends.sim.failure_draws import COLUMNS, DrawnFailure, draw_failures
+from hexctl.backends.sim.draws import COLUMNS, Distribution, DrawnFailure, draw_failures
 from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, argument, check_type, shown
 from hexctl.files import is_file

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.draws import Distribution
 from hexctl.backends.sim.world import (
     MAX_MEMBERS,
     DomainRandomization,
