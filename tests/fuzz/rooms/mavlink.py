@@ -9,9 +9,8 @@ from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame, read_signing_key
-from hexctl.backends.mavlink.mavlink_client import MavlinkServos
+from hexctl.backends.mavlink.mavlink_client import MavlinkServos, Receiver, Stamped
 from hexctl.backends.mavlink.mavlink_transport import Arrival, LinkCounters, MavlinkLink, Port
-from hexctl.backends.mavlink.receiver import Receiver, Stamped
 from hexctl.backends.mock import MockServos
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.servos.servo_map import servo_map_of
