@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.lx16a_packets import LX16A
+from hexctl.backends.bus.lx16a import LX16A
 from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from hexctl.backends.bus import lx16a_packets as lx
-from hexctl.backends.bus.lx16a_servo import Lx16aServo
+from hexctl.backends.bus import lx16a as lx
+from hexctl.backends.bus.lx16a import Lx16aServo
 from hexctl.backends.bus.packet_line import TIMEOUT_TIMES, PacketLine
 from hexctl.backends.bus.servo import TRIES
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus

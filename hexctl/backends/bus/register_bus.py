@@ -133,8 +133,9 @@ class RegisterBus(ServoBus):
 
     def _report(self, answer: StatusPacket, now_s: float) -> Report:
         index = self._indices[answer.servo_id]
-        numbers = self.table.numbers(answer.parameters)
-        return Report(index, now_s, *numbers, error=self._complaint(index, answer.error))
+        position, effort, current_a, voltage_v, temperature_c = self.table.numbers(answer.parameters)
+        complaint = self._complaint(index, answer.error)
+        return Report(index, now_s, position, effort, current_a, voltage_v, temperature_c, complaint)
 
     def _complaint(self, index: int, error: int) -> str:
         self._errors[index] = error

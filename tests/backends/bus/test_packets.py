@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus import lx16a as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import (
     PING,

@@ -82,15 +82,6 @@ def test_with_more_servos_no_id_is_changed(driver: str, model: str) -> None:
         assert [servo.servo_id for servo in bus.board._servos] == list(range(1, 19))
 
 
-def test_a_scan_or_an_id_that_cannot_be_is_refused() -> None:
-    with pytest.raises(InputError, match="new_id: got 253"):
-        set_servo_id("/dev/nothing", "feetech", 1_000_000, 253)
-    with pytest.raises(RobotFaultError, match="/dev/nothing"):
-        scan_bus("/dev/nothing", "feetech", 1_000_000)
-    with pytest.raises(InputError, match="driver: got 'hitec'"):
-        scan_bus("/dev/nothing", "hitec", 1_000_000)
-
-
 def test_servos_are_found_at_the_baud_that_they_have() -> None:
     with memory_bus(a_map("dynamixel", "xl430-w250"), baud=57_600) as bus:
         asked: list[tuple[int, int]] = []

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a_packets import LX16A, move
+from hexctl.backends.bus.lx16a import LX16A, move
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, REBOOT, SYNC_READ, SYNC_WRITE, WRITE
 from hexctl.backends.bus.registers import table_of
 from hexctl.backends.mock import MockServos
