@@ -73,16 +73,6 @@ def _begun(*texts: str) -> BusFaults:
     return faults
 
 
-def test_faults_of_a_bus_begin() -> None:
-    faults = _begun("mute:1:femur", "hot:1:coxa:80")
-    assert np.flatnonzero(faults.mute).tolist() == [1]
-    assert faults.temperatures == {0: 80.0}
-    assert BusFaults().voltage(12.0) == 12.0
-    brown = _begun("brown-out@1")
-    assert brown.voltage(12.0) < 8
-    assert brown.dead.all()
-
-
 @pytest.mark.parametrize("packets", [PROTOCOLS[1], PROTOCOLS[2], LX16A], ids=["1.0", "2.0", "lx16a"])
 def test_as_many_answers_are_garbled_or_wild_as_was_asked_for(packets: PacketFormat) -> None:
     answer = packets.status(7, 28, bytes(2))

@@ -290,12 +290,6 @@ def test_servos_of_two_legs_may_be_missing_at_connect_and_not_more() -> None:
         servos_on(bus, a_map()).connect()
 
 
-@pytest.mark.parametrize("bus_map", [a_map(), LX_MAP], ids=["feetech", "lx16a"])
-def test_a_hot_servo_is_named(bus_map: BusMap) -> None:
-    with memory_bus(bus_map, "hot:2:femur:72") as bus, servos_on(bus, bus_map) as servos:
-        _until(servos, lambda state: any("hot" in each and "(id 5)" in each for each in state.warnings))
-
-
 def test_joints_of_lx16a_are_heard_in_turn_while_all_of_them_move() -> None:
     with memory_bus(LX_MAP) as bus, servos_on(bus, LX_MAP) as servos:
         ages = []
@@ -419,26 +413,6 @@ def test_a_servo_in_another_mode_that_holds_is_refused() -> None:
         assert servo.number(table.torque) == 1, "nothing is switched"
 
 
-@pytest.mark.parametrize(
-    ("driver", "model", "settings", "message"),
-    [
-        ("dynamixel", "xl430-w250", {10: 1}, "reverse"),
-        ("dynamixel", "xl430-w250", {10: 8}, "goals switch its torque on"),
-        ("dynamixel", "ax12a", {6: 0, 7: 0, 8: 0, 9: 0}, "wheel mode"),
-        ("feetech", "scs0009", {9: 0, 10: 0, 11: 0, 12: 0}, "wheel mode"),
-    ],
-)
-def test_a_servo_that_would_not_steer_for_its_goals_is_refused(
-    driver: str, model: str, settings: dict[int, int], message: str
-) -> None:
-    bus_map = a_map(driver, model)
-    with memory_bus(bus_map) as bus:
-        for address, value in settings.items():
-            _store(bus, Register(address), value)
-        with pytest.raises(RobotFaultError, match=f"{NAME}: .*{message}"):
-            servos_on(bus, bus_map).connect()
-
-
 def test_positions_beyond_one_turn_are_switched_off_and_the_lock_is_shut() -> None:
     table = table_of("sts3215")
     assert table.flags is not None
@@ -471,42 +445,6 @@ def test_limits_in_a_servo_are_told_and_goals_end_there(driver: str, model: str)
                 return state.servos.errors[ODD].startswith("goal beyond the limits")
 
             _until(servos, complains, angle_rad=0.2)
-
-
-@pytest.mark.parametrize(
-    ("driver", "model", "stored", "told"),
-    [
-        ("dynamixel", "xl430-w250", {}, ""),
-        ("feetech", "sts3215", {}, ""),
-        ("dynamixel", "xl430-w250", {63: 0b100000}, "from heat"),
-        # Overload: share of torque, time and threshold, by the addresses of the vendor's table.
-        (
-            "feetech",
-            "sts3215",
-            {34: 60},
-            "overload it gives 60 % .* 2 s above 80 %, .* 20 % .* 2 s above 80 %",
-        ),
-        ("feetech", "sts3215", {35: 254}, "overload it gives 20 % .* 2.54 s above 80 %"),
-        ("feetech", "sts3215", {36: 100}, "overload it gives 20 % .* 2 s above 100 %"),
-        ("feetech", "sts3215", {34: 1}, ""),
-        ("feetech", "sts3215", {35: 1}, ""),
-        ("feetech", "sts3215", {36: 1}, ""),
-    ],
-)
-def test_a_servo_that_protects_itself_less_is_told(
-    driver: str, model: str, stored: dict[int, int], told: str
-) -> None:
-    bus_map = a_map(driver, model)
-    with memory_bus(bus_map) as bus:
-        for address, value in stored.items():
-            register_servo_of(bus.board, ODD).memory[address] = value
-        with servos_on(bus, bus_map) as servos:
-            warnings = [each for each in servos.read().warnings if "stored limits" not in each]
-    if told:
-        (warning,) = warnings
-        assert re.search(f"{told}.*: {NAME}", warning)
-    else:
-        assert warnings == []
 
 
 def test_an_overload_of_an_x_servo_is_told_with_its_reason_and_needs_a_restart() -> None:
@@ -543,8 +481,3 @@ def test_another_model_than_the_robot_file_says_is_refused_and_named(number: int
         register_servo_of(bus.board, 0).memory[0:2] = number.to_bytes(2, "little")
         with pytest.raises(RobotFaultError, match=rf"leg 1 coxa .* {number}, not 1200 .*{advice}"):
             servos_on(bus, bus_map).connect()
-
-
-def test_nothing_answers_at_another_protocol() -> None:
-    with memory_bus(a_map()) as bus, pytest.raises(RobotFaultError, match="no servo answers"):
-        servos_on(bus, X_MAP).connect()

@@ -243,16 +243,6 @@ def _up(servos: LegServos) -> float:
     return float(foot_positions_body(robot, higher)[0, 2] - foot_positions_body(robot, lower)[0, 2])
 
 
-@pytest.mark.parametrize("firmware", ["stock", "fork"])
-def test_the_fork_is_recognised(firmware: str) -> None:
-    with memory_servo2040(firmware=firmware) as running:
-        board = Servo2040(running, a_map())
-        assert board.fork == (firmware == "fork")
-        report = board.poll()
-        assert report is not None
-        assert report.voltage_v == pytest.approx(7.4, abs=0.01)
-
-
 def test_a_trip_stops_the_robot_until_its_torque_was_off() -> None:
     with memory_servo2040("trip:12.5@1", firmware="fork") as running, servos_on(running) as servos:
         board = running.board
