@@ -3,7 +3,6 @@
 import random
 from typing import Any
 
-import numpy as np
 import pytest
 
 from hexctl.backends.bus.lx16a import LX16A

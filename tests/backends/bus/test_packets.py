@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from hexctl.backends.bus import lx16a as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import (
-    PING,
     PROTOCOLS,
     READ,
     STATUS,

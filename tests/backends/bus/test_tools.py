@@ -24,6 +24,7 @@ from tests.backends.bus.boards import (
 )
 from tests.robots import edited_file, put, shipped
 
+
 @pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", "lx16a")])
 def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
     bus_map, baud = a_map(driver, model), DEFAULT_BAUDS[driver]

@@ -1,6 +1,5 @@
 """Port addresses, sequence numbers, and frames of reference as a pilot would check their signs."""
 
-import math
 import socket
 
 import numpy as np
