@@ -9,7 +9,6 @@ import numpy as np
 
 from hexctl.backends.bus import lx16a as lx
 from hexctl.backends.bus.damage import Damage, Listener
-from hexctl.backends.bus.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat
 from hexctl.backends.bus.register_bus import RegisterBus
@@ -33,7 +32,7 @@ PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,), "lx16a": (1,)}
 FAMILIES = {"dynamixel": "Dynamixel", "feetech": "Feetech", "lx16a": "LX-16A"}
 
 #: Bus of each driver.
-BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": Lx16aBus}
+BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": lx.Lx16aBus}
 
 #: Bits per second that servos of each driver have from the factory or are usually given.
 USUAL_BAUDS = {

@@ -11,8 +11,7 @@ import numpy as np
 from hexctl.backends.base import OwnServos, TruePose, check_connected, check_targets
 from hexctl.backends.clock import Clock, Standstill, Tick, WallClock
 from hexctl.backends.sim.actuators import ActuatorModel
-from hexctl.backends.sim.effort import JointTorques
-from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
+from hexctl.backends.sim.sensing import JointTorques, Losses, SensorMemory, Sensors
 from hexctl.backends.sim.servo_physics import ServoPower
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, held_rad, jammed_angles_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation, waiting_commands

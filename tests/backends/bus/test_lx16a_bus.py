@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus import lx16a as lx
-from hexctl.backends.bus.lx16a_bus import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
+from hexctl.backends.bus.lx16a import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of
 from hexctl.simulators.bus_board import BusBoard

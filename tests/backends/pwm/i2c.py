@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.pwm.i2c_socket import I2cMessage
-from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.types import FloatArray
 
 

@@ -21,7 +21,7 @@ from hexctl.backends.pwm.pca9685 import (
 )
 from hexctl.errors import MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
-from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for

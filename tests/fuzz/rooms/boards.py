@@ -20,7 +20,7 @@ from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.bus_board import FAMILIES
 from hexctl.simulators.bus_faults import BusFaults
 from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServo, SimulatedServos
-from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.types import N_JOINTS, FloatArray
 from tests.backends.bus.boards import MODELS, a_map, stance_counts
