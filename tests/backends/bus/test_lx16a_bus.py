@@ -200,16 +200,6 @@ def test_stored_limits_that_no_servo_has_are_not_believed() -> None:
         assert (bus.lowest[4], bus.highest[4]) == (0, 1000)
 
 
-def test_protections_that_were_changed_are_said() -> None:
-    bus, board, _ = _bus()
-    _servo(board, 4).most_c = 95
-    _servo(board, 5).voltages_mv = (9000, 12600)
-    notes = [each.notes for each in bus.settings(bus.find()).values()]
-    assert notes[4] == ("it lets go at 95 degrees C, from the factory at 85",)
-    assert notes[5] == ("it has 7.4 V, and lets go outside 9.0 to 12.6 V",)
-    assert not any(notes[:4] + notes[6:])
-
-
 def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
     bus, board, _ = _bus()
     bus.find()

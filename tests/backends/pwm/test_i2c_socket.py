@@ -4,9 +4,8 @@ import random
 import socket
 import threading
 import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +14,8 @@ from hypothesis import strategies as st
 from smbus2 import i2c_msg
 
 from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket, decode_transaction, encode_transaction
-from hexctl.types import JointTargets, RobotState
 from tests.backends.pwm.boards import a_map, i2c_servos_on, pca9685_board
+from tests.backends.standing import until
 from tests.robots import shipped
 
 MESSAGES = st.lists(
@@ -98,25 +97,18 @@ def test_a_simulated_robot_moves_as_the_pulses_say_and_outlasts_faults() -> None
     simulated = SimServos(shipped(), realtime=True)
     faults = ("nack:0.02", "unplug@2", "replug@2.5", "reset@4")
     with pca9685_board(*faults, servos=simulated) as board, i2c_servos_on(board) as servos:
-        wanted = servos.robot.stance_angles_rad + 0.05
-
-        def until(condition: Callable[[RobotState], Any], *, write: bool = True) -> RobotState:
-            for _ in range(400):
-                servos.clock.tick()
-                state = servos.read()
-                if condition(state):
-                    return state
-                if write:
-                    servos.write(JointTargets(wanted, servos.clock.now_s))
-            raise AssertionError(state)
-
-        until(lambda _: np.allclose(simulated.read().joint_positions_rad, wanted, atol=0.03))
+        wanted, comes = servos.robot.stance_angles_rad + 0.05, partial(until, servos, offset_rad=0.05)
+        until(
+            servos,
+            lambda _: np.allclose(simulated.read().joint_positions_rad, wanted, atol=0.03),
+            offset_rad=0.05,
+        )
         np.testing.assert_allclose(board.pulses_us(), a_map("pca9685").raw(wanted), atol=2.5)
-        assert "Remote I/O error" in str(until(lambda state: not state.healthy).fault)
-        until(lambda state: state.healthy, write=False)
+        assert "Remote I/O error" in str(comes(lambda state: not state.healthy).fault)
+        comes(lambda state: state.healthy, write=False)
         assert (board.pulses_us() > 0).all(), "a cable that comes back leaves the robot standing"
-        assert "has lost its settings" in str(until(lambda state: not state.healthy).fault)
-        until(lambda _: not board.pulses_us().any())
+        assert "has lost its settings" in str(comes(lambda state: not state.healthy).fault)
+        comes(lambda _: not board.pulses_us().any())
         assert board.report()["refused"] > 0
 
 
