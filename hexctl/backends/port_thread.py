@@ -21,7 +21,7 @@ REOPEN_PERIOD_S = 0.25
 
 
 class OnPort(Protocol):
-    """Device on an open port, used by one thread."""
+    """Something on an open port."""
 
     def close(self) -> None:
         """Close the port."""

@@ -10,12 +10,13 @@ import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import SPARE_S
+from hexctl.backends.port_thread import OnPort
 from hexctl.control.guard import StepLimits
 from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
@@ -95,13 +96,6 @@ class SocketLine:
         self._scratch.close()
 
 
-class Closing(Protocol):
-    """Resources to close at the end."""
-
-    def close(self) -> None:
-        """Close it."""
-
-
 class RunningBoard(ABC):
     """Runs unconnected servos in real time, and serves an open line, which it closes, between their ticks."""
 
@@ -111,7 +105,7 @@ class RunningBoard(ABC):
     #: Names of the counts besides `ticks`, the control periods.
     counted: ClassVar[tuple[str, ...]]
 
-    def __init__(self, servos: LegServos, line: Closing) -> None:
+    def __init__(self, servos: LegServos, line: OnPort) -> None:
         self._robot, self._closed_at_end, self._time = servos, line, servos.clock.time
         self.counts = dict.fromkeys((*self.counted, "ticks"), 0)
 

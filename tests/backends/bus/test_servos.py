@@ -4,13 +4,12 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.bus.bus_options import BusAddress, BusOptions
+from hexctl.backends.bus.bus_options import BusOptions
 from hexctl.backends.bus.registers import Register, table_of
 from hexctl.backends.bus.servo_bus import Report
 from hexctl.backends.bus.servos import BusServos
@@ -325,24 +324,6 @@ def test_targets_beyond_the_limits_of_a_servo_end_there() -> None:
         sent = servos.write(JointTargets(far, servos.clock.now_s)).joint_positions_rad
         assert bus_map.raw(sent)[1] == pytest.approx(bus_map.least[1])
         assert np.delete(sent, 1) == pytest.approx(np.delete(far, 1))
-
-
-@pytest.mark.parametrize(
-    ("text", "baud", "driver", "expected"),
-    [
-        ("/dev/ttyUSB0", None, "dynamixel", ("/dev/ttyUSB0", 1_000_000)),
-        ("/dev/ttyUSB0", None, "lx16a", ("/dev/ttyUSB0", 115_200)),
-        ("/dev/ttyUSB0", 57_600, "feetech", ("/dev/ttyUSB0", 57_600)),
-        ("/dev/ttyUSB0:115200", 57_600, "feetech", ("/dev/ttyUSB0", 115_200)),
-        ("/dev/x:1200", None, "feetech", ("/dev/x", 1200)),
-        ("/dev/x:4500000", None, "feetech", ("/dev/x", 4_500_000)),
-        ("/dev/by-path/pci-0:2:1.0-port0", 57_600, "feetech", ("/dev/by-path/pci-0:2:1.0-port0", 57_600)),
-        ("/dev/by-path/pci-0:2:1.0", None, "feetech", ("/dev/by-path/pci-0:2:1.0", 1_000_000)),
-        ("/dev/by-path/pci-0:2:1.0-port0:9600", None, "feetech", ("/dev/by-path/pci-0:2:1.0-port0", 9600)),
-    ],
-)
-def test_a_port_has_a_baud(text: str, baud: int | None, driver: Any, expected: tuple[str, int]) -> None:
-    assert BusOptions(driver=driver, connect=text, baud=baud).address() == BusAddress(driver, *expected)
 
 
 @pytest.mark.parametrize("text", [None, "", ":9600", "/dev/x:fast", "/dev/x:1199", "/dev/x:4500001"])

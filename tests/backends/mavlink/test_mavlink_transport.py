@@ -39,6 +39,7 @@ from hexctl.robot.rotations import quaternion_of_euler
         ("/dev/ttyACM0", "serial", "/dev/ttyACM0", 115200, True),
         ("/dev/ttyACM0:57600", "serial", "/dev/ttyACM0", 57600, True),
         ("serial:/dev/pts/3", "serial", "/dev/pts/3", 115200, True),
+        ("/dev/by-path/pci-0:2:1.0-port0", "serial", "/dev/by-path/pci-0:2:1.0-port0", 115200, True),
         ("/dev/serial/by-path/pci-0:2:1.0:9600", "serial", "/dev/serial/by-path/pci-0:2:1.0", 9600, True),
     ],
 )
