@@ -22,6 +22,7 @@ from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
+from hexctl.simulators.simulated_board import SimulatedBoard
 from hexctl.time_source import TimeSource
 from hexctl.types import JOINT_NAMES
 from tests.backends.fake_time import FakeTime, Standing
@@ -188,47 +189,44 @@ class BoardLine(MemoryLine):
         self.pass_time(0.0)
 
 
-class MemoryBus:
-    """A simulated bus in the place of a port: any thread may open it, and no one waits for it.
+class MemoryDevice:
+    """A simulated board in the place of a port: any thread may open it, and no one waits for it.
 
-    Its servos move a mock robot, whose control periods pass when somebody speaks to the bus.
+    Its control periods pass when somebody speaks to it.
 
     Attributes:
         time: of everything on it; it passes while the test's own thread waits.
-        board: the bus.
         path: where it is.
         unplugged: whether the device has gone.
     """
 
-    def __init__(
-        self, bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
-    ) -> None:
-        self.time = FakeTime()
-        self._clock = WallClock(time=Standing(self.time))
-        self.robot = kind(shipped("phantomx"), clock=self._clock)
-        self.board = _board(bus_map, faults, self.robot, baud)
-        self.path, self.unplugged, self.opened_baud = self.board.path, False, 0
-        self.board._line.close()
-        self.board._line = self  # type: ignore[assignment]
+    def __init__(self, board: SimulatedBoard, time: FakeTime) -> None:
+        self.time, self.path, self.unplugged, self.opened_baud = time, board.path, False, 0
+        self._simulated, self._clock = board, board._robot.clock
+        self._ticked_s = time.now() - PERIOD_S
         self._sent, self._answers = b"", b""
-        self.robot.connect()
-        self._clock.begin(self.time.now() - PERIOD_S)
-        self.board._start()
+        board._line.close()  # type: ignore[attr-defined]
+        board._line = self  # type: ignore[attr-defined]
+        board._robot.connect()
+        if isinstance(self._clock, WallClock):
+            self._clock.begin(self._ticked_s)
+        board._start()
 
     def open(self, path: str, baud: int, *, time: TimeSource | None = None) -> SerialLine:
         """Open the line, as `SerialLine` does."""
         if self.unplugged or path != self.path:
             raise RobotFaultError(f"there is no port {path}")
         self.opened_baud, self._sent, self._answers = baud, b"", b""
-        return _MemoryBusLine(self, baud)
+        return _MemoryDeviceLine(self, baud)
 
     def speak(self, data: bytes) -> bytes:
-        """What the servos answer to some bytes."""
-        if self._clock.due_in_s <= 0:
+        """What the board answers to some bytes."""
+        if self.time.now() - self._ticked_s >= PERIOD_S:
+            self._ticked_s = self.time.now()
             self._clock.tick()
-            self.board._tick()
+            self._simulated._tick()
         self._sent += data
-        self.board._serve(0.0)
+        self._simulated._serve(0.0)
         answers, self._answers = self._answers, b""
         return answers
 
@@ -247,19 +245,36 @@ class MemoryBus:
         self._answers += data
 
 
-class _MemoryBusLine(MemoryLine):
-    def __init__(self, bus: MemoryBus, baud: int) -> None:
-        super().__init__(bus.time, baud)
-        self._bus, self.path = bus, bus.path
+class MemoryBus(MemoryDevice):
+    """A simulated bus in memory, whose servos move a mock robot.
+
+    Attributes:
+        board: the bus.
+        robot: the mock.
+    """
+
+    def __init__(
+        self, bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
+    ) -> None:
+        time = FakeTime()
+        self.robot = kind(shipped("phantomx"), clock=WallClock(time=Standing(time)))
+        self.board = _board(bus_map, faults, self.robot, baud)
+        super().__init__(self.board, time)
+
+
+class _MemoryDeviceLine(MemoryLine):
+    def __init__(self, device: MemoryDevice, baud: int) -> None:
+        super().__init__(device.time, baud)
+        self._end, self.path = device, device.path
 
     def _put(self, data: bytes, deadline_s: float) -> None:
-        if self._bus.unplugged:
+        if self._end.unplugged:
             raise OSError(5, "Input/output error")
-        if answers := self._bus.speak(data):
+        if answers := self._end.speak(data):
             self.coming.append((self.time.now(), answers))
 
     def _take(self, wait_s: float) -> bytes:
-        if self._bus.unplugged:
+        if self._end.unplugged:
             raise OSError(5, "Input/output error")
         return super()._take(wait_s)
 
