@@ -4,7 +4,7 @@ import termios
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 from unittest.mock import patch
 
 import numpy as np
@@ -27,6 +27,8 @@ from hexctl.time_source import TimeSource
 from hexctl.types import JOINT_NAMES
 from tests.backends.fake_time import FakeTime, Standing
 from tests.robots import shipped
+
+Board = TypeVar("Board", bound=SimulatedBoard)
 
 #: Models of every kind of registers.
 MODELS = (
@@ -60,11 +62,8 @@ def _board(bus_map: BusMap, faults: tuple[str, ...], servos: LegServos, baud: in
 
 
 @contextmanager
-def bus_board(
-    bus_map: BusMap, *faults: str, servos: LegServos | None = None, baud: int | None = None
-) -> Iterator[BusBoard]:
-    """A bus on a pseudo-terminal, of servos without a robot unless others are given."""
-    board = _board(bus_map, faults, MockServos(shipped("phantomx")) if servos is None else servos, baud)
+def running(board: Board) -> Iterator[Board]:
+    """A board that runs meanwhile."""
     stop, ready = threading.Event(), threading.Event()
     thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
     thread.start()
@@ -74,6 +73,16 @@ def bus_board(
     finally:
         stop.set()
         thread.join()
+
+
+@contextmanager
+def bus_board(
+    bus_map: BusMap, *faults: str, servos: LegServos | None = None, baud: int | None = None
+) -> Iterator[BusBoard]:
+    """A bus on a pseudo-terminal, of servos without a robot unless others are given."""
+    board = _board(bus_map, faults, MockServos(shipped("phantomx")) if servos is None else servos, baud)
+    with running(board):
+        yield board
 
 
 def register_servo_of(board: BusBoard, joint: int) -> BusServo:

@@ -1,9 +1,8 @@
 """Simulated boards of hobby servos: in a thread of the test, or in memory on simulated time."""
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any
 from unittest.mock import patch
 
 from hexctl.backends.base import LegServos
@@ -16,32 +15,15 @@ from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.pca9685_board import Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board
-from hexctl.simulators.simulated_board import SimulatedBoard
-from tests.backends.bus.boards import MemoryDevice
+from tests.backends.bus.boards import MemoryDevice, running
 from tests.backends.fake_time import FakeTime, Standing
 from tests.robots import shipped
-
-Board = TypeVar("Board", bound=SimulatedBoard)
 
 
 def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
     """Servos of the robot ant, whose horns are mounted so that its stance fits into their travel."""
     mounted = {"tibia": {"offset_deg": 40}, **section}
     return pwm_map_of(ServosSection.model_validate(mounted), driver)
-
-
-@contextmanager
-def running(board: Board) -> Iterator[Board]:
-    """A board that runs meanwhile."""
-    stop, ready = threading.Event(), threading.Event()
-    thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
-    thread.start()
-    try:
-        assert ready.wait(20)
-        yield board
-    finally:
-        stop.set()
-        thread.join()
 
 
 @contextmanager
@@ -91,7 +73,7 @@ def memory_servo2040(
     *faults: str, firmware: str = "stock", servos: LegServos | None = None, pwm_map: PwmMap | None = None
 ) -> Iterator[MemoryServo2040]:
     """A servo2040 in memory, found at its path meanwhile; clocks that nobody gave are on its time."""
-    running = MemoryServo2040(
+    device = MemoryServo2040(
         servos,
         FakeTime(),
         pwm_map=a_map() if pwm_map is None else pwm_map,
@@ -99,10 +81,10 @@ def memory_servo2040(
         faults=tuple(parse_fault(fault, Servo2040Board.kinds) for fault in faults),
     )
     with (
-        patch("hexctl.backends.pwm.servo2040.SerialLine", running.open),
-        patch("hexctl.backends.ticked_servos.WallClock", lambda: WallClock(time=running.time)),
+        patch("hexctl.backends.pwm.servo2040.SerialLine", device.open),
+        patch("hexctl.backends.ticked_servos.WallClock", lambda: WallClock(time=device.time)),
     ):
-        yield running
+        yield device
 
 
 def servos_on(board: MemoryServo2040 | Servo2040Board, pwm_map: PwmMap | None = None) -> Servo2040Servos:
