@@ -11,10 +11,9 @@ import numpy as np
 
 from hexctl.backends.clock import Clock, WallClock, request_realtime_priority
 from hexctl.backends.mavlink import mavlink_messages
-from hexctl.backends.mavlink.codec import Codec
+from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.backends.mavlink.mavlink_transport import (
     Address,
-    Arrival,
     LinkCounters,
     MavlinkLink,
     SequenceCount,
@@ -127,8 +126,8 @@ class Receiver:
         while not self._stopping.is_set() and self.error is None:
             try:
                 arrivals = self._link.receive(RECEIVE_TIMEOUT_S)
-                for arrival in arrivals:
-                    self._take(arrival)
+                for frame, sender, at_s in arrivals:
+                    self._take(frame, sender, at_s)
             except OSError as error:
                 self.error = error
                 break
@@ -155,31 +154,30 @@ class Receiver:
             state, board_ms=0 if outputs is None else outputs.value.board_ms
         )
 
-    def _take(self, arrival: Arrival) -> None:
-        frame = arrival.frame
+    def _take(self, frame: Frame, sender: Address, at_s: float) -> None:
+        peer = Peer(frame.system, frame.component, sender)
         if self.peer is None and frame.kind == "HEARTBEAT":
-            self._meet(arrival)
-        if self.peer != Peer(frame.system, frame.component, arrival.sender):
+            self._meet(frame, peer)
+        if self.peer != peer:
             self.counters.foreign += 1
             return
-        if not self._sequence.in_order(frame.sequence, arrival.at_s):
+        if not self._sequence.in_order(frame.sequence, at_s):
             self.counters.out_of_order = self._sequence.out_of_order
             return
         self.counters.received += 1
         self.counters.lost = self._sequence.lost
         try:
-            self._keep(frame.kind, frame.message, arrival.at_s)
+            self._keep(frame.kind, frame.message, at_s)
         except MessageError:
             self.counters.refused += 1
 
-    def _meet(self, arrival: Arrival) -> None:
-        frame = arrival.frame
-        if frame.system == mavlink_messages.CONTROLLER_SYSTEM:
+    def _meet(self, frame: Frame, peer: Peer) -> None:
+        if peer.system == mavlink_messages.CONTROLLER_SYSTEM:
             return
-        if frame.message.type not in mavlink_messages.BOARD_TYPES:
+        if frame.message.type in mavlink_messages.BOARD_TYPES:
+            self.peer = peer
+        else:
             self.wrong_type = int(frame.message.type)
-            return
-        self.peer = Peer(frame.system, frame.component, arrival.sender)
 
     def _keep(self, kind: str, message: Any, at_s: float) -> None:
         if kind in READERS:
