@@ -5,7 +5,7 @@ No wall clock: the simulated bus and the tools share a line in memory.
 
 import termios
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -108,7 +108,6 @@ X = [
     State("acceleration limit", "its acceleration is limited to 107 degrees/s^2", now(108, 5, 4)),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
-    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
     State("half power", "hardware alert: all servos", faults=("battery:6",)),
     State("another supply", "is made for lower voltages (firmware 45, 4 to 8 V)", stored(32, 80, 2)),
@@ -126,7 +125,6 @@ AX = [
     State("torque limit 0 after an overload", "overload: ", tripped),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
-    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
     State("half power", "voltage: all servos", faults=("battery:6",)),
     State("another supply", "is made for lower voltages (firmware 45, 4 to 8 V)", stored(13, 80)),
@@ -151,7 +149,6 @@ STS = [
     State("no overload", "it gives 20 % of its torque after 2 s above 100 %", stored(36, 100)),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
-    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
     State(
         "half power",
@@ -185,7 +182,6 @@ LX = [
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("warm", "warm, 66 degrees C", faults=("hot:3:femur:66",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
-    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
     State("half power", "it has 3.7 V, and lets go outside", faults=("battery:3.7",)),
     State("does not answer", "mute: ", faults=("mute:3:femur",)),
@@ -212,8 +208,6 @@ class OtherBaudLine(BoardLine):
 def said(driver: str, model: str, state: State, monkeypatch: pytest.MonkeyPatch) -> str:
     """What is said when the robot is connected, and of its servos' reports after that."""
     bus_map = a_map(driver, model)
-    if any(fault.startswith("lost-id") for fault in state.faults):  # id 1 must be none of the robot's
-        bus_map = replace(bus_map, ids=bus_map.ids + 1)
     line = (OtherBaudLine if state.other_baud else BoardLine)(bus_map, *state.faults)
     state.change(line.board._servos[ODD])
     for module in (bus_servos, tools):
