@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
@@ -61,15 +60,6 @@ REBOOTS_S = 1.0
 
 #: Called before each question with how many have been asked, and of how many.
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Adoption:
-    """A servo that got back the id of its joint, 0..17, and its angle if it reported one."""
-
-    joint: int
-    angle_deg: float | None
-    servo: FoundServo
 
 
 def packets_of(driver: str, protocol: int) -> PacketFormat:
@@ -386,11 +376,12 @@ def lost_id_notes(bus: ServoBus, servos: BusMap, found: BoolArray) -> tuple[str,
     )
 
 
-def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
+def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> tuple[int, float | None, FoundServo]:
     """Give the servo with the factory's id the id of the only missing joint.
 
-    It is limp then, and restarted if possible. Raises RobotFaultError unless exactly one is missing, and for
-    another model or an angle that the joint cannot have.
+    It is limp then, and restarted if possible. Returns the joint, 0..17, its angle in degrees if reported,
+    and the servo. Raises RobotFaultError unless exactly one is missing, and for another model or an angle
+    that the joint cannot have.
     """
     if FACTORY_ID in servos.ids.tolist():
         joint = servos.names(servos.ids == FACTORY_ID)
@@ -413,7 +404,7 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
         if servos.driver == "dynamixel" and servos.protocol == 2:
             line.time.sleep(REBOOTS_S)
             adopted = servo.look()
-        return Adoption(joint=joint_index, angle_deg=angle_deg, servo=adopted)
+        return joint_index, angle_deg, adopted
 
 
 def _adoptable(servos: BusMap, found: BoolArray) -> int | None:

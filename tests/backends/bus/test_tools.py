@@ -104,10 +104,10 @@ def test_a_lost_servo_is_named_at_connect_and_adopted(driver: str, model: str) -
         assert "hexctl servos adopt" in note
         servo = bus.board._servos[8]
         assert servo.servo_id == 1, "nothing is written at connect"
-        adoption = adopt(robot, bus_map, bus.path, DEFAULT_BAUDS[driver])
-        assert (adoption.joint, adoption.servo.servo_id) == (8, 29)
-        assert adoption.angle_deg is not None
-        assert np.radians(adoption.angle_deg) == pytest.approx(robot.stance_angles_rad[8], abs=0.01)
+        joint, angle_deg, adopted = adopt(robot, bus_map, bus.path, DEFAULT_BAUDS[driver])
+        assert (joint, adopted.servo_id) == (8, 29)
+        assert angle_deg is not None
+        assert np.radians(angle_deg) == pytest.approx(robot.stance_angles_rad[8], abs=0.01)
         assert servo.servo_id == 29
         assert not servo.holds
         if isinstance(servo, BusServo):
