@@ -93,24 +93,17 @@ def _holding(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tu
     return [(first_s, last_s) for first_s, last_s in intervals if first_s <= time_s < last_s]
 
 
+#: Streams of lost commands and poses: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
+LOST_COMMANDS, LOST_POSES = 3, 5
+
+
 class Losses:
     """A seeded stream of lost control periods, drawn once per tick."""
 
-    def __init__(self, share: float, stream: Sequence[int]) -> None:
-        self._stream = np.random.default_rng(list(stream))
+    def __init__(self, share: float, stream: int, seed: int, trial: int = 0) -> None:
+        self._stream = np.random.default_rng([seed, stream, trial])
         self._share = share
         self.lost = False
-
-    @classmethod
-    def of_commands(cls, world: World, seed: int, trial: int = 0) -> Self:
-        """Periods with a lost command."""
-        # Separate streams: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
-        return cls(world.lost_commands, (seed, 3, trial))
-
-    @classmethod
-    def of_poses(cls, world: World, seed: int, trial: int = 0) -> Self:
-        """Periods with a lost pose."""
-        return cls(world.lost_poses, (seed, 5, trial))
 
     def draw(self) -> None:
         """Draw the loss of the next tick."""
@@ -268,7 +261,8 @@ class Sensors:
         trial: int,
     ) -> Self:
         """Sensors of a robot in a world; seed and trial number determine noise and losses."""
-        noise, pose_loss = Noise(world.sensor_noise, seed, trial), Losses.of_poses(world, seed, trial)
+        noise = Noise(world.sensor_noise, seed, trial)
+        pose_loss = Losses(world.lost_poses, LOST_POSES, seed, trial)
         sensors = cls(memory, torques, offsets_rad, noise, FaultyPose(world.sensor_faults), pose_loss)
         if world.latency_steps:
             sensors.age_s = world.latency_steps * world.time_step_s
