@@ -58,8 +58,9 @@ def controls_of(log: TickLog, servos: SimServos) -> list[FloatArray]:
 
     What a tick sends acts from the next one on; the first is stepped with the controls of the start state.
     """
-    sent = [servos.robot.stance_angles_rad, *log["commanded_rad"][:-1]]
-    train = ActuatorModel.at_rest(servos.compiled, servos.robot.stance_angles_rad)
+    stance_rad = servos.robot.stance_angles_rad
+    sent = [stance_rad, *log["commanded_rad"][:-1]]
+    train = ActuatorModel.at_rest(servos.compiled, stance_rad, stance_rad)
     return [train.drive(row) for row in sent]
 
 

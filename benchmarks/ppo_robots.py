@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-from hexctl.backends.sim.sensing import Losses, Noise
+from hexctl.backends.sim.sensing import LOST_COMMANDS, LOST_POSES, Losses, Noise
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_batch import SimBatch, batch_layout
 from hexctl.backends.sim.world import World
@@ -56,8 +56,8 @@ class Batch:
             one.events = (drawn_failure(draw, kinds, FAILURE_S),) if draw.random() < FAILING else ()
             world, seed = one.world, one.seed
             one.sensors.noise = Noise(world.sensor_noise, seed, self._number)
-            one.sensors.pose_loss = Losses.of_poses(world, seed, self._number)
-            one.loss = Losses.of_commands(world, seed, self._number)
+            one.sensors.pose_loss = Losses(world.lost_poses, LOST_POSES, seed, self._number)
+            one.loss = Losses(world.lost_commands, LOST_COMMANDS, seed, self._number)
         headings_rad = np.radians(draw.choice(headings_deg, self.size))
         start = _together(self._starts, headings_rad)
         assert start.frame is not None

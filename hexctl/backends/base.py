@@ -1,24 +1,72 @@
 """The abstract leg-servo interface: the only way to a robot, simulated or real."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
 
 from hexctl.backends.clock import Clock
-from hexctl.backends.facets import RemoteFacet, SimulationFacet
 from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, check_type
 from hexctl.robot.failure import Failure, Failures, each_failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap
-from hexctl.types import N_JOINTS, JointTargets, RobotState, all_finite
+from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState, all_finite
+
+if TYPE_CHECKING:
+    from hexctl.wire.description import RobotIdentity
+    from hexctl.wire.links import Link
+
+#: Position (3,) and orientation (4,), with the same leading shape.
+TruePose = tuple[FloatArray, FloatArray]
 
 #: Note on a robot, or a simulated board, that this process moves itself.
 UNSERVED = (
     "without hexctl serve there is no keeper and no estop: for a real robot run hexctl serve with these "
     "options, then this command with --backend zenoh"
 )
+
+
+class SimulationFacet(Protocol):
+    """State and controls of a simulation, for scores and recordings; controllers must not use it."""
+
+    @property
+    def true_pose(self) -> TruePose | None:
+        """True position (3,) in m and orientation (4,) of the base in the world; None before `connect`."""
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Current failures, by leg; before `connect` those at the start."""
+
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        """Let a leg fail now, or heal for None.
+
+        Raises RobotFaultError before `connect`, InputError for an impossible failure.
+        """
+
+    def walk_begins(self) -> None:
+        """Set the zero of the times of scheduled failures."""
+
+
+class RemoteFacet(Protocol):
+    """The link to a server, and what the server reports of its robot."""
+
+    @property
+    def link(self) -> "Link":
+        """Endpoint, credentials and key names of the link."""
+
+    @property
+    def identity(self) -> "RobotIdentity | None":
+        """Robot that answered and who started it; None before `connect`, and on a plain link."""
+
+    @property
+    def simulated(self) -> Mapping[str, str] | None:
+        """World and failure of a simulation as text, `world` and `failure`; None for a robot."""
+
+    @property
+    def failures(self) -> tuple[Failure, ...] | None:
+        """Last reported failures of a simulation, by leg; None for a robot."""
 
 
 class LegServos(ABC):

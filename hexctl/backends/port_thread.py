@@ -4,6 +4,7 @@ import contextlib
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -20,16 +21,17 @@ REOPEN_PERIOD_S = 0.25
 
 
 class OnPort(Protocol):
-    """Device on an open port, used by one thread."""
+    """Something on an open port."""
 
     def close(self) -> None:
         """Close the port."""
 
 
-class ReopenedCount(Protocol):
-    """Counters of a port."""
+@dataclass(slots=True, kw_only=True)
+class PortCounters:
+    """Counts of a port since it was opened first."""
 
-    reopened: int
+    reopened: int = 0
 
 
 Device = TypeVar("Device", bound=OnPort)
@@ -57,13 +59,13 @@ class PortThread(ABC, Generic[Device]):
         opened: Callable[[], Device],
         device: Device,
         *,
-        counters: ReopenedCount,
+        counters: PortCounters,
         speeds: FloatArray,
         name: str,
         time: TimeSource = WALL_TIME,
     ) -> None:
         self._time = time
-        self._open, self._device, self._reopened = opened, device, counters
+        self._open, self._device, self._port_counters = opened, device, counters
         self._steps = PERIOD_S * speeds
         self._allowance, self._stepped_at_s = np.ones(len(speeds)), self._time.now()
         self._lock, self._wake, self._stopping = threading.Lock(), threading.Event(), threading.Event()
@@ -180,7 +182,7 @@ class PortThread(ABC, Generic[Device]):
             self._device.close()
         while not self._time.wait(self._stopping, REOPEN_PERIOD_S):
             if self._is_back():
-                self._reopened.reopened += 1
+                self._port_counters.reopened += 1
                 with self._lock:  # those that came while it was opened were meant for a robot that had gone
                     self._targets, self.gone = None, None
                 return

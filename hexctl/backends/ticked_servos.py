@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hexctl.backends.base import OwnServos, check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
-from hexctl.backends.port_thread import PortThread, ReopenedCount, reason_of
+from hexctl.backends.port_thread import PortThread, reason_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 Map = TypeVar("Map", bound=RawMap)
 Thread = TypeVar("Thread", bound="PortThread[Any]")
 Counters = TypeVar("Counters")
-PortCounters = TypeVar("PortCounters", bound=ReopenedCount)
 
 
 class TickedServos(OwnServos):
@@ -115,7 +114,7 @@ class MappedServos(TickedServos, Generic[Map, Counters]):
         """Send angles (18,) within the limits of the servos; `clips` if they were clipped."""
 
 
-class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCounters]):
+class PortServos(MappedServos[Map, Counters], Generic[Map, Thread, Counters]):
     """Eighteen servos on a port that a thread owns: neither `read` nor `write` waits for it.
 
     Nothing moves before the first `write`. After `close` the robot holds its pose.
@@ -127,7 +126,7 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
         *,
         servo_map: Map,
         port: str,
-        counters: PortCounters,
+        counters: Counters,
         clock: Clock | None = None,
     ) -> None:
         super().__init__(robot, servo_map=servo_map, counters=counters, clock=clock or WallClock())

@@ -3,8 +3,7 @@
 from typing import Any
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.gear_friction import GearFriction
-from hexctl.backends.sim.servo_power import ServoPower
+from hexctl.backends.sim.servo_physics import GearFriction, ServoPower
 from hexctl.identify.parameters import ServoValues
 from hexctl.types import FloatArray
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 
-from hexctl.backends.facets import TruePose
+from hexctl.backends.base import TruePose
 from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
 from hexctl.wire.pose import encode_pose

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus import lx16a as lx
 from hexctl.backends.bus.packets import BROADCAST
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.simulators.bus_servos import USUAL_C, SimulatedServo, SimulatedServos

@@ -1,16 +1,30 @@
-"""Two PCA9685 boards on a simulated I2C bus, which move a simulated robot."""
+"""Two PCA9685 boards on a simulated I2C bus, which move a simulated robot.
+
+Their chips have the registers, sleep, auto-increment and resets of the data sheet.
+"""
 
 import contextlib
 import errno
-import socket
+import struct
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.pwm.i2c_socket import I2cMessage, take_transaction
-from hexctl.robot.servos.pwm_map import PwmMap
+from hexctl.backends.pwm.i2c_socket import I2cMessage, decode_transaction
+from hexctl.backends.pwm.pca9685 import (
+    CHANNELS,
+    EXTERNAL,
+    FULL,
+    INCREMENT,
+    MODE1,
+    MODE2,
+    PRESCALE,
+    RESTART,
+    SLEEP,
+)
+from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS, PwmMap
 from hexctl.simulators.board_faults import BoardFault
-from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.simulators.simulated_board import SimulatedBoard, SocketLine
 from hexctl.types import BoolArray, FloatArray, RobotState
 
@@ -22,6 +36,122 @@ BITS = 9
 
 #: What each word of a fault takes.
 PCA9685_FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
+
+#: Registers that the driver does not use, and the bit of MODE1 that lets a chip answer to all-call.
+ALL_CALL, ALL_CHANNELS, ANSWERS_ALL = 0x05, 0xFA, 0x01
+
+#: Registers of channels end here; auto-increment continues with the first register.
+LAST_CHANNEL = 0x45
+
+#: Registers that differ from 0 after a loss of power, besides the channels, which are all off.
+AT_FIRST = {MODE1: 0x11, MODE2: 0x04, 0x02: 0xE2, 0x03: 0xE4, 0x04: 0xE8, ALL_CALL: 0xE0, PRESCALE: 0x1E}
+
+#: Address of a reset by software, and the byte that does it.
+GENERAL_CALL, SOFTWARE_RESET = 0x00, b"\x06"
+
+
+class SimulatedPca9685:
+    """One chip; `oscillator_mhz` is the true frequency."""
+
+    def __init__(self, oscillator_mhz: float = 25.0) -> None:
+        self._oscillator_mhz, self._pointer = oscillator_mhz, 0
+        self.registers = bytearray(256)
+        self.reset()
+
+    def reset(self) -> None:
+        """Restart after a loss of power: asleep, all channels off."""
+        self.registers[:] = bytes(256)
+        for register, value in AT_FIRST.items():
+            self.registers[register] = value
+        for channel in range(PCA9685_CHANNELS):
+            self.registers[CHANNELS + 4 * channel + 3] = FULL
+        self._pointer = 0
+
+    @property
+    def all_call(self) -> int | None:
+        """Its all-call address, or None."""
+        return self.registers[ALL_CALL] >> 1 if self.registers[MODE1] & ANSWERS_ALL else None
+
+    def write(self, data: bytes) -> None:
+        """Execute a message: the first byte is a register."""
+        if data:
+            self._pointer = data[0]
+        for value in data[1:]:
+            self._set(self._pointer, value)
+            self._advance()
+
+    def read(self, count: int) -> bytes:
+        """Bytes from the last written register on."""
+        data = bytearray()
+        for _ in range(count):
+            data.append(self.registers[self._pointer])
+            self._advance()
+        return bytes(data)
+
+    def pulses_us(self) -> FloatArray:
+        """Output pulses, (16,) in us; 0 for channels switched off, NaN for those always on."""
+        pulses = np.zeros(PCA9685_CHANNELS)
+        if self.registers[MODE1] & (SLEEP | RESTART):
+            return pulses
+        count_us = (self.registers[PRESCALE] + 1) / self._oscillator_mhz
+        for channel in range(PCA9685_CHANNELS):
+            first = CHANNELS + 4 * channel
+            on_low, on_high, off_low, off_high = self.registers[first : first + 4]
+            if not off_high & FULL:
+                counts = (off_low + 256 * off_high - on_low - 256 * on_high) % 4096
+                pulses[channel] = np.nan if on_high & FULL else counts * count_us
+        return pulses
+
+    def _set(self, register: int, value: int) -> None:
+        if register == MODE1:
+            self._set_mode(value)
+        elif register == PRESCALE:
+            if self.registers[MODE1] & SLEEP:  # else it is blocked
+                self.registers[PRESCALE] = max(3, value)
+        elif ALL_CHANNELS <= register < PRESCALE:
+            for channel in range(PCA9685_CHANNELS):
+                self.registers[CHANNELS + 4 * channel + register - ALL_CHANNELS] = value
+        elif register <= LAST_CHANNEL:
+            self.registers[register] = value
+            if register >= CHANNELS and not self.registers[MODE1] & SLEEP:
+                self.registers[MODE1] &= ~RESTART & 0xFF
+
+    def _set_mode(self, value: int) -> None:
+        before = self.registers[MODE1]
+        external = (before | value) & EXTERNAL  # only a reset ends it
+        restart = before & RESTART & ~value  # writing a 1 ends it
+        if value & SLEEP and not before & SLEEP and self.pulses_us().any():
+            restart = RESTART
+        self.registers[MODE1] = restart | external | value & ~(RESTART | EXTERNAL)
+
+    def _advance(self) -> None:
+        if self.registers[MODE1] & INCREMENT:
+            self._pointer = 0 if self._pointer in (LAST_CHANNEL, PRESCALE) else (self._pointer + 1) & 0xFF
+
+
+class SimulatedI2c:
+    """A bus with some chips."""
+
+    def __init__(self, chips: Mapping[int, SimulatedPca9685]) -> None:
+        self.chips = dict(chips)
+
+    def transfer(self, messages: Sequence[I2cMessage]) -> bytes:
+        """Read bytes; raises OSError for an address without a chip."""
+        answer = b""
+        for message in messages:
+            if message.address == GENERAL_CALL and message.data == SOFTWARE_RESET:
+                for chip in self.chips.values():
+                    chip.reset()
+                continue
+            called = [chip for own, chip in self.chips.items() if message.address in (own, chip.all_call)]
+            if not called:
+                raise OSError(errno.EREMOTEIO, "Remote I/O error")
+            if message.reads:
+                answer += called[0].read(message.reads)
+            else:
+                for chip in called:
+                    chip.write(message.data)
+        return answer
 
 
 class Pca9685Board(SimulatedBoard):
@@ -51,7 +181,6 @@ class Pca9685Board(SimulatedBoard):
         }
         self._bus = SimulatedI2c(self.chips)
         self._nacks = 0.0
-        self._data: dict[socket.socket, bytes] = {}
 
     def pulses_us(self) -> FloatArray:
         """Pulses of the joints, (18,); 0 for servos without."""
@@ -61,17 +190,15 @@ class Pca9685Board(SimulatedBoard):
 
     def _serve(self, timeout_s: float) -> None:
         for client, data in self._line.receive(timeout_s):
-            whole = self._data.pop(client, b"") + data
-            while (taken := take_transaction(whole))[0] is not None:
-                messages, size = taken
-                whole = whole[size:]
-                with contextlib.suppress(OSError):  # a disconnected client misses its answer
-                    client.sendall(self._answer(messages or []))
-            self._data[client] = whole
-        self._data = {client: data for client, data in self._data.items() if client.fileno() >= 0}
+            with contextlib.suppress(OSError):  # a disconnected client misses its answer
+                client.send(self._answer(data))
 
-    def _answer(self, messages: list[I2cMessage]) -> bytes:
+    def _answer(self, data: bytes) -> bytes:
         """Answer to a transaction: 0 and the bytes read, or an error number."""
+        try:
+            messages = decode_transaction(data)
+        except struct.error:
+            return bytes([errno.EINVAL])
         count = sum(1 + len(message.data) + message.reads for message in messages)
         self._time.sleep(BITS * count / self._bits_per_s)
         self.counts["transfers"] += 1

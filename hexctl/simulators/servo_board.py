@@ -7,7 +7,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.mavlink import mavlink_messages
-from hexctl.backends.mavlink.codec import Codec
+from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.backends.mavlink.mavlink_messages import (
     FIRST_HIGH,
     IGNORE_US,
@@ -16,7 +16,7 @@ from hexctl.backends.mavlink.mavlink_messages import (
     RELEASE_HIGH_US,
     RELEASE_LOW_US,
 )
-from hexctl.backends.mavlink.mavlink_transport import Address, Arrival, MavlinkLink, Port, SequenceCount
+from hexctl.backends.mavlink.mavlink_transport import Address, MavlinkLink, Port, SequenceCount
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError
 from hexctl.robot.servos.servo_map import ServoMap
@@ -261,26 +261,25 @@ class ServoBoard(RunningBoard):
         }
 
     def _serve(self, timeout_s: float) -> None:
-        for arrival in self._link.receive(timeout_s):
-            self._handle(arrival)
+        for frame, sender, at_s in self._link.receive(timeout_s):
+            self._handle(frame, sender, at_s)
 
-    def _handle(self, arrival: Arrival) -> None:
+    def _handle(self, frame: Frame, sender: Address, at_s: float) -> None:
         """Execute or answer one frame; no frame may end the loop."""
-        frame = arrival.frame
-        peer, new = self._peers.hear(arrival.sender, frame.system, frame.component, arrival.at_s)
-        if not peer.sequence.in_order(frame.sequence, arrival.at_s):
+        peer, new = self._peers.hear(sender, frame.system, frame.component, at_s)
+        if not peer.sequence.in_order(frame.sequence, at_s):
             return
         if new:
             self._introduce(peer)
         if peer is self._peers.commander:
-            self._heard_at_s = arrival.at_s
+            self._heard_at_s = at_s
         if frame.kind == "RC_CHANNELS_OVERRIDE" and for_us(frame.message):
-            self._override(frame.message, peer, arrival.at_s)
+            self._override(frame.message, peer, at_s)
         elif frame.kind == "HEARTBEAT":
             if frame.message.system_status == mavlink_messages.POWEROFF:
                 self._peers.farewell(peer)
-            elif mavlink_messages.age_s(frame.message.custom_mode, arrival.at_s) <= self._expiry_s:
-                peer.present_at_s = arrival.at_s
+            elif mavlink_messages.age_s(frame.message.custom_mode, at_s) <= self._expiry_s:
+                peer.present_at_s = at_s
         else:
             for answer in answers(frame.kind, frame.message, peer.system, peer.component):
                 self._link.send(answer, peer.address)

@@ -10,12 +10,13 @@ import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import SPARE_S
+from hexctl.backends.port_thread import OnPort
 from hexctl.control.guard import StepLimits
 from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
@@ -59,18 +60,18 @@ class PseudoTerminal:
 
 
 class SocketLine:
-    """A Unix socket in a temporary folder."""
+    """A Unix socket of packets in a temporary folder."""
 
     def __init__(self, name: str) -> None:
         self._scratch = ExitStack()
         self.path = str(self._scratch.enter_context(scratch_folder()) / name)
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._listener.bind(self.path)
         self._listener.listen()
         self._clients: list[socket.socket] = []
 
     def receive(self, timeout_s: float) -> list[tuple[socket.socket, bytes]]:
-        """Bytes received within a time, by client."""
+        """Packets received within a time, by client."""
         ready = select.select([self._listener, *self._clients], [], [], timeout_s)[0]
         came = []
         for each in ready:
@@ -95,13 +96,6 @@ class SocketLine:
         self._scratch.close()
 
 
-class Closing(Protocol):
-    """Resources to close at the end."""
-
-    def close(self) -> None:
-        """Close it."""
-
-
 class RunningBoard(ABC):
     """Runs unconnected servos in real time, and serves an open line, which it closes, between their ticks."""
 
@@ -111,7 +105,7 @@ class RunningBoard(ABC):
     #: Names of the counts besides `ticks`, the control periods.
     counted: ClassVar[tuple[str, ...]]
 
-    def __init__(self, servos: LegServos, line: Closing) -> None:
+    def __init__(self, servos: LegServos, line: OnPort) -> None:
         self._robot, self._closed_at_end, self._time = servos, line, servos.clock.time
         self.counts = dict.fromkeys((*self.counted, "ticks"), 0)
 

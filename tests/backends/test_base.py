@@ -10,11 +10,11 @@ from hexctl.backends.base import (
     UNSERVED,
     LegServos,
     ServosWrapper,
+    TruePose,
     connection_notes,
     failures_in_force,
     simulation_of,
 )
-from hexctl.backends.facets import TruePose
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError

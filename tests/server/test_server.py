@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.backends.facets import TruePose
+from hexctl.backends.base import TruePose
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError

@@ -3,10 +3,9 @@
 import random
 from typing import Any
 
-import numpy as np
 import pytest
 
-from hexctl.backends.bus.lx16a_packets import LX16A
+from hexctl.backends.bus.lx16a import LX16A
 from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
@@ -71,16 +70,6 @@ def _begun(*texts: str) -> BusFaults:
     for text in texts:
         faults.begin(parse_fault(text, BUS_FAULTS))
     return faults
-
-
-def test_faults_of_a_bus_begin() -> None:
-    faults = _begun("mute:1:femur", "hot:1:coxa:80")
-    assert np.flatnonzero(faults.mute).tolist() == [1]
-    assert faults.temperatures == {0: 80.0}
-    assert BusFaults().voltage(12.0) == 12.0
-    brown = _begun("brown-out@1")
-    assert brown.voltage(12.0) < 8
-    assert brown.dead.all()
 
 
 @pytest.mark.parametrize("packets", [PROTOCOLS[1], PROTOCOLS[2], LX16A], ids=["1.0", "2.0", "lx16a"])

@@ -120,8 +120,8 @@ class Listener:
         """Whether most pings return damaged bytes, or with `garbled` off several answers."""
         bad = 0
         for attempt in range(CONFIRMING):
-            heard = self.packets.hear(servo_id)
-            bad += (heard.garbled > 0 and not heard.answers) if garbled else heard.answers > 1
+            answers, outside = self.packets.hear(servo_id)
+            bad += (outside > 0 and not answers) if garbled else answers > 1
             if attempt - bad >= CONFIRMING - CONFIRMED:
                 return False
         return bad >= CONFIRMED

@@ -5,7 +5,6 @@ or noise damages answers while the voltage is good, often those of one leg.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,35 +40,12 @@ REMEMBERS_S, DRAINS_S = 10.0, 60.0
 CHANGED = 1.5
 
 
-@dataclass(slots=True)
-class _Answers:
-    """Share of a servo's recent questions without a complete answer, and their number."""
-
-    damaged: float = 0.0
-    asked: int = 0
-    missed: int = 0  # in a row
-
-    def note(self, damaged: bool) -> None:
-        self.asked += 1
-        weight = max(1 / self.asked, 1 / WINDOW)
-        self.damaged += weight * (float(damaged) - self.damaged)
-
-
 class AnswerShares:
-    """Recent shares of questions without a complete answer, by joint, (18,)."""
+    """Recent shares of questions without a complete answer, `damaged`, and their numbers, by joint."""
 
     def __init__(self) -> None:
-        self._joints = [_Answers() for _ in range(N_JOINTS)]
-
-    @property
-    def damaged(self) -> FloatArray:
-        """Shares of damaged or missing answers."""
-        return np.array([each.damaged for each in self._joints])
-
-    @property
-    def asked(self) -> FloatArray:
-        """Questions so far."""
-        return np.array([float(each.asked) for each in self._joints])
+        self.damaged, self.asked = [0.0] * N_JOINTS, [0] * N_JOINTS
+        self._missed = [0] * N_JOINTS  # in a row
 
     def take(self, asked: Sequence[int], heard: Collection[int]) -> None:
         """Count which joints were asked, and which of them answered.
@@ -77,14 +53,18 @@ class AnswerShares:
         Questions without an answer count once an answer comes: a silent servo has no bad answers.
         """
         for joint in asked:
-            answers = self._joints[joint]
             if joint not in heard:
-                answers.missed += 1
+                self._missed[joint] += 1
                 continue
-            for _ in range(answers.missed if answers.missed <= MOST_IN_A_ROW else 0):
-                answers.note(damaged=True)
-            answers.note(damaged=False)
-            answers.missed = 0
+            missed, self._missed[joint] = self._missed[joint], 0
+            for _ in range(missed if missed <= MOST_IN_A_ROW else 0):
+                self._note(joint, 1.0)
+            self._note(joint, 0.0)
+
+    def _note(self, joint: int, damaged: float) -> None:
+        self.asked[joint] += 1
+        weight = max(1 / self.asked[joint], 1 / WINDOW)
+        self.damaged[joint] += weight * (damaged - self.damaged[joint])
 
 
 class LineCondition:

@@ -30,14 +30,6 @@ class _Missed:
     deadline_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """What came after a ping: complete answers of the servo, and bytes outside packets."""
-
-    answers: int
-    garbled: int
-
-
 class PacketLine:
     """Packets of one protocol on an open line. Its methods raise OSError when the port is lost.
 
@@ -95,8 +87,11 @@ class PacketLine:
         """Whether a servo answers a ping."""
         return self.ask(servo_id, self.packets.probe, tries=tries) is not None
 
-    def hear(self, servo_id: int) -> Heard:
-        """Ping a servo and listen until the timeout: several may answer, one after the other."""
+    def hear(self, servo_id: int) -> tuple[int, int]:
+        """Ping a servo and listen until the timeout: several may answer, one after the other.
+
+        Returns the number of complete answers of the servo, and of bytes outside packets.
+        """
         line, before = self.line, self.garbled
         request = self.packets.instruction(servo_id, self.packets.probe)
         line.discard()
@@ -109,7 +104,7 @@ class PacketLine:
             came += self._stream.feed(line.read(deadline_s))
         came += self._stream.finish()
         answers = [each.servo_id == servo_id and self.packets.answers(request, each) for each in came]
-        return Heard(sum(answers), self.garbled - before)
+        return sum(answers), self.garbled - before
 
     def _wait_for_late(self, servo_id: int, request: bytes, size: int | None) -> None:
         """Discard an answer that could be mistaken for the one to another request."""

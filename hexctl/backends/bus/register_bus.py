@@ -134,16 +134,8 @@ class RegisterBus(ServoBus):
     def _report(self, answer: StatusPacket, now_s: float) -> Report:
         index = self._indices[answer.servo_id]
         position, effort, current_a, voltage_v, temperature_c = self.table.numbers(answer.parameters)
-        return Report(
-            index=index,
-            at_s=now_s,
-            position=position,
-            effort=effort,
-            current_a=current_a,
-            voltage_v=voltage_v,
-            temperature_c=temperature_c,
-            error=self._complaint(index, answer.error),
-        )
+        complaint = self._complaint(index, answer.error)
+        return Report(index, now_s, position, effort, current_a, voltage_v, temperature_c, complaint)
 
     def _complaint(self, index: int, error: int) -> str:
         self._errors[index] = error

@@ -14,6 +14,7 @@ from hexctl.backends.bus.damage import Damage, Listener
 from hexctl.backends.bus.line_condition import AnswerShares
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.servo import TRIES, Servo, ServoSettings
+from hexctl.backends.port_thread import PortCounters
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.types import BoolArray, FloatArray
 
@@ -47,8 +48,8 @@ class Report:
     error: str
 
 
-@dataclass(slots=True)
-class BusCounters:
+@dataclass(slots=True, kw_only=True)
+class BusCounters(PortCounters):
     """Counts of a bus since it was opened.
 
     Attributes:
@@ -63,7 +64,6 @@ class BusCounters:
     missed: int = 0
     garbled: int = 0
     implausible: int = 0
-    reopened: int = 0
     shares: AnswerShares = field(default_factory=AnswerShares)
 
 

@@ -2,15 +2,12 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
 
-from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus import lx16a as lx
 from hexctl.backends.bus.damage import Damage, Listener
-from hexctl.backends.bus.lx16a_bus import Lx16aBus
-from hexctl.backends.bus.lx16a_servo import Lx16aServo
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat
 from hexctl.backends.bus.register_bus import RegisterBus
@@ -18,7 +15,7 @@ from hexctl.backends.bus.register_servo import register_servo
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, firmware_and_variant
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
-from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
@@ -34,7 +31,7 @@ PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,), "lx16a": (1,)}
 FAMILIES = {"dynamixel": "Dynamixel", "feetech": "Feetech", "lx16a": "LX-16A"}
 
 #: Bus of each driver.
-BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": Lx16aBus}
+BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": lx.Lx16aBus}
 
 #: Bits per second that servos of each driver have from the factory or are usually given.
 USUAL_BAUDS = {
@@ -63,15 +60,6 @@ REBOOTS_S = 1.0
 
 #: Called before each question with how many have been asked, and of how many.
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Adoption:
-    """A servo that got back the id of its joint, 0..17, and its angle if it reported one."""
-
-    joint: int
-    angle_deg: float | None
-    servo: FoundServo
 
 
 def packets_of(driver: str, protocol: int) -> PacketFormat:
@@ -108,7 +96,7 @@ def tool_line(line: SerialLine, driver: str, protocol: int) -> PacketLine:
 def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -> Servo:
     """One servo of a driver; one with registers is asked for its model."""
     if driver == "lx16a":
-        return Lx16aServo(packets, servo_id, SERVO_TYPES["lx16a"])
+        return lx.Lx16aServo(packets, servo_id, SERVO_TYPES["lx16a"])
     return register_servo(packets, driver, servo_id, protocol)
 
 
@@ -117,7 +105,6 @@ def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
 
     Raises RobotFaultError for damaged answers: several servos may have this id.
     """
-    check_driver(driver)
     for protocol in PROTOCOLS_OF[driver]:
         listener = Listener(tool_line(line, driver, protocol))
         answers = listener.answers(servo_id, tries=TRIES)
@@ -139,12 +126,6 @@ def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
     return servo
 
 
-def check_driver(driver: str) -> None:
-    """Raise InputError for an unknown driver."""
-    if driver not in PROTOCOLS_OF:
-        raise InputError(f"{argument('driver')}: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
-
-
 def scan_bus(
     path: str,
     driver: str,
@@ -161,9 +142,8 @@ def scan_bus(
         progress: called before each question.
         on_damage: called for each baud rate and protocol with bytes outside answers.
 
-    Raises InputError for another driver, RobotFaultError for a port that cannot be opened or is lost.
+    Raises RobotFaultError for a port that cannot be opened or is lost.
     """
-    check_driver(driver)
     protocols = PROTOCOLS_OF[driver]
     asked, of = count(), len(bauds) * len(protocols) * len(ids)
     found: list[FoundServo] = []
@@ -208,11 +188,6 @@ def variant_notes(found: Sequence[FoundServo]) -> list[str]:
     if len(kinds) == 1 and len(found) > 1:
         return [f"{next(iter(kinds))}: all"]
     return [f"{words}: id {', '.join(map(str, ids))}" for words, ids in kinds.items()]
-
-
-def other_bauds(path: str, driver: str, bauds: Collection[int]) -> list[int]:
-    """Other usual baud rates at which servos answer, by a few questions at each."""
-    return [baud for baud in USUAL_BAUDS[driver] if baud not in bauds and _first_found(path, driver, baud)]
 
 
 def other_families(
@@ -260,8 +235,9 @@ def _first_found(path: str, driver: str, baud: int) -> FoundServo | None:
 
 
 def baud_advice(path: str, driver: str, bauds: Collection[int]) -> str:
-    """Advice for a silent bus: the baud rates at which servos answer; empty for none."""
-    others = " or ".join(map(str, other_bauds(path, driver, bauds)))
+    """Advice for a silent bus: other usual baud rates at which servos answer; empty for none."""
+    usual = [baud for baud in USUAL_BAUDS[driver] if baud not in bauds]
+    others = " or ".join(str(baud) for baud in usual if _first_found(path, driver, baud))
     return f"; servos answer at {others} baud: a wrong baud rate" if others else ""
 
 
@@ -292,9 +268,6 @@ def set_servo_id(
 
     Raises InputError unless exactly one servo answers, RobotFaultError when it does not take the id.
     """
-    check_driver(driver)
-    if new_id not in IDS:
-        raise InputError(f"{argument('new_id')}: got {new_id}; allowed: {IDS[0]} to {IDS[-1]}")
     told = _ids_by_broadcast(path, baud) if driver == "lx16a" else []
     damages: list[Damage] = []
     found = scan_bus(path, driver, baud, ids=told or IDS, progress=progress, on_damage=damages.append)
@@ -403,11 +376,12 @@ def lost_id_notes(bus: ServoBus, servos: BusMap, found: BoolArray) -> tuple[str,
     )
 
 
-def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
+def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> tuple[int, float | None, FoundServo]:
     """Give the servo with the factory's id the id of the only missing joint.
 
-    It is limp then, and restarted if possible. Raises RobotFaultError unless exactly one is missing, and for
-    another model or an angle that the joint cannot have.
+    It is limp then, and restarted if possible. Returns the joint, 0..17, its angle in degrees if reported,
+    and the servo. Raises RobotFaultError unless exactly one is missing, and for another model or an angle
+    that the joint cannot have.
     """
     if FACTORY_ID in servos.ids.tolist():
         joint = servos.names(servos.ids == FACTORY_ID)
@@ -430,7 +404,7 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
         if servos.driver == "dynamixel" and servos.protocol == 2:
             line.time.sleep(REBOOTS_S)
             adopted = servo.look()
-        return Adoption(joint=joint_index, angle_deg=angle_deg, servo=adopted)
+        return joint_index, angle_deg, adopted
 
 
 def _adoptable(servos: BusMap, found: BoolArray) -> int | None:

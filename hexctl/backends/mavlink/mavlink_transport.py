@@ -274,15 +274,6 @@ class SequenceCount:
         return True
 
 
-@dataclass(frozen=True, slots=True)
-class Arrival:
-    """A received frame, and the address of its sender, None on a stream."""
-
-    frame: Frame
-    sender: Address
-    at_s: float
-
-
 @dataclass(slots=True)
 class LinkCounters:
     """Counters of a link.
@@ -337,14 +328,17 @@ class MavlinkLink:
             self._sequences[to] = sequence
             self._port.send(self._codec.encode(message, sequence), to)
 
-    def receive(self, timeout_s: float) -> list[Arrival]:
-        """Frames received within `timeout_s`; raises OSError when the port is lost."""
-        arrivals = []
+    def receive(self, timeout_s: float) -> list[tuple[Frame, Address, float]]:
+        """Frames received within `timeout_s`, the address of each sender, and when each arrived.
+
+        Raises OSError when the port is lost.
+        """
+        arrivals: list[tuple[Frame, Address, float]] = []
         for data, sender in self._port.receive(timeout_s):
             at_s = self.time.now()
             self.received_bytes += len(data)
             frames = self._codec.decode(data, whole=self._port.datagrams)
-            arrivals += [Arrival(frame, sender, at_s) for frame in frames]
+            arrivals += [(frame, sender, at_s) for frame in frames]
         return arrivals
 
     def close(self) -> None:

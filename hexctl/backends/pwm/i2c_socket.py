@@ -1,11 +1,10 @@
-"""An I2C bus over a Unix socket, on which simulated boards answer.
+"""An I2C bus over a Unix socket of packets, on which simulated boards answer.
 
-A transaction is one byte, the count of its messages, then of each message its address, flags and length,
-two bytes each with the low one first, and the bytes of messages that write. The answer is one byte, 0 or the
-error number, and the bytes of messages that read.
+A transaction is one packet: of each message its address, flags and length, two bytes each with the low one
+first, and the bytes of messages that write. The answer is one packet: a byte, 0 or the error number, and the
+bytes of messages that read.
 """
 
-import contextlib
 import os
 import socket
 import struct
@@ -17,6 +16,9 @@ from typing import Any
 READS = 0x0001
 
 HEAD = struct.Struct("<HHH")
+
+#: Maximum length of a message, as of Linux.
+MOST_BYTES = 8192
 
 #: How long an answer may take, in s: simulated boards answer between two control periods.
 TIMEOUT_S = 1.0
@@ -33,37 +35,32 @@ class I2cMessage:
 
 def encode_transaction(messages: Sequence[I2cMessage]) -> bytes:
     """Bytes of a transaction."""
-    parts = [bytes([len(messages)])]
+    parts = []
     for message in messages:
         flags, length = (READS, message.reads) if message.reads else (0, len(message.data))
         parts += [HEAD.pack(message.address, flags, length), message.data]
     return b"".join(parts)
 
 
-def take_transaction(data: bytes) -> tuple[list[I2cMessage] | None, int]:
-    """First transaction, None if incomplete, and the bytes that it takes."""
-    if not data:
-        return None, 0
-    messages, at = [], 1
-    for _ in range(data[0]):
-        if len(data) < at + HEAD.size:
-            return None, 0
+def decode_transaction(data: bytes) -> list[I2cMessage]:
+    """Messages of a transaction; raises struct.error for an invalid one."""
+    messages, at = [], 0
+    while at < len(data):
         address, flags, length = HEAD.unpack_from(data, at)
         at += HEAD.size
-        reads = bool(flags & READS)
-        written = b"" if reads else data[at : at + length]
-        if not reads and len(written) < length:
-            return None, 0
-        at += len(written)
-        messages.append(I2cMessage(address, length if reads else 0, written))
-    return messages, at
+        reads, writes = (length, 0) if flags & READS else (0, length)
+        if len(data) < at + writes or length > MOST_BYTES:
+            raise struct.error("a message ends early, or is too long")
+        messages.append(I2cMessage(address, reads, data[at : at + writes]))
+        at += writes
+    return messages
 
 
 class I2cSocket:
     """The controller's end, with the used methods of `smbus2.SMBus`; OSError if nothing listens there."""
 
     def __init__(self, path: str) -> None:
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.settimeout(TIMEOUT_S)
         try:
             self._socket.connect(path)
@@ -96,26 +93,17 @@ class I2cSocket:
 
     def close(self) -> None:
         """Close the socket."""
-        with contextlib.suppress(OSError):
-            self._socket.close()
+        self._socket.close()
 
     def _transfer(self, messages: Sequence[I2cMessage]) -> bytes:
         try:
-            self._socket.sendall(encode_transaction(messages))
-            code = self._receive(1)[0]
-            answer = b"" if code else self._receive(sum(message.reads for message in messages))
+            self._socket.send(encode_transaction(messages))
+            answer = self._socket.recv(1 + sum(message.reads for message in messages))
         except OSError:
             self.close()  # an answer that comes late would be taken for the next one
             raise
-        if code:
-            raise OSError(code, os.strerror(code))
-        return answer
-
-    def _receive(self, count: int) -> bytes:
-        data = b""
-        while len(data) < count:
-            more = self._socket.recv(count - len(data))
-            if not more:
-                raise ConnectionResetError("the simulated boards are disconnected")
-            data += more
-        return data
+        if not answer:
+            raise ConnectionResetError("the simulated boards are disconnected")
+        if answer[0]:
+            raise OSError(answer[0], os.strerror(answer[0]))
+        return answer[1:]

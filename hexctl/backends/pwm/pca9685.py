@@ -13,12 +13,10 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmServos
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
-from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS, PwmMap
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
@@ -72,6 +70,9 @@ class I2cBus(Protocol):
 
     def i2c_rdwr(self, *i2c_msgs: Any) -> None:
         """Transfer messages of `smbus2.i2c_msg` in one transaction."""
+
+    def close(self) -> None:
+        """Close the bus."""
 
 
 def prescale_of(oscillator_mhz: float) -> int:
@@ -206,21 +207,14 @@ class Pca9685:
     Args:
         known: whether the boards should still have their settings; `poll` reports a loss until `end` restores
             them.
-        owned: whether closing the boards closes the bus.
 
     Raises RobotFaultError for boards that do not keep their settings, OSError if none answers.
     """
 
     def __init__(
-        self,
-        bus: I2cBus,
-        pwm_map: PwmMap,
-        time: TimeSource = WALL_TIME,
-        *,
-        known: bool = False,
-        owned: bool = True,
+        self, bus: I2cBus, pwm_map: PwmMap, time: TimeSource = WALL_TIME, *, known: bool = False
     ) -> None:
-        self._bus, self._owned, self._time = bus, owned, time
+        self._bus, self._time = bus, time
         boards, channels = np.divmod(pwm_map.outputs, PCA9685_CHANNELS)
         parts = zip(pwm_map.addresses, pwm_map.oscillators_mhz, strict=True)
         self._chips = {
@@ -305,10 +299,8 @@ class Pca9685:
         return True
 
     def close(self) -> None:
-        """Close an owned bus; the boards repeat the last pulses."""
-        if self._owned:
-            close: Callable[[], None] = getattr(self._bus, "close", lambda: None)
-            close()
+        """Close the bus; the boards repeat the last pulses."""
+        self._bus.close()
 
     def _each(self, do: Callable[[Pca9685Chip], None]) -> None:
         """Call a function for each board, even after errors."""
@@ -325,20 +317,10 @@ class Pca9685:
 class Pca9685Servos(PwmServos):
     """Eighteen hobby servos on two PCA9685 boards.
 
-    `port` is the I2C bus's number, its device, or the socket of simulated boards; a given `i2c` stays open.
+    `port` is the I2C bus's number, its device, or the socket of simulated boards.
     """
 
-    def __init__(
-        self,
-        robot: Robot | str | Path,
-        *,
-        pwm_map: PwmMap,
-        port: str,
-        i2c: I2cBus | None = None,
-        clock: Clock | None = None,
-    ) -> None:
-        super().__init__(robot, pwm_map=pwm_map, port=port, clock=clock)
-        self._i2c, self._known = i2c, False
+    _known = False
 
     @property
     def holds(self) -> bool:
@@ -358,12 +340,11 @@ class Pca9685Servos(PwmServos):
         return thread
 
     def _open(self) -> Pca9685:
-        bus = open_i2c(self._port) if self._i2c is None else self._i2c
+        bus = open_i2c(self._port)
         try:
-            return Pca9685(bus, self._map, self._clock.time, known=self._known, owned=self._i2c is None)
+            return Pca9685(bus, self._map, self._clock.time, known=self._known)
         except BaseException:
-            if self._i2c is None:
-                bus.close()  # type: ignore[attr-defined]
+            bus.close()
             raise
 
     def _gone(self, reason: str) -> str:

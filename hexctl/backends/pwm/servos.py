@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from hexctl.backends.clock import Clock
-from hexctl.backends.port_thread import POLL_PERIOD_S, PortThread
+from hexctl.backends.port_thread import POLL_PERIOD_S, PortCounters, PortThread
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PwmMap
@@ -34,14 +34,13 @@ class BoardReport:
     fault: str | None = None
 
 
-@dataclass(slots=True)
-class PwmCounters:
+@dataclass(slots=True, kw_only=True)
+class PwmCounters(PortCounters):
     """Counts of a board since it was made; `writes` are poses, `missed` missing or incomplete reports."""
 
     writes: int = 0
     reports: int = 0
     missed: int = 0
-    reopened: int = 0
 
 
 class PwmBoard(Protocol):

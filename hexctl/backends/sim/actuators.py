@@ -59,15 +59,9 @@ class ActuatorModel:
         )
 
     @classmethod
-    def at_rest(
-        cls, simulation: Simulation, stance_rad: FloatArray, jammed_at_rad: FloatArray | None = None
-    ) -> Self:
-        """The model of a robot that stands in its stance.
-
-        `jammed_at_rad`, (18,), is the angle of jammed joints; None for the stance.
-        """
-        at_rad = stance_rad if jammed_at_rad is None else jammed_at_rad
-        held_rad = np.where(simulation.failed.jammed, at_rad, math.nan)
+    def at_rest(cls, simulation: Simulation, stance_rad: FloatArray, jammed_at_rad: FloatArray) -> Self:
+        """The model of a robot that stands in its stance; `jammed_at_rad`, (18,), is for jammed joints."""
+        held_rad = np.where(simulation.failed.jammed, jammed_at_rad, math.nan)
         return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, held_rad)
 
     def copies(self, n: int) -> "ActuatorModel":

@@ -1,4 +1,4 @@
-"""Measurements of a simulated robot: errors, age and losses."""
+"""Measurements of a simulated robot: torques, errors, age and losses."""
 
 import copy
 import math
@@ -9,13 +9,15 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED
-from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH, Simulation
 from hexctl.backends.sim.world import World
 from hexctl.robot.rotations import components
-from hexctl.types import N_JOINTS, ArrayFields, FloatArray, RobotState
+from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray, RobotState
+
+#: A back-EMF below this is a rounding error.
+LEAST_BACK_EMF = 1e-12
 
 #: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.
 N_DRAWS = N_JOINTS + 4
@@ -91,29 +93,91 @@ def _holding(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tu
     return [(first_s, last_s) for first_s, last_s in intervals if first_s <= time_s < last_s]
 
 
+#: Streams of lost commands and poses: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
+LOST_COMMANDS, LOST_POSES = 3, 5
+
+
 class Losses:
     """A seeded stream of lost control periods, drawn once per tick."""
 
-    def __init__(self, share: float, stream: Sequence[int]) -> None:
-        self._stream = np.random.default_rng(list(stream))
+    def __init__(self, share: float, stream: int, seed: int, trial: int = 0) -> None:
+        self._stream = np.random.default_rng([seed, stream, trial])
         self._share = share
         self.lost = False
-
-    @classmethod
-    def of_commands(cls, world: World, seed: int, trial: int = 0) -> Self:
-        """Periods with a lost command."""
-        # Separate streams: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
-        return cls(world.lost_commands, (seed, 3, trial))
-
-    @classmethod
-    def of_poses(cls, world: World, seed: int, trial: int = 0) -> Self:
-        """Periods with a lost pose."""
-        return cls(world.lost_poses, (seed, 5, trial))
 
     def draw(self) -> None:
         """Draw the loss of the next tick."""
         if self._share:
             self.lost = bool(self._stream.random() < self._share)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTorques(ArrayFields):
+    """Torques of the servos on the joints of simulated robots, averaged over a control period.
+
+    A servo applies MuJoCo's actuator force less its back-EMF, which is simulated as joint damping. Friction
+    and damping of its gears are not subtracted. Joints of a missing leg have no torque. A stuck joint's servo
+    pushes against the jam: stiffness times error, up to its limit.
+
+    Attributes:
+        steps: steps of the physics in a control period.
+        driven: joints that a servo drives, (18,); None for all.
+        stuck: joints whose servos push against a jam, (18,); None for none.
+        stiffness_nm_per_rad: of the servos, (18,).
+        limit_nm: of the servos, (18,).
+        back_emf_nm_s_per_rad: torque lost per speed, (18,); None for none.
+    """
+
+    steps: int
+    driven: BoolArray | None
+    stuck: BoolArray | None
+    stiffness_nm_per_rad: FloatArray
+    limit_nm: FloatArray
+    back_emf_nm_s_per_rad: FloatArray | None
+
+    @classmethod
+    def of(cls, simulation: Simulation) -> Self:
+        """Torques of a simulation; its failed legs may change them."""
+        failed = simulation.failed
+        driven, stuck = failed.driven, failed.stiff
+        lost = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:]) - failed.gear_damping_nm_s_per_rad
+        back_emf = np.where(lost > LEAST_BACK_EMF, lost, 0.0)
+        steps = simulation.world.steps_per_tick
+        return cls(
+            steps,
+            None if driven.all() else driven,
+            stuck if stuck.any() else None,
+            *failed.servo_springs,
+            back_emf if back_emf.any() else None,
+        )
+
+    def forces_in(self, history: FloatArray) -> FloatArray:
+        """View of the forces in MuJoCo's memory, leading shape + (18, steps).
+
+        The memory ends with 18 * (2 + 2 * steps) numbers of the sensors: for each actuator two numbers, then
+        a time and a force for each of the last steps. Before them are the delayed commands.
+        """
+        sensed = history[..., -N_JOINTS * (2 + 2 * self.steps) :]
+        rows = sensed.reshape(*history.shape[:-1], N_JOINTS, 2 + 2 * self.steps)
+        return rows[..., 2 + self.steps :]
+
+    def applied(
+        self, forces_nm: FloatArray, qvel: FloatArray, qpos: FloatArray, asked_rad: FloatArray
+    ) -> FloatArray:
+        """Torques over the last period, leading shape + (18,), with the speed at its end.
+
+        Shapes are leading shape + (24,) of `qvel`, (25,) of `qpos` and (18,) of the servos' targets.
+        """
+        torques: FloatArray = np.add.reduce(forces_nm, axis=-1)
+        torques /= self.steps
+        if self.back_emf_nm_s_per_rad is not None:
+            torques -= self.back_emf_nm_s_per_rad * qvel[..., FIRST_SPEED:]
+        if self.driven is not None:
+            torques *= self.driven
+        if self.stuck is not None:
+            pushed = self.stiffness_nm_per_rad * (asked_rad - qpos[..., -N_JOINTS:])
+            torques = np.where(self.stuck, np.clip(pushed, -self.limit_nm, self.limit_nm), torques)
+        return torques
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,7 +261,8 @@ class Sensors:
         trial: int,
     ) -> Self:
         """Sensors of a robot in a world; seed and trial number determine noise and losses."""
-        noise, pose_loss = Noise(world.sensor_noise, seed, trial), Losses.of_poses(world, seed, trial)
+        noise = Noise(world.sensor_noise, seed, trial)
+        pose_loss = Losses(world.lost_poses, LOST_POSES, seed, trial)
         sensors = cls(memory, torques, offsets_rad, noise, FaultyPose(world.sensor_faults), pose_loss)
         if world.latency_steps:
             sensors.age_s = world.latency_steps * world.time_step_s

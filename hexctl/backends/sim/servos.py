@@ -8,13 +8,11 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 
-from hexctl.backends.base import OwnServos, check_connected, check_targets
+from hexctl.backends.base import OwnServos, TruePose, check_connected, check_targets
 from hexctl.backends.clock import Clock, Standstill, Tick, WallClock
-from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.actuators import ActuatorModel
-from hexctl.backends.sim.effort import JointTorques
-from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
-from hexctl.backends.sim.servo_power import ServoPower
+from hexctl.backends.sim.sensing import LOST_COMMANDS, JointTorques, Losses, SensorMemory, Sensors
+from hexctl.backends.sim.servo_physics import ServoPower
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, held_rad, jammed_angles_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation, waiting_commands
 from hexctl.backends.sim.world import World, as_world
@@ -135,7 +133,7 @@ class SimServos(OwnServos):
         compiled = make_simulation(self._robot, self.world, broken, self.seed, facing_rad=self.facing_rad)
         self._compiled = compiled
         self._power = self._make_power()
-        self.loss = Losses.of_commands(self.world, self.seed, self.trial)
+        self.loss = Losses(self.world.lost_commands, LOST_COMMANDS, self.seed, self.trial)
         data = compiled.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._warnings = data.qpos, data.ctrl, data.warning.number

@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from hexctl.backends.facets import TruePose
-from hexctl.backends.sim.effort import JointTorques
-from hexctl.backends.sim.sensing import SensorMemory
+from hexctl.backends.base import TruePose
+from hexctl.backends.sim.sensing import JointTorques, SensorMemory
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, held_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, waiting_commands

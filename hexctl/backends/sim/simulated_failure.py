@@ -1,7 +1,6 @@
 """Failed legs in the compiled model: torques, jammed joints, or missing legs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -123,27 +122,19 @@ class FailedLegs:
                 array[joint] *= fraction
 
     def _remove(self, leg: int) -> None:
-        model, parts = self._model, self._parts[leg]
-        model.geom_conaffinity[parts.geoms] = 0
+        model, (geoms, pairs, bodies) = self._model, self._parts[leg]
+        model.geom_conaffinity[geoms] = 0
         # Nothing is as deep in the floor as this margin asks for.
-        model.pair_margin[parts.pairs] = -NEVER_M
-        model.body_mass[parts.bodies] *= MISSING_MASS_SHARE
-        model.body_inertia[parts.bodies] *= MISSING_MASS_SHARE
+        model.pair_margin[pairs] = -NEVER_M
+        model.body_mass[bodies] *= MISSING_MASS_SHARE
+        model.body_inertia[bodies] *= MISSING_MASS_SHARE
 
 
-@dataclass(frozen=True, slots=True)
-class _Parts:
+def _parts_of(model: Any, leg: int) -> tuple[list[int], list[int], list[int]]:
     """Ids of the geoms, explicit pairs of geoms, and bodies of a leg."""
-
-    geoms: list[int]
-    pairs: list[int]
-    bodies: list[int]
-
-
-def _parts_of(model: Any, leg: int) -> _Parts:
     geoms = [geom for geom in range(model.ngeom) if _belongs_to(model.id2name(geom, "geom"), leg)]
     bodies = [body for body in range(model.nbody) if _belongs_to(model.id2name(body, "body"), leg)]
-    return _Parts(geoms, [pair for pair in range(model.npair) if model.pair_geom2[pair] in geoms], bodies)
+    return geoms, [pair for pair in range(model.npair) if model.pair_geom2[pair] in geoms], bodies
 
 
 class FailuresToCome:

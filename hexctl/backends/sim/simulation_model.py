@@ -1,6 +1,7 @@
 """Compiles robot, world and failure into one dm_control Physics in its start state."""
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,8 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from hexctl.backends.sim.dm import mjcf
-from hexctl.backends.sim.gear_friction import GearFriction
+from hexctl.backends.sim.servo_physics import GearFriction
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailedLegs, check_stuck_angle
 from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
@@ -19,8 +19,15 @@ from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.link_masses import link_capsule, link_mass
 from hexctl.robot.formats.mjcf import STICTION
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import about_z, product
 from hexctl.robot.schema import Body, even_box_m
 from hexctl.types import GRAVITY_M_S2, JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, FloatArray
+
+if "DISPLAY" not in os.environ:
+    # Nothing here renders; without this, dm_control warns about the missing display at import.
+    os.environ.setdefault("MUJOCO_GL", "disable")
+
+from dm_control import mjcf
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7
@@ -288,7 +295,7 @@ def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, fac
     """Put the robot in its stance on the floor or on the stand."""
     data = physics.data
     data.qpos[:3] = _standing_place(robot, world, floor)
-    data.qpos[3:FIRST_JOINT] = _turned(floor.quaternion_world, facing_rad)
+    data.qpos[3:FIRST_JOINT] = product(floor.quaternion_world, about_z(facing_rad))
     data.qpos[FIRST_JOINT:] = robot.stance_angles_rad
     data.ctrl[:] = robot.stance_angles_rad
     waiting_commands(physics.model, data.history)[:] = robot.stance_angles_rad[:, np.newaxis]
@@ -314,13 +321,6 @@ def _joint_offsets(world: World, seed: int) -> FloatArray:
         return np.radians(given)
     # A separate stream, so that bumps and offsets do not depend on one another.
     return np.random.default_rng([seed, 1]).normal(scale=np.radians(given), size=N_JOINTS)
-
-
-def _turned(quaternion: FloatArray, yaw_rad: float) -> FloatArray:
-    """Orientation (w, x, y, z) after a turn about the body's z axis, not the world's."""
-    cos, sin = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
-    w, x, y, z = quaternion
-    return np.array([w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin])
 
 
 def make_body(robot: Robot) -> Any:

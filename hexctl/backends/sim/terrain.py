@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.backends.sim.world import World
+from hexctl.robot.rotations import quaternion_about
 from hexctl.types import ArrayFields, FloatArray
 
 #: Half side of the uneven patch; the floor beyond it is even.
@@ -52,8 +53,7 @@ def make_floor(world: World, seed: int) -> Floor:
     """The floor of a world; bumps, blocks and pits are drawn with the seed."""
     slope, uphill = math.radians(world.slope_deg), math.radians(world.slope_direction_deg)
     # Turning x toward z is a negative turn about y, so uphill along x turns about -y.
-    axis = np.array([math.sin(uphill), -math.cos(uphill), 0.0])
-    quaternion = np.concatenate([[math.cos(slope / 2)], math.sin(slope / 2) * axis])
+    quaternion = quaternion_about((math.sin(uphill), -math.cos(uphill), 0.0), slope)
     normal = np.array(
         [-math.sin(slope) * math.cos(uphill), -math.sin(slope) * math.sin(uphill), math.cos(slope)]
     )

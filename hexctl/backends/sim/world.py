@@ -1,17 +1,26 @@
 """Simulated worlds: floor, load and servo condition, and domain randomization over them."""
 
+import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.distribution import Distribution
-from hexctl.backends.sim.failure_draws import COLUMNS, DrawnFailure, draw_failures
+from hexctl.backends.sim.draws import COLUMNS, Distribution, DrawnFailure, draw_failures
 from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, argument, check_type, shown
 from hexctl.files import is_file
@@ -42,14 +51,6 @@ _PARTS = {
     "tibia_error": N_LEGS,
 }
 
-#: Values of the joints whose kind no range names.
-_UNTOUCHED = {
-    "servo_backlash_deg": 0.0,
-    "joint_offset_deg": 0.0,
-    "joint_stiffness": 1.0,
-    "joint_friction_nm": 0.0,
-}
-
 #: Quantities with discrete values, which cannot be randomized; a kind may set them.
 _IN_STEPS = (
     "time_step_s",
@@ -60,6 +61,37 @@ _IN_STEPS = (
     "failures",
     "healings",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class OneOrSeveral:
+    """Check of a number within bounds, not below `least` if it is one for all, or a list of some lengths."""
+
+    low: float
+    high: float
+    counts: tuple[int, ...] = (JOINTS_PER_LEG, N_JOINTS)
+    least: float = -math.inf
+
+    def __call__(self, given: Any) -> Any:
+        """The value; raises ValueError for another one."""
+        several, least = isinstance(given, list | tuple), max(self.low, self.least)
+        numbers, low = (given, self.low) if several else ([given], least)
+        plain = all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers)
+        within = plain and all(low <= number <= self.high for number in numbers)
+        if not within or (several and len(given) not in self.counts):
+            lengths = " or ".join(map(str, self.counts))
+            raise ValueError(
+                f"got {shown(given)}; allowed: {least:g} to {self.high:g}, or a list of {lengths}, each "
+                f"{self.low:g} to {self.high:g}"
+            )
+        return given
+
+
+_PLAY_DEG = BeforeValidator(OneOrSeveral(0.0, 20.0))
+_STIFFNESS = BeforeValidator(OneOrSeveral(0.01, 20.0))
+_FRICTION_NM = BeforeValidator(OneOrSeveral(0.0, 5.0))
+_EXCESS = BeforeValidator(OneOrSeveral(-0.2, 0.2, (N_LEGS,)))
+_OFFSETS_DEG = BeforeValidator(OneOrSeveral(-MAX_JOINT_OFFSET_DEG, MAX_JOINT_OFFSET_DEG, (N_JOINTS,), 0.0))
 
 
 class World(Section):
@@ -132,15 +164,15 @@ class World(Section):
     time_step_s: Annotated[Number, Field(ge=0.0005, le=0.005, allow_inf_nan=False)] = 0.002
     solver_tolerance: Annotated[Number, Field(ge=1e-15, le=1e-3, allow_inf_nan=False)] = 1e-12
     servo_delay_s: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
-    servo_backlash_deg: float | tuple[float, ...] = 0.0
+    servo_backlash_deg: Annotated[float | tuple[float, ...], _PLAY_DEG] = 0.0
     servo_strength: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
     servo_stiffness: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
     servo_damping: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 1.0
     rotor_inertia_kg_m2: Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)] | None = None
-    joint_stiffness: float | tuple[float, ...] = 1.0
-    joint_friction_nm: float | tuple[float, ...] | None = None
-    tibia_error: float | tuple[float, ...] = 0.0
-    joint_offset_deg: Annotated[float | tuple[float, ...], DRAWN] = 0.0
+    joint_stiffness: Annotated[float | tuple[float, ...], _STIFFNESS] = 1.0
+    joint_friction_nm: Annotated[float | tuple[float, ...], _FRICTION_NM] | None = None
+    tibia_error: Annotated[float | tuple[float, ...], _EXCESS] = 0.0
+    joint_offset_deg: Annotated[float | tuple[float, ...], _OFFSETS_DEG, DRAWN] = 0.0
     sensor_noise: Annotated[SensorNoise, DRAWN] = SensorNoise()
     state_latency_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
     lost_commands: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False), DRAWN] = 0.0
@@ -178,31 +210,6 @@ class World(Section):
         """Age of a state in steps of the physics."""
         return round(self.state_latency_s / self.time_step_s)
 
-    @field_validator(
-        "servo_backlash_deg",
-        "joint_stiffness",
-        "joint_friction_nm",
-        "tibia_error",
-        "joint_offset_deg",
-        mode="before",
-    )
-    @classmethod
-    def _one_or_several(cls, given: Any, info: ValidationInfo) -> Any:
-        if given is None and info.field_name == "joint_friction_nm":
-            return given
-        one, each, counts = _SEVERAL[str(info.field_name)]
-        several = isinstance(given, list | tuple)
-        numbers, (least, most) = (given, each) if several else ([given], one)
-        plain = all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers)
-        within = plain and all(least <= number <= most for number in numbers)
-        if not within or (several and len(given) not in counts):
-            lengths = " or ".join(map(str, counts))
-            raise ValueError(
-                f"got {shown(given)}; allowed: {one[0]:g} to {one[1]:g}, or a list of {lengths}, each "
-                f"{each[0]:g} to {each[1]:g}"
-            )
-        return given
-
     @field_validator("failures", "healings")
     @classmethod
     def _events(cls, given: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
@@ -224,20 +231,6 @@ class World(Section):
         if abs(round(PERIOD_S / step_s) * step_s - PERIOD_S) > 1e-9:
             raise ValueError(f"got {step_s:g}; allowed: {PERIOD_S:g} s divided by a whole number")
         return step_s
-
-
-#: Quantities with one number or several: bounds of one, bounds of each, and maximum count.
-_SEVERAL = {
-    "servo_backlash_deg": ((0.0, 20.0), (0.0, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
-    "joint_stiffness": ((0.01, 20.0), (0.01, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
-    "joint_friction_nm": ((0.0, 5.0), (0.0, 5.0), (JOINTS_PER_LEG, N_JOINTS)),
-    "tibia_error": ((-0.2, 0.2), (-0.2, 0.2), (N_LEGS,)),
-    "joint_offset_deg": (
-        (0.0, MAX_JOINT_OFFSET_DEG),
-        (-MAX_JOINT_OFFSET_DEG, MAX_JOINT_OFFSET_DEG),
-        (N_JOINTS,),
-    ),
-}
 
 
 def per_joint(given: float | tuple[float, ...]) -> FloatArray:
@@ -370,7 +363,7 @@ class DomainRandomization(BaseModel):
             drawn = distribution.at(np.asarray(shares[at : at + parts])).tolist()
             name, dot, joint_kind = key.partition(".")
             if dot:
-                joints = values.setdefault(name, [_UNTOUCHED[name]] * N_JOINTS)
+                joints = values.setdefault(name, [World.model_fields[name].default or 0.0] * N_JOINTS)
                 joints[JOINT_KINDS.index(joint_kind) :: JOINTS_PER_LEG] = drawn
             else:
                 values[key] = drawn if parts > 1 else drawn[0]

@@ -245,6 +245,7 @@ def adopt(
         raise InputError("--robot: got none; allowed: the robot file with the ids of all joints")
     bus = asked.address()
     ask_consent("The servo without its id goes limp.", yes=yes)
-    adoption = adopt_servo(load_robot_file(asked.robot).robot, servo_map, bus.path, bus.baud)
-    rows = {"joint": JOINT_NAMES[adoption.joint], "angle_deg": adoption.angle_deg, **adoption.servo.to_json()}
+    robot = load_robot_file(asked.robot).robot
+    joint, angle_deg, servo = adopt_servo(robot, servo_map, bus.path, bus.baud)
+    rows = {"joint": JOINT_NAMES[joint], "angle_deg": angle_deg, **servo.to_json()}
     print_result(json.dumps(rows) if as_json else value_table(with_units(rows)))

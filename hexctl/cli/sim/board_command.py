@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.simulators.board_options import BoardOptions
+from hexctl.simulators.board_service import BoardService
 
 if TYPE_CHECKING:
     from hexctl.server.service import ServiceStarted
 
 
-@with_options(BoardOptions, but=("link",), rare=("world", "failed_leg", "pty"))
+@with_options(BoardService, but=("link",), rare=("world", "failed_leg", "pty"))
 def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     """Simulate a servo board that speaks MAVLink 2, or servos on a bus.
 
@@ -19,7 +19,6 @@ def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     feetech --connect PORT that behind servos on a bus.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
-    from hexctl.simulators.board_service import BoardService
 
     bus = asked["bus"]
     service = BoardService(**asked)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
-from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.draws import Distribution
 from hexctl.backends.sim.world import World
 from hexctl.control.trial_plan import DURATION_S, SelfRotation
 from hexctl.errors import argument

@@ -11,7 +11,7 @@ import numpy as np
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior, check_place, save_prior
 from hexctl.adapt.prior.prior_files import SUFFIX
 from hexctl.adapt.stance import stance_deflection_rad
-from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.draws import Distribution
 from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
 from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.guard import Guard

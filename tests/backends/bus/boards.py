@@ -4,7 +4,7 @@ import termios
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 from unittest.mock import patch
 
 import numpy as np
@@ -22,10 +22,13 @@ from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
+from hexctl.simulators.simulated_board import SimulatedBoard
 from hexctl.time_source import TimeSource
 from hexctl.types import JOINT_NAMES
 from tests.backends.fake_time import FakeTime, Standing
 from tests.robots import shipped
+
+Board = TypeVar("Board", bound=SimulatedBoard)
 
 #: Models of every kind of registers.
 MODELS = (
@@ -59,11 +62,8 @@ def _board(bus_map: BusMap, faults: tuple[str, ...], servos: LegServos, baud: in
 
 
 @contextmanager
-def bus_board(
-    bus_map: BusMap, *faults: str, servos: LegServos | None = None, baud: int | None = None
-) -> Iterator[BusBoard]:
-    """A bus on a pseudo-terminal, of servos without a robot unless others are given."""
-    board = _board(bus_map, faults, MockServos(shipped("phantomx")) if servos is None else servos, baud)
+def running(board: Board) -> Iterator[Board]:
+    """A board that runs meanwhile."""
     stop, ready = threading.Event(), threading.Event()
     thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
     thread.start()
@@ -73,6 +73,16 @@ def bus_board(
     finally:
         stop.set()
         thread.join()
+
+
+@contextmanager
+def bus_board(
+    bus_map: BusMap, *faults: str, servos: LegServos | None = None, baud: int | None = None
+) -> Iterator[BusBoard]:
+    """A bus on a pseudo-terminal, of servos without a robot unless others are given."""
+    board = _board(bus_map, faults, MockServos(shipped("phantomx")) if servos is None else servos, baud)
+    with running(board):
+        yield board
 
 
 def register_servo_of(board: BusBoard, joint: int) -> BusServo:
@@ -188,47 +198,44 @@ class BoardLine(MemoryLine):
         self.pass_time(0.0)
 
 
-class MemoryBus:
-    """A simulated bus in the place of a port: any thread may open it, and no one waits for it.
+class MemoryDevice:
+    """A simulated board in the place of a port: any thread may open it, and no one waits for it.
 
-    Its servos move a mock robot, whose control periods pass when somebody speaks to the bus.
+    Its control periods pass when somebody speaks to it.
 
     Attributes:
         time: of everything on it; it passes while the test's own thread waits.
-        board: the bus.
         path: where it is.
         unplugged: whether the device has gone.
     """
 
-    def __init__(
-        self, bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
-    ) -> None:
-        self.time = FakeTime()
-        self._clock = WallClock(time=Standing(self.time))
-        self.robot = kind(shipped("phantomx"), clock=self._clock)
-        self.board = _board(bus_map, faults, self.robot, baud)
-        self.path, self.unplugged, self.opened_baud = self.board.path, False, 0
-        self.board._line.close()
-        self.board._line = self  # type: ignore[assignment]
+    def __init__(self, board: SimulatedBoard, time: FakeTime) -> None:
+        self.time, self.path, self.unplugged, self.opened_baud = time, board.path, False, 0
+        self._simulated, self._clock = board, board._robot.clock
+        self._ticked_s = time.now() - PERIOD_S
         self._sent, self._answers = b"", b""
-        self.robot.connect()
-        self._clock.begin(self.time.now() - PERIOD_S)
-        self.board._start()
+        board._line.close()  # type: ignore[attr-defined]
+        board._line = self  # type: ignore[attr-defined]
+        board._robot.connect()
+        if isinstance(self._clock, WallClock):
+            self._clock.begin(self._ticked_s)
+        board._start()
 
     def open(self, path: str, baud: int, *, time: TimeSource | None = None) -> SerialLine:
         """Open the line, as `SerialLine` does."""
         if self.unplugged or path != self.path:
             raise RobotFaultError(f"there is no port {path}")
         self.opened_baud, self._sent, self._answers = baud, b"", b""
-        return _MemoryBusLine(self, baud)
+        return _MemoryDeviceLine(self, baud)
 
     def speak(self, data: bytes) -> bytes:
-        """What the servos answer to some bytes."""
-        if self._clock.due_in_s <= 0:
+        """What the board answers to some bytes."""
+        if self.time.now() - self._ticked_s >= PERIOD_S:
+            self._ticked_s = self.time.now()
             self._clock.tick()
-            self.board._tick()
+            self._simulated._tick()
         self._sent += data
-        self.board._serve(0.0)
+        self._simulated._serve(0.0)
         answers, self._answers = self._answers, b""
         return answers
 
@@ -247,19 +254,36 @@ class MemoryBus:
         self._answers += data
 
 
-class _MemoryBusLine(MemoryLine):
-    def __init__(self, bus: MemoryBus, baud: int) -> None:
-        super().__init__(bus.time, baud)
-        self._bus, self.path = bus, bus.path
+class MemoryBus(MemoryDevice):
+    """A simulated bus in memory, whose servos move a mock robot.
+
+    Attributes:
+        board: the bus.
+        robot: the mock.
+    """
+
+    def __init__(
+        self, bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
+    ) -> None:
+        time = FakeTime()
+        self.robot = kind(shipped("phantomx"), clock=WallClock(time=Standing(time)))
+        self.board = _board(bus_map, faults, self.robot, baud)
+        super().__init__(self.board, time)
+
+
+class _MemoryDeviceLine(MemoryLine):
+    def __init__(self, device: MemoryDevice, baud: int) -> None:
+        super().__init__(device.time, baud)
+        self._end, self.path = device, device.path
 
     def _put(self, data: bytes, deadline_s: float) -> None:
-        if self._bus.unplugged:
+        if self._end.unplugged:
             raise OSError(5, "Input/output error")
-        if answers := self._bus.speak(data):
+        if answers := self._end.speak(data):
             self.coming.append((self.time.now(), answers))
 
     def _take(self, wait_s: float) -> bytes:
-        if self._bus.unplugged:
+        if self._end.unplugged:
             raise OSError(5, "Input/output error")
         return super()._take(wait_s)
 

@@ -5,7 +5,7 @@ No wall clock: the simulated bus and the tools share a line in memory.
 
 import termios
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -99,6 +99,7 @@ X = [
         both(stored(10, 4), now(112, 2000, 4), now(108, 300, 4)),
     ),
     State("counts in reverse", "it counts in reverse", stored(10, 1)),
+    State("torque on by a goal", "goals switch its torque on", stored(10, 8)),
     State("secondary id", "it also follows the goals of id 5", stored(12, 5)),
     State("answers pings only", "set its status return level to 2", now(68, 0)),
     State("alert after an overload", "it switched its torque off (overload)", tripped),
@@ -107,7 +108,6 @@ X = [
     State("acceleration limit", "its acceleration is limited to 107 degrees/s^2", now(108, 5, 4)),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
-    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
     State("half power", "hardware alert: all servos", faults=("battery:6",)),
     State("another supply", "is made for lower voltages (firmware 45, 4 to 8 V)", stored(32, 80, 2)),
@@ -125,7 +125,6 @@ AX = [
     State("torque limit 0 after an overload", "overload: ", tripped),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
-    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
     State("half power", "voltage: all servos", faults=("battery:6",)),
     State("another supply", "is made for lower voltages (firmware 45, 4 to 8 V)", stored(13, 80)),
@@ -145,9 +144,11 @@ STS = [
     State("angular resolution, torque on", "its counts are 3 times", both(stored(30, 3), now(40, 1))),
     State("answers reads only", "set its status return level to 1", stored(8, 0)),
     State("overload", "overload: ", tripped),
+    State("torque after an overload", "it gives 60 % of its torque after 2 s above 80 %", stored(34, 60)),
+    State("time of an overload", "it gives 20 % of its torque after 2.54 s above 80 %", stored(35, 254)),
+    State("no overload", "it gives 20 % of its torque after 2 s above 100 %", stored(36, 100)),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
-    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
     State(
         "half power",
@@ -181,7 +182,6 @@ LX = [
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("warm", "warm, 66 degrees C", faults=("hot:3:femur:66",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
-    State("id lost", "may have lost its id", faults=("lost-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
     State("half power", "it has 3.7 V, and lets go outside", faults=("battery:3.7",)),
     State("does not answer", "mute: ", faults=("mute:3:femur",)),
@@ -208,8 +208,6 @@ class OtherBaudLine(BoardLine):
 def said(driver: str, model: str, state: State, monkeypatch: pytest.MonkeyPatch) -> str:
     """What is said when the robot is connected, and of its servos' reports after that."""
     bus_map = a_map(driver, model)
-    if any(fault.startswith("lost-id") for fault in state.faults):  # id 1 must be none of the robot's
-        bus_map = replace(bus_map, ids=bus_map.ids + 1)
     line = (OtherBaudLine if state.other_baud else BoardLine)(bus_map, *state.faults)
     state.change(line.board._servos[ODD])
     for module in (bus_servos, tools):

@@ -53,10 +53,12 @@ def test_two_servos_with_one_id_are_named_by_a_scan(
     faults = ["same-id:1:femur"]
     if not others:
         faults += [f"mute:{leg}:{kind}" for leg in range(1, 7) for kind in ("coxa", "femur", "tibia")][2:]
-    plug(BoardLine(a_map(driver, model), *faults))
+    line = plug(BoardLine(a_map(driver, model), *faults))
     _, damages = scanned(driver)
     assert [each.garbled or each.doubled for each in damages] == [(1,)]
     assert all(words in damages[0].description("memory") for words in ("several servos", "id 1", "same id"))
+    with pytest.raises(RobotFaultError, match="several servos"):
+        the_servo(line, driver, 1)
 
 
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
@@ -70,32 +72,6 @@ def test_no_id_is_given_to_two_servos(
     with pytest.raises(InputError, match=r"got several|several servos"):
         set_servo_id("memory", driver, 1_000_000, 7)
     assert [servo.servo_id for servo in line.board._servos][:2] == [1, 1]
-
-
-@pytest.mark.parametrize(("driver", "model"), FAMILIES)
-def test_the_only_servo_on_a_simulated_bus_takes_an_id(
-    plug: Plug, driver: str, model: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As a rehearsal with `hexctl sim board --fault only:2:femur` and `hexctl servos set-id`."""
-    monkeypatch.setattr(tools, "IDS", tuple(range(45)))
-    line = plug(BoardLine(a_map(driver, model), "only:2:femur"))
-    assert isinstance(line, BoardLine)
-    assert set_servo_id("memory", driver, line.baud, 40).servo_id == 40
-    assert line.board._servos[4].servo_id == 40
-    assert set_servo_id("memory", driver, line.baud, 5).servo_id == 5
-
-
-@pytest.mark.parametrize(("driver", "model"), FAMILIES)
-def test_a_robot_with_two_servos_of_one_id_does_not_start(driver: str, model: str) -> None:
-    bus_map = a_map(driver, model)
-    line = BoardLine(bus_map, "same-id:3:tibia")
-    bus = bus_of(bus_map, line, BusCounters())
-    found = bus.find()
-    assert bus.damage.garbled == (8,), "leg 3 femur has it, and leg 3 tibia too"
-    assert "several servos with the same id" in bus.damage.description("memory")
-    assert not found[8]
-    with pytest.raises(RobotFaultError, match="several servos"):
-        the_servo(line, driver, 8)
 
 
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hexctl.backends.bus import lx16a_packets as lx
-from hexctl.backends.bus.lx16a_bus import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
+from hexctl.backends.bus import lx16a as lx
+from hexctl.backends.bus.lx16a import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of
 from hexctl.simulators.bus_board import BusBoard
@@ -198,16 +198,6 @@ def test_stored_limits_that_no_servo_has_are_not_believed() -> None:
         _servo(board, 4).limits = limits
         bus.settings(EVERY)
         assert (bus.lowest[4], bus.highest[4]) == (0, 1000)
-
-
-def test_protections_that_were_changed_are_said() -> None:
-    bus, board, _ = _bus()
-    _servo(board, 4).most_c = 95
-    _servo(board, 5).voltages_mv = (9000, 12600)
-    notes = [each.notes for each in bus.settings(bus.find()).values()]
-    assert notes[4] == ("it lets go at 95 degrees C, from the factory at 85",)
-    assert notes[5] == ("it has 7.4 V, and lets go outside 9.0 to 12.6 V",)
-    assert not any(notes[:4] + notes[6:])
 
 
 def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:

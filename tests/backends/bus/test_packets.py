@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus import lx16a as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import (
-    PING,
     PROTOCOLS,
     READ,
     STATUS,
@@ -129,10 +128,8 @@ def test_a_byte_is_stuffed_behind_what_looks_like_a_header() -> None:
     assert PROTOCOLS[2].take(sent)[0] == (1, WRITE, b"\x74\x00\xff\xff\xfd\x00")
 
 
-def test_moves_loads_and_numbers_of_lx16a() -> None:
-    assert lx.move(1, 500, 1000) == bytes.fromhex("55 55 01 07 01 F4 01 E8 03 16")
+def test_moves_and_numbers_of_lx16a() -> None:
     assert lx.move(1, 0, 40_000) == lx.move(1, 0, 30_000)
-    assert lx.load(1, on=True) == bytes.fromhex("55 55 01 04 1F 01 DA")
     assert [lx.number(data) for data in (b"\xf4\x01", b"\xfb\xff", b"\x80")] == [500, -5, 128]
 
 
@@ -189,21 +186,6 @@ def test_an_echo_of_an_instruction_is_no_answer_of_protocol_2() -> None:
     asked = PROTOCOLS[2].instruction(3, READ, bytes([132, 0, 4, 0]))
     answer = PROTOCOLS[2].instruction(3, STATUS, b"\x00\x01\x02\x03\x04")
     assert stream.feed(asked + answer) == [StatusPacket(3, 0, b"\x01\x02\x03\x04")]
-
-
-@pytest.mark.parametrize(
-    ("protocol", "instruction", "parameters", "size"),
-    [
-        (1, PING, b"", 0),
-        (2, PING, b"", 3),
-        (1, READ, b"\x24\x08", 8),
-        (2, READ, b"\x84\x00\x04\x01", 260),
-        (1, WRITE, b"\x1e\x00\x02", 0),
-        (2, 0x92, b"", None),
-    ],
-)
-def test_the_size_of_an_answer(protocol: int, instruction: int, parameters: bytes, size: int | None) -> None:
-    assert PROTOCOLS[protocol].answer_size(instruction, parameters) == size
 
 
 # Registers.

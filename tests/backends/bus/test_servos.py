@@ -4,13 +4,12 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.bus.bus_options import BusAddress, BusOptions
+from hexctl.backends.bus.bus_options import BusOptions
 from hexctl.backends.bus.registers import Register, table_of
 from hexctl.backends.bus.servo_bus import Report
 from hexctl.backends.bus.servos import BusServos
@@ -27,6 +26,7 @@ from tests.backends.bus.boards import (
     register_servo_of,
     servos_on,
 )
+from tests.backends.standing import until
 from tests.robots import shipped
 
 #: The servo that is not as the others.
@@ -66,24 +66,6 @@ def _walks(servos: LegServos, seconds: float, angle_rad: float = 0.0) -> RobotSt
     return servos.read()
 
 
-def _until(
-    servos: LegServos,
-    condition: Callable[[RobotState], Any],
-    *,
-    write: bool = True,
-    angle_rad: float = 0.0,
-) -> RobotState:
-    """State of the first tick in which a condition holds, while a pose is commanded, or nothing is."""
-    for _ in range(500):
-        servos.clock.tick()
-        state = servos.read()
-        if condition(state):
-            return state
-        if write:
-            servos.write(JointTargets(servos.robot.stance_angles_rad + angle_rad, servos.clock.now_s))
-    raise AssertionError(state)
-
-
 def _said(words: str) -> Callable[[RobotState], bool]:
     return lambda state: any(words in each for each in state.warnings)
 
@@ -105,16 +87,16 @@ def test_a_bus_on_a_pseudo_terminal_is_walked_and_found_again(tmp_path: Path) ->
         assert guard.read().healthy
     device.unlink()
     with guard:
-        _until(guard, lambda _: guard.stopped is not None, write=False)
-        _until(guard, lambda _: not guard.peek().healthy, write=False)
+        until(guard, lambda _: guard.stopped is not None, write=False)
+        until(guard, lambda _: not guard.peek().healthy, write=False)
         assert "the port" in str(guard.peek().fault)
         with bus_board(a_map()) as board:
             device.symlink_to(board.path)
-            _until(guard, lambda _: guard.peek().healthy, write=False)
+            until(guard, lambda _: guard.peek().healthy, write=False)
             guard.clear()
             assert not board._servos[0].holds, "nothing is switched on by itself"
             guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
-            _until(guard, lambda _: board._servos[0].holds, write=False)
+            until(guard, lambda _: board._servos[0].holds, write=False)
         assert guard.link_counts["reopened"] == 1
 
 
@@ -127,7 +109,7 @@ def test_nothing_is_switched_before_the_first_targets_and_the_robot_then_stays_w
             bus.time.sleep(0.2)
             assert not bus.board._servos[0].holds
             servos.write(JointTargets(here, servos.clock.now_s))
-            _until(servos, lambda _: _hold(bus))
+            until(servos, lambda _: _hold(bus))
             assert servos.disable_torque()
             bus.time.sleep(0.2)
             assert not any(servo.holds for servo in bus.board._servos)
@@ -166,7 +148,7 @@ def test_a_servo_that_has_let_go_is_named_and_gets_no_goals_until_the_torque_was
         _walks(servos, 0.3)
         servo = register_servo_of(bus.board, ODD)
         servo.memory[40] = 0
-        state = _until(servos, lambda state: state.warnings)
+        state = until(servos, lambda state: state.warnings)
         assert state.warnings == ("no torque: leg 3 femur (id 8)",)
         before = bytes(servo.memory[42:44])
         for tick in range(30):
@@ -175,8 +157,8 @@ def test_a_servo_that_has_let_go_is_named_and_gets_no_goals_until_the_torque_was
         assert not servo.holds
         assert register_servo_of(bus.board, 8).holds
         servos.disable_torque()
-        _until(servos, lambda state: not state.warnings)
-        _until(servos, lambda _: servo.holds)
+        until(servos, lambda state: not state.warnings)
+        until(servos, lambda _: servo.holds)
 
 
 def test_one_wrong_answer_about_the_torque_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,7 +188,7 @@ def test_torque_off_is_sent_until_every_servo_has_it(monkeypatch: pytest.MonkeyP
 
         monkeypatch.setattr(bus.board._family, "_sync_write", lossy)
         servos.disable_torque()
-        _until(servos, lambda _: not any(servo.holds for servo in bus.board._servos), write=False)
+        until(servos, lambda _: not any(servo.holds for servo in bus.board._servos), write=False)
         assert len(lost) == 2
 
 
@@ -245,7 +227,7 @@ def test_goals_come_in_steps_after_a_program_that_left_the_robot_standing(
 @pytest.mark.parametrize("bus_map", [a_map(), LX_MAP], ids=["feetech", "lx16a"])
 def test_a_servo_that_falls_silent_is_named_and_the_others_walk_on(bus_map: BusMap) -> None:
     with memory_bus(bus_map, "mute:5:femur@1") as bus, servos_on(bus, bus_map) as servos:
-        state = _until(servos, lambda state: state.warnings)
+        state = until(servos, lambda state: state.warnings)
         assert state.warnings == ("mute: leg 5 femur (id 14)",)
         assert state.healthy
         assert state.servos is not None
@@ -272,7 +254,7 @@ def test_a_servo_whose_positions_jump_is_stale_and_named_and_not_mute(
             return [replace(each, position=wild) if each.index == 13 else each for each in poll(until)]
 
         monkeypatch.setattr(thread._device, "poll", jumping)
-        (warning,) = _until(servos, _said("jump")).warnings
+        (warning,) = until(servos, _said("jump")).warnings
         assert "leg 5 femur (id 14)" in warning
         state = servos.read()
         assert state.stale_joints is not None
@@ -288,12 +270,6 @@ def test_servos_of_two_legs_may_be_missing_at_connect_and_not_more() -> None:
         pytest.raises(RobotFaultError, match=r"leg 1 coxa \(id 1\), .*leg 3 coxa"),
     ):
         servos_on(bus, a_map()).connect()
-
-
-@pytest.mark.parametrize("bus_map", [a_map(), LX_MAP], ids=["feetech", "lx16a"])
-def test_a_hot_servo_is_named(bus_map: BusMap) -> None:
-    with memory_bus(bus_map, "hot:2:femur:72") as bus, servos_on(bus, bus_map) as servos:
-        _until(servos, lambda state: any("hot" in each and "(id 5)" in each for each in state.warnings))
 
 
 def test_joints_of_lx16a_are_heard_in_turn_while_all_of_them_move() -> None:
@@ -325,7 +301,7 @@ def test_a_line_that_is_pulled_stops_the_robot_until_it_is_back_and_cleared() ->
                 break
             _walks(guard, 0.02)
         assert str(guard.stopped).startswith(f"fault: no servo answers on {bus.path}")
-        _until(guard, lambda state: state.age_s < 0.1, write=False)
+        until(guard, lambda state: state.age_s < 0.1, write=False)
         guard.clear()
         assert _walks(guard, 0.1).healthy
 
@@ -334,9 +310,9 @@ def test_a_port_that_goes_is_a_fault_until_it_is_back() -> None:
     with memory_bus(a_map()) as bus, servos_on(bus, a_map()) as servos:
         _walks(servos, 0.2)
         bus.unplugged = True
-        assert "the port" in str(_until(servos, lambda state: not state.healthy).fault)
+        assert "the port" in str(until(servos, lambda state: not state.healthy).fault)
         bus.unplugged = False
-        assert _until(servos, lambda state: state.healthy).fault is None
+        assert until(servos, lambda state: state.healthy).fault is None
         assert servos.link_counts["reopened"] == 1
 
 
@@ -348,24 +324,6 @@ def test_targets_beyond_the_limits_of_a_servo_end_there() -> None:
         sent = servos.write(JointTargets(far, servos.clock.now_s)).joint_positions_rad
         assert bus_map.raw(sent)[1] == pytest.approx(bus_map.least[1])
         assert np.delete(sent, 1) == pytest.approx(np.delete(far, 1))
-
-
-@pytest.mark.parametrize(
-    ("text", "baud", "driver", "expected"),
-    [
-        ("/dev/ttyUSB0", None, "dynamixel", ("/dev/ttyUSB0", 1_000_000)),
-        ("/dev/ttyUSB0", None, "lx16a", ("/dev/ttyUSB0", 115_200)),
-        ("/dev/ttyUSB0", 57_600, "feetech", ("/dev/ttyUSB0", 57_600)),
-        ("/dev/ttyUSB0:115200", 57_600, "feetech", ("/dev/ttyUSB0", 115_200)),
-        ("/dev/x:1200", None, "feetech", ("/dev/x", 1200)),
-        ("/dev/x:4500000", None, "feetech", ("/dev/x", 4_500_000)),
-        ("/dev/by-path/pci-0:2:1.0-port0", 57_600, "feetech", ("/dev/by-path/pci-0:2:1.0-port0", 57_600)),
-        ("/dev/by-path/pci-0:2:1.0", None, "feetech", ("/dev/by-path/pci-0:2:1.0", 1_000_000)),
-        ("/dev/by-path/pci-0:2:1.0-port0:9600", None, "feetech", ("/dev/by-path/pci-0:2:1.0-port0", 9600)),
-    ],
-)
-def test_a_port_has_a_baud(text: str, baud: int | None, driver: Any, expected: tuple[str, int]) -> None:
-    assert BusOptions(driver=driver, connect=text, baud=baud).address() == BusAddress(driver, *expected)
 
 
 @pytest.mark.parametrize("text", [None, "", ":9600", "/dev/x:fast", "/dev/x:1199", "/dev/x:4500001"])
@@ -403,7 +361,7 @@ def test_a_servo_in_another_mode_is_set_to_position_mode_while_it_is_limp(
         _store(bus, table.mode, mode)
         with servos_on(bus, bus_map) as servos:
             assert _said(f"from {mode} to {table.position_mode}: leg 3 femur")(servos.read())
-            _until(servos, lambda _: servo.holds)
+            until(servos, lambda _: servo.holds)
         servo.restart()
         assert servo.number(table.mode) == kept
 
@@ -417,26 +375,6 @@ def test_a_servo_in_another_mode_that_holds_is_refused() -> None:
         with pytest.raises(RobotFaultError, match=f"{NAME}: .* mode is 1"):
             servos_on(bus, X_MAP).connect()
         assert servo.number(table.torque) == 1, "nothing is switched"
-
-
-@pytest.mark.parametrize(
-    ("driver", "model", "settings", "message"),
-    [
-        ("dynamixel", "xl430-w250", {10: 1}, "reverse"),
-        ("dynamixel", "xl430-w250", {10: 8}, "goals switch its torque on"),
-        ("dynamixel", "ax12a", {6: 0, 7: 0, 8: 0, 9: 0}, "wheel mode"),
-        ("feetech", "scs0009", {9: 0, 10: 0, 11: 0, 12: 0}, "wheel mode"),
-    ],
-)
-def test_a_servo_that_would_not_steer_for_its_goals_is_refused(
-    driver: str, model: str, settings: dict[int, int], message: str
-) -> None:
-    bus_map = a_map(driver, model)
-    with memory_bus(bus_map) as bus:
-        for address, value in settings.items():
-            _store(bus, Register(address), value)
-        with pytest.raises(RobotFaultError, match=f"{NAME}: .*{message}"):
-            servos_on(bus, bus_map).connect()
 
 
 def test_positions_beyond_one_turn_are_switched_off_and_the_lock_is_shut() -> None:
@@ -464,55 +402,19 @@ def test_limits_in_a_servo_are_told_and_goals_end_there(driver: str, model: str)
         with servos_on(bus, bus_map) as servos:
             assert any("stored limits" in each and "(id 8)" in each for each in servos.read().warnings)
             _walks(servos, 0.5)
-            _until(servos, lambda _: servo.number(table.position) == limit, angle_rad=0.2)
+            until(servos, lambda _: servo.number(table.position) == limit, offset_rad=0.2)
 
             def complains(state: RobotState) -> bool:
                 assert state.servos is not None
                 return state.servos.errors[ODD].startswith("goal beyond the limits")
 
-            _until(servos, complains, angle_rad=0.2)
-
-
-@pytest.mark.parametrize(
-    ("driver", "model", "stored", "told"),
-    [
-        ("dynamixel", "xl430-w250", {}, ""),
-        ("feetech", "sts3215", {}, ""),
-        ("dynamixel", "xl430-w250", {63: 0b100000}, "from heat"),
-        # Overload: share of torque, time and threshold, by the addresses of the vendor's table.
-        (
-            "feetech",
-            "sts3215",
-            {34: 60},
-            "overload it gives 60 % .* 2 s above 80 %, .* 20 % .* 2 s above 80 %",
-        ),
-        ("feetech", "sts3215", {35: 254}, "overload it gives 20 % .* 2.54 s above 80 %"),
-        ("feetech", "sts3215", {36: 100}, "overload it gives 20 % .* 2 s above 100 %"),
-        ("feetech", "sts3215", {34: 1}, ""),
-        ("feetech", "sts3215", {35: 1}, ""),
-        ("feetech", "sts3215", {36: 1}, ""),
-    ],
-)
-def test_a_servo_that_protects_itself_less_is_told(
-    driver: str, model: str, stored: dict[int, int], told: str
-) -> None:
-    bus_map = a_map(driver, model)
-    with memory_bus(bus_map) as bus:
-        for address, value in stored.items():
-            register_servo_of(bus.board, ODD).memory[address] = value
-        with servos_on(bus, bus_map) as servos:
-            warnings = [each for each in servos.read().warnings if "stored limits" not in each]
-    if told:
-        (warning,) = warnings
-        assert re.search(f"{told}.*: {NAME}", warning)
-    else:
-        assert warnings == []
+            until(servos, complains, offset_rad=0.2)
 
 
 def test_an_overload_of_an_x_servo_is_told_with_its_reason_and_needs_a_restart() -> None:
     with memory_bus(X_MAP, "overload:3:femur@2") as bus, servos_on(bus, X_MAP) as servos:
-        _until(servos, _said("(overload): leg 3 femur (id 8)"))
-        _until(servos, _said("no torque: leg 3 femur (id 8)"))
+        until(servos, _said("(overload): leg 3 femur (id 8)"))
+        until(servos, _said("no torque: leg 3 femur (id 8)"))
     with memory_bus(X_MAP, "overload:3:femur") as bus, servos_on(bus, X_MAP) as servos:
         assert any(re.search(f"overload.*power.*: {NAME}", each) for each in servos.read().warnings)
 
@@ -523,15 +425,15 @@ def test_an_overload_of_an_ax_servo_is_told_and_ends_with_the_next_walk() -> Non
     assert table.torque_limit is not None
     with memory_bus(bus_map, "overload:3:femur@1") as bus, servos_on(bus, bus_map) as servos:
         limp, servo = "no torque: leg 3 femur (id 8)", register_servo_of(bus.board, ODD)
-        _until(servos, _said(limp))
+        until(servos, _said(limp))
         assert servo.number(table.torque) == 1
         _walks(servos, 0.3)
         assert not servo.holds, "it is not switched on by itself"
         assert servos.disable_torque()
         bus.time.sleep(0.2)
-        _until(servos, lambda _: servo.holds)
+        until(servos, lambda _: servo.holds)
         assert servo.number(table.torque_limit) == 1
-        _until(servos, lambda state: not _said(limp)(state))
+        until(servos, lambda state: not _said(limp)(state))
 
 
 @pytest.mark.parametrize(
@@ -543,8 +445,3 @@ def test_another_model_than_the_robot_file_says_is_refused_and_named(number: int
         register_servo_of(bus.board, 0).memory[0:2] = number.to_bytes(2, "little")
         with pytest.raises(RobotFaultError, match=rf"leg 1 coxa .* {number}, not 1200 .*{advice}"):
             servos_on(bus, bus_map).connect()
-
-
-def test_nothing_answers_at_another_protocol() -> None:
-    with memory_bus(a_map()) as bus, pytest.raises(RobotFaultError, match="no servo answers"):
-        servos_on(bus, X_MAP).connect()

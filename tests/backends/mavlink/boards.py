@@ -1,19 +1,16 @@
 """Servo boards for tests: `hexctl sim board` in a process, and boards in memory on simulated time."""
 
 import json
-import os
 import re
-import select
 import signal
 import socket
 import subprocess
-import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Self
 from unittest.mock import patch
 
@@ -33,6 +30,7 @@ from hexctl.types import FloatArray
 from hexctl.waiting import wait_for
 from tests.backends.fake_time import FakeTime
 from tests.robots import edited_file, put, shipped
+from tests.server.processes import Program, program
 
 #: How long anything may take on a machine that does other things too.
 PATIENCE_S = 30.0
@@ -57,63 +55,36 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+@dataclass
 class BoardProcess:
-    """`hexctl sim board` in a process of its own.
+    """`hexctl sim board` in a process of its own, and what to connect to."""
 
-    Attributes:
-        process: the process; tests may signal it.
-        port: what to connect to.
-    """
+    program: Program
+    port: str
 
-    def __init__(self, *arguments: str, pty: bool = False) -> None:
-        number = free_port()
-        where = ["--pty"] if pty else ["--connect", f"udpin:127.0.0.1:{number}"]
-        where = [] if "--bus" in arguments else where
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "hexctl", "sim", "board", *where, "--json", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env={**os.environ, "MUJOCO_GL": "disable"},
-        )
-        greeting = self._greeting()
-        found = re.search(r"(?<= at )/[^\s,;]+", greeting)
-        self.port = found[0] if found else f"udpout:127.0.0.1:{number}"
+    @property
+    def process(self) -> "subprocess.Popen[str]":
+        """The process; tests may signal it."""
+        return self.program.process
 
     def end(self) -> dict[str, Any]:
         """End it as Ctrl-C does and return its report."""
-        self.process.send_signal(signal.SIGINT)
-        out, err = self.process.communicate(timeout=PATIENCE_S)
-        assert self.process.returncode == 0, err.decode()
-        report: dict[str, Any] = json.loads(out)
+        self.program.signal(signal.SIGINT)
+        assert self.program.wait() == 0, self.program.said()
+        report: dict[str, Any] = json.loads(self.program.said().splitlines()[-1])
         return report
-
-    def kill(self) -> None:
-        """End it without a word, whatever its state."""
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.communicate()
-
-    def _greeting(self) -> str:
-        """The first line on stderr."""
-        assert self.process.stderr is not None
-        text, until_s = b"", time.monotonic() + PATIENCE_S
-        while b"\n" not in text:
-            assert time.monotonic() < until_s, text
-            if select.select([self.process.stderr], [], [], 0.2)[0]:
-                data = os.read(self.process.stderr.fileno(), 4096)
-                assert data, text.decode()
-                text += data
-        return text.decode()
 
 
 @contextmanager
 def board(*arguments: str, pty: bool = False) -> Iterator[BoardProcess]:
     """Run a board for a while."""
-    running = BoardProcess(*arguments, pty=pty)
-    try:
-        yield running
-    finally:
-        running.kill()
+    number = free_port()
+    where = ["--pty"] if pty else ["--connect", f"udpin:127.0.0.1:{number}"]
+    words = ("hexctl", "sim", "board", *([] if "--bus" in arguments else where), "--json", *arguments)
+    with TemporaryDirectory() as folder, program(Path(folder), "board", *words) as running:
+        running.wait_for("Ctrl-C ends it")
+        found = re.search(r"(?<= at )/[^\s,;]+", running.said())
+        yield BoardProcess(running, found[0] if found else f"udpout:127.0.0.1:{number}")
 
 
 class MemoryPort(Port):

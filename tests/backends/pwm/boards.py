@@ -1,49 +1,29 @@
 """Simulated boards of hobby servos: in a thread of the test, or in memory on simulated time."""
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any
 from unittest.mock import patch
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.clock import PERIOD_S, WallClock
+from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
-from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.pca9685_board import Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board
-from hexctl.simulators.simulated_board import SimulatedBoard
-from hexctl.time_source import TimeSource
+from tests.backends.bus.boards import MemoryDevice, running
 from tests.backends.fake_time import FakeTime, Standing
 from tests.robots import shipped
-
-Board = TypeVar("Board", bound=SimulatedBoard)
 
 
 def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
     """Servos of the robot ant, whose horns are mounted so that its stance fits into their travel."""
     mounted = {"tibia": {"offset_deg": 40}, **section}
     return pwm_map_of(ServosSection.model_validate(mounted), driver)
-
-
-@contextmanager
-def running(board: Board) -> Iterator[Board]:
-    """A board that runs meanwhile."""
-    stop, ready = threading.Event(), threading.Event()
-    thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
-    thread.start()
-    try:
-        assert ready.wait(20)
-        yield board
-    finally:
-        stop.set()
-        thread.join()
 
 
 @contextmanager
@@ -79,72 +59,13 @@ def pca9685_board(
         yield board
 
 
-class MemoryServo2040(SerialLine):
-    """A simulated servo2040 in the place of its port, which answers within the call that asks it.
-
-    Its control periods pass when somebody speaks to it.
-
-    Attributes:
-        time: of everything on it; it passes while the test's own thread waits.
-        unplugged: whether the device has gone.
-    """
+class MemoryServo2040(MemoryDevice):
+    """A simulated servo2040 in memory, which moves a mock robot unless other servos are given."""
 
     def __init__(self, servos: LegServos | None, time: FakeTime, **options: Any) -> None:
-        self.time, self.baud, self.echoes, self.unplugged = time, 115_200, False, False
-        self._clock = servos.clock if servos is not None else WallClock(time=Standing(time))
-        self._robot = MockServos(shipped(), clock=self._clock) if servos is None else servos
-        self.board = Servo2040Board(self._robot, **options)
-        self.path = self.board.path
-        self.board._line.close()
-        self.board._line = self  # type: ignore[assignment]
-        self._sent, self._answers = b"", b""
-        self._robot.connect()
-        if isinstance(self._clock, WallClock):
-            self._clock.begin(time.now() - PERIOD_S)
-        self._ticked_s = time.now()
-        self.board._start()
-
-    def open(self, path: str, baud: int, *, time: TimeSource | None = None) -> SerialLine:
-        """Open the line, as `SerialLine` does."""
-        if self.unplugged or path != self.path:
-            raise RobotFaultError(f"there is no port {path}")
-        return self
-
-    def write(self, packet: bytes, *, timeout_s: float = 0.02) -> None:
-        self._check()
-        if self.time.now() - self._ticked_s >= PERIOD_S:
-            self._ticked_s = self.time.now()
-            self._clock.tick()
-            self.board._tick()
-        self._sent += packet
-        self.board._serve(0.0)
-
-    def read(self, deadline_s: float) -> bytes:
-        self._check()
-        if not self._answers:
-            self.time.sleep(max(0.0, deadline_s - self.time.now()))
-        answers, self._answers = self._answers, b""
-        return answers
-
-    def discard(self) -> bool:
-        self._answers = b""
-        return False
-
-    def receive(self, timeout_s: float) -> bytes:
-        """Bytes for the board."""
-        sent, self._sent = self._sent, b""
-        return sent
-
-    def send(self, data: bytes) -> None:
-        """Bytes from the board."""
-        self._answers += data
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-    def _check(self) -> None:
-        if self.unplugged:
-            raise OSError(5, "Input/output error")
+        robot = MockServos(shipped(), clock=WallClock(time=Standing(time))) if servos is None else servos
+        self.board = Servo2040Board(robot, **options)
+        super().__init__(self.board, time)
 
 
 @contextmanager
@@ -152,7 +73,7 @@ def memory_servo2040(
     *faults: str, firmware: str = "stock", servos: LegServos | None = None, pwm_map: PwmMap | None = None
 ) -> Iterator[MemoryServo2040]:
     """A servo2040 in memory, found at its path meanwhile; clocks that nobody gave are on its time."""
-    running = MemoryServo2040(
+    device = MemoryServo2040(
         servos,
         FakeTime(),
         pwm_map=a_map() if pwm_map is None else pwm_map,
@@ -160,10 +81,10 @@ def memory_servo2040(
         faults=tuple(parse_fault(fault, Servo2040Board.kinds) for fault in faults),
     )
     with (
-        patch("hexctl.backends.pwm.servo2040.SerialLine", running.open),
-        patch("hexctl.backends.ticked_servos.WallClock", lambda: WallClock(time=running.time)),
+        patch("hexctl.backends.pwm.servo2040.SerialLine", device.open),
+        patch("hexctl.backends.ticked_servos.WallClock", lambda: WallClock(time=device.time)),
     ):
-        yield running
+        yield device
 
 
 def servos_on(board: MemoryServo2040 | Servo2040Board, pwm_map: PwmMap | None = None) -> Servo2040Servos:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.pwm.i2c_socket import I2cMessage
-from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.types import FloatArray
 
 
@@ -42,6 +42,9 @@ class ChipBus:
 
     def i2c_rdwr(self, *messages: Any) -> None:
         self._transfer([I2cMessage(message.addr, data=bytes(message)) for message in messages])
+
+    def close(self) -> None:
+        """The chips stay."""
 
     def pulses_us(self) -> FloatArray:
         """Pulses that come out, (32,), of the chips in the order of their addresses."""
@@ -78,3 +81,6 @@ class FlatBus:
         for message in messages:
             register, *data = list(message)
             self.memories[message.addr][register : register + len(data)] = bytes(data)
+
+    def close(self) -> None:
+        """The bytes stay."""

@@ -3,7 +3,6 @@
 import errno
 import random
 import sys
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -21,14 +20,15 @@ from hexctl.backends.pwm.pca9685 import (
 )
 from hexctl.errors import MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
-from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.testing.servo_conformance import LegServosConformance
-from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
+from hexctl.types import N_JOINTS, FloatArray, JointTargets
 from hexctl.waiting import wait_for
 from hexctl.wire.zenoh_messages import MAX_TEXT_BYTES
 from tests.backends.fake_time import FakeTime
 from tests.backends.pwm.boards import a_map
 from tests.backends.pwm.i2c import ChipBus, FlatBus
+from tests.backends.standing import until
 from tests.robots import shipped
 
 #: A count at 50 Hz.
@@ -37,26 +37,18 @@ COUNT_US = 122 / 25
 
 def _servos(bus: I2cBus, pwm_map: PwmMap | None = None) -> Pca9685Servos:
     used = a_map("pca9685") if pwm_map is None else pwm_map
-    return Pca9685Servos(shipped(), pwm_map=used, port="1", i2c=bus, clock=FakeTime().clock())
+    servos = Pca9685Servos(shipped(), pwm_map=used, port="1", clock=FakeTime().clock())
 
+    def board() -> Pca9685:
+        return Pca9685(bus, used, servos.clock.time, known=servos._known)
 
-def _until(
-    servos: LegServos, condition: Callable[[RobotState], Any], *, write: bool = True, offset_rad: float = 0.0
-) -> RobotState:
-    """State of the first tick in which a condition holds, while a pose is commanded."""
-    for _ in range(400):
-        servos.clock.tick()
-        state = servos.read()
-        if condition(state):
-            return state
-        if write:
-            servos.write(JointTargets(servos.robot.stance_angles_rad + offset_rad, servos.clock.now_s))
-    raise AssertionError(state)
+    servos._open = board  # type: ignore[method-assign]
+    return servos
 
 
 def _power(servos: LegServos, bus: ChipBus, offset_rad: float = 0.0) -> None:
     """Command a pose until all servos have pulses."""
-    _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all(), offset_rad=offset_rad)
+    until(servos, lambda _: (bus.pulses_us()[:18] > 0).all(), offset_rad=offset_rad)
 
 
 def _limp(bus: ChipBus, servos: LegServos, addresses: tuple[int, ...] = (0x40, 0x41)) -> None:
@@ -92,7 +84,7 @@ def test_registers_are_what_other_drivers_take_them_for() -> None:
     bus, robot = FlatBus(), shipped()
     with _servos(bus) as servos:
         wanted = a_map("pca9685").raw(robot.stance_angles_rad)
-        _until(servos, lambda _: bus.memories[0x41][0x06 + 4 + 3] != 0x10 and bus.memories[0x41][8])
+        until(servos, lambda _: bus.memories[0x41][0x06 + 4 + 3] != 0x10 and bus.memories[0x41][8])
         for joint in range(18):
             memory = bytes(bus.memories[0x40 if joint < 16 else 0x41])
             assert _referee_us(memory, joint % 16) == pytest.approx(wanted[joint], abs=COUNT_US / 2)
@@ -198,13 +190,13 @@ def test_a_board_that_lost_its_power_is_a_fault_until_the_torque_was_off() -> No
         _power(servos, bus)
         with bus.lock:
             bus.chips[address].reset()
-        state = _until(servos, lambda state: not state.healthy)
+        state = until(servos, lambda state: not state.healthy)
         assert "0x41 has lost its settings" in str(state.fault)
         assert len(f"fault: {state.fault}") <= MAX_TEXT_BYTES, "it is told whole over the link"
-        _until(servos, lambda _: servos.clock.now_s > 1.5)
+        until(servos, lambda _: servos.clock.now_s > 1.5)
         assert not bus.chips[address].pulses_us().any(), "nothing is powered again by itself"
         servos.disable_torque()
-        _until(servos, lambda state: state.healthy, write=False)
+        until(servos, lambda state: state.healthy, write=False)
         assert not bus.pulses_us().any()
         _power(servos, bus)
 
@@ -214,9 +206,9 @@ def test_a_bus_that_comes_back_leaves_the_robot_standing() -> None:
     with _servos(bus) as servos:
         _power(servos, bus)
         bus.fails = lambda _: True
-        _until(servos, lambda state: not state.healthy)
+        until(servos, lambda state: not state.healthy)
         bus.fails = lambda _: False
-        _until(servos, lambda state: state.healthy)
+        until(servos, lambda state: state.healthy)
         for _ in range(25):
             servos.clock.tick()
             servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))

@@ -3,9 +3,8 @@
 import os
 import select
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,8 +29,9 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.time_source import WALL_TIME
-from hexctl.types import JointTargets, RobotState
+from hexctl.types import JointTargets
 from tests.backends.pwm.boards import a_map, memory_servo2040, servo2040_board, servos_on
+from tests.backends.standing import until
 from tests.robots import shipped
 
 #: Frames of the protocol's description, and what they say.
@@ -79,18 +79,6 @@ class TestServo2040(LegServosConformance):
 
     def make(self) -> LegServos:
         return servos_on(self.running)
-
-
-def _until(servos: LegServos, condition: Callable[[RobotState], Any], *, write: bool = True) -> RobotState:
-    """State of the first tick in which a condition holds, while the stance is commanded."""
-    for _ in range(400):
-        servos.clock.tick()
-        state = servos.read()
-        if condition(state):
-            return state
-        if write:
-            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
-    raise AssertionError(state)
 
 
 class _Line(SerialLine):
@@ -141,17 +129,17 @@ def test_a_board_on_a_pseudo_terminal_is_driven_and_found_again(tmp_path: Path) 
         device.symlink_to(board.path)
         servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=str(device))
         servos.connect()
-        _until(servos, lambda _: board.enabled.all())
+        until(servos, lambda _: board.enabled.all())
         assert board.report()["torn"] == 0
     device.unlink()
     with servos:
-        state = _until(servos, lambda state: not state.healthy)
+        state = until(servos, lambda state: not state.healthy)
         assert str(device) in str(state.fault)
         with servo2040_board() as board:
             device.symlink_to(board.path)
-            _until(servos, lambda state: state.healthy, write=False)
+            until(servos, lambda state: state.healthy, write=False)
             assert not board.relay, "nothing is switched on by itself"
-            _until(servos, lambda _: board.relay)
+            until(servos, lambda _: board.relay)
         assert servos.link_counts["reopened"] == 1
 
 
@@ -160,16 +148,16 @@ def test_nothing_is_powered_before_the_first_targets(firmware: str) -> None:
     with memory_servo2040(firmware=firmware) as running:
         board = running.board
         with servos_on(running) as servos:
-            _until(servos, lambda _: servos.counters.reports > 3, write=False)
+            until(servos, lambda _: servos.counters.reports > 3, write=False)
             assert not board.relay
             assert not board.pulses_us.any()
             assert not servos.read().measured
-            _until(servos, lambda _: board.enabled.all())
+            until(servos, lambda _: board.enabled.all())
             stance_us = a_map().raw(servos.robot.stance_angles_rad)
             np.testing.assert_allclose(board.pulses_us, stance_us, atol=0.5)
             assert servos.disable_torque()
-            _until(servos, lambda _: not board.relay, write=False)
-            _until(servos, lambda _: board.relay and board.enabled.all())
+            until(servos, lambda _: not board.relay, write=False)
+            until(servos, lambda _: board.relay and board.enabled.all())
         assert board.relay, "after closing the robot holds its pose"
         with servos_on(running) as servos:
             for _ in range(30):
@@ -221,7 +209,7 @@ def test_contacts_voltage_and_current_of_the_simulated_robot_are_read(firmware: 
         servos_on(running, pwm_map) as servos,
     ):
         stance = servos.robot.stance_angles_rad
-        state = _until(servos, lambda state: state.foot_contacts is not None and state.foot_contacts.all())
+        state = until(servos, lambda state: state.foot_contacts is not None and state.foot_contacts.all())
         assert state.battery_v == pytest.approx(7.4, abs=0.01)
         lifted = stance.copy()
         lifted[1] += np.radians(30) * np.sign(_up(servos))
@@ -243,27 +231,17 @@ def _up(servos: LegServos) -> float:
     return float(foot_positions_body(robot, higher)[0, 2] - foot_positions_body(robot, lower)[0, 2])
 
 
-@pytest.mark.parametrize("firmware", ["stock", "fork"])
-def test_the_fork_is_recognised(firmware: str) -> None:
-    with memory_servo2040(firmware=firmware) as running:
-        board = Servo2040(running, a_map())
-        assert board.fork == (firmware == "fork")
-        report = board.poll()
-        assert report is not None
-        assert report.voltage_v == pytest.approx(7.4, abs=0.01)
-
-
 def test_a_trip_stops_the_robot_until_its_torque_was_off() -> None:
     with memory_servo2040("trip:12.5@1", firmware="fork") as running, servos_on(running) as servos:
         board = running.board
-        assert "12.5 A" in str(_until(servos, lambda state: not state.healthy).fault)
+        assert "12.5 A" in str(until(servos, lambda state: not state.healthy).fault)
         for _ in range(10):
             servos.clock.tick()
             servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
         assert not board.relay, "nothing is powered again by itself"
         servos.disable_torque()
-        _until(servos, lambda state: state.healthy, write=False)
-        _until(servos, lambda _: board.relay)
+        until(servos, lambda state: state.healthy, write=False)
+        until(servos, lambda _: board.relay)
 
 
 def test_garbled_replies_stop_nothing() -> None:
@@ -279,12 +257,12 @@ def test_garbled_replies_stop_nothing() -> None:
 @pytest.mark.parametrize("faults", [("mute@1",), ("unplug@1", "replug@2.5")])
 def test_a_board_that_falls_mute_is_a_fault_while_it_is(faults: tuple[str, ...]) -> None:
     with memory_servo2040(*faults) as running, servos_on(running) as servos:
-        state = _until(servos, lambda state: not state.healthy)
+        state = until(servos, lambda state: not state.healthy)
         assert "does not answer" in str(state.fault)
         assert state.foot_contacts is None
         assert state.age_s > 0.2, "what it was told is not what it does"
         if len(faults) == 2:
-            _until(servos, lambda state: state.healthy)
+            until(servos, lambda state: state.healthy)
 
 
 @pytest.mark.parametrize("noise", [b"\x00\xff\xc7" * 50, b"\xc7\x19\x01\xff\xff\xff", b"\xc7" * 500])

@@ -105,18 +105,10 @@ def test_the_same_seed_gives_the_same_trial_to_the_last_bit() -> None:
         assert np.array_equal(first.log[column], second.log[column])
 
 
-@pytest.mark.slow
-def test_another_seed_gives_another_trial_where_something_is_random() -> None:
-    first, second = (walk(duration_s=1, world=ROUGH, seed=seed) for seed in (5, 6))
-    assert not np.array_equal(first.log["measured_rad"], second.log["measured_rad"])
-    plain, again = (walk(duration_s=1, seed=seed) for seed in (5, 6))
-    assert np.array_equal(plain.log["measured_rad"], again.log["measured_rad"])
-
-
-def _errors(world: World, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _errors(world: World) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Measured - true of joints, position and yaw over 400 ticks of standing."""
     joints, positions, yaws = [], [], []
-    with SimServos(shipped(), world=world, seed=seed) as servos:
+    with SimServos(shipped(), world=world) as servos:
         for _ in range(400):
             move(servos, servos.robot.stance_angles_rad, ticks=1)
             state, qpos = servos.read(), servos.compiled.physics.data.qpos
@@ -137,9 +129,7 @@ def test_sensor_noise_has_the_standard_deviations_of_its_world() -> None:
 
 
 @pytest.mark.slow
-def test_sensor_noise_is_drawn_with_the_seed_and_does_not_touch_the_robot() -> None:
-    np.testing.assert_array_equal(_errors(NOISY, seed=4)[0], _errors(NOISY, seed=4)[0])
-    assert not np.array_equal(_errors(NOISY, seed=4)[0], _errors(NOISY, seed=5)[0])
+def test_sensor_noise_does_not_touch_the_robot() -> None:
     true = []
     for world in (World(), NOISY):
         with SimServos(shipped(), world=world) as servos:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.backends.sim.actuators import ActuatorModel
-from hexctl.backends.sim.sensing import Losses
+from hexctl.backends.sim.sensing import LOST_COMMANDS, Losses
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_batch import SimBatch
 from hexctl.backends.sim.simulated_failure import jammed_angles_rad
@@ -223,7 +223,7 @@ def test_a_lost_command_leaves_the_servos_at_the_one_before(losses: list[bool]) 
 
 def test_as_many_commands_are_lost_as_the_world_says_the_same_ones_every_time() -> None:
     def drawn(share: float, seed: int) -> list[bool]:
-        loss, lost = Losses(share, (seed, 3, 0)), []
+        loss, lost = Losses(share, LOST_COMMANDS, seed), []
         for _ in range(4000):
             loss.draw()
             lost.append(loss.lost)

@@ -90,18 +90,6 @@ def test_a_missing_leg_touches_nothing_and_weighs_nothing(tmp_path: Path) -> Non
     assert mass == pytest.approx(robot.mass_kg - robot.link_masses_kg.sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize("kind", BROKEN_KINDS)
-def test_a_failure_changes_its_own_leg_only(kind: str) -> None:
-    """The other legs' servos answer a big command with all their torque, as they do in a whole robot."""
-    failure = Failure(leg=LEG, kind=kind, angle_rad=0.3)
-    with SimServos(shipped(), failure=failure) as servos:
-        servos.clock.tick()
-        servos.write(JointTargets(np.full(18, 3.0), 0.0))
-        servos.compiled.physics.step()
-        force = np.abs(servos.compiled.physics.data.actuator_force)
-    np.testing.assert_allclose(force[OTHERS], 2.5)
-
-
 @pytest.mark.parametrize("degrees", [-61, 61])
 def test_a_joint_cannot_be_stuck_where_it_cannot_go(degrees: float) -> None:
     failure = Failure(leg=LEG, kind="stuck", joint="coxa", angle_rad=float(np.radians(degrees)))

@@ -124,23 +124,6 @@ def test_torque_falls_on_a_line_from_stall_to_the_speed_without_load(share: floa
     assert torques[0] - gear == pytest.approx(2.5 * (1 - share))
 
 
-def test_a_servo_reaches_its_speed_without_load_and_no_more() -> None:
-    robot = _with(
-        joint_no_load_speed_rad_s=np.full(18, 2.0),
-        joint_lower_rad=np.full(18, -50.0),
-        joint_upper_rad=np.full(18, 50.0),
-    )
-    physics = _floating(robot)
-    physics.model.dof_damping[6:] -= 0.02  # the gears' own
-    physics.data.qpos[7:] = 0
-    physics.data.ctrl[:] = 0
-    physics.data.ctrl[0] = 100.0
-    physics.data.qvel[:] = 0
-    physics.step(1000)
-    hinge = physics.data.qvel[6]
-    assert hinge == pytest.approx(2.0, rel=1e-3)
-
-
 def test_a_limp_leg_keeps_its_friction_and_loses_its_back_emf() -> None:
     robot = _with(joint_no_load_speed_rad_s=np.full(18, 8.0), joint_dry_friction_nm=np.full(18, 0.1))
     whole = _floating(robot).model

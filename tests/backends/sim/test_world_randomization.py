@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.draws import Distribution
 from hexctl.backends.sim.world import (
     MAX_MEMBERS,
     DomainRandomization,
@@ -72,19 +72,6 @@ def test_a_member_is_the_same_whatever_it_is_asked_with(first: int, count: int, 
 def test_another_seed_draws_other_worlds() -> None:
     other = family().model_copy(update={"seed": 21})
     assert set(family().members(0, 16)).isdisjoint(other.members(0, 16))
-
-
-@pytest.mark.slow
-@given(first=numbers)
-def test_members_lie_within_their_ranges(first: int) -> None:
-    for name in FAMILIES:
-        (world,) = family(name).members(first, 1)
-        for key, spread in family(name).ranges.items():
-            values = _values([world], key)
-            # A normal range ends at two standard deviations; nothing lies beyond five.
-            room = 0.75 * (spread.high - spread.low) if spread.scale == "normal" else 1e-12
-            assert (values >= spread.low - room).all()
-            assert (values <= spread.high + room).all()
 
 
 @pytest.mark.slow
@@ -192,6 +179,7 @@ WRONG_RANGES = {
     "fricton: {low: 0.4, high: 1}": "fricton",
     "slope_deg: {low: 0, high: 90}": "slope_deg",
     "friction_cone: {low: 0, high: 1}": "friction_cone",
+    "time_step_s: {low: 0.001, high: 0.005}": "time_step_s",
     "friction.coxa: {low: 1, high: 2}": "friction.coxa",
     "joint_friction_nm.coxa: {low: 0.1, high: 0.2}": "joint_friction_nm.coxa",
     "joint_stiffness: {low: 1, high: 2}, joint_stiffness.tibia: {low: 1, high: 2}": "joint_stiffness.tibia",
@@ -221,14 +209,6 @@ def test_a_bad_family_is_refused_with_file_and_key(text: str, tmp_path: Path) ->
     with pytest.raises(InputError, match=WRONG_FAMILIES[text]) as refused:
         load_randomization(path)
     assert str(refused.value).startswith(f"{path}: ")
-
-
-@pytest.mark.parametrize(
-    "spread", ["friction_cone: {low: 0, high: 0.04}", "time_step_s: {low: 0.001, high: 0.005}"]
-)
-def test_a_quantity_that_knows_steps_only_cannot_be_spread(spread: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=spread.partition(":")[0]):
-        load_randomization(_written(f"seed: 1\nranges: {{{spread}}}", tmp_path)).members(0, 8)
 
 
 def test_a_range_of_one_joint_kind_leaves_the_other_joints_as_they_are(tmp_path: Path) -> None:

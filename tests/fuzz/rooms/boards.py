@@ -1,6 +1,7 @@
 """Targets of simulated boards: servos on a bus and servo boards, as programs instruct them."""
 
 import errno
+import struct
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cache
@@ -8,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a_packets import LX16A, move
+from hexctl.backends.bus.lx16a import LX16A, move
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, REBOOT, SYNC_READ, SYNC_WRITE, WRITE
 from hexctl.backends.bus.registers import table_of
 from hexctl.backends.mock import MockServos
-from hexctl.backends.pwm.i2c_socket import I2cMessage, encode_transaction, take_transaction
+from hexctl.backends.pwm.i2c_socket import I2cMessage, decode_transaction, encode_transaction
 from hexctl.backends.pwm.servo2040 import get_frame, set_frame
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.bus_board import FAMILIES
 from hexctl.simulators.bus_faults import BusFaults
 from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServo, SimulatedServos
-from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.types import N_JOINTS, FloatArray
 from tests.backends.bus.boards import MODELS, a_map, stance_counts
@@ -143,19 +144,18 @@ def _servo2040_frames(data: bytes) -> None:
 def _i2c(data: bytes) -> None:
     """Give transactions to two chips."""
     bus = SimulatedI2c({0x40: SimulatedPca9685(), 0x41: SimulatedPca9685()})
-    while (taken := take_transaction(data))[0] is not None:
-        messages, size = taken
-        assert messages is not None
-        assert size >= 1
-        data = data[size:]
-        again = [each for each in messages if each.reads or each.data]
-        assert take_transaction(encode_transaction(again))[0] == again
-        try:
-            answer = bus.transfer(messages)
-        except OSError as error:
-            assert error.errno == errno.EREMOTEIO  # noqa: PT017  what is looked for
-        else:
-            assert len(answer) <= sum(message.reads for message in messages)
+    try:
+        messages = decode_transaction(data)
+    except struct.error:
+        return
+    again = [each for each in messages if each.reads or each.data]
+    assert decode_transaction(encode_transaction(again)) == again
+    try:
+        answer = bus.transfer(messages)
+    except OSError as error:
+        assert error.errno == errno.EREMOTEIO  # noqa: PT017  what is looked for
+    else:
+        assert len(answer) <= sum(message.reads for message in messages)
     for chip in bus.chips.values():
         assert chip.pulses_us().shape == (16,)
 

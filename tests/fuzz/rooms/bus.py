@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a_packets import ANSWER_BYTES, LX16A
+from hexctl.backends.bus.lx16a import ANSWER_BYTES, LX16A
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat, PacketStream
 from hexctl.backends.bus.registers import table_of

@@ -9,9 +9,8 @@ from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame, read_signing_key
-from hexctl.backends.mavlink.mavlink_client import MavlinkServos
-from hexctl.backends.mavlink.mavlink_transport import Arrival, LinkCounters, MavlinkLink, Port
-from hexctl.backends.mavlink.receiver import Receiver, Stamped
+from hexctl.backends.mavlink.mavlink_client import MavlinkServos, Receiver, Stamped
+from hexctl.backends.mavlink.mavlink_transport import LinkCounters, MavlinkLink, Port
 from hexctl.backends.mock import MockServos
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.servos.servo_map import servo_map_of
@@ -99,7 +98,7 @@ def _receiver(data: bytes) -> None:
     """Give frames to the controller's end, and put a state together."""
     receiver = Receiver(MavlinkLink(NoPort(), Codec(255, 191)), LinkCounters())
     for frame in _framed(data):
-        receiver._take(Arrival(frame, None, 1.0))
+        receiver._take(frame, None, 1.0)
     servos = _servos()
     outputs = receiver.newest("outputs")
     if outputs is None:
@@ -124,7 +123,7 @@ def _at_board(data: bytes) -> None:
     board = _board()
     board._peers = Peers()
     for frame in _framed(data):
-        board._handle(Arrival(frame, None, 1.0))
+        board._handle(frame, None, 1.0)
         with suppress(AttributeError):  # most messages name no target
             for_us(frame.message)
         for answer in answers(frame.kind, frame.message, 7, 8):

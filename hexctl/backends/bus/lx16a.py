@@ -1,4 +1,7 @@
-"""Bus of LX-16A servos and compatible ones.
+"""A bus of LewanSoul (Hiwonder) servos, which report no model: LX-16A, LX-224, HTS-35H.
+
+Numbers are little-endian. Writes are not answered; an answer repeats its command, which has no parameters
+(LewanSoul Bus Servo Communication Protocol).
 
 At 115200 baud a move takes 0.9 ms and a reading 1.2 ms: not all fit into 20 ms. At most `MOST_MOVES` moves
 per period go to changed goals, the longest waiting first. The remaining time is used for positions, one by
@@ -10,13 +13,48 @@ from typing import ClassVar
 
 import numpy as np
 
-from hexctl.backends.bus import lx16a_packets as lx
-from hexctl.backends.bus.lx16a_servo import Lx16aServo
 from hexctl.backends.bus.packet_line import TIMEOUT_TIMES, PacketLine
-from hexctl.backends.bus.servo import TRIES
+from hexctl.backends.bus.packets import SumPackets
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.types import BoolArray, FloatArray
+
+#: Commands that write.
+MOVE, WRITE_ID, WRITE_LIMITS, WRITE_MODE, WRITE_LOAD = 1, 13, 20, 29, 31
+
+#: Parameters of each command that writes.
+WRITE_BYTES = {MOVE: 4, WRITE_ID: 1, WRITE_LIMITS: 4, WRITE_MODE: 4, WRITE_LOAD: 1}
+
+#: Commands that ask.
+READ_ID, READ_LIMITS, READ_VOLTAGE_LIMITS, READ_MOST_TEMPERATURE = 14, 21, 23, 25
+READ_TEMPERATURE, READ_VOLTAGE, READ_POSITION, READ_MODE, READ_LOAD = 26, 27, 28, 30, 32
+
+#: Parameters in the answer to each command that asks.
+ANSWER_BYTES = {
+    READ_ID: 1,
+    READ_LIMITS: 4,
+    READ_VOLTAGE_LIMITS: 4,
+    READ_MOST_TEMPERATURE: 1,
+    READ_TEMPERATURE: 1,
+    READ_VOLTAGE: 2,
+    READ_POSITION: 2,
+    READ_MODE: 4,
+    READ_LOAD: 1,
+}
+
+#: Longest time of a move, in ms.
+MOST_MOVE_MS = 30_000
+
+#: The one format of the family: an answer has the command that it answers in place of an error.
+LX16A = SumPackets(b"\x55\x55", counted=3, most_parameters=4, most_id=0xFF, answers=ANSWER_BYTES)
+LX16A.probe = READ_POSITION
+
+#: Time of a move of a single servo, in ms: two steps of a soft motion.
+MOVE_MS = 40
+
+#: Temperature in degrees Celsius at which servos let go, from the factory.
+FACTORY_MOST_C = 85
 
 #: Moves in a control period: half of the servos, 7.8 ms.
 MOST_MOVES = 9
@@ -37,7 +75,119 @@ MOVE_BYTES = 10
 SPAN_S = 0.0175
 
 #: Readings besides positions, in turn: one for each round of all positions.
-OTHERS = (lx.READ_VOLTAGE, lx.READ_TEMPERATURE, lx.READ_LOAD)
+OTHERS = (READ_VOLTAGE, READ_TEMPERATURE, READ_LOAD)
+
+
+def move(servo_id: int, count: int, time_ms: int) -> bytes:
+    """Packet that moves a servo to a count, 0 to 1000, in a time in ms."""
+    time_ms = min(max(time_ms, 0), MOST_MOVE_MS)
+    return LX16A.instruction(servo_id, MOVE, count.to_bytes(2, "little") + time_ms.to_bytes(2, "little"))
+
+
+def load(servo_id: int, *, on: bool) -> bytes:
+    """Packet that switches the torque of a servo."""
+    return LX16A.instruction(servo_id, WRITE_LOAD, bytes([on]))
+
+
+def mode(servo_id: int, *, motor: bool) -> bytes:
+    """Packet that selects position mode, or motor mode at speed 0."""
+    return LX16A.instruction(servo_id, WRITE_MODE, bytes([motor, 0, 0, 0]))
+
+
+def number(parameters: bytes) -> int:
+    """Number in the parameters of an answer; two bytes are signed."""
+    return int.from_bytes(parameters, "little", signed=len(parameters) == 2)
+
+
+class Lx16aServo(Servo):
+    """One servo without a torque limit; each move has a duration."""
+
+    def look(self) -> FoundServo:
+        """Identity and readings of the servo."""
+        position, millivolts = self.position(), self.number(READ_VOLTAGE)
+        limits_mv = self._pair(READ_VOLTAGE_LIMITS)
+        return FoundServo(
+            servo_id=self.servo_id,
+            baud=self._packets.line.baud,
+            model=None,
+            model_number=None,
+            protocol=1,
+            position=None if position is None else int(position),
+            voltage_v=None if millivolts is None else round(millivolts / 1000, 1),
+            temperature_c=self.number(READ_TEMPERATURE),
+            variant="" if limits_mv is None else f"{limits_mv[0] / 1000:g} to {limits_mv[1] / 1000:g} V",
+        )
+
+    def number(self, command: int) -> float | None:
+        """Number that answers a reading command; None without an answer."""
+        answer = self._ask(command)
+        return None if answer is None else float(number(answer))
+
+    def position(self) -> float | None:
+        """Position in counts."""
+        return self.number(READ_POSITION)
+
+    def torque(self, *, tries: int = TRIES) -> bool | None:
+        """Whether its torque is on; None without an answer."""
+        answer = self._ask(READ_LOAD, tries=tries)
+        return None if answer is None else bool(answer[0])
+
+    def set_torque(self, *, on: bool) -> bool:
+        """Switch the torque until the servo confirms it."""
+        for _ in range(TRIES):
+            self._packets.line.write(load(self.servo_id, on=on))
+            if self.torque() is on:
+                return True
+        return False
+
+    def go(self, count: float) -> str:
+        """Set the goal; these servos do not acknowledge it."""
+        self._packets.line.write(move(self.servo_id, round(count), MOVE_MS))
+        return ""
+
+    def settings(self) -> ServoSettings:
+        """Stored limits, or those of its model without any, and differences to the factory settings."""
+        least, most = self._pair(READ_LIMITS) or (0, 0)
+        if not self.type.least <= least < most <= self.type.most:
+            least, most = self.type.least, self.type.most
+        refusal = "it is in motor mode and follows no positions; switch its power off and on"
+        return ServoSettings(
+            refusal=refusal if self._is_motor() else "", notes=tuple(self._notes()), least=least, most=most
+        )
+
+    def set_up(self) -> list[str]:
+        """Set up a servo without torque: position mode."""
+        if not self._is_motor():
+            return []
+        self._packets.line.write(mode(self.servo_id, motor=False))
+        return ["could not end its motor mode" if self._is_motor() else "ended its motor mode"]
+
+    def _is_motor(self) -> bool:
+        stored = self._twice(lambda: self._ask(READ_MODE))
+        return stored is not None and stored[0] == 1
+
+    def _notes(self) -> list[str]:
+        notes = []
+        most_c = self._twice(lambda: self.number(READ_MOST_TEMPERATURE)) or FACTORY_MOST_C
+        if most_c > FACTORY_MOST_C:
+            notes.append(f"it lets go at {most_c:.0f} degrees C, from the factory at {FACTORY_MOST_C}")
+        limits_mv, now_mv = self._pair(READ_VOLTAGE_LIMITS), self.number(READ_VOLTAGE)
+        if limits_mv is not None and now_mv is not None and not limits_mv[0] <= now_mv <= limits_mv[1]:
+            least_v, most_v = (each / 1000 for each in limits_mv)
+            notes.append(f"it has {now_mv / 1000:.1f} V, and lets go outside {least_v:.1f} to {most_v:.1f} V")
+        return notes
+
+    def _pair(self, command: int) -> tuple[int, int] | None:
+        stored = self._twice(lambda: self._ask(command))
+        return None if stored is None else (number(stored[:2]), number(stored[2:]))
+
+    def _write_id(self, servo_id: int) -> str:
+        self._packets.tell(self.servo_id, WRITE_ID, bytes([servo_id]))
+        return ""
+
+    def _ask(self, command: int, *, tries: int = TRIES) -> bytes | None:
+        answer = self._packets.ask(self.servo_id, command, tries=tries)
+        return None if answer is None else answer.parameters
 
 
 class Lx16aBus(ServoBus):
@@ -79,13 +229,13 @@ class Lx16aBus(ServoBus):
         found = super().find()
         self._silent = ~found
         for index in np.flatnonzero(found).tolist():
-            for command in (lx.READ_VOLTAGE, lx.READ_TEMPERATURE):
+            for command in (READ_VOLTAGE, READ_TEMPERATURE):
                 self._read_other(index, command)
         return found
 
     def torque(self, index: int, *, tries: int = TRIES) -> bool | None:
         """Whether a servo holds its goal; None without an answer."""
-        answer = self._ask(index, lx.READ_LOAD, tries=tries)
+        answer = self._ask(index, READ_LOAD, tries=tries)
         if answer is None:
             return None
         self._on[index] = bool(answer[0])
@@ -99,8 +249,8 @@ class Lx16aBus(ServoBus):
         self._on[left] = on
         self._limp[left] = self._beyond[left] = False
         for _ in range(TRIES):
-            self._line.write(b"".join(lx.load(self.ids[index], on=on) for index in left))
-            left = [index for index in left if self._ask(index, lx.READ_LOAD) != bytes([on])]
+            self._line.write(b"".join(load(self.ids[index], on=on) for index in left))
+            left = [index for index in left if self._ask(index, READ_LOAD) != bytes([on])]
             if not left:
                 return
 
@@ -109,8 +259,8 @@ class Lx16aBus(ServoBus):
         self._on[self._beyond] = False
         chosen = np.flatnonzero(which).tolist()
         for index in chosen:
-            to_here = lx.move(self.ids[index], int(here[index]), PERIOD_MS)
-            self._line.write(to_here + lx.load(self.ids[index], on=True) + to_here)
+            to_here = move(self.ids[index], int(here[index]), PERIOD_MS)
+            self._line.write(to_here + load(self.ids[index], on=True) + to_here)
         self._sent[:] = self._earlier[:] = np.nan
         self._from[:] = np.where(which, here, np.nan)
         self.set_torque(True, chosen)
@@ -169,7 +319,7 @@ class Lx16aBus(ServoBus):
         )
         times_ms = np.maximum(planned_ms, self._needed_ms(self._goals, arrive_s))
         self._note_moves(chosen, self._goals, times_ms, arrive_s)
-        moves = [lx.move(self.ids[index], int(self._sent[index]), int(times_ms[index])) for index in chosen]
+        moves = [move(self.ids[index], int(self._sent[index]), int(times_ms[index])) for index in chosen]
         if moves:
             self._line.write(b"".join(moves))
 
@@ -199,22 +349,22 @@ class Lx16aBus(ServoBus):
         self._sent[chosen], self._sent_at_s[chosen] = goals[chosen], at_s[chosen]
 
     def _ask_reports(self, indices: Sequence[int]) -> list[Report]:
-        answers = [(index, self._ask(index, lx.READ_POSITION)) for index in indices]
+        answers = [(index, self._ask(index, READ_POSITION)) for index in indices]
         reports = [self._report(index, answer) for index, answer in answers if answer is not None]
         self._count(indices, reports)
         return reports
 
     def _report(self, index: int, answer: bytes) -> Report:
-        self._read[index] = lx.number(answer)
+        self._read[index] = number(answer)
         limp = "limp" if self._limp[index] else ""
         return Report(
             index=index,
             at_s=self._time.now(),
-            position=lx.number(answer),
+            position=number(answer),
             effort=np.nan,
             current_a=np.nan,
-            voltage_v=self._others.pop((index, lx.READ_VOLTAGE), np.nan) / 1000,
-            temperature_c=self._others.pop((index, lx.READ_TEMPERATURE), np.nan),
+            voltage_v=self._others.pop((index, READ_VOLTAGE), np.nan) / 1000,
+            temperature_c=self._others.pop((index, READ_TEMPERATURE), np.nan),
             error=", ".join(filter(None, (limp, self._complaint_of_limits(index)))),
         )
 
@@ -227,8 +377,8 @@ class Lx16aBus(ServoBus):
         answer = self._ask(index, command)
         if answer is None:
             return
-        if command != lx.READ_LOAD:
-            self._others[index, command] = lx.number(answer)
+        if command != READ_LOAD:
+            self._others[index, command] = number(answer)
         elif answer == b"\0" and self._on[index] and self._ask(index, command) == answer:
             self._on[index], self._limp[index] = False, True
 
