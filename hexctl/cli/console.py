@@ -104,66 +104,35 @@ def print_note(text: str) -> None:
     typer.echo(printable_lines(text), err=True)
 
 
+def print_message(text: object) -> None:
+    """Print a line on stderr that begins with the name of the program."""
+    print_note(f"hexctl: {text}")
+
+
 def print_question(text: str) -> None:
     """Print a question on stderr without a line end."""
     typer.echo(printable_lines(text), err=True, nl=False)
 
 
-class StatusLine:
-    """A line on stderr: each new text replaces it on a terminal, elsewhere each text is a line."""
-
-    def __init__(self) -> None:
-        self._shown = False
-
-    def show(self, text: str) -> None:
-        """Replace the text, cut to the width of the terminal."""
-        if not sys.stderr.isatty():
-            print_note(text)
-            return
-        width = os.get_terminal_size(sys.stderr.fileno()).columns or 80
-        typer.echo(f"\r\x1b[K{printable(text)[: width - 1]}", err=True, nl=False)
-        self._shown = True
-
-    def print_above(self, text: str) -> None:
-        """Print a permanent line above the status."""
-        self.end()
-        print_note(text)
-
-    def end(self) -> None:
-        """End the current line, which stays."""
-        if self._shown:
-            print_note("")
-        self._shown = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.end()
-
-
 def note_no_window(error: Exception) -> None:
     """Report why a walk is not shown."""
-    print_note(f"hexctl: {error}; continuing without a window")
+    print_message(f"{error}; continuing without a window")
 
 
 def note_refusal(why: str, *, then: str = "") -> None:
     """Report that nothing listens at a robot's endpoint while connecting goes on; `then` follows."""
-    print_note(f"hexctl: {why}; trying for some seconds more{then}")
+    print_message(f"{why}; trying for some seconds more{then}")
 
 
-def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
+def make_bar(counter: str | None = None, *, quiet: bool = False, text_only: bool = False) -> "Progress":
     """Progress bar on stderr with the time left, not yet started; `counter` is its format."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    count = MofNCompleteColumn() if counter is None else TextColumn(counter)
     return Progress(
         TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn() if counter is None else TextColumn(counter),
-        TimeRemainingColumn(),
+        *(() if text_only else (BarColumn(), count, TimeRemainingColumn())),
         console=Console(stderr=True),
         transient=True,
         disable=quiet or not sys.stderr.isatty(),

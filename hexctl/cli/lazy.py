@@ -1,7 +1,8 @@
 """Commands whose modules are imported when they are called, for a fast help and a fast stop."""
 
 import importlib
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections import UserDict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ from hexctl.cli.settings import Commands
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command in the list of commands: its module, panel and summary, and its class if special."""
+    """A command as the help lists it: its module below `hexctl.cli`, and its class if special."""
 
     module: str
     panel: str
@@ -24,26 +25,14 @@ class Command:
     kind: str = ""
 
 
-class _Loaded(MutableMapping[str, Any]):
-    def __init__(self, commands: Mapping[str, Command]) -> None:
-        self._declared, self._built = commands, dict[str, Any]()
+class _Loaded(UserDict[str, Any]):
+    """Commands by name, each built from its declaration when it is first looked up."""
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._built:
-            self._built[name] = _build(name, self._declared[name])
-        return self._built[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._declared)
-
-    def __len__(self) -> int:
-        return len(self._declared)
-
-    def __setitem__(self, name: str, command: Any) -> None:
-        raise TypeError(f"commands are declared, {name} is not")
-
-    def __delitem__(self, name: str) -> None:
-        raise TypeError(f"commands are declared, {name} is kept")
+        found = super().__getitem__(name)
+        if isinstance(found, Command):
+            found = self[name] = _build(name, found)
+        return found
 
 
 class LazyCommands(HelpGroup):
@@ -51,7 +40,8 @@ class LazyCommands(HelpGroup):
 
     def __init__(self, declared: Mapping[str, Command], **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands, self._declared, self._listing = _Loaded(declared), declared, False
+        self.commands = _Loaded(declared)
+        self._declared, self._listing = declared, False
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command; for a help text only its name and summary."""
@@ -76,7 +66,7 @@ class LazyCommands(HelpGroup):
 
 
 def _build(name: str, declared: Command) -> Any:
-    module = importlib.import_module(declared.module)
+    module = importlib.import_module(f"hexctl.cli.{declared.module}")
     raise_deferred()
     found, app = getattr(module, name), Commands()
     if isinstance(found, typer.Typer):

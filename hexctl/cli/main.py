@@ -45,115 +45,99 @@ def _cut_off(context: Any = None) -> Iterator[None]:
 
 WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
 
-#: All commands, in the order of the help: module, group in the help, and summary.
+#: All commands, in the order of the help: module below `hexctl.cli`, group in the help, and summary.
 COMMANDS = {
-    "run": Command("hexctl.cli.walk.run_command", WALK, "Walk, record the walk, and report the result."),
+    "run": Command("walk.run_command", WALK, "Walk, record the walk, and report the result."),
     "adapt": Command(
-        "hexctl.cli.walk.adapt_command",
-        WALK,
-        "Find a gait for a failed leg in few trials; each is kept and recorded.",
+        "walk.adapt_command", WALK, "Find a gait for a failed leg in few trials; each is kept and recorded."
     ),
     "drive": Command(
-        "hexctl.cli.walk.drive_command",
-        WALK,
-        "Drive a robot by hand: keyboard, gamepad, or a page for a phone.",
+        "walk.drive_command", WALK, "Drive a robot by hand: keyboard, gamepad, or a page for a phone."
     ),
     "view": Command(
-        "hexctl.cli.results.view_command",
+        "results.view_command",
         WALK,
         "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
     ),
     "demo": Command(
-        "hexctl.cli.walk.demo_command",
-        WALK,
-        "Break a leg of a simulated robot in mid-walk, and see it recover.",
+        "walk.demo_command", WALK, "Break a leg of a simulated robot in mid-walk, and see it recover."
     ),
     "sessions": Command(
-        "hexctl.cli.results.sessions_command",
-        WALK,
-        "List, compare and delete sessions of hexctl adapt.",
+        "results.sessions_command", WALK, "List, compare and delete sessions of hexctl adapt."
     ),
     "export": Command(
-        "hexctl.cli.results.export_command",
+        "results.export_command",
         WALK,
         "Write a robot, recordings or a session in a format of other programs.",
     ),
     "check": Command(
-        "hexctl.cli.robot.check_command",
+        "robot.check_command",
         ROBOT,
         "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
     ),
-    "robot": Command(
-        "hexctl.cli.robot.robot_command", ROBOT, "List the shipped robots, and make robot files."
-    ),
-    "gaits": Command("hexctl.cli.robot.list_commands", ROBOT, "List the named gaits."),
-    "worlds": Command("hexctl.cli.robot.list_commands", ROBOT, "List the shipped simulated worlds."),
+    "robot": Command("robot.robot_command", ROBOT, "List the shipped robots, and make robot files."),
+    "gaits": Command("robot.list_commands", ROBOT, "List the named gaits."),
+    "worlds": Command("robot.list_commands", ROBOT, "List the shipped simulated worlds."),
     "diagnose": Command(
-        "hexctl.cli.walk.diagnose_command",
+        "walk.diagnose_command",
         ROBOT,
         "Find which leg and joint failed, and how, in 12 s of small motions at rest.",
     ),
     "identify": Command(
-        "hexctl.cli.robot.identify_command",
+        "robot.identify_command",
         ROBOT,
         "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
     ),
     "see": Command(
-        "hexctl.cli.see.see_group",
+        "network.see_commands",
         ROBOT,
         "Measure a robot's position with a camera and printed tags, and send it to the robot, until Ctrl-C.",
     ),
     "calibrate": Command(
-        "hexctl.cli.bus.calibrate_command",
+        "bus.calibrate_command",
         ROBOT,
         "Find direction, offset and limits of each servo, and write them to the robot file.",
     ),
-    "ports": Command(
-        "hexctl.cli.bus.ports_command", ROBOT, "List serial ports with a device, and their adapters."
-    ),
+    "ports": Command("bus.ports_command", ROBOT, "List serial ports with a device, and their adapters."),
     "doctor": Command(
-        "hexctl.cli.doctor_command",
-        ROBOT,
-        "Report what this computer has and what works on it, for a bug report.",
+        "doctor_command", ROBOT, "Report what this computer has and what works on it, for a bug report."
     ),
     "servos": Command(
-        "hexctl.cli.bus.servos_command",
+        "bus.servos_command",
         ROBOT,
         "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
     ),
     "sim": Command(
-        "hexctl.cli.sim.sim_group",
+        "network.sim_commands",
         ROBOT,
         "Simulate servo boards, servo buses and a camera, and let simulated legs fail.",
     ),
     "serve": Command(
-        "hexctl.cli.network.serve_command",
+        "network.serve_command",
         NETWORK,
         "Serve a robot, real or simulated, on the network, with its own guard and stop.",
         "ServeCommand",
     ),
     "status": Command(
-        "hexctl.cli.network.status_command",
+        "network.status_command",
         NETWORK,
         "Show who commands a robot on the network, why it is stopped, and which messages were dropped.",
     ),
     "estop": Command(
-        "hexctl.cli.network.estop_command",
+        "network.estop_command",
         NETWORK,
         "Stop a robot on the network from anywhere, whichever client commands it.",
     ),
     "keys": Command(
-        "hexctl.cli.network.keys_command",
-        NETWORK,
-        "Make and show certificates for robots beyond this computer.",
+        "network.keys_command", NETWORK, "Make and show certificates for robots beyond this computer."
     ),
     "study": Command(
-        "hexctl.cli.study.study_command",
+        "study.study_command",
         STUDY,
         "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
     ),
     "prior": Command(
-        "hexctl.cli.study.prior_command",
+        "study.prior_command",
         STUDY,
         "Make and show priors: what hexctl adapt believes before its first trial.",
     ),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 import typer
 
 from hexctl.cli.console import INTERRUPTED, QUITS, make_bar, print_above, print_note
+from hexctl.errors import printable
 from hexctl.signals import ending_signals
 
 if TYPE_CHECKING:
@@ -63,6 +64,24 @@ class WithBar:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._bar.stop()
+
+
+class StatusLine(WithBar):
+    """A text on stderr: each new one replaces it on a terminal, elsewhere each is a line."""
+
+    def __init__(self) -> None:
+        self._bar = make_bar(text_only=True)
+        self._task = self._bar.add_task("", total=None, visible=False)
+
+    def show(self, text: str) -> None:
+        """Replace the text."""
+        if self._bar.disable:
+            print_note(text)
+        self._bar.update(self._task, description=printable(text), visible=True)
+
+    def print_above(self, text: str) -> None:
+        """Print a permanent line above it."""
+        print_above(self._bar, text, err=True)
 
 
 class ScanProgress(WithBar):

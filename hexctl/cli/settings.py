@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
-from hexctl.cli.console import in_flags, print_note
+from hexctl.cli.console import in_flags, print_message
 from hexctl.cli.grouped_help import WIDTH, GroupedHelp, HelpGroup
 from hexctl.errors import InputError, shown
 from hexctl.robot.servos.drivers import PWM_DRIVERS
@@ -94,7 +94,7 @@ class _FollowsSettings:
             ctx.meta[_BEGUN] = True
         origins = ctx.meta.get(_ORIGINS, {})
         for place, options in _by_place(ctx, origins).items():
-            print_note(f"hexctl: {place} sets {', '.join(options)}")
+            print_message(f"{place} sets {', '.join(options)}")
         try:
             return super().invoke(ctx)  # type: ignore[misc]
         except InputError as error:
@@ -171,7 +171,7 @@ def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]
     if problems and path not in UNSTOPPABLE:
         raise InputError(problems[0])
     for problem in dict.fromkeys(problems):
-        print_note(f"hexctl: {problem}")
+        print_message(problem)
     return said
 
 

@@ -16,13 +16,14 @@ from hexctl.backends.bus.bus_options import (
     ServoAssignmentOptions,
 )
 from hexctl.cli.console import DONE, FAULT, INTERRUPTED, StopOnInterrupt, print_note, print_result
-from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import ScanProgress
 from hexctl.cli.settings import Commands
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import checked
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.options import Range
+from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 
 if TYPE_CHECKING:
     from hexctl.backends.bus.damage import Damage
@@ -169,7 +170,6 @@ def identify(
 
 def _assignment(asked: ServoAssignmentOptions, bus: BusAddress) -> "ServoAssignment":
     from hexctl.control.calibration.servo_assignment import ServoAssignment
-    from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 
     model = asked.unreported_model(bus.driver)
     if model is None and bus.driver == "lx16a":

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.output_options import JsonOption
+from hexctl.cli.console import StopOnInterrupt, note_refusal, print_result
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.errors import printable
-from hexctl.wire.links import LinkOptions
+from hexctl.control.stop_reason import MEANINGS
+from hexctl.errors import InputError, printable
+from hexctl.wire.connection_diagnosis import RefusalWatch
+from hexctl.wire.links import LinkOptions, Role, link_of
 
 if TYPE_CHECKING:
     from hexctl.cli.render.tables import PlainTable
@@ -49,11 +52,7 @@ def status(
     """Show who commands a robot on the network, why it is stopped, and which messages were dropped."""
     from rich.console import Console
 
-    from hexctl.cli.console import note_refusal, print_result
     from hexctl.client.remote import remote_robots
-    from hexctl.errors import InputError
-    from hexctl.wire.connection_diagnosis import RefusalWatch
-    from hexctl.wire.links import Role, link_of
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
@@ -74,8 +73,6 @@ def status(
 def _watch(robots: "RemoteRobots") -> None:
     from rich.console import Console
     from rich.live import Live
-
-    from hexctl.cli.console import StopOnInterrupt
 
     console = Console(markup=False, emoji=False)
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
@@ -155,8 +152,6 @@ def _served_by(status: Status) -> str:
 
 
 def _stopped(status: Status, clear: str) -> str:
-    from hexctl.control.stop_reason import MEANINGS
-
     reason = status.get("stopped")
     if reason is None:
         return f"no{_cleared_in_words(status.get('cleared'))}"

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from hexctl.cli.console import DONE, FAULT, print_note
+from hexctl.cli.console import DONE, FAULT, print_message
 
 if TYPE_CHECKING:
     from hexctl.errors import HexctlError
@@ -16,7 +16,7 @@ class LeftOut:
 
     def name(self, error: "HexctlError") -> None:
         """Print an error; this is an `on_damage`."""
-        print_note(f"hexctl: {error}")
+        print_message(error)
         self.count += 1
 
     def code(self, code: int = DONE) -> int:

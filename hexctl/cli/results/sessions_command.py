@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import print_note, print_result
-from hexctl.cli.output_options import JsonOption
+from hexctl.cli.console import print_message, print_result
 from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import Commands, runs_folder
+from hexctl.cli.shared_options import JsonOption
 from hexctl.errors import InputError
 from hexctl.options import listed
 
@@ -125,7 +125,7 @@ def compare(
         raise typer.Exit(left_out.code())
     print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
     if unlike := differences(found):
-        print_note(f"hexctl: they differ in more than the search: {', '.join(unlike)}")
+        print_message(f"they differ in more than the search: {', '.join(unlike)}")
     raise typer.Exit(left_out.code())
 
 
@@ -153,7 +153,7 @@ def delete(
     try:
         trials = trials_text(len(load_session(name, runs_folder()).trials))
     except StoreError as error:
-        print_note(f"hexctl: {error}")
+        print_message(error)
         trials = "trials"
     if not yes and not _agreed(f"delete session {name}, its {trials} and the recordings?"):
         print_result("nothing deleted")

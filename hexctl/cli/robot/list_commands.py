@@ -3,7 +3,7 @@
 import json
 
 from hexctl.cli.console import print_result
-from hexctl.cli.output_options import JsonOption
+from hexctl.cli.shared_options import JsonOption
 
 #: Values of `--gait` that choose a gait for the robot.
 CHOSEN = {

@@ -9,9 +9,9 @@ from typing import Annotated, Literal
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import print_note, print_result
-from hexctl.cli.output_options import JsonOption
+from hexctl.cli.console import print_message, print_result
 from hexctl.cli.settings import Commands
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.values import choice
 from hexctl.errors import InputError, printable
 from hexctl.options import listed
@@ -94,9 +94,9 @@ def import_robot(
     imported = walkable(imported_robot(description, name=name, foot_m=_point(foot), forward=forward))
     _write_new(output, imported.text, "--output")
     if (own := imported.content["name"]) in config_names("robots"):
-        print_note(f"hexctl: {own} is also a shipped robot; --robot {own} is that one, not this file")
+        print_message(f"{own} is also a shipped robot; --robot {own} is that one, not this file")
     for note in imported.notes:
-        print_note(f"hexctl: {printable(note)}")
+        print_message(printable(note))
     lines = [f"{output}"]
     if imported.unknown:
         lines.append(f"to measure: {', '.join(imported.unknown)}")

@@ -19,16 +19,21 @@ from hexctl.cli.console import (
     code_of_stop,
     in_flags,
     note_no_window,
-    print_note,
+    print_message,
     print_result,
 )
-from hexctl.cli.output_options import JsonOption, QuietOption
-from hexctl.cli.see.arena_command import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.shared_options import (
+    ArenaOption,
+    JsonOption,
+    QuietOption,
+    TrialRecoverOption,
+    arena_fields,
+    recovery_policy,
+)
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import given, rare
 from hexctl.cli.walk.diagnose_command import found_failure
-from hexctl.cli.walk.recovery_option import TrialRecoverOption, recovery_policy
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 
@@ -144,7 +149,7 @@ def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -
         from hexctl.cli.prompts import check_answerable
         from hexctl.study.priors.prior_building import how_to_build_prior
 
-        spec = new_spec(**asked, folder=runs_folder(), note=_note, advice=how_to_build_prior)
+        spec = new_spec(**asked, folder=runs_folder(), note=print_message, advice=how_to_build_prior)
         if spec.ask:
             check_answerable()
         made = partial(Adaptation, spec)
@@ -195,7 +200,7 @@ def _search(
             record=record,
             operator=TrialPrompt(spec, interrupt.requested) if spec.ask else None,
             live=_open_window if view else None,
-            note=_note,
+            note=print_message,
         )
         try:
             return adaptation.run(
@@ -204,17 +209,17 @@ def _search(
                 stop_requested=interrupt.requested,
             )
         except RobotStoppedError as error:
-            _note(f"{in_flags(error)}; {after_stop(spec, error)}begin again")
+            print_message(f"{in_flags(error)}; {after_stop(spec, error)}begin again")
             return _code_of_stop(error)
         except NotBegunError as error:
-            _note(str(error))
+            print_message(str(error))
             return INTERRUPTED
         except (InputError, StoreError) as error:
             if not begun:
                 raise
             raise type(error)(f"{in_flags(error)}; {_what_is_left(begun)}") from error.__cause__ or error
         except KeyboardInterrupt:
-            _note(f"interrupted without a soft stop; {_what_is_left(begun)}")
+            print_message(f"interrupted without a soft stop; {_what_is_left(begun)}")
             return INTERRUPTED
 
 
@@ -231,7 +236,7 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
     _print_end(result, as_json=as_json, resumed=resumed)
     if result.trouble is not None:
         then = f"{after_stop(session.spec, result.trouble)}continue with: {resume_command(session)}"
-        _note(f"{in_flags(result.trouble)}; nothing is lost: {then}")
+        print_message(f"{in_flags(result.trouble)}; nothing is lost: {then}")
         return _code_of_stop(result.trouble)
     if result.ended == "interrupted":
         return INTERRUPTED
@@ -248,11 +253,7 @@ def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> N
     print_result(*parts)
     finished = finished_line(result.session.spec, result.ended)
     if resumed and not result.walked and finished is not None:
-        _note(finished)
-
-
-def _note(text: str) -> None:
-    print_note(f"hexctl: {text}")
+        print_message(finished)
 
 
 def _open_window() -> "LiveView | None":
@@ -268,7 +269,7 @@ def _show(name: str) -> None:
     try:
         view_runs([name], runs_folder())
     except RecordingError as error:
-        _note(str(error))
+        print_message(str(error))
 
 
 def _code_of_stop(error: HexctlError) -> int:
