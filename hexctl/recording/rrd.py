@@ -9,7 +9,6 @@ from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from threading import Thread
-from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError, argument
@@ -76,9 +75,7 @@ class Layout:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Free the streams after the call has read them."""
         for stream in self._streams:
             stream.disconnect()

@@ -4,8 +4,7 @@ import sys
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from rich.console import RenderableType
 from rich.text import Text
@@ -42,10 +41,8 @@ class SessionTable:
     def __enter__(self) -> Self:
         return self  # the bar begins with the table
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bar.__exit__(kind, error, trace)
+    def __exit__(self, *error: Any) -> None:
+        self._bar.__exit__(*error)
 
     def begin(self, session: Session) -> None:
         """Print the head of the table and the walks of a resumed session, and open the bar."""

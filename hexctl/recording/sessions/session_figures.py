@@ -245,8 +245,7 @@ def score_top(overview: Overview) -> float:
     """Height in the curve above all valid walks, at which invalid trials are drawn."""
     walks = (*overview.baseline, *overview.trials)
     scores_m = [walk.score_m for walk in walks if walk.score_m is not None]
-    factor, _ = overview.curve_unit
-    return factor * 1.1 * max([TARGET_BANDS[0][0], *scores_m])
+    return overview.curve_factor * 1.1 * max([TARGET_BANDS[0][0], *scores_m])
 
 
 def send_curve(stream: Any, overview: Overview) -> None:
@@ -259,7 +258,7 @@ def send_curve(stream: Any, overview: Overview) -> None:
 
 
 def _send_scores(stream: Any, overview: Overview) -> None:
-    rr, (factor, _) = load_rerun(), overview.curve_unit
+    rr = load_rerun()
     valid = [(trial, trial.score_m) for trial in overview.trials if trial.score_m is not None]
     if not valid:
         return
@@ -267,7 +266,7 @@ def _send_scores(stream: Any, overview: Overview) -> None:
     stream.log(SCORE, look, static=True)
     colors = [deviation_color(trial.deviation_m, valid=True) for trial, _ in valid]
     columns = [
-        *rr.Scalars.columns(scalars=[factor * score_m for _, score_m in valid]),
+        *rr.Scalars.columns(scalars=[overview.curve_factor * score_m for _, score_m in valid]),
         *rr.SeriesPoints.columns(colors=np.array(colors, dtype=np.uint8)),
     ]
     stream.send_columns(SCORE, [at([trial.index for trial, _ in valid])], columns)
@@ -288,9 +287,8 @@ def _send_invalid(stream: Any, overview: Overview) -> None:
 def _send_best_so_far(stream: Any, overview: Overview) -> None:
     rr = load_rerun()
     pairs = zip(overview.trials, overview.best_so_far(), strict=True)
-    factor, _ = overview.curve_unit
     known = [
-        (trial.index, factor * best.score_m)
+        (trial.index, overview.curve_factor * best.score_m)
         for trial, best in pairs
         if best is not None and best.score_m is not None
     ]
@@ -305,29 +303,27 @@ def _send_best_so_far(stream: Any, overview: Overview) -> None:
 
 
 def _send_targets(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
+    indices = [trial.index for trial in overview.trials]
     for number, (half_width_m, _, name) in enumerate(TARGET_BANDS, start=1):
-        path = f"{TARGETS}/{number}"
-        look = rr.SeriesLines(names=[name.removeprefix("±")], colors=[INVALID_COLOR], widths=[1.0])
-        stream.log(path, look, static=True)
-        indices = [trial.index for trial in overview.trials]
-        factor, _ = overview.curve_unit
-        scalars = rr.Scalars.columns(scalars=np.full(len(indices), factor * half_width_m))
-        stream.send_columns(path, [at(indices)], scalars)
+        look = {"names": [name.removeprefix("±")], "colors": [INVALID_COLOR], "widths": [1.0]}
+        _send_level(stream, f"{TARGETS}/{number}", look, indices, overview.curve_factor * half_width_m)
 
 
 def _send_baseline_scores(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
     indices = [BEFORE_TRIALS, *(trial.index for trial in overview.trials)]
     for walk in overview.baseline:
-        if walk.score_m is None:
-            continue
-        path, color = f"{BASELINE_SCORES}/{walk.gait}", baseline_color(walk.gait or "")
-        name = f"{walk.gait}, without a search"
-        stream.log(path, rr.SeriesLines(names=[name], colors=[color], widths=[1.5]), static=True)
-        factor, _ = overview.curve_unit
-        scalars = rr.Scalars.columns(scalars=np.full(len(indices), factor * walk.score_m))
-        stream.send_columns(path, [at(indices)], scalars)
+        if walk.score_m is not None:
+            color = baseline_color(walk.gait or "")
+            look = {"names": [f"{walk.gait}, without a search"], "colors": [color], "widths": [1.5]}
+            level = overview.curve_factor * walk.score_m
+            _send_level(stream, f"{BASELINE_SCORES}/{walk.gait}", look, indices, level)
+
+
+def _send_level(stream: Any, path: str, look: dict[str, Any], indices: Sequence[int], level: float) -> None:
+    """Send a horizontal line of the curve."""
+    rr = load_rerun()
+    stream.log(path, rr.SeriesLines(**look), static=True)
+    stream.send_columns(path, [at(indices)], rr.Scalars.columns(scalars=np.full(len(indices), level)))
 
 
 #: Share of the curve's width reserved for its legend.
@@ -373,7 +369,7 @@ def _curve_view(overview: Overview) -> Any:
     first, last = overview.trials[0].index, overview.trials[-1].index
     # Room for the legend.
     last += max(1, round(LEGEND_SHARE * (last - first)))
-    top, (_, unit) = score_top(overview), overview.curve_unit
+    top, unit = score_top(overview), overview.curve_unit
     return rrb.TimeSeriesView(
         origin=CURVE,
         name=f"{overview.objective} ({unit})" if unit else overview.objective,
