@@ -147,6 +147,22 @@ def print_above(bar: "Progress", text: str, *, err: bool) -> None:
         bar.console.print(printable_lines(text), highlight=False, markup=False, emoji=False)
 
 
+class LeftOut:
+    """Names the damaged parts that a command leaves out, and counts them; the command continues."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def name(self, error: HexctlError) -> None:
+        """Print an error; this is an `on_damage`."""
+        print_message(error)
+        self.count += 1
+
+    def code(self, code: int = DONE) -> int:
+        """Exit code of a command that would end with `code` if nothing had been left out."""
+        return FAULT if self.count and code == DONE else code
+
+
 class StopOnInterrupt:
     """Turns signals that end a process into `requested`; two of `QUITS` raise KeyboardInterrupt.
 

@@ -70,7 +70,8 @@ def _build(name: str, declared: Command) -> Any:
     raise_deferred()
     found, app = getattr(module, name), Commands()
     if isinstance(found, typer.Typer):
-        app.add_typer(found, name=name, rich_help_panel=declared.panel)
+        own: dict[str, Any] = {} if found.registered_callback else {"help": declared.summary}
+        app.add_typer(found, name=name, rich_help_panel=declared.panel, **own)
     else:
         kind = getattr(module, declared.kind) if declared.kind else None
         app.command(name, rich_help_panel=declared.panel, **({"cls": kind} if kind else {}))(found)

@@ -76,8 +76,8 @@ COMMANDS = {
         "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
     ),
     "robot": Command("robot.robot_command", ROBOT, "List the shipped robots, and make robot files."),
-    "gaits": Command("robot.list_commands", ROBOT, "List the named gaits."),
-    "worlds": Command("robot.list_commands", ROBOT, "List the shipped simulated worlds."),
+    "gaits": Command("robot.robot_command", ROBOT, "List the named gaits."),
+    "worlds": Command("robot.robot_command", ROBOT, "List the shipped simulated worlds."),
     "diagnose": Command(
         "walk.diagnose_command",
         ROBOT,
@@ -162,10 +162,8 @@ class _Commands(LazyCommands):
 app = Commands(
     name="hexctl",
     cls=_Commands,
-    help="Walk a six-legged robot, simulated or real, at 50 Hz.",
     epilog="Defaults are read from hexctl.toml in the working folder or ~/.config/hexctl, such as "
     'robot = "phantomx".',
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
 

@@ -122,7 +122,7 @@ class Commands(typer.Typer):
     def __init__(self, **more: Any) -> None:
         """Make a group with plain help texts, because boxes would import more."""
         more.setdefault("cls", HelpGroup)
-        super().__init__(rich_markup_mode=None, context_settings=_CONTEXT, **more)
+        super().__init__(rich_markup_mode=None, context_settings=_CONTEXT, no_args_is_help=True, **more)
 
     def command(self, *arguments: Any, **more: Any) -> Callable[[FunctionT], FunctionT]:
         """Register a command, as Typer does."""

@@ -13,9 +13,9 @@ from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.console import print_result
-from hexctl.cli.render.adapt_commands import after_stop
-from hexctl.cli.render.adapt_table import opening_lines, walk_line
 from hexctl.cli.render.run_output import summary
+from hexctl.cli.render.session_summary import after_stop
+from hexctl.cli.render.session_tables import opening_lines, walk_line
 from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.wire.zenoh_messages import SERVER_ENDED

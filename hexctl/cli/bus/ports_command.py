@@ -21,7 +21,7 @@ def ports(
     as_json: JsonOption = False,
 ) -> None:
     """List serial ports with a device, and their adapters."""
-    from hexctl.cli.render.servos_output import row_table
+    from hexctl.cli.render.tables import row_table
 
     found = [_found_port()] if find else serial_ports()
     rows = [asdict(each) for each in found if each is not None]

@@ -19,7 +19,7 @@ from hexctl.wire.certificates import (
 from hexctl.wire.links import Endpoint, Role
 from hexctl.wire.stop_secret import write_stop_secret
 
-keys = Commands(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
+keys = Commands()
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
 

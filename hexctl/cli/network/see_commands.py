@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hexctl.vision.latency_trial import LatencyTrial, TwistAhead
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
 
-see = Commands(cls=SettingsGroup, no_args_is_help=True, invoke_without_command=True)
+see = Commands(cls=SettingsGroup, invoke_without_command=True)
 
 
 @see.callback()

@@ -24,10 +24,7 @@ if TYPE_CHECKING:
     from hexctl.vision.detection.lens import Lens
     from hexctl.vision.twin.twin_camera import TwinReport, TwinStarted
 
-sim = Commands(
-    help="Simulate servo boards, servo buses and a camera, and let simulated legs fail.",
-    no_args_is_help=True,
-)
+sim = Commands()
 
 
 @sim.command()

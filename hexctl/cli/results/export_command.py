@@ -5,9 +5,8 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import make_bar, print_message, print_result
+from hexctl.cli.console import LeftOut, make_bar, print_message, print_result
 from hexctl.cli.progress import WithBar
-from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.export.export_options import ExportOptions

@@ -5,8 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import DONE, StopOnInterrupt, note_refusal, print_note
-from hexctl.cli.results.left_out import LeftOut
+from hexctl.cli.console import DONE, LeftOut, StopOnInterrupt, note_refusal, print_note
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError

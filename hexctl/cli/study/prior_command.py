@@ -6,9 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
-from hexctl.cli.console import print_result
+from hexctl.cli.console import LeftOut, print_result
 from hexctl.cli.progress import finish
-from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
@@ -17,9 +16,7 @@ from hexctl.control.monitor.repertoire_store import describe_repertoire, list_re
 from hexctl.errors import InputError
 from hexctl.study.priors.prior_options import OF_PRIOR, PriorOptions
 
-prior = Commands(
-    help="Make and show priors: what hexctl adapt believes before its first trial.", no_args_is_help=True
-)
+prior = Commands()
 
 
 @prior.command()

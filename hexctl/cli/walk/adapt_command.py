@@ -185,8 +185,8 @@ def _search(
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
     from hexctl.adapt.sessions.store import StoreError
     from hexctl.cli.prompts import TrialPrompt
-    from hexctl.cli.render.adapt_commands import after_stop
-    from hexctl.cli.render.adapt_table import SessionTable
+    from hexctl.cli.render.session_summary import after_stop
+    from hexctl.cli.render.session_tables import SessionTable
 
     begun: list[Session] = []
     with SessionTable(quiet=quiet or as_json) as table:
@@ -224,13 +224,13 @@ def _search(
 
 
 def _what_is_left(begun: "Sequence[Session]") -> str:
-    from hexctl.cli.render.adapt_commands import resume_command
+    from hexctl.cli.render.session_summary import resume_command
 
     return f"continue with: {resume_command(begun[0])}" if begun else "nothing was recorded"
 
 
 def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
-    from hexctl.cli.render.adapt_commands import after_stop, resume_command
+    from hexctl.cli.render.session_summary import after_stop, resume_command
 
     session = result.session
     _print_end(result, as_json=as_json, resumed=resumed)
@@ -247,7 +247,7 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
 
 def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
     """A resumed session may have been finished before."""
-    from hexctl.cli.render.adapt_summary import closing_parts, finished_line
+    from hexctl.cli.render.session_summary import closing_parts, finished_line
 
     parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
     print_result(*parts)

@@ -171,7 +171,7 @@ def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
 
 
 def _ending(result: "DemoResult") -> "list[RenderableType]":
-    from hexctl.cli.render.adapt_summary import finding_parts
+    from hexctl.cli.render.session_summary import finding_parts
 
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
