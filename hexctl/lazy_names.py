@@ -1,20 +1,29 @@
 """Lazy imports of a package's names, to keep the import of the package fast."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 
-def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """`__getattr__` of a package, from names separated by blanks by their module."""
-    module_of = {name: module for module, names in modules.items() for name in names.split()}
+def lazy_names(package: str, file: str, names: Sequence[str]) -> Callable[[str], Any]:
+    """`__getattr__` of a package's names, each from the module that its block `if TYPE_CHECKING` has."""
+
+    @cache
+    def module_of() -> dict[str, str]:
+        import ast
+
+        body = ast.parse(Path(file).read_text(encoding="utf-8")).body
+        (block,) = (node for node in body if isinstance(node, ast.If))
+        imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+        return {alias.name: str(node.module) for node in imports for alias in node.names}
 
     def load(name: str) -> Any:
-        if name not in module_of:
-            known = ", ".join(module_of)
-            raise AttributeError(f"module {package!r} has no attribute {name!r}; it has {known}")
+        if name not in names:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}; it has {', '.join(names)}")
         try:
-            return getattr(import_module(f"{package}.{module_of[name]}"), name)
+            return getattr(import_module(module_of()[name]), name)
         except ModuleNotFoundError as error:
             from hexctl.errors import EXTRAS, MissingExtraError
 
