@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -10,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
 from typing import Any, Self
@@ -78,9 +77,14 @@ def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
     return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
+def has_display() -> bool:
+    """Whether this computer has a screen."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 def check_display() -> None:
     """Raise RecordingError on a machine without a screen, where a window would fail silently."""
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if not has_display():
         raise RecordingError(f"{NO_DISPLAY}; hexctl view --web shows the same in a browser")
 
 
@@ -175,29 +179,25 @@ class FileServer:
         self._files[f"/{folder}/{path.name}"] = path
         return self.base(folder) + quote(path.name)
 
-    def _handler(self, origin: str) -> type[BaseHTTPRequestHandler]:
+    def _handler(self, origin: str) -> type[SimpleHTTPRequestHandler]:
         files = self._files
 
-        def server_port() -> int:
-            return self._server.server_port
+        def host() -> str:
+            return f"{LOCAL}:{self._server.server_port}"
 
-        class Handler(BaseHTTPRequestHandler):
+        class Handler(SimpleHTTPRequestHandler):
             def do_GET(self) -> None:
-                if self.headers.get("Host") != f"{LOCAL}:{server_port()}":
+                if self.headers.get("Host") == host():
+                    super().do_GET()
+                else:
                     self.send_error(HTTPStatus.FORBIDDEN)  # a foreign host name, as by DNS rebinding
-                    return
-                try:
-                    file = files[unquote(self.path)].open("rb")
-                except (KeyError, OSError):
-                    self.send_error(HTTPStatus.NOT_FOUND)
-                    return
-                with file:
-                    self.send_response(HTTPStatus.OK)
-                    self.send_header("Content-Type", "application/octet-stream")
-                    self.send_header("Content-Length", str(os.fstat(file.fileno()).st_size))
-                    self.send_header("Access-Control-Allow-Origin", origin)
-                    self.end_headers()
-                    shutil.copyfileobj(file, self.wfile)
+
+            def translate_path(self, path: str) -> str:
+                return str(files.get(unquote(path), os.devnull + "/"))  # which is no file
+
+            def end_headers(self) -> None:
+                self.send_header("Access-Control-Allow-Origin", origin)
+                super().end_headers()
 
             def log_message(self, *_: Any) -> None:
                 """Log nothing."""

@@ -1,8 +1,7 @@
 """One recorded diagnosis at rest on any backend: `hexctl diagnose` as a library call."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from hexctl.backends.robot_options import RecordedOptions
@@ -16,7 +15,7 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.errors import CommandRefusedError, EStopError, InputError, argument
 from hexctl.options import check_names
 from hexctl.robot.failure_grammar import option_of, read_failures_before
-from hexctl.runs.run import Run
+from hexctl.runs.run import Run, RunResult
 from hexctl.runs.run_spec import RunSpec
 from hexctl.waiting import StopRequested, never
 
@@ -28,25 +27,14 @@ AskOperator = Callable[[int], bool | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DiagnosisResult:
-    """Result of a diagnosis.
+class DiagnosisResult(RunResult):
+    """Result of a diagnosis; its trial is the standing test, with the status `ok` if it is complete.
 
     Attributes:
         diagnosis: findings by leg.
-        trial: the standing test; its `status` is `ok` if it is complete.
-        outcome: the object that `hexctl diagnose --json` prints.
-        recording_error: why the recording is incomplete, or None.
     """
 
     diagnosis: Diagnosis
-    trial: TrialResult
-    outcome: dict[str, Any]
-    recording: Path | None
-    recording_error: Exception | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The outcome, plain and finite values or None."""
-        return dict(self.outcome)
 
 
 class DiagnosisRun(Run):
@@ -98,11 +86,7 @@ class DiagnosisRun(Run):
             found = self._ask_operator(found, ask, stop_requested)
             done.outcome.update(found.to_dict())
         return DiagnosisResult(
-            diagnosis=found,
-            trial=done.trial,
-            outcome=done.outcome,
-            recording=done.recording,
-            recording_error=done.recording_error,
+            diagnosis=found, **{one.name: getattr(done, one.name) for one in fields(RunResult)}
         )
 
     def _make_test(self, start: WalkStart) -> StandingTest:

@@ -61,7 +61,7 @@ class RunResult:
     """Result of a run.
 
     Attributes:
-        outcome: the object that `hexctl run --json` prints.
+        outcome: the object that `hexctl run --json`, or `diagnose --json`, prints.
         recording_error: why the recording is incomplete, or None.
         recorder_failures: recorders that raised and were skipped from then on.
         log: every tick.

@@ -26,7 +26,7 @@ from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.values import number
 from hexctl.errors import RecordingError
 from hexctl.files import check_writable
-from hexctl.recording.viewer import check_display
+from hexctl.recording.viewer import has_display
 from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.failure_grammar import option_of
 
@@ -90,15 +90,7 @@ def _what_is_left(result: "DemoResult") -> str:
 
 
 def _view_command() -> str:
-    return "hexctl view" if _has_display() else "hexctl view --web"
-
-
-def _has_display() -> bool:
-    try:
-        check_display()
-    except RecordingError:
-        return False
-    return True
+    return "hexctl view" if has_display() else "hexctl view --web"
 
 
 def _run(
@@ -188,7 +180,7 @@ def _ending(result: "DemoResult") -> "list[RenderableType]":
 
 
 def _another_walk() -> list[str]:
-    return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if _has_display() else ''}"]
+    return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}"]
 
 
 def _activate() -> str | None:
@@ -205,7 +197,7 @@ def _show(result: "DemoResult") -> int:
 
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
-    if not _has_display():
+    if not has_display():
         return DONE  # the last line of the result is the next step
     try:
         return view_runs([*map(str, result.recordings), search.session.name], runs_folder())
