@@ -1,17 +1,22 @@
 """The `hexctl` command: its sub-commands, and the conversion of errors to a line and an exit code."""
 
+import importlib
 import os
 import sys
+from collections import UserDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 from typer.exceptions import TyperException
+from typer.main import get_group
 
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
-from hexctl.cli.interrupts import not_begun
-from hexctl.cli.lazy import Command, LazyCommands
+from hexctl.cli.grouped_help import HelpGroup
+from hexctl.cli.interrupts import not_begun, raise_deferred
 from hexctl.cli.settings import Commands, has_begun, origin_of
 from hexctl.cli.suggestions import usage_text
 from hexctl.errors import (
@@ -25,6 +30,16 @@ from hexctl.errors import (
     room_hint,
     shortened,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command as the help lists it: its module below `hexctl.cli`, and its class if special."""
+
+    module: str
+    panel: str
+    summary: str
+    kind: str = ""
 
 
 class _CutOffError(Exception):
@@ -144,12 +159,45 @@ COMMANDS = {
 }
 
 
-class _Commands(LazyCommands):
-    """Typer would end an interrupted command silently; this passes the interrupt on."""
+class _Loaded(UserDict[str, Any]):
+    """Commands by name, each built from its declaration when it is first looked up."""
+
+    def __getitem__(self, name: str) -> Any:
+        found = super().__getitem__(name)
+        if isinstance(found, Command):
+            found = self[name] = _build(name, found)
+        return found
+
+
+class _Commands(HelpGroup):
+    """The commands; each is imported when it is called, for a fast help and a fast stop."""
 
     def __init__(self, **attributes: Any) -> None:
-        super().__init__(COMMANDS, **attributes)
+        super().__init__(**attributes)
+        self.commands, self._listing = _Loaded(COMMANDS), False
 
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; for a help text only its name and summary."""
+        if cmd_name not in COMMANDS:
+            return None
+        if not self._listing:
+            return self.commands[cmd_name]
+        declared = COMMANDS[cmd_name]
+        return TyperCommand(cmd_name, help=declared.summary, rich_help_panel=declared.panel)
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands, in the order of the help."""
+        return list(COMMANDS)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help text."""
+        self._listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._listing = False
+
+    # Typer would end an interrupted command silently.
     def make_context(self, *arguments: Any, **more: Any) -> Any:
         with _cut_off():
             return super().make_context(*arguments, **more)
@@ -157,6 +205,19 @@ class _Commands(LazyCommands):
     def invoke(self, ctx: Any) -> Any:
         with _cut_off(ctx):
             return super().invoke(ctx)
+
+
+def _build(name: str, declared: Command) -> Any:
+    module = importlib.import_module(f"hexctl.cli.{declared.module}")
+    raise_deferred()
+    found, app = getattr(module, name), Commands()
+    if isinstance(found, typer.Typer):
+        own: dict[str, Any] = {} if found.registered_callback else {"help": declared.summary}
+        app.add_typer(found, name=name, rich_help_panel=declared.panel, **own)
+    else:
+        kind = getattr(module, declared.kind) if declared.kind else None
+        app.command(name, rich_help_panel=declared.panel, **({"cls": kind} if kind else {}))(found)
+    return get_group(app).commands[name]
 
 
 app = Commands(

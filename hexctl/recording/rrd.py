@@ -3,6 +3,7 @@
 import errno
 import os
 import sys
+import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -101,6 +102,24 @@ def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) 
     except RuntimeError as error:
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path}: the recording cannot be written ({reason})") from error
+
+
+@contextmanager
+def new_recording(
+    path: Path, application: str, name: str, layout: Any, *, final: Path | None = None
+) -> Iterator[Any]:
+    """Stream of a file that is written and closed when the block ends; raises RecordingError.
+
+    `final` is the place of a file that is a draft.
+    """
+    stream = load_rerun().RecordingStream(application, recording_id=str(uuid.uuid4()))
+    save_stream(stream, path, layout)
+    try:
+        stream.send_recording_name(name)
+        yield stream
+        flush(stream, final or path)
+    finally:
+        disconnect(stream)
 
 
 def flush(stream: Any, path: Path) -> None:

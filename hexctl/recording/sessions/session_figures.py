@@ -1,6 +1,5 @@
 """The overview recording of a session: trajectories from above, convergence curve and table in one file."""
 
-import uuid
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -26,10 +25,8 @@ from hexctl.recording.rrd import (
     check_whole,
     create_file,
     create_folders,
-    disconnect,
-    flush,
     load_rerun,
-    save_stream,
+    new_recording,
 )
 from hexctl.recording.sessions.belief_figure import TIMELINE, belief_view, send_steps, steps_view
 from hexctl.recording.sessions.session_overview import (
@@ -406,29 +403,20 @@ def write_overview_file(path: Path, overview: Overview, *, several: bool = False
         create_folders(path)
         with replacing(path) as draft:
             create_file(draft)
-            _write(draft, path, overview, make_layout(overview, several=several))
+            with new_recording(
+                draft, APPLICATION_ID, overview.title, make_layout(overview, several=several)
+            ) as stream:
+                _send(stream, overview)
+            check_whole(draft)
     except HexctlError:
         raise
     except OSError as error:
         raise RecordingError(f"{path}: the overview cannot be written: {error.strerror}") from error
 
 
-def _write(draft: Path, path: Path, overview: Overview, layout: Any) -> None:
-    stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-    save_stream(stream, draft, layout)
-    try:
-        _send(stream, overview)
-        flush(stream, path)
-    finally:
-        disconnect(stream)
-    check_whole(draft)
-
-
 def _send(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
-    stream.send_recording_name(overview.title)
     send_above(stream, overview)
     send_curve(stream, overview)
     send_steps(stream, overview)
-    document = rr.TextDocument(make_table(overview), media_type="text/markdown")
+    document = load_rerun().TextDocument(make_table(overview), media_type="text/markdown")
     stream.log(TABLE, document, static=True)
