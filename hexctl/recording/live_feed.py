@@ -15,8 +15,8 @@ from hexctl.errors import InputError
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import Layout, free_streams, load_rerun
-from hexctl.recording.scene import LEVEL, send_scene
-from hexctl.recording.tracks.columns import Block, Subject
+from hexctl.recording.scene import LEVEL, Subject, send_scene
+from hexctl.recording.tracks.columns import Block
 from hexctl.recording.tracks.parts import send_parts
 from hexctl.recording.viewer import LOCAL
 from hexctl.robot.loader import load_meshes
@@ -42,7 +42,7 @@ class Feed:
         with Layout(blueprint) as layout:
             self._stream.connect_grpc(address, default_blueprint=layout)
         self._stream.send_recording_name(header["title"])
-        send_scene(self._stream, robot, plan, floor, meshes, servos=header["servos"])
+        send_scene(self._stream, self._subject, servos=header["servos"])
         self._began_at_s: float | None = None
 
     def show(self, block: dict[str, Any]) -> None:

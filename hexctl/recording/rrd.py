@@ -257,13 +257,6 @@ def check_whole(path: Path) -> None:
             raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
 
-def check_there(path: Path) -> None:
-    """Raise InputError if a recording is missing or not a file."""
-    if not path.is_file():
-        what = "no file" if path.exists() else "not there"
-        raise InputError(f"recording: {path} is {what}; allowed: a recording that hexctl run made")
-
-
 def check_name(path: Path, what: str = "recording") -> None:
     """Raise InputError for a name that Rerun would not open; `what` is the argument's name in messages."""
     if path.suffix != SUFFIX:

@@ -186,10 +186,3 @@ def belief_view(overview: Overview) -> Any | None:
         ),
         overrides={path: rrb.EntityBehavior(interactive=False) for path in SCENERY},
     )
-
-
-def steps_view() -> Any:
-    """View of the notes on each step of the search."""
-    import rerun.blueprint as rrb
-
-    return rrb.TextDocumentView(origin=STEPS, name="why this gait")

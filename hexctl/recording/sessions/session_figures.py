@@ -28,7 +28,7 @@ from hexctl.recording.rrd import (
     load_rerun,
     new_recording,
 )
-from hexctl.recording.sessions.belief_figure import TIMELINE, belief_view, send_steps, steps_view
+from hexctl.recording.sessions.belief_figure import STEPS, TIMELINE, belief_view, send_steps
 from hexctl.recording.sessions.session_overview import (
     Overview,
     OverviewTrial,
@@ -336,7 +336,8 @@ def make_layout(overview: Overview, *, several: bool = False) -> Any:
     left = rrb.Vertical(*(view for view in views if view is not None), row_shares=shares)
     table = rrb.TextDocumentView(origin=TABLE, name="trials")
     heights = [4, 3] if len(shares) == len(views) else [2, 1]
-    right = rrb.Vertical(table, steps_view(), row_shares=heights) if overview.steps else table
+    steps = rrb.TextDocumentView(origin=STEPS, name="why this gait")
+    right = rrb.Vertical(table, steps, row_shares=heights) if overview.steps else table
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[5, 3]),
         *side_panels(several=several),
