@@ -47,12 +47,6 @@ def test_the_summary_says_how_it_went_and_how_to_look(
     assert recording.stat().st_size > 10_000
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Kit, "made", [])
-
-
 def _run(kit: str, *more: str, duration_s: int = 3) -> int:
     return exit_code(["run", "--backend", f"{KITS}:{kit}", "--duration", str(duration_s), *more])
 
