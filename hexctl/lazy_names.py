@@ -1,9 +1,11 @@
-"""Lazy imports of a package's names, to keep the import of the package fast."""
+"""Packages whose names are imported when first used, and that are callable: for a fast import."""
 
+import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 
@@ -33,3 +35,24 @@ def lazy_names(package: str, file: str, names: Sequence[str]) -> Callable[[str],
             raise MissingExtraError(f"{package}.{name}", extra) from error
 
     return load
+
+
+def make_callable(package: str, module: str) -> None:
+    """Let a call of a package call the function of its name in a module: `hexctl.adapt(...)`."""
+    name = package.rpartition(".")[2]
+
+    class CallablePackage(ModuleType):
+        @property
+        def __call__(self) -> Any:
+            return _function()
+
+        @property
+        def __signature__(self) -> Any:
+            import inspect
+
+            return inspect.signature(_function())
+
+    def _function() -> Any:
+        return getattr(import_module(f"{package}.{module}"), name)
+
+    sys.modules[package].__class__ = CallablePackage

@@ -5,13 +5,13 @@ import os
 import signal
 import sys
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import typer
 
 from hexctl.errors import HexctlError, RobotFaultError, printable
 from hexctl.options import flag_name
-from hexctl.signals import ending_signals
+from hexctl.signals import handled_by
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -180,7 +180,7 @@ class StopOnInterrupt:
         self._requested = self._interrupted = self.terminal_gone = False
         self._terminals: list[int] = []
         self._again = "quit at once" if plain else "quit without a soft stop"
-        self._before: dict[int, Any] = {}
+        self._handled = handled_by(self._handle)
 
     def requested(self) -> bool:
         """Whether a stop was requested."""
@@ -188,13 +188,11 @@ class StopOnInterrupt:
 
     def __enter__(self) -> Self:
         self._terminals = [stream for stream in (1, 2) if os.isatty(stream)]
-        for number in ending_signals():
-            self._before[number] = signal.signal(number, self._handle)
+        self._handled.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
+        self._handled.__exit__(None, None, None)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if number not in QUITS:

@@ -89,17 +89,10 @@ def _watch(robots: "RemoteRobots") -> None:
 
 def status_table(statuses: list[dict[str, Any]], clear: str) -> "PlainTable":
     """Statuses of robots as two columns, an empty line between robots; `clear` clears their stops."""
-    from hexctl.cli.render.tables import PlainTable
+    from hexctl.cli.render.tables import label_table
 
-    table = PlainTable(show_header=False, box=None, pad_edge=False)
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for number, status in enumerate(statuses):
-        if number:
-            table.add_row("", "")
-        for name, text in status_rows(status, clear):
-            table.add_row(name, text)
-    return table
+    blocks = [status_rows(status, clear) for status in statuses]
+    return label_table([row for block in blocks for row in (("", ""), *block)][1:])
 
 
 def status_rows(status: Status, clear: str) -> list[tuple[str, str]]:
