@@ -67,8 +67,6 @@ def identify(
     walk. The geometry and the masses of the legs are those of the robot file. A simulated robot is in the
     world stand. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4 stopped, 130 interrupted.
     """
-    from hexctl.identify.robot_log import RobotLog
-
     options = IdentifyOptions(**given, logs=logs)
     options.check()
     options.check_output()
@@ -89,20 +87,7 @@ def identify(
     except KeyboardInterrupt:
         print_message(f"interrupted; the logs are kept; continue with: {_again(paths, next_time)}")
         raise typer.Exit(INTERRUPTED) from None
-    for log in found.replays:
-        if isinstance(log, RobotLog) and (stale_s := log.stale_s):
-            print_message(
-                f"{log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
-                "values wrong; record it again with a faster link or a less busy computer"
-            )
-    errors = found.to_dict()["error_deg"]
-    if errors["after"] > errors["before"] + WORSE_DEG:
-        print_message("the result fits no better than the robot file: has a leg failed in these logs?")
-    elif (left_deg := _left_deg(found)) > POOR_DEG:
-        print_message(
-            f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
-            "foot may touch anything, and the robot file must have the right masses and lengths"
-        )
+    _print_doubts(found)
     if not as_json:
         print_result(*_report(found))
     try:
@@ -118,6 +103,25 @@ def identify(
         print_result("", f"wrote {written}")
     else:
         print_result("", f"next: {_again(paths, replace(next_time, output='FILE.yaml'))}")
+
+
+def _print_doubts(found: "Identification") -> None:
+    from hexctl.identify.robot_log import RobotLog
+
+    for log in found.replays:
+        if isinstance(log, RobotLog) and (stale_s := log.stale_s):
+            print_message(
+                f"{log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
+                "values wrong; record it again with a faster link or a less busy computer"
+            )
+    errors = found.to_dict()["error_deg"]
+    if errors["after"] > errors["before"] + WORSE_DEG:
+        print_message("the result fits no better than the robot file: has a leg failed in these logs?")
+    elif (left_deg := _left_deg(found)) > POOR_DEG:
+        print_message(
+            f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
+            "foot may touch anything, and the robot file must have the right masses and lengths"
+        )
 
 
 def _again(paths: list[Path], options: IdentifyOptions) -> str:
