@@ -183,7 +183,7 @@ def watch_states(
     *,
     place: str,
     stop_requested: Callable[[], bool],
-    failures: Callable[[], tuple[Failure, ...] | None] = lambda: None,
+    failures: Callable[[], tuple[Failure, ...] | None],
 ) -> None:
     """Show a robot's states at 50 Hz until the viewer is closed or a stop is requested.
 

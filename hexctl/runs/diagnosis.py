@@ -1,6 +1,6 @@
 """One recorded diagnosis at rest on any backend: `hexctl diagnose` as a library call."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -8,7 +8,7 @@ from hexctl.backends.robot_options import RecordedOptions
 from hexctl.control.controllers import Stand
 from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, told_by_operator, unsafe_legs
 from hexctl.control.diagnosis.standing_test import ALL_PROBES, LIFTS, Probe, StandingTest
-from hexctl.control.log import Recorder, TickLog
+from hexctl.control.log import TickLog
 from hexctl.control.loop import run_controller
 from hexctl.control.preparation import WalkStart, ticks_of
 from hexctl.control.trial_result import TrialResult
@@ -72,15 +72,14 @@ class DiagnosisRun(Run):
     def diagnose(
         self,
         *,
-        recorders: Sequence[Recorder] = (),
         ask: AskOperator | None = None,
         stop_requested: StopRequested = never,
     ) -> DiagnosisResult:
-        """Make the standing test and judge it; arguments as in `diagnose`, and recorders of its ticks.
+        """Make the standing test and judge it; arguments as in `diagnose`.
 
         Raises RobotFaultError when the robot or its link fails.
         """
-        done = self.walk(recorders=recorders, stop_requested=stop_requested)
+        done = self.walk(stop_requested=stop_requested)
         found = self._found()
         if found.source == "none" and ask is not None and done.trial.status == "ok":
             found = self._ask_operator(found, ask, stop_requested)
