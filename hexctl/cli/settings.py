@@ -404,19 +404,14 @@ def _switched(setting: "Setting") -> bool:
 
 def _one_text(param: Any, setting: "Setting", value: Any) -> str:
     """A relative path starts at the file's folder."""
-    from hexctl.settings import FOLDERS, NAMES_OR_PATHS
+    from hexctl.settings import is_path
 
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise InputError(f"{setting.origin}: got {shown(value)}; allowed: text or a number")
-    text, option = str(value), _flag(param)
-    path_like = "/" in text or bool(Path(text).suffix)
-    is_path = (
-        param.type_descriptor.annotation is Path
-        or option in FOLDERS
-        or text.startswith(("./", "../", "~/"))
-        or (option in NAMES_OR_PATHS and path_like)
-    )
-    return setting.placed(text) if is_path and isinstance(value, str) else text
+    text = str(value)
+    relative = param.type_descriptor.annotation is Path or text.startswith(("./", "../", "~/"))
+    starts_there = isinstance(value, str) and (relative or is_path(_flag(param), text))
+    return setting.placed(text) if starts_there else text
 
 
 def _by_place(ctx: Any, origins: "Mapping[str, Origin]") -> dict[str, list[str]]:
