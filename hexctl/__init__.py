@@ -80,54 +80,11 @@ __all__ = [
 ]
 # fmt: on
 
-#: Names by module. The packages `adapt` and `export` are callable.
-_MODULES = {
-    # robots, worlds and gaits
-    "robot.model": "Robot",
-    "robot.loader": "load_robot",
-    "robot.formats.urdf": "urdf_of",
-    "robot.failure": "Failure",
-    "backends.sim.world": "World load_world",
-    "gait.gait": "Gait make_gait",
-    "ik.legs": "joint_angles_of_feet feet_of_joint_angles",
-    # servos
-    "types": "JointTargets RobotState",
-    "backends.base": "LegServos",
-    "control.guard": "Guard",
-    "backends.sim.servos": "SimServos",
-    # trials, controllers and recorders
-    "control.trial_plan": "TrialPlan",
-    "control.trial": "run_trial",
-    "control.trial_result": "TrialResult",
-    "control.batch": "SimTrial run_sim_trials",
-    "control.controllers": "Controller",
-    "control.log": "Recorders",
-    "recording.recording": "Recording",
-    "recording.recorded_trial": "read_trial",
-    # driving
-    "control.drive.drive": "Drive",
-    "control.drive.arbiter": "Velocity",
-    "gait.body_pose": "BodyPose",
-    # search
-    "adapt.space": "GaitSpace",
-    "adapt.optimizer": "Optimizer",
-    "adapt.optimizers.optimizer_registry": "make_optimizer",
-    "adapt.objectives": "Objective",
-    # one call for each command
-    "runs.run": "run",
-    "adapt.adaptation": "Adaptation",
-    "adapt.sessions.session_tables": "sessions",
-    "runs.diagnosis": "diagnose",
-    "client.stop_client": "clear_stop estop",
-    "settings": "read_settings",
-    # errors
-    "errors": "HexctlError InputError MissingExtraError ReachError LimitError EStopError RobotFaultError",
-}
-_load = lazy_names("hexctl", _MODULES)
+_load = lazy_names(__name__, __file__, __all__)
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name from its module."""
+    """Import a public name from its module; the packages `adapt` and `export` are callable."""
     if name in ("adapt", "export", "vision", "testing"):
         return import_module(f"hexctl.{name}")
     return _load(name)

@@ -78,11 +78,14 @@ class InputError(HexctlError, ValueError):
 
 
 class UnusedError(InputError):
-    """An unused option `field`: refused if typed, harmless in a file of settings."""
+    """An unused option `field`, the first argument of the message unless it is given.
+
+    It is refused if typed, and harmless in a file of settings.
+    """
 
     def __init__(self, message: str = "", *, field: str = "") -> None:
         super().__init__(message)
-        self.field = field
+        self.field = field or next(iter(_ARGUMENT.findall(message)), "")
 
 
 class WrongTypeError(InputError, TypeError):

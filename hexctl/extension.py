@@ -20,17 +20,7 @@ __all__ = [
 ]
 # fmt: on
 
-_MODULES = {
-    "backends.base": "check_connected check_targets",
-    "backends.clock": "WallClock",
-    "control.monitor.monitored_walk": "recovering_walk",
-    "control.monitor.recovery": "RecoveryPolicy Response",
-    "control.preparation": "WalkStart",
-    "robot.loader": "load_robot_file",
-    "study.recovery.methods": "RecoveryMethod",
-}
-
-_load = lazy_names("hexctl", _MODULES)
+_load = lazy_names("hexctl", __file__, __all__)
 
 
 def __getattr__(name: str) -> Any:

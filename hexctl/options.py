@@ -219,8 +219,7 @@ def check_used(spec: Any, names: Container[str], where: str) -> None:
     for field in fields(spec):
         value = getattr(spec, field.name)
         if field.name in names and value != field.default:
-            message = f"{argument(field.name)}: got {_typed_text(value)}; allowed: {where}"
-            raise UnusedError(message, field=field.name)
+            raise UnusedError(f"{argument(field.name)}: got {_typed_text(value)}; allowed: {where}")
 
 
 def _typed_text(value: Any) -> str:

@@ -338,5 +338,9 @@ def _misspelt(variables: Mapping[str, str]) -> Iterator[str]:
 
 def _text(key: str, setting: Setting) -> str:
     text = str(setting.value)
-    is_path = key in FOLDERS or (key in NAMES_OR_PATHS and ("/" in text or bool(Path(text).suffix)))
-    return setting.placed(text) if is_path else text
+    return setting.placed(text) if is_path(key, text) else text
+
+
+def is_path(key: str, text: str) -> bool:
+    """Whether the text of a setting is a path, which begins at the folder of its file."""
+    return key in FOLDERS or (key in NAMES_OR_PATHS and ("/" in text or bool(Path(text).suffix)))

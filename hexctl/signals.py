@@ -1,6 +1,9 @@
 """Signals that end a process. Commands bring their robot to rest first."""
 
 import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 #: Signals that always request a stop, even if a shell made a background process ignore them.
 ASKED = (signal.SIGINT, signal.SIGTERM)
@@ -25,3 +28,14 @@ def ending_signals() -> tuple[int, ...]:
 def _ignored(number: int) -> bool:
     """Whether a signal is ignored, or has a handler outside of Python."""
     return signal.getsignal(number) in (signal.SIG_IGN, None)
+
+
+@contextmanager
+def handled_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Handle all signals that would end this process, until the block ends."""
+    before = {number: signal.signal(number, handler) for number in ending_signals()}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)

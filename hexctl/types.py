@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,16 @@ class ArrayFields:
             return NotImplemented
         names = (field.name for field in fields(self) if field.compare)  # type: ignore[arg-type]
         return all(same_value(getattr(self, name), getattr(other, name)) for name in names)
+
+    def copy(self) -> Self:
+        """The same value, with copies of its arrays."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        arrays = {
+            name: value.copy()
+            for name, value in values.items()
+            if isinstance(value, np.ndarray | ArrayFields)
+        }
+        return replace(self, **arrays)  # type: ignore[type-var]
 
 
 def same_value(one: Any, other: Any) -> bool:
@@ -230,15 +240,6 @@ class ServoReadings(ArrayFields):
         ages_s = numbers.pop("ages_s")
         return cls(ages_s=np.where(np.isnan(ages_s), np.inf, ages_s), **numbers, errors=errors)
 
-    def copy(self) -> "ServoReadings":
-        """The same readings, with copies of their arrays."""
-        arrays: dict[str, Any] = {
-            field.name: value.copy()
-            for field in fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
-        }
-        return replace(self, **arrays)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotState(ArrayFields):
@@ -285,12 +286,3 @@ class RobotState(ArrayFields):
     current_a: float | None = None
     low_battery_v: float | None = None
     stale_joints: BoolArray | None = None
-
-    def copy(self) -> "RobotState":
-        """The same state, with copies of its arrays."""
-        arrays: dict[str, Any] = {
-            field.name: value.copy()
-            for field in fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray | ServoReadings)
-        }
-        return replace(self, **arrays)

@@ -139,8 +139,7 @@ def _world_of(backend: str, world: Path | str | None) -> str | None:
         return "flat" if world is None else shipped_text("worlds", world)
     if world is not None:
         raise UnusedError(
-            f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim",
-            field="world",
+            f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim"
         )
     return None
 

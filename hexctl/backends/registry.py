@@ -125,7 +125,6 @@ def check_options(
             f"{argument(names.get(field, field))}: got {'yes' if value is True else value} "
             f"with {argument('backend')} {name}{f', whose class takes no `{field}`' if own else ''}; "
             f"allowed: with {allowed}{f', or a class that takes `{field}`' if own else ''}",
-            field=names.get(field, field),
         )
 
 

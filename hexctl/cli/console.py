@@ -4,14 +4,14 @@ import io
 import os
 import signal
 import sys
-from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from types import FrameType
+from typing import TYPE_CHECKING, Self
 
 import typer
 
 from hexctl.errors import HexctlError, RobotFaultError, printable
 from hexctl.options import flag_name
-from hexctl.signals import ending_signals
+from hexctl.signals import handled_by
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -104,66 +104,35 @@ def print_note(text: str) -> None:
     typer.echo(printable_lines(text), err=True)
 
 
+def print_message(text: object) -> None:
+    """Print a line on stderr that begins with the name of the program."""
+    print_note(f"hexctl: {text}")
+
+
 def print_question(text: str) -> None:
     """Print a question on stderr without a line end."""
     typer.echo(printable_lines(text), err=True, nl=False)
 
 
-class StatusLine:
-    """A line on stderr: each new text replaces it on a terminal, elsewhere each text is a line."""
-
-    def __init__(self) -> None:
-        self._shown = False
-
-    def show(self, text: str) -> None:
-        """Replace the text, cut to the width of the terminal."""
-        if not sys.stderr.isatty():
-            print_note(text)
-            return
-        width = os.get_terminal_size(sys.stderr.fileno()).columns or 80
-        typer.echo(f"\r\x1b[K{printable(text)[: width - 1]}", err=True, nl=False)
-        self._shown = True
-
-    def print_above(self, text: str) -> None:
-        """Print a permanent line above the status."""
-        self.end()
-        print_note(text)
-
-    def end(self) -> None:
-        """End the current line, which stays."""
-        if self._shown:
-            print_note("")
-        self._shown = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.end()
-
-
 def note_no_window(error: Exception) -> None:
     """Report why a walk is not shown."""
-    print_note(f"hexctl: {error}; continuing without a window")
+    print_message(f"{error}; continuing without a window")
 
 
 def note_refusal(why: str, *, then: str = "") -> None:
     """Report that nothing listens at a robot's endpoint while connecting goes on; `then` follows."""
-    print_note(f"hexctl: {why}; trying for some seconds more{then}")
+    print_message(f"{why}; trying for some seconds more{then}")
 
 
-def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
+def make_bar(counter: str | None = None, *, quiet: bool = False, text_only: bool = False) -> "Progress":
     """Progress bar on stderr with the time left, not yet started; `counter` is its format."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    count = MofNCompleteColumn() if counter is None else TextColumn(counter)
     return Progress(
         TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn() if counter is None else TextColumn(counter),
-        TimeRemainingColumn(),
+        *(() if text_only else (BarColumn(), count, TimeRemainingColumn())),
         console=Console(stderr=True),
         transient=True,
         disable=quiet or not sys.stderr.isatty(),
@@ -176,6 +145,22 @@ def print_above(bar: "Progress", text: str, *, err: bool) -> None:
         typer.echo(printable_lines(text), err=err)
     else:
         bar.console.print(printable_lines(text), highlight=False, markup=False, emoji=False)
+
+
+class LeftOut:
+    """Names the damaged parts that a command leaves out, and counts them; the command continues."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def name(self, error: HexctlError) -> None:
+        """Print an error; this is an `on_damage`."""
+        print_message(error)
+        self.count += 1
+
+    def code(self, code: int = DONE) -> int:
+        """Exit code of a command that would end with `code` if nothing had been left out."""
+        return FAULT if self.count and code == DONE else code
 
 
 class StopOnInterrupt:
@@ -195,7 +180,7 @@ class StopOnInterrupt:
         self._requested = self._interrupted = self.terminal_gone = False
         self._terminals: list[int] = []
         self._again = "quit at once" if plain else "quit without a soft stop"
-        self._before: dict[int, Any] = {}
+        self._handled = handled_by(self._handle)
 
     def requested(self) -> bool:
         """Whether a stop was requested."""
@@ -203,15 +188,11 @@ class StopOnInterrupt:
 
     def __enter__(self) -> Self:
         self._terminals = [stream for stream in (1, 2) if os.isatty(stream)]
-        for number in ending_signals():
-            self._before[number] = signal.signal(number, self._handle)
+        self._handled.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
+    def __exit__(self, *_: object) -> None:
+        self._handled.__exit__(None, None, None)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if number not in QUITS:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from hexctl.cli.console import print_result
-from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import is_option, runs_folder
+from hexctl.cli.shared_options import JsonOption
 
 if TYPE_CHECKING:
     from hexctl.doctor.checkup import Checkup

@@ -1,17 +1,22 @@
 """The `hexctl` command: its sub-commands, and the conversion of errors to a line and an exit code."""
 
+import importlib
 import os
 import sys
+from collections import UserDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 from typer.exceptions import TyperException
+from typer.main import get_group
 
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
-from hexctl.cli.interrupts import not_begun
-from hexctl.cli.lazy import Command, LazyCommands
+from hexctl.cli.grouped_help import HelpGroup
+from hexctl.cli.interrupts import not_begun, raise_deferred
 from hexctl.cli.settings import Commands, has_begun, origin_of
 from hexctl.cli.suggestions import usage_text
 from hexctl.errors import (
@@ -25,6 +30,16 @@ from hexctl.errors import (
     room_hint,
     shortened,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command as the help lists it: its module below `hexctl.cli`, and its class if special."""
+
+    module: str
+    panel: str
+    summary: str
+    kind: str = ""
 
 
 class _CutOffError(Exception):
@@ -45,127 +60,144 @@ def _cut_off(context: Any = None) -> Iterator[None]:
 
 WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
 
-#: All commands, in the order of the help: module, group in the help, and summary.
+#: All commands, in the order of the help: module below `hexctl.cli`, group in the help, and summary.
 COMMANDS = {
-    "run": Command("hexctl.cli.walk.run_command", WALK, "Walk, record the walk, and report the result."),
+    "run": Command("walk.run_command", WALK, "Walk, record the walk, and report the result."),
     "adapt": Command(
-        "hexctl.cli.walk.adapt_command",
-        WALK,
-        "Find a gait for a failed leg in few trials; each is kept and recorded.",
+        "walk.adapt_command", WALK, "Find a gait for a failed leg in few trials; each is kept and recorded."
     ),
     "drive": Command(
-        "hexctl.cli.walk.drive_command",
-        WALK,
-        "Drive a robot by hand: keyboard, gamepad, or a page for a phone.",
+        "walk.drive_command", WALK, "Drive a robot by hand: keyboard, gamepad, or a page for a phone."
     ),
     "view": Command(
-        "hexctl.cli.results.view_command",
+        "results.view_command",
         WALK,
         "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
     ),
     "demo": Command(
-        "hexctl.cli.walk.demo_command",
-        WALK,
-        "Break a leg of a simulated robot in mid-walk, and see it recover.",
+        "walk.demo_command", WALK, "Break a leg of a simulated robot in mid-walk, and see it recover."
     ),
     "sessions": Command(
-        "hexctl.cli.results.sessions_command",
-        WALK,
-        "List, compare and delete sessions of hexctl adapt.",
+        "results.sessions_command", WALK, "List, compare and delete sessions of hexctl adapt."
     ),
     "export": Command(
-        "hexctl.cli.results.export_command",
+        "results.export_command",
         WALK,
         "Write a robot, recordings or a session in a format of other programs.",
     ),
     "check": Command(
-        "hexctl.cli.robot.check_command",
+        "robot.check_command",
         ROBOT,
         "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
     ),
-    "robot": Command(
-        "hexctl.cli.robot.robot_command", ROBOT, "List the shipped robots, and make robot files."
-    ),
-    "gaits": Command("hexctl.cli.robot.list_commands", ROBOT, "List the named gaits."),
-    "worlds": Command("hexctl.cli.robot.list_commands", ROBOT, "List the shipped simulated worlds."),
+    "robot": Command("robot.robot_command", ROBOT, "List the shipped robots, and make robot files."),
+    "gaits": Command("robot.robot_command", ROBOT, "List the named gaits."),
+    "worlds": Command("robot.robot_command", ROBOT, "List the shipped simulated worlds."),
     "diagnose": Command(
-        "hexctl.cli.walk.diagnose_command",
+        "walk.diagnose_command",
         ROBOT,
         "Find which leg and joint failed, and how, in 12 s of small motions at rest.",
     ),
     "identify": Command(
-        "hexctl.cli.robot.identify_command",
+        "robot.identify_command",
         ROBOT,
         "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
     ),
     "see": Command(
-        "hexctl.cli.see.see_group",
+        "network.see_commands",
         ROBOT,
         "Measure a robot's position with a camera and printed tags, and send it to the robot, until Ctrl-C.",
     ),
     "calibrate": Command(
-        "hexctl.cli.bus.calibrate_command",
+        "bus.calibrate_command",
         ROBOT,
         "Find direction, offset and limits of each servo, and write them to the robot file.",
     ),
-    "ports": Command(
-        "hexctl.cli.bus.ports_command", ROBOT, "List serial ports with a device, and their adapters."
-    ),
+    "ports": Command("bus.ports_command", ROBOT, "List serial ports with a device, and their adapters."),
     "doctor": Command(
-        "hexctl.cli.doctor_command",
-        ROBOT,
-        "Report what this computer has and what works on it, for a bug report.",
+        "doctor_command", ROBOT, "Report what this computer has and what works on it, for a bug report."
     ),
     "servos": Command(
-        "hexctl.cli.bus.servos_command",
+        "bus.servos_command",
         ROBOT,
         "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
     ),
     "sim": Command(
-        "hexctl.cli.sim.sim_group",
+        "network.sim_commands",
         ROBOT,
         "Simulate servo boards, servo buses and a camera, and let simulated legs fail.",
     ),
     "serve": Command(
-        "hexctl.cli.network.serve_command",
+        "network.serve_command",
         NETWORK,
         "Serve a robot, real or simulated, on the network, with its own guard and stop.",
         "ServeCommand",
     ),
     "status": Command(
-        "hexctl.cli.network.status_command",
+        "network.status_command",
         NETWORK,
         "Show who commands a robot on the network, why it is stopped, and which messages were dropped.",
     ),
     "estop": Command(
-        "hexctl.cli.network.estop_command",
+        "network.estop_command",
         NETWORK,
         "Stop a robot on the network from anywhere, whichever client commands it.",
     ),
     "keys": Command(
-        "hexctl.cli.network.keys_command",
-        NETWORK,
-        "Make and show certificates for robots beyond this computer.",
+        "network.keys_command", NETWORK, "Make and show certificates for robots beyond this computer."
     ),
     "study": Command(
-        "hexctl.cli.study.study_command",
+        "study.study_command",
         STUDY,
         "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
     ),
     "prior": Command(
-        "hexctl.cli.study.prior_command",
+        "study.prior_command",
         STUDY,
         "Make and show priors: what hexctl adapt believes before its first trial.",
     ),
 }
 
 
-class _Commands(LazyCommands):
-    """Typer would end an interrupted command silently; this passes the interrupt on."""
+class _Loaded(UserDict[str, Any]):
+    """Commands by name, each built from its declaration when it is first looked up."""
+
+    def __getitem__(self, name: str) -> Any:
+        found = super().__getitem__(name)
+        if isinstance(found, Command):
+            found = self[name] = _build(name, found)
+        return found
+
+
+class _Commands(HelpGroup):
+    """The commands; each is imported when it is called, for a fast help and a fast stop."""
 
     def __init__(self, **attributes: Any) -> None:
-        super().__init__(COMMANDS, **attributes)
+        super().__init__(**attributes)
+        self.commands, self._listing = _Loaded(COMMANDS), False
 
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; for a help text only its name and summary."""
+        if cmd_name not in COMMANDS:
+            return None
+        if not self._listing:
+            return self.commands[cmd_name]
+        declared = COMMANDS[cmd_name]
+        return TyperCommand(cmd_name, help=declared.summary, rich_help_panel=declared.panel)
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands, in the order of the help."""
+        return list(COMMANDS)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help text."""
+        self._listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._listing = False
+
+    # Typer would end an interrupted command silently.
     def make_context(self, *arguments: Any, **more: Any) -> Any:
         with _cut_off():
             return super().make_context(*arguments, **more)
@@ -175,13 +207,24 @@ class _Commands(LazyCommands):
             return super().invoke(ctx)
 
 
+def _build(name: str, declared: Command) -> Any:
+    module = importlib.import_module(f"hexctl.cli.{declared.module}")
+    raise_deferred()
+    found, app = getattr(module, name), Commands()
+    if isinstance(found, typer.Typer):
+        own: dict[str, Any] = {} if found.registered_callback else {"help": declared.summary}
+        app.add_typer(found, name=name, rich_help_panel=declared.panel, **own)
+    else:
+        kind = getattr(module, declared.kind) if declared.kind else None
+        app.command(name, rich_help_panel=declared.panel, **({"cls": kind} if kind else {}))(found)
+    return get_group(app).commands[name]
+
+
 app = Commands(
     name="hexctl",
     cls=_Commands,
-    help="Walk a six-legged robot, simulated or real, at 50 Hz.",
     epilog="Defaults are read from hexctl.toml in the working folder or ~/.config/hexctl, such as "
     'robot = "phantomx".',
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
 

@@ -1,53 +1,23 @@
 """Progress and interruption of long work, such as studies, priors and scans of a bus."""
 
-import signal
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from types import FrameType, TracebackType
+from collections.abc import Iterable
+from types import FrameType
 from typing import TYPE_CHECKING, Self
 
 import typer
 
 from hexctl.cli.console import INTERRUPTED, QUITS, make_bar, print_above, print_note
-from hexctl.signals import ending_signals
+from hexctl.errors import printable
+from hexctl.signals import handled_by
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
     from hexctl.study.plan import PlannedWork, ResultT
-    from hexctl.study.walk_cache import WalkCache
 
 
 #: How long a question to an id without a servo takes.
 ANSWER_S = 0.03
-
-
-@contextmanager
-def interruptible(count: "Callable[[WalkCache], tuple[int, int]]") -> Iterator[None]:
-    """Turn all signals that end a process into exit code 130, with a line on the saved walks."""
-    interrupted = False
-
-    def interrupt(number: int, _frame: FrameType | None) -> None:
-        nonlocal interrupted
-        first, interrupted = not interrupted, True
-        if first or number in QUITS:  # SIGXCPU comes every second, and SIGHUP twice
-            raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in ending_signals()}
-    try:
-        yield
-    except KeyboardInterrupt:
-        from hexctl.study.walk_cache import WalkCache
-
-        cache = WalkCache()
-        saved, total = count(cache)
-        print_note(
-            f"interrupted: {saved} of {total} walks are saved in {cache.folder}; the same command continues"
-        )
-        raise typer.Exit(INTERRUPTED) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class WithBar:
@@ -59,10 +29,26 @@ class WithBar:
         self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bar.stop()
+
+
+class StatusLine(WithBar):
+    """A text on stderr: each new one replaces it on a terminal, elsewhere each is a line."""
+
+    def __init__(self) -> None:
+        self._bar = make_bar(text_only=True)
+        self._task = self._bar.add_task("", total=None, visible=False)
+
+    def show(self, text: str) -> None:
+        """Replace the text."""
+        if self._bar.disable:
+            print_note(text)
+        self._bar.update(self._task, description=printable(text), visible=True)
+
+    def print_above(self, text: str) -> None:
+        """Print a permanent line above it."""
+        print_above(self._bar, text, err=True)
 
 
 class ScanProgress(WithBar):
@@ -113,6 +99,26 @@ class StudyProgress(WithBar):
 
 
 def finish(planned: "PlannedWork[ResultT]", notes: Iterable[str] = ()) -> "ResultT":
-    """Run planned work with its progress on stderr, after `notes`; Ctrl-C ends it with exit code 130."""
-    with interruptible(planned.saved), StudyProgress(notes) as progress:
-        return planned.run(progress=progress)
+    """Run planned work with its progress on stderr, after `notes`.
+
+    All signals that end a process end it with exit code 130 and a line on the saved walks.
+    """
+    interrupted = False
+
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        nonlocal interrupted
+        first, interrupted = not interrupted, True
+        if first or number in QUITS:  # SIGXCPU comes every second, and SIGHUP twice
+            raise KeyboardInterrupt
+
+    try:
+        with handled_by(interrupt), StudyProgress(notes) as progress:
+            return planned.run(progress=progress)
+    except KeyboardInterrupt:
+        from hexctl.study.walk_cache import WalkCache
+
+        cache = WalkCache()
+        saved, total = planned.saved(cache)
+        kept = f"{saved} of {total} walks are saved in {cache.folder}"
+        print_note(f"interrupted: {kept}; the same command continues")
+        raise typer.Exit(INTERRUPTED) from None

@@ -12,10 +12,12 @@ from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.cli.console import print_note, print_question
 from hexctl.control.calibration import EndedError
 from hexctl.errors import InputError
-from hexctl.waiting import StopRequested
+from hexctl.waiting import StopRequested, never
 
 #: Interval at which a wait for a line checks for a stop.
 LOOK_S = 0.1
+
+ENDED = "\nhexctl: stdin has ended: quit"
 
 WORDS = ("fell", "skip", "again", "quit")
 HELP = (
@@ -45,10 +47,7 @@ def ask_consent(text: str, *, yes: bool) -> None:
         return
     if not can_answer():
         raise InputError("--yes: got none, and no answer can come on stdin; allowed: --yes, or a terminal")
-    print_question(f"{text} Hold the robot so that its legs hang free. Go on? yes or no: ")
-    lines = StdinLines()
-    while (said := lines.poll(LOOK_S)) is None and not lines.ended:
-        pass
+    said = StdinLines().ask(f"{text} Hold the robot so that its legs hang free. Go on? yes or no: ")
     if said is None or not sys.stdin.isatty():
         print_note("")  # no key ended the line on the screen
     if said is None or said.strip().lower() not in ("y", "yes"):
@@ -102,11 +101,10 @@ class TrialPrompt:
             question = f"got {said!r}; allowed: up to {at_most_m:.1f} m, in metres: "
 
     def _ask(self, question: str) -> str:
-        print_question(question)
-        while (line := self._lines.poll(LOOK_S)) is None:
-            if self._stop_requested() or self._lines.ended:
-                print_note("" if self._stop_requested() else "\nhexctl: stdin has ended: quit")
-                return "quit"
+        line = self._lines.ask(question, self._stop_requested)
+        if line is None:
+            print_note("" if self._stop_requested() else ENDED)
+            return "quit"
         return " ".join(line.lower().split())
 
 
@@ -154,6 +152,14 @@ class StdinLines:
         self.ended = False
         self._pending = b""
 
+    def ask(self, question: str, stop_requested: StopRequested = never) -> str | None:
+        """Print a question and wait for its answer; None after the last line or a requested stop."""
+        print_question(question)
+        while (line := self.poll(LOOK_S)) is None:
+            if self.ended or stop_requested():
+                return None
+        return line
+
     def poll(self, wait_s: float = 0.0) -> str | None:
         """The next line without its end, or None after the wait."""
         while b"\n" not in self._pending:
@@ -178,11 +184,10 @@ class LegPrompt:
         """Ask whether a leg lifted, swung and stood again; None ends the questions."""
         question = f"leg {leg} should have lifted, swung and stood again: did it? yes, no or quit: "
         while True:
-            print_question(question)
-            while (line := self._lines.poll(LOOK_S)) is None:
-                if self._lines.ended:
-                    print_note("\nhexctl: stdin has ended: quit")
-                    return None
+            line = self._lines.ask(question)
+            if line is None:
+                print_note(ENDED)
+                return None
             said = line.strip().lower()
             if said in ("y", "yes", "n", "no"):
                 return said.startswith("y")

@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
-from hexctl.cli.console import in_flags, print_note
+from hexctl.cli.console import in_flags, print_message
 from hexctl.cli.grouped_help import WIDTH, GroupedHelp, HelpGroup
 from hexctl.errors import InputError, shown
 from hexctl.robot.servos.drivers import PWM_DRIVERS
@@ -94,7 +94,7 @@ class _FollowsSettings:
             ctx.meta[_BEGUN] = True
         origins = ctx.meta.get(_ORIGINS, {})
         for place, options in _by_place(ctx, origins).items():
-            print_note(f"hexctl: {place} sets {', '.join(options)}")
+            print_message(f"{place} sets {', '.join(options)}")
         try:
             return super().invoke(ctx)  # type: ignore[misc]
         except InputError as error:
@@ -122,7 +122,7 @@ class Commands(typer.Typer):
     def __init__(self, **more: Any) -> None:
         """Make a group with plain help texts, because boxes would import more."""
         more.setdefault("cls", HelpGroup)
-        super().__init__(rich_markup_mode=None, context_settings=_CONTEXT, **more)
+        super().__init__(rich_markup_mode=None, context_settings=_CONTEXT, no_args_is_help=True, **more)
 
     def command(self, *arguments: Any, **more: Any) -> Callable[[FunctionT], FunctionT]:
         """Register a command, as Typer does."""
@@ -171,7 +171,7 @@ def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]
     if problems and path not in UNSTOPPABLE:
         raise InputError(problems[0])
     for problem in dict.fromkeys(problems):
-        print_note(f"hexctl: {problem}")
+        print_message(problem)
     return said
 
 
@@ -404,19 +404,14 @@ def _switched(setting: "Setting") -> bool:
 
 def _one_text(param: Any, setting: "Setting", value: Any) -> str:
     """A relative path starts at the file's folder."""
-    from hexctl.settings import FOLDERS, NAMES_OR_PATHS
+    from hexctl.settings import is_path
 
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise InputError(f"{setting.origin}: got {shown(value)}; allowed: text or a number")
-    text, option = str(value), _flag(param)
-    path_like = "/" in text or bool(Path(text).suffix)
-    is_path = (
-        param.type_descriptor.annotation is Path
-        or option in FOLDERS
-        or text.startswith(("./", "../", "~/"))
-        or (option in NAMES_OR_PATHS and path_like)
-    )
-    return setting.placed(text) if is_path and isinstance(value, str) else text
+    text = str(value)
+    relative = param.type_descriptor.annotation is Path or text.startswith(("./", "../", "~/"))
+    starts_there = isinstance(value, str) and (relative or is_path(_flag(param), text))
+    return setting.placed(text) if starts_there else text
 
 
 def _by_place(ctx: Any, origins: "Mapping[str, Origin]") -> dict[str, list[str]]:

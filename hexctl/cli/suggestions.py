@@ -6,6 +6,7 @@ from typing import Any
 
 from typer.exceptions import TyperException
 
+from hexctl.cli import completion
 from hexctl.typed_names import nearest_name
 
 #: Commands of the program or of a group, by common synonyms.
@@ -74,20 +75,8 @@ def _as_option(context: Any, extra: str) -> str:
     """The option of a command that takes a positional argument as its value; empty for none."""
     flags = {flag for param in context.command.params for flag in param.opts}
     name = extra.split(" ")[0]
-    if "--robot" in flags and (name in _robots() or Path(name).suffix in (".yaml", ".yml")):
+    if "--robot" in flags and (name in completion.robots("") or Path(name).suffix in (".yaml", ".yml")):
         return f"; did you mean --robot {name}?"
-    if "--gait" in flags and (name in _gaits() or name.isdecimal()):
+    if "--gait" in flags and (name in completion.gaits("") or name.isdecimal()):
         return f"; did you mean --gait {name}?"
     return ""
-
-
-def _robots() -> list[str]:
-    from hexctl.robot.configs import config_names
-
-    return list(config_names("robots"))
-
-
-def _gaits() -> list[str]:
-    from hexctl.gait.gait import AUTO, NAMED_SLOTS
-
-    return [AUTO, *NAMED_SLOTS]

@@ -12,9 +12,8 @@ from typing import Any
 
 from hexctl.adapt.sessions.store import RUNS
 from hexctl.doctor.connections import Connections, Device, read_connections
-from hexctl.doctor.machine import WALK_MB, Machine, read_machine
+from hexctl.doctor.machine import WALK_MB, Drawing, Machine, read_drawing, read_machine
 from hexctl.doctor.packages import Packages, read_packages
-from hexctl.doctor.rendering_check import Drawing, read_drawing
 from hexctl.doctor.settings_check import SettingsFound, no_option, read_settings_found
 from hexctl.errors import install_command
 from hexctl.export.render import RENDERERS

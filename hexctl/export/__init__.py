@@ -3,6 +3,6 @@
 Its parameters: `help(hexctl.export.__call__)`.
 """
 
-from hexctl.callable_package import make_callable
+from hexctl.lazy_names import make_callable
 
 make_callable(__name__, "export")

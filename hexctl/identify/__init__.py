@@ -1,5 +1,5 @@
 """Identification: the parameters of a robot's servos from its own motions."""
 
-from hexctl.callable_package import make_callable
+from hexctl.lazy_names import make_callable
 
 make_callable(__name__, "identification")

@@ -48,12 +48,11 @@ class IdentifyOptions(RecordedOptions):
         moving = () if not self.logs else (one for one in fields(RecordedOptions) if one.name != "robot")
         for field in moving:
             if getattr(self, field.name) != field.default:
-                raise UnusedError(f"{argument(field.name)}: {WITHOUT_LOGS}", field=field.name)
+                raise UnusedError(f"{argument(field.name)}: {WITHOUT_LOGS}")
         if not self.logs:
             RecordedOptions.check(self)
         if self.p_gain is not None and not any(Path(log).suffix == ".json" for log in self.logs or ()):
-            message = f"{argument('p_gain')} requires runs of a servo on a bench: LOG.json"
-            raise UnusedError(message, field="p_gain")
+            raise UnusedError(f"{argument('p_gain')} requires runs of a servo on a bench: LOG.json")
 
     def check_output(self) -> None:
         """Raise InputError for an output that cannot be written, and for a robot file whose meshes fail."""

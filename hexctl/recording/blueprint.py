@@ -44,12 +44,14 @@ def make_blueprint(
     import rerun.blueprint as rrb
 
     hidden = rrb.PlotLegend(visible=False)
+    summary = rrb.TextDocumentView(origin=paths.SUMMARY, name="trial")
+    events = rrb.TextLogView(origin=paths.EVENTS, name="events")
     # All legs have a lane in a window of 760 points.
     scene = rrb.Vertical(scene_view(robot, heading_rad, floor), _lanes_view(), row_shares=[5, 6])
     evidence = [plot_of(SUSPICION)] if watched else []
     reports = [plot_of(one, plot_legend=hidden) for one in (TEMPERATURES, VOLTAGES) if servos]
     side = rrb.Vertical(
-        rrb.Tabs(_summary_view(), _events_view(), active_tab=1 if live else 0),
+        rrb.Tabs(summary, events, active_tab=1 if live else 0),
         plot_of(DEVIATION, plot_legend=hidden),
         plot_of(MARGIN, plot_legend=hidden),
         rrb.Tabs(
@@ -147,18 +149,6 @@ def _lanes_view() -> Any:
         defaults=[lanes],
         time_view=_linked(),
     )
-
-
-def _summary_view() -> Any:
-    import rerun.blueprint as rrb
-
-    return rrb.TextDocumentView(origin=paths.SUMMARY, name="trial")
-
-
-def _events_view() -> Any:
-    import rerun.blueprint as rrb
-
-    return rrb.TextLogView(origin=paths.EVENTS, name="events")
 
 
 def plot_of(series: Series, **more: Any) -> Any:

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S, WallClock
@@ -18,7 +17,15 @@ from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import RecordingError, RobotFaultError
 from hexctl.gait.gait import make_gait
-from hexctl.recording.viewer import LOCAL, check_display, free_port, viewer_binary, web_options, web_url
+from hexctl.recording.viewer import (
+    LOCAL,
+    check_display,
+    free_port,
+    start_process,
+    viewer_binary,
+    web_options,
+    web_url,
+)
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
@@ -55,8 +62,8 @@ class LiveView:
         self._waiting = bytearray()
         port, web_port = free_port(), free_port()
         self.url = web_url(port, web_port) if web else None
-        where = web_options(port, web_port) if web else ["--bind", LOCAL, "--port", str(port)]
-        command = [str(viewer_binary()), *where, *options]
+        where = web_options(web_port) if web else ["--bind", LOCAL]
+        command = [str(viewer_binary()), *where, "--port", str(port), *options]
         self._viewer = _start(command)
         # -P: no file in the working folder replaces a module.
         feeder = [sys.executable, "-P", "-m", "hexctl.recording.live_feed", str(port)]
@@ -68,9 +75,7 @@ class LiveView:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def begin(
@@ -178,7 +183,7 @@ def watch_states(
     *,
     place: str,
     stop_requested: Callable[[], bool],
-    failures: Callable[[], tuple[Failure, ...] | None] = lambda: None,
+    failures: Callable[[], tuple[Failure, ...] | None],
 ) -> None:
     """Show a robot's states at 50 Hz until the viewer is closed or a stop is requested.
 
@@ -223,13 +228,5 @@ def _watch_recording(
 
 def _start(command: Sequence[str], stdin: int = subprocess.DEVNULL) -> "subprocess.Popen[bytes]":
     """Detached from our terminal: no output there, no Ctrl-C from there."""
-    try:
-        return subprocess.Popen(
-            command,
-            stdin=stdin,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise RecordingError(f"{command[0]}: does not start: {error.strerror}") from error
+    quiet = dict.fromkeys(("stdout", "stderr"), subprocess.DEVNULL)
+    return start_process(command, stdin=stdin, **quiet, start_new_session=True)

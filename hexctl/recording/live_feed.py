@@ -4,7 +4,6 @@ import pickle
 import signal
 import socket
 import sys
-import time
 import uuid
 from collections.abc import Iterator
 from contextlib import suppress
@@ -16,12 +15,13 @@ from hexctl.errors import InputError
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import Layout, free_streams, load_rerun
-from hexctl.recording.scene import LEVEL, send_scene
-from hexctl.recording.tracks.columns import Block, Subject
+from hexctl.recording.scene import LEVEL, Subject, send_scene
+from hexctl.recording.tracks.columns import Block
 from hexctl.recording.tracks.parts import send_parts
 from hexctl.recording.viewer import LOCAL
 from hexctl.robot.loader import load_meshes
 from hexctl.robot.meshes import Meshes
+from hexctl.waiting import comes_true
 
 #: Time in which a viewer has to open its window.
 VIEWER_TIMEOUT_S = 30.0
@@ -42,7 +42,7 @@ class Feed:
         with Layout(blueprint) as layout:
             self._stream.connect_grpc(address, default_blueprint=layout)
         self._stream.send_recording_name(header["title"])
-        send_scene(self._stream, robot, plan, floor, meshes, servos=header["servos"])
+        send_scene(self._stream, self._subject, servos=header["servos"])
         self._began_at_s: float | None = None
 
     def show(self, block: dict[str, Any]) -> None:
@@ -81,23 +81,21 @@ def _meshes(looks: str | None) -> Meshes:
         return {}
 
 
-def wait_for_viewer(port: int) -> None:
-    """Wait until a viewer listens; earlier data would be lost."""
-    for _ in range(round(VIEWER_TIMEOUT_S / 0.1)):
-        try:
-            socket.create_connection((LOCAL, port), timeout=1.0).close()
-        except OSError:
-            time.sleep(0.1)
-        else:
-            return
-    sys.exit(1)
+def _listens(port: int) -> bool:
+    try:
+        socket.create_connection((LOCAL, port), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
 
 
 def main(port: str) -> None:
     """Show the messages on stdin until it ends."""
     # Ctrl-C is for the walk; this process ends when the walk closes the pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    wait_for_viewer(int(port))
+    # Earlier data would be lost.
+    if not comes_true(lambda: _listens(int(port)), VIEWER_TIMEOUT_S, poll_s=0.1):
+        sys.exit(1)
     address = f"rerun+http://{LOCAL}:{port}/proxy"
     feed: Feed | None = None
     for message in messages(sys.stdin.buffer):

@@ -150,9 +150,10 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         path=path,
         robot=robot or _robot(columns, path),
         properties=properties,
-        stamps_ns=times_ns + columns.wall_start_ns(),
+        # The wall clock is rounded down to half a second.
+        stamps_ns=times_ns + (columns.ticks_ns(paths.WALL_TIMELINE) - times_ns).min(),
         time_s=times_ns / 1e9,
-        walk_s=columns.walk_ns(paths.link_path(1, JOINT_KINDS[0])) / 1e9,
+        walk_s=columns.ticks_ns(paths.WALK_TIMELINE) / 1e9,
         phases=at.held(*columns.texts(paths.PHASE, "StateChange:state"), PHASES),
         commanded_rad=joints_rad[:, 0],
         measured_rad=joints_rad[:, 1],
@@ -237,24 +238,14 @@ class _Columns:
                 return wxyz(np.asarray(_flat(batch.column("Transform3D:quaternion")), dtype=float)[:4])
         return np.array([1.0, 0.0, 0.0, 0.0])
 
-    def wall_start_ns(self) -> int:
-        """Time of the first tick since 1970, exact to half a second."""
-        first = self._first_link()
-        return int((first[paths.WALL_TIMELINE] - first[paths.TIMELINE]).min())
-
-    def walk_ns(self, entity: str) -> Rows:
-        """Time since the walk began of each row of an entity."""
+    def ticks_ns(self, timeline: str) -> Rows:
+        """Times of all ticks on a timeline, as the first link has them."""
         parts = [
-            (_times(batch, paths.TIMELINE), _times(batch, paths.WALK_TIMELINE))
-            for batch in self._batches(entity, "Scalars:scalars")
+            (_times(batch, paths.TIMELINE), _times(batch, timeline))
+            for batch in self._batches(paths.link_path(1, JOINT_KINDS[0]), "Scalars:scalars")
         ]
-        times_ns, walk_ns = _joined(parts, np.empty(0, dtype=np.int64))
-        return np.asarray(walk_ns if self._end_ns is None else walk_ns[times_ns <= self._end_ns])
-
-    def _first_link(self) -> dict[str, Rows]:
-        batches = self._batches(paths.link_path(1, JOINT_KINDS[0]), "Scalars:scalars")
-        timelines = (paths.TIMELINE, paths.WALL_TIMELINE)
-        return {name: np.concatenate([_times(batch, name) for batch in batches]) for name in timelines}
+        times_ns, others_ns = _joined(parts, np.empty(0, dtype=np.int64))
+        return np.asarray(others_ns if self._end_ns is None else others_ns[times_ns <= self._end_ns])
 
     def _batches(self, entity: str, component: str) -> list[Any]:
         return [

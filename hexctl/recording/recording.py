@@ -4,7 +4,6 @@ import time
 import uuid
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S
@@ -25,9 +24,9 @@ from hexctl.recording.rrd import (
     size_of,
 )
 from hexctl.recording.rrd_reader import check_end
-from hexctl.recording.scene import LEVEL, send_scene
+from hexctl.recording.scene import LEVEL, Subject, send_scene
 from hexctl.recording.tracks.balance import Tally
-from hexctl.recording.tracks.columns import Block, Subject
+from hexctl.recording.tracks.columns import Block
 from hexctl.recording.tracks.events import send_outcome
 from hexctl.recording.tracks.parts import send_parts
 from hexctl.recording.trial_summary import make_markdown, make_properties
@@ -101,16 +100,14 @@ class Recording:
         # It allows an export without the robot's file.
         values = rr.AnyValues(name=robot.name, model=robot_to_json(robot), on_stand=on_stand)
         self._stream.send_property("robot", values)
-        send_scene(self._stream, robot, plan, floor, meshes or {}, servos=servos)
+        send_scene(self._stream, self._subject, servos=servos)
         self._send_summary(None, {})
         flush(self._stream, path)  # a truncated file has its robot and scene all the same
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:

@@ -3,13 +3,13 @@
 import errno
 import os
 import sys
+import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from threading import Thread
-from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError, argument
@@ -76,9 +76,7 @@ class Layout:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Free the streams after the call has read them."""
         for stream in self._streams:
             stream.disconnect()
@@ -104,6 +102,24 @@ def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) 
     except RuntimeError as error:
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path}: the recording cannot be written ({reason})") from error
+
+
+@contextmanager
+def new_recording(
+    path: Path, application: str, name: str, layout: Any, *, final: Path | None = None
+) -> Iterator[Any]:
+    """Stream of a file that is written and closed when the block ends; raises RecordingError.
+
+    `final` is the place of a file that is a draft.
+    """
+    stream = load_rerun().RecordingStream(application, recording_id=str(uuid.uuid4()))
+    save_stream(stream, path, layout)
+    try:
+        stream.send_recording_name(name)
+        yield stream
+        flush(stream, final or path)
+    finally:
+        disconnect(stream)
 
 
 def flush(stream: Any, path: Path) -> None:
@@ -239,13 +255,6 @@ def check_whole(path: Path) -> None:
         file.seek(-min(len(END) + END_PADDING, size), os.SEEK_END)
         if END not in file.read():
             raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
-
-
-def check_there(path: Path) -> None:
-    """Raise InputError if a recording is missing or not a file."""
-    if not path.is_file():
-        what = "no file" if path.exists() else "not there"
-        raise InputError(f"recording: {path} is {what}; allowed: a recording that hexctl run made")
 
 
 def check_name(path: Path, what: str = "recording") -> None:

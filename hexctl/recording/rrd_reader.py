@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
-from hexctl.recording.rrd import END, RERUN, check_there, reopen
+from hexctl.recording.rrd import END, RERUN, reopen
 
 _LOG = logging.getLogger(__name__)
 
@@ -59,7 +59,9 @@ def rerun_chunks(path: Path) -> Iterator[Any]:
 
 def check_recording(path: Path) -> None:
     """Raise InputError if a file is missing or does not begin like a recording."""
-    check_there(path)
+    if not path.is_file():
+        what = "no file" if path.exists() else "not there"
+        raise InputError(f"recording: {path} is {what}; allowed: a recording that hexctl run made")
     try:
         with path.open("rb") as file:
             head = file.read(len(MAGIC))

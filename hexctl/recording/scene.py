@@ -1,7 +1,7 @@
 """The static part of a recording: floor, robot parts, and names and colours of the rest."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.series import SERVOS, WALK
 from hexctl.recording.style import GROUND_COLOR
-from hexctl.robot.failure import Failure
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
@@ -25,6 +24,22 @@ from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, FloatArray
 #: Visible distance to each side of the robot, in stance radii. The viewer uses this size or the layout's
 #: eye, whichever it gets first; both give the same picture.
 FRAME_SHARE = 1.3
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """The robot, its plan, the floor and the meshes of a recording."""
+
+    robot: Robot
+    plan: TrialPlan
+    floor: Floor
+    meshes: Meshes = field(default_factory=dict)
+
+    def mesh_of(self, leg: int, kind: str) -> PartMesh | None:
+        """Mesh of a link; None if it is drawn as a solid, as for an announced missing leg, an outline."""
+        missing = any(one.leg == leg and one.kind == "missing" for one in self.plan.failures)
+        return None if missing else self.meshes.get(kind)
+
 
 LEVEL = Floor(np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), None)
 
@@ -48,16 +63,14 @@ def path_end_m(robot: Robot, plan: TrialPlan) -> FloatArray:
     return length * np.array([math.cos(plan.heading_rad), math.sin(plan.heading_rad)])
 
 
-def send_scene(
-    stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes: Meshes, *, servos: bool
-) -> None:
+def send_scene(stream: Any, subject: Subject, *, servos: bool) -> None:
     """Send the static part of a recording; `servos` is whether single servos may report."""
-    rr = load_rerun()
+    rr, robot = load_rerun(), subject.robot
     stream.log(paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    _send_floor(stream, floor, path_end_m(robot, plan))
-    send_body(stream, robot, meshes)
+    _send_floor(stream, subject.floor, path_end_m(robot, subject.plan))
+    _send_body(stream, robot, subject.meshes)
     for leg in paths.LEGS:
-        send_leg(stream, robot, plan, meshes, leg)
+        _send_leg(stream, subject, leg)
     _send_frame(stream, robot)
     _send_looks(stream, robot)
     for series in (*WALK, *SERVOS) if servos else WALK:
@@ -104,7 +117,7 @@ def _send_floor(stream: Any, floor: Floor, end_m: FloatArray) -> None:
     stream.log(paths.GROUND, solid, pose, static=True)
 
 
-def send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
+def _send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
     """Send the trunk and a mark at its front: the `ant` is symmetric."""
     rr = load_rerun()
     if "body" in meshes:
@@ -122,10 +135,9 @@ def send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
     stream.log(f"{paths.BODY}/front", nose, static=True)
 
 
-def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: int) -> None:
+def _send_leg(stream: Any, subject: Subject, leg: int) -> None:
     """Send mount, links and foot of a leg; their colours change with a failure and are tracks."""
-    rr = load_rerun()
-    failure = next((one for one in plan.failures if one.leg == leg), None)
+    rr, robot = load_rerun(), subject.robot
     yaw = rr.RotationAxisAngle([0, 0, 1], radians=float(robot.mount_yaws_rad[leg - 1]))
     mount = rr.Transform3D(translation=robot.mount_positions_body[leg - 1], rotation=yaw)
     stream.log(paths.leg_path(leg), mount, static=True)
@@ -134,7 +146,8 @@ def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: in
         if index:
             joint = rr.Transform3D(translation=[start[0], 0.0, start[1]])
             stream.log(paths.joint_path(leg, kind), joint, static=True)
-        parts = _link(robot, index, failure, meshes)
+        mesh = subject.mesh_of(leg, kind)
+        parts = [_capsule(robot, index)] if mesh is None else _asset(mesh, None)
         stream.log(paths.link_path(leg, kind), *parts, _series(kind), static=True)
         start = tuple(robot.link_vectors_m[index])
     place = [start[0], 0.0, start[1]]
@@ -153,20 +166,14 @@ def _trunk(robot: Robot) -> Any:
     return rr.Cylinders3D(lengths=[height], radii=[length / 2], **look)
 
 
-def _link(robot: Robot, index: int, failure: Failure | None, meshes: Meshes) -> list[Any]:
-    kind = JOINT_KINDS[index]
-    missing = failure is not None and failure.kind == "missing"
-    # A missing leg is drawn as an outline, which a mesh lacks.
-    if kind in meshes and not missing:
-        return _asset(meshes[kind], None)
+def _capsule(robot: Robot, index: int) -> Any:
     outward, up = robot.link_vectors_m[index]
     tilt = math.atan2(outward, up)  # a capsule points along z until it is turned
-    capsule = load_rerun().Capsules3D(
+    return load_rerun().Capsules3D(
         lengths=[math.hypot(outward, up)],
         radii=[robot.link_radii_m[index]],
         quaternions=[[0, math.sin(tilt / 2), 0, math.cos(tilt / 2)]],
     )
-    return [capsule]
 
 
 def _asset(mesh: PartMesh, color: style.Color | None) -> list[Any]:

@@ -1,7 +1,6 @@
 """Open recordings together: a common scene of all walks, and a copy of each recording."""
 
 import math
-import uuid
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from hexctl.recording import paths, style
 from hexctl.recording.blueprint import make_blueprint, plot, side_panels, up_to_cursor
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.recording.recording import APPLICATION_ID
-from hexctl.recording.rrd import disconnect, flush, load_rerun, save_stream
+from hexctl.recording.rrd import load_rerun, new_recording
 from hexctl.recording.rrd_reader import rerun_chunks
 from hexctl.robot.failure import loses_leg
 
@@ -92,14 +91,9 @@ def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
     heading_rad = math.radians(float(trial.properties.get("heading_deg", 0.0)))
     flags = {"watched": trial.leg_suspicion.rows.size > 0, "servos": bool(trial.servos)}
     blueprint = make_blueprint(trial.robot, heading_rad, _floor(trial), several=True, **flags)
-    stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-    save_stream(stream, path, blueprint)
-    try:
+    with new_recording(path, APPLICATION_ID, name, blueprint) as stream:
         stream.send_chunks(rerun_chunks(trial.path))
-        stream.send_recording_name(name)
-        flush(stream, path)
-    finally:
-        disconnect(stream)
+        stream.send_recording_name(name)  # after that of the walk
 
 
 def _floor(trial: RecordedTrial) -> Floor:
@@ -122,17 +116,11 @@ def _lanes(trials: Sequence[RecordedTrial], names: Sequence[str], addresses: Seq
 
 
 def _write_scene(path: Path, lanes: Sequence[_Lane]) -> None:
-    stream = load_rerun().RecordingStream(SIDE_BY_SIDE_ID, recording_id=str(uuid.uuid4()))
-    save_stream(stream, path, _layout(lanes))
-    try:
-        stream.send_recording_name("side by side")
+    with new_recording(path, SIDE_BY_SIDE_ID, "side by side", _layout(lanes)) as stream:
         stream.log("/", load_rerun().ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for lane in lanes:
             stream.send_chunks(list(_walk_chunks(lane, with_floor=lane is lanes[0])))
             _send_looks(stream, lane)
-        flush(stream, path)
-    finally:
-        disconnect(stream)
 
 
 def _walk_chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:

@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -10,10 +9,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
-from types import TracebackType
 from typing import Any, Self
 from urllib.parse import quote, unquote, urlencode
 
@@ -37,11 +35,7 @@ def viewer_binary() -> Path:
         package = None
     if package is None or package.origin is None:
         raise MissingExtraError("the viewer", "view")
-    folder = Path(package.origin).parent
-    for name in ("rerun", "rerun.exe"):
-        if (folder / name).is_file():
-            return folder / name
-    raise MissingExtraError("the viewer", "view")
+    return Path(package.origin).with_name("rerun")
 
 
 def open_viewer(paths: Sequence[Path]) -> int:
@@ -53,20 +47,24 @@ def open_viewer(paths: Sequence[Path]) -> int:
     for path in paths:
         check_viewable(path)
     # A separate port: another open viewer keeps its content.
-    command = [str(viewer_binary()), "--bind", LOCAL, "--port", "auto", *map(str, paths)]
-    try:
-        viewer = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace")
-    except OSError as error:
-        raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
-    with viewer:
+    options = ["--bind", LOCAL, "--port", "auto", *map(str, paths)]
+    with start_process([str(viewer_binary()), *options], stderr=subprocess.PIPE) as viewer:
         try:
             _, messages = viewer.communicate()
         except BaseException:
             viewer.kill()
             raise
     if viewer.returncode > 0:
-        raise RecordingError(_why(messages, paths))
+        raise RecordingError(_why(messages.decode(errors="replace"), paths))
     return viewer.returncode
+
+
+def start_process(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
+    """Start a program with options of `Popen`; raises RecordingError if it does not start."""
+    try:
+        return subprocess.Popen(command, **options)
+    except OSError as error:
+        raise RecordingError(f"{command[0]}: does not start: {error.strerror}") from error
 
 
 def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
@@ -79,9 +77,14 @@ def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
     return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
+def has_display() -> bool:
+    """Whether this computer has a screen."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 def check_display() -> None:
     """Raise RecordingError on a machine without a screen, where a window would fail silently."""
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if not has_display():
         raise RecordingError(f"{NO_DISPLAY}; hexctl view --web shows the same in a browser")
 
 
@@ -110,9 +113,9 @@ class WebViewer:
             raise RecordingError(f"the viewer's server ended with {self.process.returncode}")
 
 
-def web_options(port: int, web_port: int) -> list[str]:
-    """Options of Rerun for a server of data and viewer at two loopback ports."""
-    return ["--bind", LOCAL, "--port", str(port), "--serve-web", "--web-viewer-port", str(web_port)]
+def web_options(web_port: int) -> list[str]:
+    """Options of Rerun for a server of the viewer at a loopback port."""
+    return ["--bind", LOCAL, "--serve-web", "--web-viewer-port", str(web_port)]
 
 
 def web_url(port: int, web_port: int) -> str:
@@ -123,21 +126,8 @@ def web_url(port: int, web_port: int) -> str:
 @contextmanager
 def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
     """Serve the viewer with recordings at some URLs; raises RecordingError or MissingExtraError."""
-    command = [
-        str(viewer_binary()),
-        "--bind",
-        LOCAL,
-        "--serve-web",
-        "--web-viewer-port",
-        str(web_port),
-        *urls,
-    ]
-    try:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-    except OSError as error:
-        raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
+    quiet = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+    process = start_process([str(viewer_binary()), *web_options(web_port), *urls], **quiet)
     try:
         yield WebViewer(_page(web_port, urls), process)
     finally:
@@ -175,9 +165,7 @@ class FileServer:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._server.shutdown()
         self._server.server_close()
 
@@ -191,29 +179,25 @@ class FileServer:
         self._files[f"/{folder}/{path.name}"] = path
         return self.base(folder) + quote(path.name)
 
-    def _handler(self, origin: str) -> type[BaseHTTPRequestHandler]:
+    def _handler(self, origin: str) -> type[SimpleHTTPRequestHandler]:
         files = self._files
 
-        def server_port() -> int:
-            return self._server.server_port
+        def host() -> str:
+            return f"{LOCAL}:{self._server.server_port}"
 
-        class Handler(BaseHTTPRequestHandler):
+        class Handler(SimpleHTTPRequestHandler):
             def do_GET(self) -> None:
-                if self.headers.get("Host") != f"{LOCAL}:{server_port()}":
+                if self.headers.get("Host") == host():
+                    super().do_GET()
+                else:
                     self.send_error(HTTPStatus.FORBIDDEN)  # a foreign host name, as by DNS rebinding
-                    return
-                try:
-                    file = files[unquote(self.path)].open("rb")
-                except (KeyError, OSError):
-                    self.send_error(HTTPStatus.NOT_FOUND)
-                    return
-                with file:
-                    self.send_response(HTTPStatus.OK)
-                    self.send_header("Content-Type", "application/octet-stream")
-                    self.send_header("Content-Length", str(os.fstat(file.fileno()).st_size))
-                    self.send_header("Access-Control-Allow-Origin", origin)
-                    self.end_headers()
-                    shutil.copyfileobj(file, self.wfile)
+
+            def translate_path(self, path: str) -> str:
+                return str(files.get(unquote(path), os.devnull + "/"))  # which is no file
+
+            def end_headers(self) -> None:
+                self.send_header("Access-Control-Allow-Origin", origin)
+                super().end_headers()
 
             def log_message(self, *_: Any) -> None:
                 """Log nothing."""

@@ -1,22 +1,21 @@
 """One recorded diagnosis at rest on any backend: `hexctl diagnose` as a library call."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from hexctl.backends.robot_options import RecordedOptions
 from hexctl.control.controllers import Stand
 from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, told_by_operator, unsafe_legs
 from hexctl.control.diagnosis.standing_test import ALL_PROBES, LIFTS, Probe, StandingTest
-from hexctl.control.log import Recorder, TickLog
+from hexctl.control.log import TickLog
 from hexctl.control.loop import run_controller
 from hexctl.control.preparation import WalkStart, ticks_of
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import CommandRefusedError, EStopError, InputError, argument
 from hexctl.options import check_names
 from hexctl.robot.failure_grammar import option_of, read_failures_before
-from hexctl.runs.run import Run
+from hexctl.runs.run import Run, RunResult
 from hexctl.runs.run_spec import RunSpec
 from hexctl.waiting import StopRequested, never
 
@@ -28,25 +27,14 @@ AskOperator = Callable[[int], bool | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DiagnosisResult:
-    """Result of a diagnosis.
+class DiagnosisResult(RunResult):
+    """Result of a diagnosis; its trial is the standing test, with the status `ok` if it is complete.
 
     Attributes:
         diagnosis: findings by leg.
-        trial: the standing test; its `status` is `ok` if it is complete.
-        outcome: the object that `hexctl diagnose --json` prints.
-        recording_error: why the recording is incomplete, or None.
     """
 
     diagnosis: Diagnosis
-    trial: TrialResult
-    outcome: dict[str, Any]
-    recording: Path | None
-    recording_error: Exception | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The outcome, plain and finite values or None."""
-        return dict(self.outcome)
 
 
 class DiagnosisRun(Run):
@@ -84,25 +72,20 @@ class DiagnosisRun(Run):
     def diagnose(
         self,
         *,
-        recorders: Sequence[Recorder] = (),
         ask: AskOperator | None = None,
         stop_requested: StopRequested = never,
     ) -> DiagnosisResult:
-        """Make the standing test and judge it; arguments as in `diagnose`, and recorders of its ticks.
+        """Make the standing test and judge it; arguments as in `diagnose`.
 
         Raises RobotFaultError when the robot or its link fails.
         """
-        done = self.walk(recorders=recorders, stop_requested=stop_requested)
+        done = self.walk(stop_requested=stop_requested)
         found = self._found()
         if found.source == "none" and ask is not None and done.trial.status == "ok":
             found = self._ask_operator(found, ask, stop_requested)
             done.outcome.update(found.to_dict())
         return DiagnosisResult(
-            diagnosis=found,
-            trial=done.trial,
-            outcome=done.outcome,
-            recording=done.recording,
-            recording_error=done.recording_error,
+            diagnosis=found, **{one.name: getattr(done, one.name) for one in fields(RunResult)}
         )
 
     def _make_test(self, start: WalkStart) -> StandingTest:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from types import NoneType, TracebackType
+from types import NoneType
 from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import connection_notes
@@ -61,7 +61,7 @@ class RunResult:
     """Result of a run.
 
     Attributes:
-        outcome: the object that `hexctl run --json` prints.
+        outcome: the object that `hexctl run --json`, or `diagnose --json`, prints.
         recording_error: why the recording is incomplete, or None.
         recorder_failures: recorders that raised and were skipped from then on.
         log: every tick.
@@ -146,10 +146,8 @@ class Run:
             self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
+    def __exit__(self, *error: Any) -> None:
+        self._stack.__exit__(*error)
 
     @property
     def title(self) -> str:

@@ -229,29 +229,7 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
                     f"{argument(name)} cannot be combined with a Gait, or with a session that has searched "
                     "strides; allowed: with a name, a code or slots"
                 )
-        if self.turn_trim_rad_s is not None and self.hold != "none":
-            raise UnusedError(
-                f"{argument('turn_trim_rad_s')} requires {argument('hold')} none; got {self.hold}",
-                field="turn_trim_rad_s",
-            )
-        if self.trim_rad is not None and self.hold != "heading" and self.turn_trim_rad_s is None:
-            raise UnusedError(
-                f"{argument('trim_rad')} requires {argument('hold')} heading or "
-                f"{argument('turn_trim_rad_s')}; got {self.hold}",
-                field="trim_rad",
-            )
-        arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
-        if self.trim_rad is not None and arc:
-            raise UnusedError(
-                f"{argument('trim_rad')} cannot be combined with a turn, which holds no heading",
-                field="trim_rad",
-            )
-        if arc and self.hold in ("heading", "line"):
-            raise UnusedError(
-                f"{argument('hold')}: got {self.hold} with {argument('turn_rate_rad_s')}; allowed: in a "
-                "straight walk; with a turn auto or none",
-                field="hold",
-            )
+        self._check_course()
         if len(self.failures) > 1 and self.self_rotation not in (AUTO_ROTATION, "none"):
             raise InputError(
                 f"{argument('self_rotation')}: got {self.self_rotation} with failed legs "
@@ -263,6 +241,22 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
             raise InputError(f"{what}: got {late[0]}; allowed: before {self.duration_s:g} s, the end")
         if self.record is not None:
             probe_file(Path(self.record))
+
+    def _check_course(self) -> None:
+        """Raise UnusedError for trims that the hold does not use, and a hold that a turn does not."""
+        trim, turn_trim = argument("trim_rad"), argument("turn_trim_rad_s")
+        if self.turn_trim_rad_s is not None and self.hold != "none":
+            raise UnusedError(f"{turn_trim} requires {argument('hold')} none; got {self.hold}")
+        if self.trim_rad is not None and self.hold != "heading" and self.turn_trim_rad_s is None:
+            raise UnusedError(f"{trim} requires {argument('hold')} heading or {turn_trim}; got {self.hold}")
+        arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
+        if self.trim_rad is not None and arc:
+            raise UnusedError(f"{trim} cannot be combined with a turn, which holds no heading")
+        if arc and self.hold in ("heading", "line"):
+            raise UnusedError(
+                f"{argument('hold')}: got {self.hold} with {argument('turn_rate_rad_s')}; allowed: in a "
+                "straight walk; with a turn auto or none"
+            )
 
     def _check_fast(self) -> None:
         """Raise UnusedError for options that `fast` chooses or excludes."""

@@ -64,26 +64,7 @@ __all__ = [
 ]
 # fmt: on
 
-_load = lazy_names(
-    "hexctl.vision",
-    {
-        "robot_camera": "RobotCamera CameraStarted",
-        "pose_stream": "CameraStatus CameraReport",
-        "sheet": "Sheet save_sheet",
-        "camera_lens": "CameraLens",
-        "detection.lens_calibration": "CalibratedLens",
-        "latency_trial": "CameraLatency TwistAhead LatencyTrial",
-        "estimation.latency": "Latency",
-        "twin.twin_camera": "TwinCamera TwinStarted",
-        "twin.shooting": "TwinReport",
-        "camera_options": "CameraOptions LinkedRobotOptions",
-        "place": "Place FloorTag RobotTag CameraPose AssumedLens load_place save_place arena_of",
-        "detection.camera": "Camera",
-        "detection.lens": "Lens load_lens save_lens",
-        "detection.planar_pose": "PlanarPose PlacedTag",
-        "estimation.pose_filter": "PoseEstimate",
-    },
-)
+_load = lazy_names(__name__, __file__, __all__)
 
 
 def __getattr__(name: str) -> Any:

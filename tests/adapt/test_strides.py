@@ -12,7 +12,7 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.setting import load_setting
-from hexctl.cli.render.adapt_table import header_line, walk_line
+from hexctl.cli.render.session_tables import header_line, walk_line
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.trial_plan import GaitChange
 from hexctl.errors import InputError

@@ -15,7 +15,7 @@ from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
-from hexctl.cli.render.adapt_summary import closing_parts
+from hexctl.cli.render.session_summary import closing_parts
 from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS

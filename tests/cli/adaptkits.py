@@ -31,13 +31,6 @@ class Straight(Kit):
     """Its joints are where they are told to be."""
 
 
-class Echoing(Kit):
-    """Says where its joints were told to be, and that it measures nothing."""
-
-    def read(self) -> RobotState:
-        return replace(super().read(), measured=False)
-
-
 class Sagging(Kit):
     """Its joints stay behind by a degree, except one that is not measured."""
 

@@ -12,6 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import pytest
+
 from hexctl.waiting import wait_for
 from tests.server.processes import ROOT
 
@@ -27,6 +29,14 @@ READ_END_S = 2.0
 #: then sends it SIGHUP when it goes.
 COMMAND = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from hexctl.cli.entry import main; main()"
 WITH_TERMINAL = f"import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); {COMMAND}"
+
+
+def type_in(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    """Put a text on stdin, as if a user had typed it."""
+    reading, writing = os.pipe()
+    os.write(writing, text.encode())
+    os.close(writing)
+    monkeypatch.setattr(sys, "stdin", os.fdopen(reading))
 
 
 class OnTerminal:

@@ -26,11 +26,6 @@ QUICK = ["adapt", "--failed-leg", "4", "--duration", "2", "--budget", "3", "--pr
 QUICK += ["--target", "1e-9"]
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture
 def _on_a_landscape(monkeypatch: pytest.MonkeyPatch) -> None:
     """Trials take no time."""

@@ -20,8 +20,8 @@ from hexctl.vision.detection.camera import Camera
 from hexctl.vision.place import CameraPose
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
 from tests.adapt.staying import PLACE
-from tests.cli.adaptkits import SAG_RAD
 from tests.cli.kits import Kit
+from tests.cli.terminals import type_in
 from tests.vision.scenes import WEBCAM
 from tests.vision.test_place import PLACE as SEEN
 from tests.vision.test_place import saved
@@ -35,12 +35,6 @@ PATIENCE_S = 90.0
 #: Trials whose times are known: no self-rotation, one second of walk.
 USUAL = {"--self-rotation": "none", "--duration": "1", "--budget": "3", "--trim": "off"}
 SHORT = ["--no-record", "--no-baseline", *(word for pair in USUAL.items() for word in pair)]
-
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Kit, "made", [])
 
 
 def adapt(kit: str, *more: str) -> int:
@@ -57,14 +51,6 @@ def sessions() -> list[str]:
 def trials_of(name: str) -> list[tuple[int, str]]:
     store = SessionStore(Path("runs"))
     return [(trial.index, trial.outcome["status"]) for trial in load_session(name, store.folder).trials]
-
-
-def answer(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
-    """Put this text on stdin."""
-    reading, writing = os.pipe()
-    os.write(writing, text.encode())
-    os.close(writing)
-    monkeypatch.setattr(sys, "stdin", os.fdopen(reading))
 
 
 def test_a_closed_stdin_is_refused(
@@ -123,7 +109,7 @@ MEASURED = "\n0.14 -0.02\n\nabout a metre\n20 0\n0.13,0.01\n\nagain\n\nfell\n"
 
 
 def test_an_operator_measures(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    answer(monkeypatch, MEASURED)
+    type_in(monkeypatch, MEASURED)
     assert adapt("Blind", "--ask", "--json") == 0
     printed = capsys.readouterr()
     outcome = json.loads(printed.out)
@@ -141,12 +127,12 @@ def test_an_operator_measures(capsys: pytest.CaptureFixture[str], monkeypatch: p
 def test_who_quits_can_go_on(
     last: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    answer(monkeypatch, "\n0.14 0.1\n\nskip\n" + last)
+    type_in(monkeypatch, "\n0.14 0.1\n\nskip\n" + last)
     assert adapt("Blind", "--ask") == 130
     (name,) = sessions()
     assert trials_of(name) == [(1, "ok"), (2, "cut_short")]
     assert f"--resume {name}" in capsys.readouterr().out
-    answer(monkeypatch, "\n0.13 0.0\n")
+    type_in(monkeypatch, "\n0.13 0.0\n")
     assert exit_code(["adapt", "--resume", name, "--trust", "--no-record"]) == 0
     assert trials_of(name)[2] == (3, "ok")
 
@@ -169,7 +155,7 @@ def test_who_puts_it_down_is_told_how_and_whether_its_yaw_is_known(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("hexctl.adapt.reset_free.YAW_COMES_S", 0.0)
-    answer(monkeypatch, "quit\n")
+    type_in(monkeypatch, "quit\n")
     assert adapt(kit, "--ask", "--trim", "auto", "--hold", hold, "--self-rotation", rotation) == 130
     told = capsys.readouterr().err
     assert all(word in told for word in said)
@@ -225,37 +211,6 @@ def test_a_twin_is_led_to_the_circle_that_a_camera_sees(capsys: pytest.CaptureFi
     assert np.hypot(*(np.load(PLACE)["qpos"][:2] - home)) < radius_m + 0.15
 
 
-@pytest.mark.parametrize(("backend", "knows"), [
-    ("tests.adapt.staying:StayingSim", True), (f"{KITS}:Sagging", True), (f"{KITS}:Echoing", False),
-    (f"{KITS}:Straight", False),
-], ids=str)  # fmt: skip
-def test_how_a_robot_stands_is_measured_where_it_measures(
-    backend: str, knows: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Before the session is made, and so before its first gait is chosen."""
-    save_prior(standing_prior(), Path("x.npz"))
-    words = [
-        "adapt",
-        "--failed-leg",
-        "5",
-        "--backend",
-        backend,
-        "--no-record",
-        "--no-baseline",
-        "--trim",
-        "off",
-    ]
-    words += ["--duration", "6"]
-    code = 4 if KITS in backend else 0  # kits do not move, so that no trial is valid
-    outcome, err = json_and_err(capsys, *words, "--prior", "x.npz", "--budget", "1", code=code)
-    assert (outcome["sag_rad"] is not None) == knows
-    assert ("not known" in err) == (not knows)
-    if "Sagging" in backend:
-        *behind, unknown = outcome["sag_rad"]
-        assert behind == pytest.approx([SAG_RAD] * 17)
-        assert unknown is None
-
-
 @pytest.mark.parametrize(("kit", "code", "words"), [
     ("FallsStanding", 4, ["stopped: fell"]),
     ("EStopStanding", 4, ["stopped: estop"]),
@@ -279,7 +234,7 @@ def test_a_robot_that_a_person_puts_down_does_not_stand_up_before_it_was_asked_f
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     save_prior(standing_prior(), Path("x.npz"))
-    answer(monkeypatch, "quit\n")
+    type_in(monkeypatch, "quit\n")
     words = ["--ask", "--prior", "x.npz", "--self-rotation", "rear", "--duration", "6"]
     assert adapt("Straight", *words) == 130
     assert not Kit.made[0].sent
@@ -317,7 +272,7 @@ def test_the_baseline_is_announced_and_walked_on_a_robot_and_asked_for_by_name(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", "--ask", "--no-record", "--json"]
-    answer(monkeypatch, "\n0.14 -0.02\n\n0.13 0.01\n\n0.12 0.03\n\n0.12 0.04\n")
+    type_in(monkeypatch, "\n0.14 -0.02\n\n0.13 0.01\n\n0.12 0.03\n\n0.12 0.04\n")
     assert exit_code([*words, "--self-rotation", "none", "--duration", "1", "--budget", "1"]) == 0
     said = capsys.readouterr()
     assert "baseline" in said.err

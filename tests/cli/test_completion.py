@@ -44,9 +44,8 @@ def variables(shell: str, line: str) -> dict[str, str]:
 
 
 @pytest.fixture
-def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Asked:
+def asked(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Asked:
     """Words that bash is offered for the last word of a line."""
-    monkeypatch.chdir(tmp_path)
 
     def answered(line: str) -> list[str]:
         for name, text in variables("bash", line).items():
@@ -113,8 +112,7 @@ def test_gamepads_are_offered(monkeypatch: pytest.MonkeyPatch) -> None:
     assert completion.gamepads("/dev/") == [str(pad)]
 
 
-def test_nothing_is_made_and_nothing_complains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_nothing_is_made_and_nothing_complains(tmp_path: Path) -> None:
     assert completion.sessions("") == []
     assert not list(tmp_path.iterdir())
     (tmp_path / "runs" / "mine").mkdir(parents=True)

@@ -1,8 +1,6 @@
 """`hexctl demo`, `diagnose` and `doctor` as a user calls them."""
 
-import io
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +9,11 @@ import pytest
 from hexctl.cli.console import StopOnInterrupt
 from hexctl.cli.main import exit_code
 from hexctl.cli.prompts import LegPrompt
+from tests.cli.terminals import type_in
 
 
 @pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def _without_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
 
@@ -34,9 +32,8 @@ ECHO = "tests.runs.test_diagnosis:Echo"
 
 @pytest.mark.slow
 def test_the_table_says_which_leg_and_why_and_a_recording_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     assert exit_code(["diagnose", "--failure", "5:limp:femur"]) == 0
     printed = capsys.readouterr().out
     (line,) = [line for line in printed.splitlines() if line.startswith("5 ")]
@@ -53,24 +50,18 @@ def test_servos_that_echo_and_no_terminal_are_one_line(capsys: pytest.CaptureFix
     assert len(printed.err.splitlines()) == 1
 
 
-def _typed(text: str, monkeypatch: pytest.MonkeyPatch) -> LegPrompt:
-    reading, writing = os.pipe()
-    os.write(writing, text.encode())
-    os.close(writing)
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(os.fdopen(reading, "rb")))
-    return LegPrompt()
-
-
 def test_the_operator_answers_in_words_and_is_asked_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    prompt = _typed("yes\nperhaps\nno\nquit\n", monkeypatch)
+    type_in(monkeypatch, "yes\nperhaps\nno\nquit\n")
+    prompt = LegPrompt()
     assert [prompt.moved(1), prompt.moved(2), prompt.moved(3)] == [True, False, None]
     assert "'perhaps'" in capsys.readouterr().err
 
 
 def test_an_input_that_ends_ends_the_questions(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _typed("", monkeypatch).moved(1) is None
+    type_in(monkeypatch, "")
+    assert LegPrompt().moved(1) is None
 
 
 @pytest.mark.slow
@@ -89,9 +80,8 @@ def test_a_walk_finds_its_failed_leg_first(
 
 @pytest.mark.slow
 def test_doctor_says_what_works_and_which_settings_are_in_force_and_what_is_wrong(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     Path("hexctl.toml").write_text("robot = 'pexod'\nconnect = 'tls/secret.lab:7447'\n[run]\nduraton = 3\n")
     for name in ("HEXCTL_OTHERS", "HEXCTL_PRIOR_BUILD_WORLDS", "HEXCTL_RUN_DURATON"):
         monkeypatch.setenv(name, "3")

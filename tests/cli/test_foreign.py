@@ -20,9 +20,9 @@ import pytest
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import load_session
 from hexctl.cli.main import exit_code
-from hexctl.cli.render.adapt_commands import resume_command
+from hexctl.cli.render.session_summary import resume_command
 from hexctl.cli.settings import CODE_OPTIONS
-from hexctl.doctor.rendering_check import read_drawing
+from hexctl.doctor.machine import read_drawing
 from hexctl.errors import RobotFaultError
 from hexctl.recording.live import LiveView
 from hexctl.server.keeper import Keeper, KeeperSpec

@@ -47,10 +47,7 @@ def test_help_and_the_package_load_nothing_heavy() -> None:
         ("cv2", "see calibrate board.png", "see"),
     ],
 )
-def test_a_missing_extra_is_named(
-    blocked: str, arguments: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_missing_extra_is_named(blocked: str, arguments: str, extra: str, tmp_path: Path) -> None:
     done = python(
         f"import sys\nsys.modules[{blocked!r}] = None\nfrom hexctl.cli.main import exit_code\n"
         f"sys.exit(exit_code({arguments.split()!r}))"
@@ -135,9 +132,8 @@ PATH_LINES = (
 
 @pytest.mark.parametrize("line", PATH_LINES)
 def test_a_path_that_no_system_has_is_refused_in_one_line(
-    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     # A port that is not there is a fault of the robot.
     fault = "--connect {}" in line
     path = "x" * 5000 if len(line) % 2 else "a/" * 2500 + "x"
@@ -150,9 +146,8 @@ def test_a_path_that_no_system_has_is_refused_in_one_line(
 
 @pytest.mark.parametrize("arguments", ["sessions show", "sessions delete --yes", "view", "check", "export"])
 def test_names_that_are_no_utf_8_are_refused_in_one_printable_line(
-    arguments: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    arguments: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").mkdir()
     assert exit_code([*arguments.split(), os.fsdecode(b"caf\xe9\n")]) == 2
     line = capsys.readouterr().err
@@ -183,9 +178,8 @@ def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
     ],
 )
 def test_a_file_in_place_of_the_runs_is_named(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     Path("taken").touch()
     monkeypatch.setenv("HEXCTL_RUNS", "taken")
     assert exit_code(command.split()) == 2
@@ -206,11 +200,9 @@ def test_a_folder_that_may_not_be_written_to_comes_with_a_next_step(
     command: str,
     next_step: str,
     there: bool,
-    tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     if there:
         Path("runs").mkdir()
     may = os.access

@@ -25,11 +25,6 @@ STEERED = [*ADAPT, "--objective", "speed"]
 
 
 @pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture(autouse=True)
 def made_up_world(monkeypatch: pytest.MonkeyPatch) -> MadeUpWorld:
     """Walks take no time."""
     world = MadeUpWorld(MadeUpModel(3).worlds(1, 0)[0])

@@ -205,8 +205,7 @@ CASES = [line.rpartition(" => ")[::2] for line in REFUSED.strip().splitlines()]
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_with_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def _with_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.cli.prompts.can_answer", lambda: True)
     for name in ("a-file", "full/thesis.rrd", "folder.npz/x", "diary.npz"):
         Path(name).parent.mkdir(exist_ok=True)

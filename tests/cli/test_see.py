@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.cli.main import exit_code
-from hexctl.cli.see.arena_command import arena_fields, arena_of
+from hexctl.cli.shared_options import arena_fields, arena_of
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad

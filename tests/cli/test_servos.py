@@ -1,6 +1,5 @@
 """`hexctl servos` and `ports` as a user calls them."""
 
-import io
 import json
 import os
 import sys
@@ -14,6 +13,7 @@ from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import MemoryBus, a_map, memory_bus
+from tests.cli.terminals import type_in
 from tests.robots import edited_file, put
 
 ONLY_ONE = [
@@ -79,10 +79,10 @@ def test_a_servo_is_tested_with_consent_only(
         monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
         assert exit_code(words) == 2
         assert "--yes: got none" in capsys.readouterr().err
-        _says(monkeypatch, "no\n")
+        type_in(monkeypatch, "no\n")
         assert exit_code(words) == 2
         assert "nothing was moved" in capsys.readouterr().err
-        _says(monkeypatch, "yes\n")
+        type_in(monkeypatch, "yes\n")
         assert exit_code(words) == 0
         printed = capsys.readouterr()
         assert json.loads(printed.out)["followed"]
@@ -101,7 +101,7 @@ def test_joints_are_identified_and_no_robot_file_is_written(
         section = {"driver": "feetech", "port": bus.path, "model": "sts3215"}
         file = edited_file(tmp_path, put("servos", section), base="phantomx")
         before = file.read_text()
-        _says(monkeypatch, "\n2f\n")
+        type_in(monkeypatch, "\n2f\n")
         assert exit_code(["servos", "identify", "5", "--robot", str(file)]) == 0
         printed = capsys.readouterr()
         assert printed.out.endswith("  leg2_femur: {id: 5}\n")
@@ -119,7 +119,7 @@ def test_a_model_that_servos_do_not_tell_is_written(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with memory_bus(a_map("lx16a", "lx16a")) as bus:
-        _says(monkeypatch, "\n2f\n")
+        type_in(monkeypatch, "\n2f\n")
         assert exit_code(["servos", "identify", "5", "--driver", "lx16a", "--connect", bus.path, *words]) == 0
     printed = capsys.readouterr()
     assert f"  model: {model}\n" in printed.out
@@ -136,14 +136,6 @@ def test_a_lost_id_is_given_back(capsys: pytest.CaptureFixture[str], tmp_path: P
         adopted = json.loads(capsys.readouterr().out)
         assert (adopted["joint"], adopted["id"]) == ("leg3_tibia", 29)
         assert exit_code(words) == 3
-
-
-def _says(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
-    """Let a user type a text."""
-    read, write = os.pipe()
-    os.write(write, text.encode())
-    os.close(write)
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(os.fdopen(read, "rb")))
 
 
 def test_a_scan_is_an_array_or_a_table_and_a_robot_file_names_the_joints(
@@ -208,7 +200,7 @@ def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
     monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
     assert exit_code(["calibrate", str(file)]) == 2, "nobody can answer"
     assert "calibrate: no answer can come on stdin" in capsys.readouterr().err
-    _says(monkeypatch, "")
+    type_in(monkeypatch, "")
     for options, code, named in (
         ([], 3, "/dev/nothing"),
         (["--connect", "/dev/nowhere"], 3, "/dev/nowhere"),

@@ -18,12 +18,6 @@ from tests.server.processes import free_port, program
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "command-line.md"
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def write(text: str) -> None:
     Path("hexctl.toml").write_text(text)
 
@@ -111,13 +105,13 @@ SERVED = {"listen": "tls/0.0.0.0:7447", "keys": Path("k")}
 WALKS = ("run", "adapt --failed-leg 5", "drive", "diagnose", "serve")
 
 
-def test_paths_begin_at_the_folder_of_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_begin_at_the_folder_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write("robot = './my.yaml'\n[run]\nrecord = 'walk.rrd'\n[adapt]\nprior = './prior.npz'\n")
-    (folder / ".git").mkdir()
-    (folder / "below").mkdir()
-    monkeypatch.chdir(folder / "below")
-    assert defaults("run") == {"robot": str(folder / "my.yaml"), "record": folder / "walk.rrd"}
-    assert defaults("adapt")["prior"] == str(folder / "prior.npz")
+    (tmp_path / ".git").mkdir()
+    (tmp_path / "below").mkdir()
+    monkeypatch.chdir(tmp_path / "below")
+    assert defaults("run") == {"robot": str(tmp_path / "my.yaml"), "record": tmp_path / "walk.rrd"}
+    assert defaults("adapt")["prior"] == str(tmp_path / "prior.npz")
 
 
 def test_an_error_of_the_library_names_the_place_too(capsys: pytest.CaptureFixture[str]) -> None:
@@ -289,11 +283,13 @@ def test_a_walk_follows_its_settings_and_keeps_runs_where_they_say(
 
 @pytest.mark.realtime
 def test_a_process_serves_and_others_find_and_stop_it_by_one_file(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     write(f"robot = 'lukas'\nlisten = '{endpoint}'\nconnect = '{endpoint}'\n[serve]\nbackend = 'mock'\n")
-    with program(folder, "robot", "hexctl", "serve", HEXCTL_SETTINGS=str(folder / "hexctl.toml")) as robot:
+    with program(
+        tmp_path, "robot", "hexctl", "serve", HEXCTL_SETTINGS=str(tmp_path / "hexctl.toml")
+    ) as robot:
         robot.wait_for(f"serving lukas (mock) at {endpoint},")
         assert exit_code(["status", "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["robot"] == "lukas"

@@ -12,11 +12,6 @@ pytestmark = pytest.mark.long
 TINY = ["study", "--legs", "2", "--duration", "0.2", "--runs", "2", "--budget", "5", "--optimizers", "random"]
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
 def test_a_study_from_end_to_end_and_again_from_the_cache(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,10 +11,9 @@ from typing import Any
 
 import pytest
 
-from hexctl.doctor import checkup, connections, packages, rendering_check
+from hexctl.doctor import checkup, connections, machine, packages
 from hexctl.doctor.connections import Connections, Device, NetworkPort
-from hexctl.doctor.machine import Machine
-from hexctl.doctor.rendering_check import Drawing
+from hexctl.doctor.machine import Drawing, Machine
 from hexctl.doctor.settings_check import SettingFound, read_settings_found
 
 FORBIDDEN = Device(path="/dev/ttyUSB0", name="USB", group="dialout", usable=False)
@@ -131,8 +130,8 @@ def test_a_port_is_taken_while_something_listens(protocol: str) -> None:
 
 @pytest.mark.slow
 def test_a_graphics_library_that_ends_its_process_draws_nothing(monkeypatch: Any) -> None:
-    monkeypatch.setattr(rendering_check, "PROGRAM", "import os; os.abort()")
-    found = rendering_check.read_drawing()
+    monkeypatch.setattr(machine, "PROGRAM", "import os; os.abort()")
+    found = machine.read_drawing()
     assert not found.draws
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError, RecordingError
-from hexctl.recording.sessions import session_figures as module
+from hexctl.recording import rrd
 from hexctl.recording.sessions.session_figures import visible_m, write_overview_file
 from hexctl.recording.sessions.session_overview import (
     GaitBeliefs,
@@ -104,7 +104,7 @@ def test_what_fails_leaves_the_earlier_one(tmp_path: Path, monkeypatch: pytest.M
     path = tmp_path / "overview.rrd"
     write_overview_file(path, SESSION)
     before = path.read_bytes()
-    monkeypatch.setattr(module, "flush", refuse)
+    monkeypatch.setattr(rrd, "flush", refuse)
     with pytest.raises(RecordingError, match="full"):
         write_overview_file(path, SESSION)
     assert path.read_bytes() == before

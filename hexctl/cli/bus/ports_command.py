@@ -2,14 +2,13 @@
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from hexctl.cli.output_options import JsonOption
-
-if TYPE_CHECKING:
-    from hexctl.backends.serial_ports import SerialPort
+from hexctl.backends.serial_ports import SerialPort, serial_ports, unplugged_port
+from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_message, print_note, print_result
+from hexctl.cli.shared_options import JsonOption
 
 #: Time to pull the cable of an adapter.
 FIND_TIMEOUT_S = 60.0
@@ -22,9 +21,7 @@ def ports(
     as_json: JsonOption = False,
 ) -> None:
     """List serial ports with a device, and their adapters."""
-    from hexctl.backends.serial_ports import serial_ports
-    from hexctl.cli.console import print_note, print_result
-    from hexctl.cli.render.servos_output import row_table
+    from hexctl.cli.render.tables import row_table
 
     found = [_found_port()] if find else serial_ports()
     rows = [asdict(each) for each in found if each is not None]
@@ -33,13 +30,10 @@ def ports(
         return
     print_result(row_table(rows) if rows else "no serial ports")
     if not any(row["vendor"] for row in rows):
-        print_note("hexctl: no USB serial adapter found: plug it in, with a cable that carries data")
+        print_message("no USB serial adapter found: plug it in, with a cable that carries data")
 
 
 def _found_port() -> "SerialPort | None":
-    from hexctl.backends.serial_ports import serial_ports, unplugged_port
-    from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note
-
     before = serial_ports()
     print_note(f"{len(before)} ports; now pull the cable of the adapter (Ctrl-C ends it)")
     with StopOnInterrupt(plain=True) as interrupt:

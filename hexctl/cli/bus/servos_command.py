@@ -16,13 +16,14 @@ from hexctl.backends.bus.bus_options import (
     ServoAssignmentOptions,
 )
 from hexctl.cli.console import DONE, FAULT, INTERRUPTED, StopOnInterrupt, print_note, print_result
-from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import ScanProgress
 from hexctl.cli.settings import Commands
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import checked
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.options import Range
+from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 
 if TYPE_CHECKING:
     from hexctl.backends.bus.damage import Damage
@@ -30,10 +31,7 @@ if TYPE_CHECKING:
     from hexctl.control.calibration.servo_assignment import ServoAssignment
     from hexctl.robot.servos.bus_map import BusMap
 
-servos = Commands(
-    help="Scan, identify and set up the servos of a serial bus, with or without a robot file.",
-    no_args_is_help=True,
-)
+servos = Commands()
 
 SERVO_ID = Range(low=0, high=252, whole=True)
 
@@ -100,7 +98,7 @@ def _check_family(
 
 def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:
     from hexctl.backends.bus.tools import id_differences, joint_of
-    from hexctl.cli.render.servos_output import row_table, with_units
+    from hexctl.cli.render.tables import row_table, with_units
 
     rows = [each.to_json() for each in found]
     if servo_map is not None:
@@ -122,7 +120,7 @@ def set_id(
 ) -> None:
     """Give the only servo on the bus another id; with more than one nothing is changed."""
     from hexctl.backends.bus.tools import set_servo_id
-    from hexctl.cli.render.servos_output import row_table, with_units
+    from hexctl.cli.render.tables import row_table, with_units
 
     bus = BusOptions(**options).address()
     with ScanProgress() as progress:
@@ -169,7 +167,6 @@ def identify(
 
 def _assignment(asked: ServoAssignmentOptions, bus: BusAddress) -> "ServoAssignment":
     from hexctl.control.calibration.servo_assignment import ServoAssignment
-    from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 
     model = asked.unreported_model(bus.driver)
     if model is None and bus.driver == "lx16a":
@@ -204,7 +201,7 @@ def try_(
     """
     from hexctl.backends.bus.tools import opened_line, the_servo
     from hexctl.cli.prompts import ask_consent
-    from hexctl.cli.render.servos_output import value_table
+    from hexctl.cli.render.tables import value_table
     from hexctl.control.calibration.servo_trial import try_servo
 
     bus = BusOptions(**options).address()
@@ -235,7 +232,7 @@ def adopt(
     """
     from hexctl.backends.bus.tools import adopt as adopt_servo
     from hexctl.cli.prompts import ask_consent
-    from hexctl.cli.render.servos_output import value_table, with_units
+    from hexctl.cli.render.tables import value_table, with_units
     from hexctl.robot.loader import load_robot_file
     from hexctl.types import JOINT_NAMES
 

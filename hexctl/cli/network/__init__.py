@@ -1,1 +1,1 @@
-"""Commands about robots on the network."""
+"""Commands about robots on the network, their cameras, and simulated ones."""

@@ -13,16 +13,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hexctl.cli.console import (
+    FAULT,
+    INTERRUPTED,
+    in_flags,
+    note_refusal,
+    print_message,
+    print_note,
+    print_result,
+)
 from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.network.early_stop import take_stop
-from hexctl.cli.output_options import JsonOption
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError, printable
-from hexctl.wire.links import LinkOptions
+from hexctl.wire.connection_diagnosis import RefusalWatch
+from hexctl.wire.links import Link, LinkOptions, Role
 
 if TYPE_CHECKING:
     from hexctl.client.stop_client import ReadyStop, StopResult
-    from hexctl.wire.links import Link
 
 #: Polling interval of keys and buttons.
 LOOK_S = 0.01
@@ -60,9 +69,7 @@ def estop(
         return
     with ExitStack() as opened:
         with _with_what_to_do(ready=ready):
-            from hexctl.cli.console import note_refusal
             from hexctl.client.stop_client import ReadyStop
-            from hexctl.wire.connection_diagnosis import RefusalWatch
 
             begun = take_stop(place)
             stop = opened.enter_context(ReadyStop(**place, again=ready) if begun is None else begun)
@@ -79,18 +86,15 @@ def estop(
 
 def _watch(stop: "ReadyStop", result: "StopResult") -> None:
     """Report if the stop is cleared or the robot moves, until Ctrl-C."""
-    from hexctl.cli.console import print_note
-
-    print_note("hexctl: watching whether it stays stopped; Ctrl-C ends the watch, not the stop")
+    print_message("watching whether it stays stopped; Ctrl-C ends the watch, not the stop")
     with suppress(KeyboardInterrupt):
         for line in stop.watch(result):
-            print_note(f"hexctl: {time.strftime('%H:%M:%S')} {line}")
+            print_message(f"{time.strftime('%H:%M:%S')} {line}")
 
 
 def _is_known(stop: "ReadyStop") -> bool:
     """An answer of a robot, or wrong certificates, explain more than a refused connection."""
     from hexctl.wire.certificates import find_credentials
-    from hexctl.wire.links import Role
 
     try:
         if stop.link.credentials is not None:
@@ -103,8 +107,6 @@ def _is_known(stop: "ReadyStop") -> bool:
 @contextmanager
 def _with_what_to_do(*, ready: bool) -> Iterator[None]:
     """Append the operator's next step to each failure of a stop."""
-    from hexctl.cli.console import INTERRUPTED, in_flags, print_note
-
     try:
         yield
     except (InputError, RobotFaultError) as error:
@@ -112,13 +114,12 @@ def _with_what_to_do(*, ready: bool) -> Iterator[None]:
         raise type(error)(f"{why}{'' if why.endswith('?') else '.'} {NOT_CONFIRMED}") from error.__cause__
     except KeyboardInterrupt:
         ended = "ended, which is no stop" if ready else "interrupted"
-        print_note(f"hexctl: {ended}. {NOT_CONFIRMED}")
+        print_message(f"{ended}. {NOT_CONFIRMED}")
         raise typer.Exit(INTERRUPTED) from None
 
 
 def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
     """The robot's identity is available only by session."""
-    from hexctl.cli.console import print_note, print_result
     from hexctl.wire.description import RobotIdentity
 
     if as_json:
@@ -140,18 +141,18 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
     else:
         told = f"stopped ({printable(str(result.stopped))}), {_rest_in_words(result)}"
         print_result(f"{told}; {link.clear_command} when it may move again")
-    print_note(
-        f"hexctl: confirmed by {' and '.join(result.ways)}, stopped after {1000 * result.took_s:.0f} ms, "
+    print_message(
+        f"confirmed by {' and '.join(result.ways)}, stopped after {1000 * result.took_s:.0f} ms, "
         f"{'no new targets' if result.echoed else 'at rest'} after {1000 * result.rested_s:.0f} ms"
     )
     if result.stop_id is not None and not result.kept:
-        print_note(
-            "hexctl: warning: the robot has not kept the stop on its disk; a restart of hexctl serve ends it"
+        print_message(
+            "warning: the robot has not kept the stop on its disk; a restart of hexctl serve ends it"
         )
     for answer in result.answers:
-        print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
+        print_message(f"the robot is {RobotIdentity.of_answer(answer)}")
     if not result.answers:
-        print_note(f"hexctl: the robot is {result.robot}; it answered by datagram")
+        print_message(f"the robot is {result.robot}; it answered by datagram")
 
 
 def _rest_in_words(result: "StopResult") -> str:
@@ -161,10 +162,8 @@ def _rest_in_words(result: "StopResult") -> str:
 
 
 def _clear(place: dict[str, Any], *, as_json: bool) -> None:
-    from hexctl.cli.console import FAULT, print_note, print_result
     from hexctl.client.remote import remote_robots
     from hexctl.wire.description import RobotIdentity
-    from hexctl.wire.links import Role
 
     with remote_robots(Role.CONTROLLER, **place) as robots:
         answers, again = robots.clear(waiting=_note_wait), robots.link.clear_command
@@ -185,25 +184,21 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     for answer in answers:
         if isinstance(meant := answer.get("cleared"), dict):
             print_note(printable(f"hexctl: the stop was {meant.get('id')}, {meant.get('since_s')} s before"))
-        print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
+        print_message(f"the robot is {RobotIdentity.of_answer(answer)}")
     if stopped is not None:
         raise typer.Exit(FAULT)
 
 
 def _note_wait(by: str, wait_s: float) -> None:
     """Report a wait for a stop of which this user has no key."""
-    from hexctl.cli.console import print_note
-    from hexctl.errors import printable
-
-    print_note(
-        f"hexctl: {printable(by)} asked for the stop; this user can clear it in {wait_s:.0f} s. "
+    print_message(
+        f"{printable(by)} asked for the stop; this user can clear it in {wait_s:.0f} s. "
         "Waiting (Ctrl-C leaves it stopped)"
     )
 
 
 def _wait_for_a_press(stop: "ReadyStop") -> None:
     """Report changes of the connection until a key or a button is pressed."""
-    from hexctl.cli.console import print_note
     from hexctl.teleop.keyboard import has_keys
     from hexctl.teleop.stop_button import StopButton
 
@@ -219,7 +214,7 @@ def _wait_for_a_press(stop: "ReadyStop") -> None:
                 begun = told or reach.ways or time.monotonic() - began_s > 1
                 if line != told and begun and _takes_text():
                     with suppress(OSError):
-                        print_note(f"hexctl: {time.strftime('%H:%M:%S')} {line}")
+                        print_message(f"{time.strftime('%H:%M:%S')} {line}")
                     told = line
                 time.sleep(LOOK_S)
             stop.press()

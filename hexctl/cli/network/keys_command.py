@@ -5,11 +5,21 @@ from typing import Annotated, Any
 
 import typer
 
+from hexctl.cli.console import print_result
 from hexctl.cli.settings import Commands
 from hexctl.cli.signature import with_options
-from hexctl.wire.certificates import CertificateOptions
+from hexctl.wire.certificates import (
+    AUTHORITY_FOLDER,
+    CertificateOptions,
+    hosts_of_this_computer,
+    list_certificates,
+    make_certificates,
+    renew_certificates,
+)
+from hexctl.wire.links import Endpoint, Role
+from hexctl.wire.stop_secret import write_stop_secret
 
-keys = Commands(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
+keys = Commands()
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
 
@@ -18,10 +28,6 @@ FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder o
 @with_options(CertificateOptions)
 def new(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> None:
     """Make an authority, and certificates for a robot, its controllers and its viewers."""
-    from hexctl.cli.console import print_result
-    from hexctl.wire.certificates import AUTHORITY_FOLDER, hosts_of_this_computer, make_certificates
-    from hexctl.wire.links import Endpoint, Role
-
     hosts = hosts_of_this_computer(options["hosts"])
     make_certificates(folder, hosts=hosts, days=options["days"])
     reached = Endpoint("tls", hosts[0], 7447)
@@ -38,9 +44,6 @@ def new(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> None:
 @with_options(CertificateOptions, but=("hosts",))
 def renew(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> None:
     """Renew the certificates of a folder, for the same hosts; needs the folder's authority."""
-    from hexctl.cli.console import print_result
-    from hexctl.wire.certificates import renew_certificates
-
     renew_certificates(folder, **options)
     _show(folder)
     print_result("copy its new folder to each end; until then the old certificates stay valid to their date")
@@ -49,9 +52,6 @@ def renew(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> Non
 @keys.command()
 def stop(folder: FolderArgument = Path("keys")) -> None:
     """Make stop.key, the secret of the datagram stop, for certificates made without it."""
-    from hexctl.cli.console import print_result
-    from hexctl.wire.stop_secret import write_stop_secret
-
     for path in write_stop_secret(folder):
         print_result(f"{path}  to its end, next to key.pem; robots are then stopped by datagram too")
 
@@ -60,7 +60,6 @@ def stop(folder: FolderArgument = Path("keys")) -> None:
 def mavlink(folder: FolderArgument = Path("keys")) -> None:
     """Make mavlink.key, the secret that lets a servo board and its controller sign their frames."""
     from hexctl.backends.mavlink.codec import write_signing_key
-    from hexctl.cli.console import print_result
 
     path = write_signing_key(folder)
     print_result(
@@ -75,9 +74,6 @@ def show(folder: FolderArgument = Path("keys")) -> None:
 
 
 def _show(folder: Path) -> None:
-    from hexctl.cli.console import print_result
-    from hexctl.wire.certificates import list_certificates
-
     for certificate in list_certificates(folder):
         expired = ", EXPIRED: hexctl keys renew" if certificate.expired else ""
         hosts = f", for {', '.join(certificate.hosts)}" if certificate.hosts else ""

@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hexctl.cli.console import StopOnInterrupt, print_note
 from hexctl.cli.settings import SettingsCommand
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_said
+from hexctl.robot.loader import load_robot_file
 from hexctl.server.ros.ros_options import DEFAULT_ROUTER
 from hexctl.server.serve_options import ServeOptions
+from hexctl.wire.links import Link, Role
 
 if TYPE_CHECKING:
     from hexctl.server.service import ServiceStarted
-    from hexctl.wire.links import Link
 
 #: Maximum wait for the viewer to end.
 VIEWER_END_S = 5.0
@@ -46,9 +48,7 @@ def serve(
 
     It runs until Ctrl-C. hexctl run --backend zenoh walks it.
     """
-    from hexctl.cli.console import StopOnInterrupt, print_note
     from hexctl.server.service import RobotService
-    from hexctl.wire.links import Role
 
     service = RobotService(**asked)
     settings = service.resolved_link()
@@ -71,8 +71,6 @@ def serve(
 
 
 def _simulated_note(robot: str) -> str | None:
-    from hexctl.robot.loader import load_robot_file
-
     driver = load_robot_file(robot).content.servos.driver
     return None if driver is None else f"simulated; its servos are served with --backend {driver}"
 

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.output_options import JsonOption
+from hexctl.cli.console import StopOnInterrupt, note_refusal, print_result
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.errors import printable
-from hexctl.wire.links import LinkOptions
+from hexctl.control.stop_reason import MEANINGS
+from hexctl.errors import InputError, printable
+from hexctl.wire.connection_diagnosis import RefusalWatch
+from hexctl.wire.links import LinkOptions, Role, link_of
 
 if TYPE_CHECKING:
     from hexctl.cli.render.tables import PlainTable
@@ -49,11 +52,7 @@ def status(
     """Show who commands a robot on the network, why it is stopped, and which messages were dropped."""
     from rich.console import Console
 
-    from hexctl.cli.console import note_refusal, print_result
     from hexctl.client.remote import remote_robots
-    from hexctl.errors import InputError
-    from hexctl.wire.connection_diagnosis import RefusalWatch
-    from hexctl.wire.links import Role, link_of
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
@@ -75,8 +74,6 @@ def _watch(robots: "RemoteRobots") -> None:
     from rich.console import Console
     from rich.live import Live
 
-    from hexctl.cli.console import StopOnInterrupt
-
     console = Console(markup=False, emoji=False)
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
@@ -92,17 +89,10 @@ def _watch(robots: "RemoteRobots") -> None:
 
 def status_table(statuses: list[dict[str, Any]], clear: str) -> "PlainTable":
     """Statuses of robots as two columns, an empty line between robots; `clear` clears their stops."""
-    from hexctl.cli.render.tables import PlainTable
+    from hexctl.cli.render.tables import label_table
 
-    table = PlainTable(show_header=False, box=None, pad_edge=False)
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for number, status in enumerate(statuses):
-        if number:
-            table.add_row("", "")
-        for name, text in status_rows(status, clear):
-            table.add_row(name, text)
-    return table
+    blocks = [status_rows(status, clear) for status in statuses]
+    return label_table([row for block in blocks for row in (("", ""), *block)][1:])
 
 
 def status_rows(status: Status, clear: str) -> list[tuple[str, str]]:
@@ -155,8 +145,6 @@ def _served_by(status: Status) -> str:
 
 
 def _stopped(status: Status, clear: str) -> str:
-    from hexctl.control.stop_reason import MEANINGS
-
     reason = status.get("stopped")
     if reason is None:
         return f"no{_cleared_in_words(status.get('cleared'))}"

@@ -36,7 +36,7 @@ def why_in_words(
     return f" ({stopped}): {hint.format(clear)}" if hint else f" ({stopped})"
 
 
-def clearing_in_words(stopped: str | None, *, clear: str | None = CLEAR_COMMAND) -> str:
+def clearing_in_words(stopped: str | None, *, clear: str | None) -> str:
     """Text of the command `clear`; empty if nothing has to be cleared."""
     hint = "" if stopped is None else _hint(stopped)
     return hint.format(clear) if clear is not None and "{}" in hint else ""

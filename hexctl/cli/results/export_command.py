@@ -5,12 +5,13 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import make_bar, print_note, print_result
+from hexctl.cli.console import LeftOut, make_bar, print_message, print_result
 from hexctl.cli.progress import WithBar
-from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.export.export_options import ExportOptions
+from hexctl.robot.configs import config_names
+from hexctl.robot.loader import load_robot_file
 
 
 @with_options(ExportOptions, rare=("from_s", "duration_s"))
@@ -49,13 +50,10 @@ def export(
 
 def _note_unknown(source: str) -> None:
     """Note on the values of a robot that were not measured: other formats have no mark for them."""
-    from hexctl.robot.configs import config_names
-    from hexctl.robot.loader import load_robot_file
-
     if source not in config_names("robots") and not source.endswith((".yaml", ".yml")):
         return
     if unknown := load_robot_file(source).to_measure:
-        print_note(f"hexctl: not measured, which the new file does not show: {', '.join(unknown)}")
+        print_message(f"not measured, which the new file does not show: {', '.join(unknown)}")
 
 
 class _Progress(WithBar):

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import print_note, print_result
-from hexctl.cli.output_options import JsonOption
-from hexctl.cli.results.left_out import LeftOut
+from hexctl.cli.console import LeftOut, print_message, print_result
 from hexctl.cli.settings import Commands, runs_folder
+from hexctl.cli.shared_options import JsonOption
 from hexctl.errors import InputError
 from hexctl.options import listed
 
 if TYPE_CHECKING:
     from hexctl.adapt.sessions.search_session import Session
 
-sessions = Commands(help="List, compare and delete sessions of hexctl adapt.", no_args_is_help=True)
+sessions = Commands()
 
 NameArgument = Annotated[
     str,
@@ -36,7 +35,7 @@ def list_sessions(as_json: JsonOption = False) -> None:
     Damaged sessions and trials are named on stderr, with exit code 3; the others are listed.
     """
     from hexctl.adapt.sessions.store import list_sessions as all_sessions
-    from hexctl.cli.render.sessions_output import sessions_table
+    from hexctl.cli.render.session_tables import sessions_table
 
     left_out = LeftOut()
     found = all_sessions(runs_folder(), on_damage=left_out.name)
@@ -65,7 +64,7 @@ def show(
 ) -> None:
     """Show a session's trials; damaged ones are named on stderr, with exit code 3."""
     from hexctl.adapt.sessions.store import load_session
-    from hexctl.cli.render.adapt_summary import session_lines
+    from hexctl.cli.render.session_summary import session_lines
 
     left_out = LeftOut()
     session = load_session(name, runs_folder(), on_damage=left_out.name)
@@ -78,7 +77,7 @@ def show(
 
 def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
     from hexctl.adapt.objectives import OBJECTIVES, make_objective
-    from hexctl.cli.render.adapt_table import pareto_lines
+    from hexctl.cli.render.session_tables import pareto_lines
 
     names = list(dict.fromkeys(listed(wanted)))
     if len(names) < 2:
@@ -112,7 +111,7 @@ def compare(
     """Compare sessions: scores without a search, the best so far by trials, and what was found."""
     from hexctl.adapt.sessions.comparison import check_comparable, differences, draw_comparison
     from hexctl.adapt.sessions.store import load_session
-    from hexctl.cli.render.sessions_output import comparison_table
+    from hexctl.cli.render.session_tables import comparison_table
 
     left_out = LeftOut()
     found = [load_session(name, runs_folder(), on_damage=left_out.name) for name in names]
@@ -125,7 +124,7 @@ def compare(
         raise typer.Exit(left_out.code())
     print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
     if unlike := differences(found):
-        print_note(f"hexctl: they differ in more than the search: {', '.join(unlike)}")
+        print_message(f"they differ in more than the search: {', '.join(unlike)}")
     raise typer.Exit(left_out.code())
 
 
@@ -153,7 +152,7 @@ def delete(
     try:
         trials = trials_text(len(load_session(name, runs_folder()).trials))
     except StoreError as error:
-        print_note(f"hexctl: {error}")
+        print_message(error)
         trials = "trials"
     if not yes and not _agreed(f"delete session {name}, its {trials} and the recordings?"):
         print_result("nothing deleted")

@@ -5,11 +5,11 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import DONE, StopOnInterrupt, note_refusal, print_note
-from hexctl.cli.results.left_out import LeftOut
+from hexctl.cli.console import DONE, LeftOut, StopOnInterrupt, note_refusal, print_note
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError
+from hexctl.wire.connection_diagnosis import RefusalWatch
 from hexctl.wire.links import WatchOptions, link_of
 
 
@@ -62,7 +62,6 @@ def _watch(place: dict[str, Any], *, web: bool) -> int:
     from hexctl.backends.zenoh.zenoh_client import subscribe_states
     from hexctl.recording.live import LiveView, watch_states
     from hexctl.recording.viewer import check_display
-    from hexctl.wire.connection_diagnosis import RefusalWatch
 
     loaded = link_of(**place)
     watch = RefusalWatch(loaded.endpoint, note_refusal)

@@ -5,13 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hexctl.backends.sim.world import load_world
 from hexctl.cli import completion
-from hexctl.cli.console import BAD_INPUT, print_note, print_result
-from hexctl.cli.output_options import JsonOption
+from hexctl.cli.console import BAD_INPUT, print_message, print_result
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_said
 from hexctl.control.assessment.check_options import CheckOptions
+from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -82,7 +84,6 @@ def _further(checked: "RobotCheck", options: CheckOptions) -> dict[str, Any]:
 
 def _measured(checked: "RobotCheck", world_name: str, duration_s: float) -> dict[str, Any]:
     """Measure and store the uncertainty of a robot's walks in a world; an unwritable folder is a note."""
-    from hexctl.backends.sim.world import load_world
     from hexctl.control.assessment.uncertainty import CODES, LEGS, simulation_uncertainty
     from hexctl.control.assessment.uncertainty_store import keep_uncertainty, known_uncertainty
 
@@ -91,8 +92,8 @@ def _measured(checked: "RobotCheck", world_name: str, duration_s: float) -> dict
     before = known_uncertainty(robot, world, duration_s=duration_s, folder=runs_folder())
     found = simulation_uncertainty(robot, world, duration_s=duration_s)
     if before is not None and not before.borrowed and before.walks > found.walks:
-        print_note(
-            f"hexctl: not kept: ± {100 * before.numerical_m:.1f} cm of {before.walks} walks is known already"
+        print_message(
+            f"not kept: ± {100 * before.numerical_m:.1f} cm of {before.walks} walks is known already"
         )
         return found.to_dict()
     codes, legs = ", ".join(map(str, CODES)), " and ".join(map(str, LEGS))
@@ -100,12 +101,10 @@ def _measured(checked: "RobotCheck", world_name: str, duration_s: float) -> dict
     try:
         keep_uncertainty(robot, world, found, folder=runs_folder(), how=how)
     except InputError as error:
-        print_note(f"hexctl: not kept: {error}")
+        print_message(f"not kept: {error}")
     return found.to_dict()
 
 
 def _leg_sets(checked: "RobotCheck", heading_rad: float | None) -> list[dict[str, Any]]:
-    from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
-
     directions_rad = DIRECTIONS_RAD if heading_rad is None else (heading_rad,)
     return [one.to_dict() for one in leg_sets(checked.robot, checked.gait, directions_rad, MOST_JUDGED)]

@@ -1,5 +1,6 @@
 """`hexctl identify`: the servos and the trunk of a robot from its own motions."""
 
+import itertools
 import json
 import math
 import shlex
@@ -13,18 +14,21 @@ from hexctl.backends.robot_options import RecordedOptions
 from hexctl.cli.console import (
     INTERRUPTED,
     code_of,
-    make_bar,
-    print_note,
+    print_message,
     print_result,
 )
-from hexctl.cli.output_options import JsonOption
-from hexctl.cli.progress import WithBar
+from hexctl.cli.progress import StatusLine
 from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
+from hexctl.cli.values import is_said
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
-from hexctl.errors import InputError
-from hexctl.identify.options import WITHOUT_LOGS, IdentifyOptions
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.identify.options import WITHOUT_LOGS, IdentifyOptions, picture_of
+from hexctl.identify.parameters import PARAMETERS, RobotValues
+from hexctl.identify.stand_motions import MOST_RAD
+from hexctl.robot.loader import load_robot
 
 if TYPE_CHECKING:
     from hexctl.identify.identification import Identification
@@ -63,9 +67,6 @@ def identify(
     walk. The geometry and the masses of the legs are those of the robot file. A simulated robot is in the
     world stand. Exit codes: 0 done, 2 bad input, 3 fault of robot or link, 4 stopped, 130 interrupted.
     """
-    from hexctl.cli.values import is_said
-    from hexctl.identify.robot_log import RobotLog
-
     options = IdentifyOptions(**given, logs=logs)
     options.check()
     options.check_output()
@@ -80,28 +81,13 @@ def identify(
         raise InputError("--output requires --robot with logs: the robot file that is copied and changed")
     own_robot = None
     if is_said(context, "robot") and paths[0].suffix == ".rrd":
-        from hexctl.robot.loader import load_robot
-
         own_robot = load_robot(str(options.robot))
     try:
         found = _identified(paths, own_robot, options)
     except KeyboardInterrupt:
-        print_note(f"hexctl: interrupted; the logs are kept; continue with: {_again(paths, next_time)}")
+        print_message(f"interrupted; the logs are kept; continue with: {_again(paths, next_time)}")
         raise typer.Exit(INTERRUPTED) from None
-    for log in found.replays:
-        if isinstance(log, RobotLog) and (stale_s := log.stale_s):
-            print_note(
-                f"hexctl: {log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
-                "values wrong; record it again with a faster link or a less busy computer"
-            )
-    errors = found.to_dict()["error_deg"]
-    if errors["after"] > errors["before"] + WORSE_DEG:
-        print_note("hexctl: the result fits no better than the robot file: has a leg failed in these logs?")
-    elif (left_deg := _left_deg(found)) > POOR_DEG:
-        print_note(
-            f"hexctl: a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
-            "foot may touch anything, and the robot file must have the right masses and lengths"
-        )
+    _print_doubts(found)
     if not as_json:
         print_result(*_report(found))
     try:
@@ -119,6 +105,25 @@ def identify(
         print_result("", f"next: {_again(paths, replace(next_time, output='FILE.yaml'))}")
 
 
+def _print_doubts(found: "Identification") -> None:
+    from hexctl.identify.robot_log import RobotLog
+
+    for log in found.replays:
+        if isinstance(log, RobotLog) and (stale_s := log.stale_s):
+            print_message(
+                f"{log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
+                "values wrong; record it again with a faster link or a less busy computer"
+            )
+    errors = found.to_dict()["error_deg"]
+    if errors["after"] > errors["before"] + WORSE_DEG:
+        print_message("the result fits no better than the robot file: has a leg failed in these logs?")
+    elif (left_deg := _left_deg(found)) > POOR_DEG:
+        print_message(
+            f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
+            "foot may touch anything, and the robot file must have the right masses and lengths"
+        )
+
+
 def _again(paths: list[Path], options: IdentifyOptions) -> str:
     """Command that identifies the same logs."""
     gain = [] if options.p_gain is None else ["--p-gain", f"{options.p_gain:g}"]
@@ -130,7 +135,6 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     """Recording of the motions on the stand."""
     from hexctl.cli.prompts import ask_consent
     from hexctl.identify.identification import IdentificationRun
-    from hexctl.identify.stand_motions import MOST_RAD
     from hexctl.runs.run_spec import RunSpec
 
     where = {field.name: given[field.name] for field in fields(RecordedOptions) if field.name in given}
@@ -140,46 +144,33 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     clear = clear_command(run.spec)
     ask_consent(CONSENT.format(run.motions_s, math.degrees(MOST_RAD)), yes=yes or run.spec.simulated)
     with connected(run) as interrupt:
-        print_note(f"hexctl: the legs move for {run.motions_s:.0f} s; Ctrl-C stops")
+        print_message(f"the legs move for {run.motions_s:.0f} s; Ctrl-C stops")
         done = run.walk(stop_requested=interrupt.requested)
         check_commanded(done.outcome)
         if interrupt.requested() or done.trial.status != "ok":
             why = " by Ctrl-C" if interrupt.requested() else why_in_words(done.trial.stopped, clear=clear)
             again = "the same command" if run.spec.record is None else "another --record"
-            print_note(f"hexctl: stopped{why}; nothing was identified; {again} begins again")
+            print_message(f"stopped{why}; nothing was identified; {again} begins again")
             raise typer.Exit(INTERRUPTED if interrupt.requested() else code_of(done.trial))
     if done.recording_error is not None:
         raise done.recording_error
     if done.recording is None:
         raise InputError("--record: got none; allowed: a new file, which the identification reads")
-    print_note(f"hexctl: recorded {done.recording}")
+    print_message(f"recorded {done.recording}")
     return done.recording
 
 
 def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Identification":
     from hexctl.identify.identification import identify as identify_servos
 
-    with _SearchProgress() as progress:
-        return identify_servos(paths, robot=robot, p_gain=options.p_gain, on_step=progress.show)
+    steps = itertools.count(1)  # the search has several parts, each of which counts its steps from 0
+    with StatusLine() as line:
 
+        def show(_step: int, error_rad: float) -> None:
+            error = f"{math.degrees(error_rad):.3f} deg"
+            line.show(f"search, some minutes: step {next(steps)}, error {error}")
 
-class _SearchProgress(WithBar):
-    """The step of the search and its error on stderr: one line on a terminal, else a line per step.
-
-    The search has several parts, each of which counts its steps from 0.
-    """
-
-    def __init__(self) -> None:
-        self._step = 0
-        self._bar = make_bar("")
-        self._task = self._bar.add_task("", total=None, visible=False)
-
-    def show(self, _step: int, error_rad: float) -> None:
-        self._step += 1
-        text = f"search, some minutes: step {self._step}, error {math.degrees(error_rad):.3f} deg"
-        if self._bar.disable:
-            print_note(text)
-        self._bar.update(self._task, description=text, visible=True)
+        return identify_servos(paths, robot=robot, p_gain=options.p_gain, on_step=show)
 
 
 def _left_deg(found: "Identification") -> float:
@@ -195,12 +186,8 @@ def _left_deg(found: "Identification") -> float:
 def _write(found: "Identification", options: IdentifyOptions, paths: list[Path]) -> str | None:
     if options.output is None:
         return None
-    from hexctl.errors import MissingExtraError
     from hexctl.identify.identification_picture import draw_identification
     from hexctl.identify.identified_file import write_identified
-    from hexctl.identify.options import picture_of
-    from hexctl.identify.parameters import RobotValues
-    from hexctl.robot.loader import load_robot
 
     output = Path(options.output)
     write_identified(str(options.robot), found, output)
@@ -208,15 +195,13 @@ def _write(found: "Identification", options: IdentifyOptions, paths: list[Path])
     try:
         draw_identification(found, before, picture_of(output))
     except MissingExtraError as error:
-        print_note(f"hexctl: no picture: {error}")
+        print_message(f"no picture: {error}")
         return str(output)
     return f"{output} and {picture_of(output)}"
 
 
 def _remark(found: "Identification", name: str) -> str:
     """Limit of the search that a known value has, or the value of a robot file that changes with it."""
-    from hexctl.identify.parameters import PARAMETERS, RobotValues
-
     if found.fit.estimates[name].value >= PARAMETERS[name].high:
         return "at the limit of the search"
     robot = isinstance(found.fit.values, RobotValues) and math.isfinite(found.fit.values.no_load_speed_rad_s)

@@ -1,4 +1,4 @@
-"""`hexctl robot`: the shipped robots, and new robot files."""
+"""`hexctl robot`, `gaits` and `worlds`: shipped names, and new robot files."""
 
 import json
 import math
@@ -9,33 +9,72 @@ from typing import Annotated, Literal
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import print_note, print_result
-from hexctl.cli.output_options import JsonOption
+from hexctl.cli.console import print_message, print_result
 from hexctl.cli.settings import Commands
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.values import choice
 from hexctl.errors import InputError, printable
 from hexctl.options import listed
+from hexctl.robot.configs import config_names, find_config, read_mapping
 
-robot = Commands(help="List the shipped robots, and make robot files.", no_args_is_help=True)
+robot = Commands()
 
 Forward = Literal["x", "y", "-x", "-y"]
+
+
+#: Values of `--gait` that choose a gait for the robot.
+CHOSEN = {
+    "auto": "the most stable one for the robot, its failed legs and its direction",
+    "best": "the best that a prior or a session knows for the failed leg",
+}
 
 
 @robot.command("list")
 def list_robots(as_json: JsonOption = False) -> None:
     """List the shipped robots."""
-    from hexctl.cli.render.tables import label_table
-    from hexctl.robot.configs import config_names, find_config, read_mapping
-
     texts = {
         name: str(read_mapping(find_config("robots", name))["description"]) for name in config_names("robots")
     }
+    _print_names(texts, "next: hexctl robot copy NAME FILE, to change one for your robot", as_json=as_json)
+
+
+def worlds(as_json: JsonOption = False) -> None:
+    """List the shipped simulated worlds."""
+    texts = {}
+    for name in config_names("worlds"):
+        path = find_config("worlds", name)
+        shown = f"{name}:NUMBER" if "ranges" in read_mapping(path) else name
+        texts[shown] = _first_sentence(path.read_text(encoding="utf-8"))
+    _print_names(texts, "--world also takes a YAML file with the differences from flat", as_json=as_json)
+
+
+def gaits(as_json: JsonOption = False) -> None:
+    """List the named gaits."""
+    from hexctl.gait.gait import NAMED_SLOTS
+
     if as_json:
-        print_result(json.dumps(texts))
+        print_result(json.dumps(NAMED_SLOTS))
         return
-    print_result(
-        label_table(texts.items()), "", "next: hexctl robot copy NAME FILE, to change one for your robot"
-    )
+    rows = {
+        name: f"legs 1 to 6 step in slots {','.join(map(str, slots))}" for name, slots in NAMED_SLOTS.items()
+    }
+    more = "--gait also takes a code, 1..720, or six slots such as 5,1,2,4,3,6"
+    _print_names(rows | CHOSEN, more, as_json=False)
+
+
+def _print_names(texts: dict[str, str], more: str, *, as_json: bool) -> None:
+    from hexctl.cli.render.tables import label_table
+
+    print_result(*([json.dumps(texts)] if as_json else [label_table(texts.items()), "", more]))
+
+
+def _first_sentence(text: str) -> str:
+    comment = []
+    for line in text.splitlines():
+        if not line.startswith("#"):
+            break
+        comment.append(line.removeprefix("#").strip())
+    return " ".join(comment).partition(". ")[0].removesuffix(".") + "."
 
 
 @robot.command("copy")
@@ -87,16 +126,15 @@ def import_robot(
 ) -> None:
     """Make a robot file of a URDF or MJCF with six legs of three hinges."""
     from hexctl.control.assessment.default_gait import walkable
-    from hexctl.robot.configs import config_names
     from hexctl.robot.formats.importing.robot_import import import_robot as imported_robot
 
     _check_yaml(output, "--output")
     imported = walkable(imported_robot(description, name=name, foot_m=_point(foot), forward=forward))
     _write_new(output, imported.text, "--output")
     if (own := imported.content["name"]) in config_names("robots"):
-        print_note(f"hexctl: {own} is also a shipped robot; --robot {own} is that one, not this file")
+        print_message(f"{own} is also a shipped robot; --robot {own} is that one, not this file")
     for note in imported.notes:
-        print_note(f"hexctl: {printable(note)}")
+        print_message(printable(note))
     lines = [f"{output}"]
     if imported.unknown:
         lines.append(f"to measure: {', '.join(imported.unknown)}")

@@ -5,19 +5,18 @@ from typing import Annotated, Any
 
 import typer
 
-from hexctl.cli.console import print_result
-from hexctl.cli.output_options import JsonOption
+from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
+from hexctl.cli.console import LeftOut, print_result
 from hexctl.cli.progress import finish
-from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import Commands, runs_folder
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_typed
+from hexctl.control.monitor.repertoire import describe_repertoire, list_repertoires, named_repertoire
 from hexctl.errors import InputError
 from hexctl.study.priors.prior_options import OF_PRIOR, PriorOptions
 
-prior = Commands(
-    help="Make and show priors: what hexctl adapt believes before its first trial.", no_args_is_help=True
-)
+prior = Commands()
 
 
 @prior.command()
@@ -65,8 +64,6 @@ def show(
 
 
 def _priors(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
-    from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
-
     if file is None:
         return list_priors(runs_folder(), on_damage=left_out.name)
     path = named_prior(file, prior_folders(runs_folder()))
@@ -74,12 +71,6 @@ def _priors(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
 
 
 def _repertoires(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
-    from hexctl.control.monitor.repertoire import (
-        describe_repertoire,
-        list_repertoires,
-        named_repertoire,
-    )
-
     if file is None:
         return list_repertoires(runs_folder(), on_damage=left_out.name)
     path = named_repertoire(file, runs_folder())

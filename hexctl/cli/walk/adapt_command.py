@@ -19,16 +19,21 @@ from hexctl.cli.console import (
     code_of_stop,
     in_flags,
     note_no_window,
-    print_note,
+    print_message,
     print_result,
 )
-from hexctl.cli.output_options import JsonOption, QuietOption
-from hexctl.cli.see.arena_command import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.shared_options import (
+    ArenaOption,
+    JsonOption,
+    QuietOption,
+    TrialRecoverOption,
+    arena_fields,
+    recovery_policy,
+)
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import given, rare
 from hexctl.cli.walk.diagnose_command import found_failure
-from hexctl.cli.walk.recovery_option import TrialRecoverOption, recovery_policy
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 
@@ -37,7 +42,6 @@ if TYPE_CHECKING:
     from hexctl.adapt.adaptation_result import AdaptationResult
     from hexctl.adapt.sessions.search_session import Session
     from hexctl.adapt.sessions.session_spec import SessionSpec
-    from hexctl.recording.live import LiveView
     from hexctl.robot.failure import Failure
 
 #: Options that go with --resume.
@@ -99,20 +103,26 @@ def adapt(
     if view and no_record:
         raise InputError("--no-record: got --view too; allowed: one or the other")
     if resume is not None:
-        _check_resumed_alone(resume, given(context))
-        shown = {"quiet": quiet, "view": view, "as_json": as_json}
-        raise typer.Exit(
-            _resume(resume, given(context).get("--budget"), trust, record=not no_record, **shown)
-        )
-    if trust:
-        raise InputError("--trust: used without --resume; allowed: with --resume SESSION")
-    if search["failed_leg"] is None and not search["failure"]:
-        raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
-    if search["failed_leg"] == AUTO_LEG:
-        search["failed_leg"], search["failure"] = None, _diagnosed(search)
-    search["policy"] = recovery_policy(recover=recover, policy=search["policy"])
-    asked = search | arena_fields(arena, search["robot"]) | {"baseline": not no_baseline}
-    raise typer.Exit(_begin(asked, record=not no_record, view=view, quiet=quiet, as_json=as_json))
+        typed = given(context)
+        _check_resumed_alone(resume, typed)
+        prepare = partial(_resumed, resume, typed.get("--budget"), trust)
+    else:
+        if trust:
+            raise InputError("--trust: used without --resume; allowed: with --resume SESSION")
+        if search["failed_leg"] is None and not search["failure"]:
+            raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
+        if search["failed_leg"] == AUTO_LEG:
+            search["failed_leg"], search["failure"] = None, _diagnosed(search)
+        search["policy"] = recovery_policy(recover=recover, policy=search["policy"])
+        asked = search | arena_fields(arena, search["robot"]) | {"baseline": not no_baseline}
+        prepare = partial(_begun, asked)
+    with StopOnInterrupt() as interrupt:  # loading takes a second
+        make, spec = prepare()
+        shown = {"record": not no_record, "view": view, "quiet": quiet, "as_json": as_json}
+        searched = _search(make, spec, interrupt, **shown)
+    if not isinstance(searched, int):
+        searched = _end(searched, view=view, as_json=as_json, resumed=resume is not None)
+    raise typer.Exit(searched)
 
 
 def _diagnosed(search: Mapping[str, Any]) -> "Failure":
@@ -137,34 +147,28 @@ def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
         )
 
 
-def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -> int:
-    with StopOnInterrupt() as interrupt:  # loading takes a second
-        from hexctl.adapt.adaptation import Adaptation
-        from hexctl.adapt.search import new_spec
-        from hexctl.cli.prompts import check_answerable
-        from hexctl.study.priors.prior_building import how_to_build_prior
+def _begun(asked: dict[str, Any]) -> "tuple[Callable[..., Adaptation], SessionSpec]":
+    from hexctl.adapt.adaptation import Adaptation
+    from hexctl.adapt.search import new_spec
+    from hexctl.cli.prompts import check_answerable
+    from hexctl.study.priors.prior_building import how_to_build_prior
 
-        spec = new_spec(**asked, folder=runs_folder(), note=_note, advice=how_to_build_prior)
-        if spec.ask:
-            check_answerable()
-        made = partial(Adaptation, spec)
-        searched = _search(made, spec, interrupt, record=record, quiet=quiet, **shown)
-    return searched if isinstance(searched, int) else _end(searched, **shown)
+    spec = new_spec(**asked, folder=runs_folder(), note=print_message, advice=how_to_build_prior)
+    if spec.ask:
+        check_answerable()
+    return partial(Adaptation, spec), spec
 
 
-def _resume(name: str, budget: int | None, trust: bool, *, record: bool, quiet: bool, **shown: bool) -> int:
-    with StopOnInterrupt() as interrupt:
-        from hexctl.adapt.adaptation import Adaptation
-        from hexctl.adapt.sessions.store import load_session
+def _resumed(name: str, budget: int | None, trust: bool) -> "tuple[Callable[..., Adaptation], SessionSpec]":
+    from hexctl.adapt.adaptation import Adaptation
+    from hexctl.adapt.sessions.store import load_session
 
-        try:
-            session = load_session(name, folder=runs_folder())
-        except InputError as error:
-            named = error.worded(lambda what: "--resume" if what == "session" else argument(what))
-            raise InputError(named) from error.__cause__
-        make = partial(Adaptation.resume, session, budget=budget, trust=trust)
-        searched = _search(make, session.spec, interrupt, record=record, quiet=quiet, **shown)
-    return searched if isinstance(searched, int) else _end(searched, resumed=True, **shown)
+    try:
+        session = load_session(name, folder=runs_folder())
+    except InputError as error:
+        named = error.worded(lambda what: "--resume" if what == "session" else argument(what))
+        raise InputError(named) from error.__cause__
+    return partial(Adaptation.resume, session, budget=budget, trust=trust), session.spec
 
 
 def _search(
@@ -180,8 +184,9 @@ def _search(
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
     from hexctl.adapt.sessions.store import StoreError
     from hexctl.cli.prompts import TrialPrompt
-    from hexctl.cli.render.adapt_commands import after_stop
-    from hexctl.cli.render.adapt_table import SessionTable
+    from hexctl.cli.render.session_summary import after_stop
+    from hexctl.cli.render.session_tables import SessionTable
+    from hexctl.recording.live import open_window
 
     begun: list[Session] = []
     with SessionTable(quiet=quiet or as_json) as table:
@@ -194,8 +199,8 @@ def _search(
             folder=runs_folder(),
             record=record,
             operator=TrialPrompt(spec, interrupt.requested) if spec.ask else None,
-            live=_open_window if view else None,
-            note=_note,
+            live=partial(open_window, note_no_window) if view else None,
+            note=print_message,
         )
         try:
             return adaptation.run(
@@ -204,34 +209,34 @@ def _search(
                 stop_requested=interrupt.requested,
             )
         except RobotStoppedError as error:
-            _note(f"{in_flags(error)}; {after_stop(spec, error)}begin again")
+            print_message(f"{in_flags(error)}; {after_stop(spec, error)}begin again")
             return _code_of_stop(error)
         except NotBegunError as error:
-            _note(str(error))
+            print_message(str(error))
             return INTERRUPTED
         except (InputError, StoreError) as error:
             if not begun:
                 raise
             raise type(error)(f"{in_flags(error)}; {_what_is_left(begun)}") from error.__cause__ or error
         except KeyboardInterrupt:
-            _note(f"interrupted without a soft stop; {_what_is_left(begun)}")
+            print_message(f"interrupted without a soft stop; {_what_is_left(begun)}")
             return INTERRUPTED
 
 
 def _what_is_left(begun: "Sequence[Session]") -> str:
-    from hexctl.cli.render.adapt_commands import resume_command
+    from hexctl.cli.render.session_summary import resume_command
 
     return f"continue with: {resume_command(begun[0])}" if begun else "nothing was recorded"
 
 
-def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
-    from hexctl.cli.render.adapt_commands import after_stop, resume_command
+def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool) -> int:
+    from hexctl.cli.render.session_summary import after_stop, resume_command
 
     session = result.session
     _print_end(result, as_json=as_json, resumed=resumed)
     if result.trouble is not None:
         then = f"{after_stop(session.spec, result.trouble)}continue with: {resume_command(session)}"
-        _note(f"{in_flags(result.trouble)}; nothing is lost: {then}")
+        print_message(f"{in_flags(result.trouble)}; nothing is lost: {then}")
         return _code_of_stop(result.trouble)
     if result.ended == "interrupted":
         return INTERRUPTED
@@ -242,23 +247,13 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
 
 def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
     """A resumed session may have been finished before."""
-    from hexctl.cli.render.adapt_summary import closing_parts, finished_line
+    from hexctl.cli.render.session_summary import closing_parts, finished_line
 
     parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
     print_result(*parts)
     finished = finished_line(result.session.spec, result.ended)
     if resumed and not result.walked and finished is not None:
-        _note(finished)
-
-
-def _note(text: str) -> None:
-    print_note(f"hexctl: {text}")
-
-
-def _open_window() -> "LiveView | None":
-    from hexctl.recording.live import open_window
-
-    return open_window(note_no_window)
+        print_message(finished)
 
 
 def _show(name: str) -> None:
@@ -268,7 +263,7 @@ def _show(name: str) -> None:
     try:
         view_runs([name], runs_folder())
     except RecordingError as error:
-        _note(str(error))
+        print_message(str(error))
 
 
 def _code_of_stop(error: HexctlError) -> int:

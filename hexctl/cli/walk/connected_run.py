@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note
+from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_message
 from hexctl.errors import RobotFaultError
+from hexctl.wire.links import load_link
 
 if TYPE_CHECKING:
     from hexctl.runs.run import Run
@@ -27,7 +28,7 @@ def connected(run: "Run") -> Iterator[StopOnInterrupt]:
                 raise _never_commanded() from None
             raise
         for note in run.notes:
-            print_note(f"hexctl: {note}")
+            print_message(note)
         yield interrupt
 
 
@@ -38,7 +39,7 @@ def check_commanded(outcome: Mapping[str, Any]) -> None:
 
 
 def _never_commanded() -> typer.Exit:
-    print_note("hexctl: interrupted before the robot was commanded: nothing was recorded")
+    print_message("interrupted before the robot was commanded: nothing was recorded")
     return typer.Exit(INTERRUPTED)
 
 
@@ -47,8 +48,6 @@ def clear_command(spec: "RunSpec") -> str | None:
 
     It is read before a walk, which may outlast a link file.
     """
-    from hexctl.wire.links import load_link
-
     if spec.backend != "zenoh":
         return None
     keys = None if spec.credentials is None else Path(spec.credentials)

@@ -18,13 +18,17 @@ from hexctl.cli.console import (
     INTERRUPTED,
     StopOnInterrupt,
     in_flags,
-    print_note,
+    print_message,
     print_result,
 )
-from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.values import number
+from hexctl.errors import RecordingError
 from hexctl.files import check_writable
+from hexctl.recording.viewer import has_display
+from hexctl.robot.failure import NoticedFailure
+from hexctl.robot.failure_grammar import option_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -55,10 +59,10 @@ def demo(
         except KeyboardInterrupt:
             then = f"continue the search with: hexctl adapt --resume {begun[0]}; " if begun else ""
             kept = [f"what was walked until then is under {folder}/" for folder in folders if folder.is_dir()]
-            print_note(f"hexctl: interrupted; {then}{''.join(kept) or 'nothing was recorded'}")
+            print_message(f"interrupted; {then}{''.join(kept) or 'nothing was recorded'}")
             raise typer.Exit(INTERRUPTED) from None
     if result.interrupted:
-        print_note(f"hexctl: {_what_is_left(result)}")
+        print_message(_what_is_left(result))
         raise typer.Exit(INTERRUPTED)
     if as_json:
         print_result(json.dumps(result.to_dict()))
@@ -66,7 +70,7 @@ def demo(
         print_result(*_ending(result))
     if result.adaptation is not None and result.adaptation.trouble is not None:
         then = f"continue the search with: hexctl adapt --resume {result.adaptation.session.name}"
-        print_note(f"hexctl: {in_flags(result.adaptation.trouble)}; {then}")
+        print_message(f"{in_flags(result.adaptation.trouble)}; {then}")
         raise typer.Exit(FAULT)
     raise typer.Exit(DONE if no_view or as_json else _show(result))
 
@@ -86,18 +90,7 @@ def _what_is_left(result: "DemoResult") -> str:
 
 
 def _view_command() -> str:
-    return "hexctl view" if _has_display() else "hexctl view --web"
-
-
-def _has_display() -> bool:
-    from hexctl.errors import RecordingError
-    from hexctl.recording.viewer import check_display
-
-    try:
-        check_display()
-    except RecordingError:
-        return False
-    return True
+    return "hexctl view" if has_display() else "hexctl view --web"
 
 
 def _run(
@@ -132,7 +125,7 @@ def _run(
         return rescue.demo(
             budget=budget,
             folder=runs_folder(),
-            note=lambda text: print_note(f"hexctl: {text}"),
+            note=print_message,
             on_folder=folders.append,
             on_walk=walked,
             on_begin=begin,
@@ -143,7 +136,6 @@ def _run(
 
 def _search_line(budget: int) -> str:
     from hexctl.demo import rescue
-    from hexctl.robot.failure_grammar import option_of
 
     event = rescue.EVENT
     assert event.failure is not None  # noqa: S101  it breaks a leg
@@ -157,7 +149,6 @@ def _search_line(budget: int) -> str:
 
 def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
     from hexctl.demo.rescue import share_in_words, speed_kept
-    from hexctl.robot.failure import NoticedFailure
 
     outcome, kept = walk.outcome, speed_kept(walk)
     line = (
@@ -172,7 +163,7 @@ def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
 
 
 def _ending(result: "DemoResult") -> "list[RenderableType]":
-    from hexctl.cli.render.adapt_summary import finding_parts
+    from hexctl.cli.render.session_summary import finding_parts
 
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
@@ -189,7 +180,7 @@ def _ending(result: "DemoResult") -> "list[RenderableType]":
 
 
 def _another_walk() -> list[str]:
-    return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if _has_display() else ''}"]
+    return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}"]
 
 
 def _activate() -> str | None:
@@ -203,14 +194,13 @@ def _activate() -> str | None:
 def _show(result: "DemoResult") -> int:
     """A missing screen does not make the demo a failure."""
     from hexctl.adapt.sessions.session_viewing import view_runs
-    from hexctl.errors import RecordingError
 
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
-    if not _has_display():
+    if not has_display():
         return DONE  # the last line of the result is the next step
     try:
         return view_runs([*map(str, result.recordings), search.session.name], runs_folder())
     except RecordingError as error:
-        print_note(f"hexctl: {error}")
+        print_message(error)
         return DONE

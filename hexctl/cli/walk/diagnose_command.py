@@ -12,14 +12,15 @@ from hexctl.cli.console import (
     DONE,
     INTERRUPTED,
     code_of,
-    print_note,
+    print_message,
     print_result,
 )
-from hexctl.cli.output_options import JsonOption, NoRecordOption
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.shared_options import JsonOption, NoRecordOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, connected
 from hexctl.errors import InputError, RecordingError
+from hexctl.types import JOINT_KINDS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -52,7 +53,7 @@ def diagnose(
     done, code = diagnosed(spec)
     print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome)))
     if done.diagnosis.source == "none" and not done.diagnosis.unfinished and _operator() is None:
-        print_note("hexctl: on a terminal, hexctl diagnose asks the operator which legs move as they should")
+        print_message("on a terminal, hexctl diagnose asks the operator which legs move as they should")
     if (error := done.recording_error) is not None:
         raise RecordingError(f"the diagnosis is done, its recording is not whole: {error}") from error
     raise typer.Exit(code)
@@ -81,11 +82,11 @@ def found_failure(spec: "RunSpec") -> "Found":
     options = {name: getattr(spec, name) for name in names}
     done, code = diagnosed(type(spec)(failure=spec.failures, **options))
     if code != DONE:
-        print_note("hexctl: the diagnosis was stopped, and so is what was to follow")
+        print_message("the diagnosis was stopped, and so is what was to follow")
         raise typer.Exit(code)
     for note in done.diagnosis.notes:
-        print_note(f"hexctl: {note}")
-    print_note(f"hexctl: diagnosis: {done.diagnosis.verdict}")
+        print_message(note)
+    print_message(f"diagnosis: {done.diagnosis.verdict}")
     if done.diagnosis.source == "none":
         raise InputError("--failed-leg: got auto, which could not be found out; allowed: 1..6")
     failures = done.diagnosis.failures
@@ -144,7 +145,6 @@ def summary(outcome: dict[str, Any]) -> list[Any]:
 
 def _leg_table(outcome: dict[str, Any]) -> "Table":
     from hexctl.cli.render.tables import plain_table
-    from hexctl.types import JOINT_KINDS
 
     table = plain_table("leg", *JOINT_KINDS, "load", "verdict", "")
     for leg in outcome["legs"]:

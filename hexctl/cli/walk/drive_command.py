@@ -8,23 +8,35 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hexctl.backends.clock import realtime_priority
+from hexctl.backends.registry import check_options, option_values
+from hexctl.backends.sim.terrain import make_floor
+from hexctl.backends.sim.world import DEFAULT_WORLD, load_world
 from hexctl.cli.console import (
     DONE,
     INTERRUPTED,
     StopOnInterrupt,
     code_of_stop,
     note_no_window,
+    print_message,
     print_note,
 )
-from hexctl.cli.output_options import NoRecordOption
+from hexctl.cli.render.stop_reasons import why_in_words
+from hexctl.cli.shared_options import NoRecordOption
 from hexctl.cli.signature import with_options
+from hexctl.control.log import PACED_BLOCK_TICKS, Recorder, Recorders
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import EStopError, InputError
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure_grammar import read_failures
+from hexctl.robot.loader import load_robot_file
+from hexctl.teleop.devices import open_devices
 from hexctl.teleop.drive_options import DriveOptions
+from hexctl.teleop.keyboard import has_keys
 
 if TYPE_CHECKING:
     from hexctl.client.stop_client import ReadyStop
     from hexctl.control.drive.drive import Drive
-    from hexctl.control.log import Recorder
     from hexctl.robot.failure import Failure
     from hexctl.teleop.drive_session import DriveSession
 
@@ -40,11 +52,7 @@ def drive(
     It stands up first. q, Ctrl-C and a closed terminal end it with the robot at a stand. Exit codes: 0 done,
     2 bad input, 3 fault of robot or link, 4 fell or was stopped, 130 interrupted.
     """
-    from hexctl.backends.registry import check_options, option_values
     from hexctl.control.drive.drive import Drive
-    from hexctl.control.log import PACED_BLOCK_TICKS, Recorders
-    from hexctl.robot.failure_grammar import read_failures
-    from hexctl.teleop.keyboard import has_keys
 
     options = DriveOptions(**asked)
     if no_record and options.record is not None:
@@ -94,8 +102,6 @@ def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
 
 
 def _why(drive: "Drive", stopped: str) -> str:
-    from hexctl.cli.render.stop_reasons import why_in_words
-
     standstill, remote = drive.guard.standstill, drive.guard.remote
     return why_in_words(
         stopped,
@@ -114,17 +120,14 @@ def _robot_stop(drive: "Drive") -> "ReadyStop | None":
 
 
 def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callable[[], None]) -> int:
-    from hexctl.backends.clock import realtime_priority
-    from hexctl.teleop.devices import open_devices
     from hexctl.teleop.drive_session import DriveSession
-    from hexctl.teleop.keyboard import has_keys
 
     robot_stop = _robot_stop(drive)
     session = DriveSession(drive, robot_stop)
     interrupt = stack.enter_context(StopOnInterrupt())
     stack.enter_context(drive)
     for note in drive.notes:
-        print_note(f"hexctl: {note}")
+        print_message(note)
     if robot_stop is not None:
         stack.callback(_say_unconfirmed, robot_stop)
         stack.enter_context(robot_stop)
@@ -166,13 +169,8 @@ def _recorders(
     simulated, record = options.backend == "sim", options.record
     if not view and record is None:
         return []
-    from hexctl.backends.sim.terrain import make_floor
-    from hexctl.backends.sim.world import DEFAULT_WORLD, load_world
-    from hexctl.control.trial_plan import TrialPlan
-    from hexctl.gait.gait import make_gait
     from hexctl.recording.live import open_window
     from hexctl.recording.recording import Recording
-    from hexctl.robot.loader import load_robot_file
 
     loaded = load_robot_file(str(options.robot))
     floor = make_floor(load_world(str(options.world or DEFAULT_WORLD)), options.seed) if simulated else None

@@ -11,31 +11,41 @@ import typer
 from hexctl.backends.clock import PERIOD_S
 from hexctl.cli.console import (
     INTERRUPTED,
-    StopOnInterrupt,
     code_of,
     make_bar,
     note_no_window,
     print_above,
+    print_message,
     print_note,
     print_result,
 )
-from hexctl.cli.output_options import JsonOption, NoRecordOption
 from hexctl.cli.progress import WithBar
-from hexctl.cli.see.arena_command import WalkArenaOption, geofence
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.shared_options import (
+    JsonOption,
+    NoRecordOption,
+    RecoverOption,
+    WalkArenaOption,
+    geofence,
+    recovery_policy,
+)
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.cli.walk.diagnose_command import Found, found_failure
-from hexctl.cli.walk.recovery_option import RecoverOption, recovery_policy
+from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError
+from hexctl.recording.live import LiveView, open_window
+from hexctl.recording.viewer import open_viewer
 from hexctl.robot.failure_grammar import AUTO_LEG
 from hexctl.runs.run_spec import RunSpec
 
 if TYPE_CHECKING:
     from hexctl.control.log import Recorder, TickLog
     from hexctl.control.trial import ShouldStop
-    from hexctl.recording.live import LiveView
-    from hexctl.runs.run import Run, RunResult
+    from hexctl.runs.run import Run
+
+#: Moments of an interrupt.
+BEFORE, DURING, AFTER = "before the walk", "without a soft stop", "after the walk"
 
 #: Texts of the phases of a walk.
 DOING = {
@@ -69,7 +79,8 @@ def run(
     """
     if no_record and (walk["record"] is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
-    with _nothing_recorded_before(), _WalkProgress(walk["duration_s"], quiet=as_json) as progress:
+    progress = _WalkProgress(walk["duration_s"], quiet=as_json)
+    with _reporting_interrupts(progress), progress:
         walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
         spec = RunSpec(
             **walk,
@@ -88,12 +99,12 @@ def run(
 
 
 @contextmanager
-def _nothing_recorded_before() -> Iterator[None]:
-    """End the command if it is interrupted before its walk."""
+def _reporting_interrupts(progress: "_WalkProgress") -> Iterator[None]:
+    """End the command at an interrupt that is no soft stop, and print what is recorded."""
     try:
         yield
     except KeyboardInterrupt:
-        print_note("hexctl: interrupted before the walk: nothing was recorded")
+        print_message(progress.interrupted())
         raise typer.Exit(INTERRUPTED) from None
 
 
@@ -104,7 +115,7 @@ def _with_best(spec: RunSpec) -> RunSpec:
     from hexctl.adapt.best import best_gait
 
     best = best_gait(spec, runs_folder())
-    print_note(f"hexctl: {best.source}")
+    print_message(best.source)
     return best.spec
 
 
@@ -114,48 +125,24 @@ def _walk(
     *,
     view: bool,
     as_json: bool,
-    found: "Found | None" = None,
-    fence: "ShouldStop | None" = None,
-) -> int:
-    run, clear = _checked(spec), clear_command(spec)
-    if found is not None:
-        run.broken = found.broken
-    try:
-        return _walk_run(run, clear, progress, view=view, as_json=as_json, found=found, fence=fence)
-    except KeyboardInterrupt:
-        path = run.recording_path
-        if progress.walk_over:
-            print_note(f"hexctl: interrupted after the walk{'' if path is None else f'; recorded: {path}'}")
-        elif path is None:
-            raise
-        else:
-            print_note(f"hexctl: interrupted; recorded until then: {path}")
-        return INTERRUPTED
-
-
-def _walk_run(
-    run: "Run",
-    clear: str | None,
-    progress: "_WalkProgress",
-    *,
-    view: bool,
-    as_json: bool,
-    found: "Found | None",
+    found: Found | None,
     fence: "ShouldStop | None",
 ) -> int:
     from hexctl.cli.render.run_output import summary
 
-    spec = run.spec
+    run, clear = _checked(spec), clear_command(spec)
+    progress.run = run
+    if found is not None:
+        run.broken = found.broken
     with progress, connected(run) as interrupt, ExitStack() as stack:
         live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
         if live is not None:
             stack.enter_context(live)
         progress.of_turn = _turn_note(run) if spec.paced else ""
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
-        done = _walked(run, recorders, interrupt, fence)
-        progress.walk_over = done is None or done.outcome["ticks"] > 0
-        if done is None:
-            return INTERRUPTED
+        progress.moment = DURING
+        done = run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
+        progress.moment = AFTER
         check_commanded(done.outcome)
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
@@ -163,22 +150,10 @@ def _walk_run(
     if (error := done.recording_error) is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {error}") from error
     if live is not None and live.lost is not None:
-        print_note(f"hexctl: {live.lost}; the walk and its recording are whole")
+        print_message(f"{live.lost}; the walk and its recording are whole")
     elif view and not interrupt.requested():
         _show(live, None if spec.paced else done.recording)
     return INTERRUPTED if interrupt.requested() else code_of(done.trial)
-
-
-def _walked(
-    run: "Run", recorders: "list[Recorder]", interrupt: StopOnInterrupt, fence: "ShouldStop | None"
-) -> "RunResult | None":
-    """None if it was interrupted without a soft stop, which a note reports."""
-    try:
-        return run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
-    except KeyboardInterrupt:
-        kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
-        print_note(f"hexctl: interrupted without a soft stop{kept}")
-        return None
 
 
 def _checked(spec: RunSpec) -> "Run":
@@ -191,8 +166,6 @@ def _checked(spec: RunSpec) -> "Run":
 
 
 def _open_live(run: "Run") -> "LiveView | None":
-    from hexctl.recording.live import open_window
-
     live = open_window(note_no_window)
     if live is not None:
         looks = None if run.robot_file is None else str(run.robot_file)
@@ -214,18 +187,14 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
         print_note("close the viewer, or press Ctrl-C, to end")
         live.wait()
     elif recording is not None:
-        from hexctl.recording.viewer import open_viewer
-
         try:
             open_viewer([recording])
         except RecordingError as error:
-            print_note(f"hexctl: {error}")
+            print_message(error)
 
 
 def _turn_note(run: "Run") -> str:
     """Line about the self-rotation before a walk; empty if it is short."""
-    from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
-
     plan = run.plan
     if plan.belief is None or abs(turn_needed_rad(run.robot, plan)) <= SMALL_TURN_RAD:
         return ""
@@ -237,17 +206,27 @@ def _turn_note(run: "Run") -> str:
 class _WalkProgress(WithBar):
     """Progress on stderr during load and walk; `of_turn` is printed if the robot turns first.
 
-    `walk_over` is whether it was commanded, and the walk has ended.
+    `moment` is when an interrupt comes that is no soft stop.
     """
 
     #: A second: drawing must not delay the ticks.
     block_ticks: int | None = 50
 
     def __init__(self, total_s: float, *, quiet: bool) -> None:
-        self.of_turn, self.walk_over = "", False
+        self.of_turn, self.moment = "", BEFORE
+        self.run: Run | None = None
         self._total_s = total_s
         self._bar = make_bar("{task.fields[walked]}", quiet=quiet)
         self._task = self._bar.add_task("loading", total=None, walked="")
+
+    def interrupted(self) -> str:
+        """Line about an interrupt that is no soft stop, with the recording."""
+        path = None if self.run is None else self.run.recording_path
+        if path is not None:
+            return (
+                f"interrupted {self.moment}; recorded{'' if self.moment == AFTER else ' until then'}: {path}"
+            )
+        return f"interrupted {self.moment}{': nothing was recorded' if self.moment == BEFORE else ''}"
 
     def pause(self) -> None:
         self._bar.stop()

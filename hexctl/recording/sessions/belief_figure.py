@@ -74,13 +74,20 @@ def send_steps(stream: Any, overview: Overview) -> None:
 
 
 def _send_end(stream: Any, after: Sequence[SearchStep]) -> None:
-    rr = load_rerun()
     for step in after[:1]:
         for path in (INTERVALS, NEXT):
-            stream.send_columns(path, _at(step), rr.LineStrips2D.columns(strips=[]).partition([0]))
+            _clear_lines(stream, path, step)
         for path in (EXPECTED, WALKED, f"{NEXT}/name"):
-            none = np.zeros((0, 2))
-            stream.send_columns(path, _at(step), rr.Points2D.columns(positions=none).partition([0]))
+            _clear_points(stream, path, step)
+
+
+def _clear_lines(stream: Any, path: str, step: SearchStep) -> None:
+    stream.send_columns(path, _at(step), load_rerun().LineStrips2D.columns(strips=[]).partition([0]))
+
+
+def _clear_points(stream: Any, path: str, step: SearchStep) -> None:
+    none = load_rerun().Points2D.columns(positions=np.zeros((0, 2)))
+    stream.send_columns(path, _at(step), none.partition([0]))
 
 
 def _at(step: SearchStep) -> list[Any]:
@@ -138,39 +145,29 @@ def _send_walked(stream: Any, step: SearchStep, overview: Overview) -> None:
         if trial.index <= step.trials and trial.deviation_m is not None
     ]
     if ended:
-        _send_dots(stream, WALKED, step, ended, BEST_COLOR)
+        dots = load_rerun().Points2D.columns(
+            positions=np.array(ended), colors=[BEST_COLOR] * len(ended), radii=[MARK] * len(ended)
+        )
+        stream.send_columns(WALKED, _at(step), dots.partition([len(ended)]))
 
 
 def _send_next(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
     rr, code = load_rerun(), step.next_code
-    strips = [] if code is None else [_interval(beliefs, code)]
-    line = rr.LineStrips2D.columns(
-        strips=strips, colors=[WAY_COLOR] * len(strips), radii=[STRONG] * len(strips)
-    )
-    stream.send_columns(NEXT, _at(step), line.partition([len(strips)]))
-    names = [] if code is None else [f"next: gait {code}"]
-    places = [] if code is None else [(float(code), -HEIGHT - 1.0)]
-    name = rr.Points2D.columns(
-        positions=np.array(places).reshape(-1, 2),
-        radii=[0.0] * len(names),
-        colors=[TEXT_COLOR] * len(names),
-        labels=names,
-    )
-    stream.send_columns(f"{NEXT}/name", _at(step), name.partition([len(names)]))
-
-
-def _interval(beliefs: GaitBeliefs, code: int) -> FloatArray:
+    if code is None:
+        _clear_lines(stream, NEXT, step)
+        _clear_points(stream, f"{NEXT}/name", step)
+        return
     ends_m = np.array([beliefs.low_m[code - 1], beliefs.high_m[code - 1]])
-    return np.column_stack([[code, code], height(ends_m)])
-
-
-def _send_dots(
-    stream: Any, path: str, step: SearchStep, places: Sequence[tuple[float, float]], color: Any
-) -> None:
-    dots = load_rerun().Points2D.columns(
-        positions=np.array(places), colors=[color] * len(places), radii=[MARK] * len(places)
+    interval = np.column_stack([[code, code], height(ends_m)])
+    line = rr.LineStrips2D.columns(strips=[interval], colors=[WAY_COLOR], radii=[STRONG])
+    stream.send_columns(NEXT, _at(step), line.partition([1]))
+    name = rr.Points2D.columns(
+        positions=np.array([[float(code), -HEIGHT - 1.0]]),
+        radii=[0.0],
+        colors=[TEXT_COLOR],
+        labels=[f"next: gait {code}"],
     )
-    stream.send_columns(path, _at(step), dots.partition([len(places)]))
+    stream.send_columns(f"{NEXT}/name", _at(step), name.partition([1]))
 
 
 def belief_view(overview: Overview) -> Any | None:
@@ -189,10 +186,3 @@ def belief_view(overview: Overview) -> Any | None:
         ),
         overrides={path: rrb.EntityBehavior(interactive=False) for path in SCENERY},
     )
-
-
-def steps_view() -> Any:
-    """View of the notes on each step of the search."""
-    import rerun.blueprint as rrb
-
-    return rrb.TextDocumentView(origin=STEPS, name="why this gait")

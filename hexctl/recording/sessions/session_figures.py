@@ -1,6 +1,5 @@
 """The overview recording of a session: trajectories from above, convergence curve and table in one file."""
 
-import uuid
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -26,12 +25,10 @@ from hexctl.recording.rrd import (
     check_whole,
     create_file,
     create_folders,
-    disconnect,
-    flush,
     load_rerun,
-    save_stream,
+    new_recording,
 )
-from hexctl.recording.sessions.belief_figure import TIMELINE, belief_view, send_steps, steps_view
+from hexctl.recording.sessions.belief_figure import STEPS, TIMELINE, belief_view, send_steps
 from hexctl.recording.sessions.session_overview import (
     Overview,
     OverviewTrial,
@@ -245,8 +242,7 @@ def score_top(overview: Overview) -> float:
     """Height in the curve above all valid walks, at which invalid trials are drawn."""
     walks = (*overview.baseline, *overview.trials)
     scores_m = [walk.score_m for walk in walks if walk.score_m is not None]
-    factor, _ = overview.curve_unit
-    return factor * 1.1 * max([TARGET_BANDS[0][0], *scores_m])
+    return overview.curve_factor * 1.1 * max([TARGET_BANDS[0][0], *scores_m])
 
 
 def send_curve(stream: Any, overview: Overview) -> None:
@@ -259,7 +255,7 @@ def send_curve(stream: Any, overview: Overview) -> None:
 
 
 def _send_scores(stream: Any, overview: Overview) -> None:
-    rr, (factor, _) = load_rerun(), overview.curve_unit
+    rr = load_rerun()
     valid = [(trial, trial.score_m) for trial in overview.trials if trial.score_m is not None]
     if not valid:
         return
@@ -267,7 +263,7 @@ def _send_scores(stream: Any, overview: Overview) -> None:
     stream.log(SCORE, look, static=True)
     colors = [deviation_color(trial.deviation_m, valid=True) for trial, _ in valid]
     columns = [
-        *rr.Scalars.columns(scalars=[factor * score_m for _, score_m in valid]),
+        *rr.Scalars.columns(scalars=[overview.curve_factor * score_m for _, score_m in valid]),
         *rr.SeriesPoints.columns(colors=np.array(colors, dtype=np.uint8)),
     ]
     stream.send_columns(SCORE, [at([trial.index for trial, _ in valid])], columns)
@@ -288,9 +284,8 @@ def _send_invalid(stream: Any, overview: Overview) -> None:
 def _send_best_so_far(stream: Any, overview: Overview) -> None:
     rr = load_rerun()
     pairs = zip(overview.trials, overview.best_so_far(), strict=True)
-    factor, _ = overview.curve_unit
     known = [
-        (trial.index, factor * best.score_m)
+        (trial.index, overview.curve_factor * best.score_m)
         for trial, best in pairs
         if best is not None and best.score_m is not None
     ]
@@ -305,29 +300,27 @@ def _send_best_so_far(stream: Any, overview: Overview) -> None:
 
 
 def _send_targets(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
+    indices = [trial.index for trial in overview.trials]
     for number, (half_width_m, _, name) in enumerate(TARGET_BANDS, start=1):
-        path = f"{TARGETS}/{number}"
-        look = rr.SeriesLines(names=[name.removeprefix("±")], colors=[INVALID_COLOR], widths=[1.0])
-        stream.log(path, look, static=True)
-        indices = [trial.index for trial in overview.trials]
-        factor, _ = overview.curve_unit
-        scalars = rr.Scalars.columns(scalars=np.full(len(indices), factor * half_width_m))
-        stream.send_columns(path, [at(indices)], scalars)
+        look = {"names": [name.removeprefix("±")], "colors": [INVALID_COLOR], "widths": [1.0]}
+        _send_level(stream, f"{TARGETS}/{number}", look, indices, overview.curve_factor * half_width_m)
 
 
 def _send_baseline_scores(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
     indices = [BEFORE_TRIALS, *(trial.index for trial in overview.trials)]
     for walk in overview.baseline:
-        if walk.score_m is None:
-            continue
-        path, color = f"{BASELINE_SCORES}/{walk.gait}", baseline_color(walk.gait or "")
-        name = f"{walk.gait}, without a search"
-        stream.log(path, rr.SeriesLines(names=[name], colors=[color], widths=[1.5]), static=True)
-        factor, _ = overview.curve_unit
-        scalars = rr.Scalars.columns(scalars=np.full(len(indices), factor * walk.score_m))
-        stream.send_columns(path, [at(indices)], scalars)
+        if walk.score_m is not None:
+            color = baseline_color(walk.gait or "")
+            look = {"names": [f"{walk.gait}, without a search"], "colors": [color], "widths": [1.5]}
+            level = overview.curve_factor * walk.score_m
+            _send_level(stream, f"{BASELINE_SCORES}/{walk.gait}", look, indices, level)
+
+
+def _send_level(stream: Any, path: str, look: dict[str, Any], indices: Sequence[int], level: float) -> None:
+    """Send a horizontal line of the curve."""
+    rr = load_rerun()
+    stream.log(path, rr.SeriesLines(**look), static=True)
+    stream.send_columns(path, [at(indices)], rr.Scalars.columns(scalars=np.full(len(indices), level)))
 
 
 #: Share of the curve's width reserved for its legend.
@@ -343,7 +336,8 @@ def make_layout(overview: Overview, *, several: bool = False) -> Any:
     left = rrb.Vertical(*(view for view in views if view is not None), row_shares=shares)
     table = rrb.TextDocumentView(origin=TABLE, name="trials")
     heights = [4, 3] if len(shares) == len(views) else [2, 1]
-    right = rrb.Vertical(table, steps_view(), row_shares=heights) if overview.steps else table
+    steps = rrb.TextDocumentView(origin=STEPS, name="why this gait")
+    right = rrb.Vertical(table, steps, row_shares=heights) if overview.steps else table
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[5, 3]),
         *side_panels(several=several),
@@ -373,7 +367,7 @@ def _curve_view(overview: Overview) -> Any:
     first, last = overview.trials[0].index, overview.trials[-1].index
     # Room for the legend.
     last += max(1, round(LEGEND_SHARE * (last - first)))
-    top, (_, unit) = score_top(overview), overview.curve_unit
+    top, unit = score_top(overview), overview.curve_unit
     return rrb.TimeSeriesView(
         origin=CURVE,
         name=f"{overview.objective} ({unit})" if unit else overview.objective,
@@ -410,29 +404,20 @@ def write_overview_file(path: Path, overview: Overview, *, several: bool = False
         create_folders(path)
         with replacing(path) as draft:
             create_file(draft)
-            _write(draft, path, overview, make_layout(overview, several=several))
+            with new_recording(
+                draft, APPLICATION_ID, overview.title, make_layout(overview, several=several)
+            ) as stream:
+                _send(stream, overview)
+            check_whole(draft)
     except HexctlError:
         raise
     except OSError as error:
         raise RecordingError(f"{path}: the overview cannot be written: {error.strerror}") from error
 
 
-def _write(draft: Path, path: Path, overview: Overview, layout: Any) -> None:
-    stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-    save_stream(stream, draft, layout)
-    try:
-        _send(stream, overview)
-        flush(stream, path)
-    finally:
-        disconnect(stream)
-    check_whole(draft)
-
-
 def _send(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
-    stream.send_recording_name(overview.title)
     send_above(stream, overview)
     send_curve(stream, overview)
     send_steps(stream, overview)
-    document = rr.TextDocument(make_table(overview), media_type="text/markdown")
+    document = load_rerun().TextDocument(make_table(overview), media_type="text/markdown")
     stream.log(TABLE, document, static=True)

@@ -84,9 +84,14 @@ class Overview:
     steps: tuple[SearchStep, ...] = ()
 
     @property
-    def curve_unit(self) -> tuple[float, str]:
-        """Factor and unit of the scores in a plot."""
-        return (100.0, "cm") if self.unit == METRES else (1.0, self.unit)
+    def curve_factor(self) -> float:
+        """Factor of the scores in a plot."""
+        return 100.0 if self.unit == METRES else 1.0
+
+    @property
+    def curve_unit(self) -> str:
+        """Unit of the scores in a plot."""
+        return "cm" if self.unit == METRES else self.unit
 
     @property
     def best(self) -> OverviewTrial | None:

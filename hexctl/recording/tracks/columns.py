@@ -1,23 +1,20 @@
 """Rows of a tick log as Rerun columns: times, numbers, and joint angles in Arrow's layout."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.backends.sim.terrain import Floor
 from hexctl.control.log import LegChange, TickLog
 from hexctl.control.trace import PHASES
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.ik.support_polygon import foot_heights_body
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
+from hexctl.recording.scene import Subject
 from hexctl.recording.series import KEPT_BITS, Series
-from hexctl.robot.meshes import Meshes, PartMesh
-from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, BoolArray, FloatArray
 
 Rows = NDArray[np.int64] | slice
@@ -36,21 +33,6 @@ REMEMBERED_TICKS = 300
 
 #: A foot commanded higher than this above its stance position is in swing.
 LIFTED_M = 1e-5
-
-
-@dataclass(frozen=True, slots=True)
-class Subject:
-    """The robot, its plan, the floor and the meshes of a recording."""
-
-    robot: Robot
-    plan: TrialPlan
-    floor: Floor
-    meshes: Meshes = field(default_factory=dict)
-
-    def mesh_of(self, leg: int, kind: str) -> PartMesh | None:
-        """Mesh of a link; None if it is drawn as a solid, as for an announced missing leg."""
-        missing = any(one.leg == leg and one.kind == "missing" for one in self.plan.failures)
-        return None if missing else self.meshes.get(kind)
 
 
 class Block:

@@ -6,13 +6,13 @@ import numpy as np
 
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
+from hexctl.recording.series import SAMPLED, SERVOS, VECTORS
 from hexctl.recording.tracks.balance import Tally, send_balance
 from hexctl.recording.tracks.columns import Block, LinkColumns, Rows
 from hexctl.recording.tracks.course import send_course, send_deviation, send_ribbon, send_trail, send_velocity
 from hexctl.recording.tracks.events import send_events
 from hexctl.recording.tracks.failures import send_lanes, send_looks, send_suspicion
 from hexctl.recording.tracks.gait_tracks import send_feet, send_gait, send_guard, send_phases
-from hexctl.recording.tracks.servo_tracks import send_samples, send_servos, send_vectors
 from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
@@ -66,6 +66,34 @@ def _send_leg(block: Block, links: LinkColumns, leg: int) -> None:
         block.send(paths.link_path(leg, kind), slice(None), links.columns(kind, joints[:, index]))
 
 
+def _send_vectors(block: Block) -> None:
+    """Send the angles of all joints at every tick, in which both are known."""
+    both = [block.column(str(series.source)) for series in VECTORS]
+    rows = np.flatnonzero(np.isfinite(both).all(axis=(0, 2)))
+    if rows.size:
+        for series, values in zip(VECTORS, both, strict=True):
+            block.send_vectors(series, rows, values[rows])
+
+
+def _send_samples(block: Block) -> None:
+    """Send columns of the log at 10 Hz if known: at every tick they would fill the file."""
+    for series in SAMPLED:
+        values, rows = block.column(str(series.source)), block.sparse()
+        rows = rows[np.isfinite(values[rows]).all(axis=-1)]
+        block.plot(series, rows, values[rows])
+
+
+def _send_servos(block: Block) -> None:
+    """Send the reports of servos, if any; an unknown value leaves a gap."""
+    readings = block.log.servo_rows.between(block.start, block.stop)
+    for series in SERVOS:
+        known = [(row, getattr(servos, str(series.source))) for row, servos in readings]
+        known = [(row, values) for row, values in known if np.isfinite(values).any()]
+        if known:
+            values = np.stack([np.where(np.isfinite(values), values, np.nan) for _, values in known])
+            block.plot(series, np.array([row for row, _ in known]) - block.start, values)
+
+
 #: Tracks after the legs, in this order.
 PARTS: tuple[Callable[[Block], None], ...] = (
     _send_base,
@@ -78,10 +106,10 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_course,
     send_ribbon,
     send_deviation,
-    send_vectors,
-    send_samples,
+    _send_vectors,
+    _send_samples,
     send_velocity,
     send_suspicion,
     send_lanes,
-    send_servos,
+    _send_servos,
 )

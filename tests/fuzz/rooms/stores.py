@@ -15,7 +15,7 @@ from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.prior.prior import open_prior
 from hexctl.adapt.sessions.store import FILE_NAME, load_session
 from hexctl.adapt.space import GaitSpace
-from hexctl.cli.render.adapt_summary import session_lines
+from hexctl.cli.render.session_summary import session_lines
 from hexctl.control.monitor.repertoire import load_repertoire
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError

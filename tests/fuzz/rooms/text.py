@@ -10,7 +10,7 @@ from hexctl.backends.pwm.pca9685 import parse_i2c_port
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.backends.sim.world import load_world
-from hexctl.cli.see.arena_command import arena_of
+from hexctl.cli.shared_options import arena_of
 from hexctl.cli.values import checked
 from hexctl.errors import HexctlError
 from hexctl.gait.encoding import code_from_slots, slots_from_code

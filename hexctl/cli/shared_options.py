@@ -1,4 +1,4 @@
-"""The option `--arena`: a radius, or a place that a camera sees."""
+"""Options of several commands: output, recording, `--recover`, and `--arena`."""
 
 import math
 from pathlib import Path
@@ -6,12 +6,40 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hexctl.cli.console import print_message
 from hexctl.cli.values import checked
 from hexctl.errors import InputError
 from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.adapt.arena import Geofence
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON value on stdout and nothing else.")]
+
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", hidden=True, help="Print the end only.")]
+
+NoRecordOption = Annotated[bool, typer.Option("--no-record", hidden=True, help="Leave no recording.")]
+
+
+def _recover(text: str, *, rare: bool) -> Any:
+    return typer.Option("--recover", rich_help_panel="Failure", hidden=rare, help=f"{text}: --policy glide.")
+
+
+RecoverOption = Annotated[
+    bool,
+    _recover("Walk on without a leg that fails, on the same line, the default in simulation", rare=False),
+]
+TrialRecoverOption = Annotated[
+    bool, _recover("If another leg fails during a trial, walk the trial to its end without it", rare=True)
+]
+
+
+def recovery_policy(*, recover: bool, policy: str | None) -> str | None:
+    """The policy of `--recover` and `--policy`; raises InputError if they contradict."""
+    if recover and policy not in (None, "glide"):
+        raise InputError(f"--policy: got {policy} with --recover, which is glide; allowed: one or the other")
+    return "glide" if recover else policy
+
 
 METRES = Range(low=0, above=True, unit="m")
 
@@ -31,13 +59,13 @@ def arena_of(text: str | float | Path) -> float | Path:
     return METRES.parse(text)
 
 
-def _option(text: str) -> Any:
+def _arena(text: str) -> Any:
     return typer.Option("--arena", hidden=True, parser=checked(arena_of), metavar="METRES|FILE", help=text)
 
 
 ArenaOption = Annotated[
     Any,
-    _option(
+    _arena(
         f"If the robot stays where a walk ends: the radius in metres, {METRES}, around its start "
         "that it is kept in; or the place file of hexctl see, for the largest circle that "
         "its camera sees. (default: none, it wanders)"
@@ -45,7 +73,7 @@ ArenaOption = Annotated[
 ]
 WalkArenaOption = Annotated[
     Any,
-    _option(
+    _arena(
         f"Stop softly before leaving a circle: the radius in metres, {METRES}, around the start of the walk; "
         "or the place file of hexctl see, for the largest circle that its camera sees. (default: none)"
     ),
@@ -70,14 +98,13 @@ def arena_fields(arena: float | Path | None, robot: str | None) -> dict[str, Any
         return {}
     if not isinstance(arena, Path):
         return {"arena_m": arena}
-    from hexctl.cli.console import print_note
     from hexctl.robot.loader import load_robot
     from hexctl.vision import place
 
     (x_m, y_m), radius_m = place.arena_of(place.load_place(arena), load_robot(robot or "ant"))
     radius_m = math.floor(100 * radius_m) / 100
-    print_note(
-        f"hexctl: the robot is kept within {radius_m:g} m of {x_m:.2f}, {y_m:.2f} m, where the camera of "
+    print_message(
+        f"the robot is kept within {radius_m:g} m of {x_m:.2f}, {y_m:.2f} m, where the camera of "
         f"{arena} sees it"
     )
     return {"arena_m": radius_m, "home_m": [round(x_m, 3), round(y_m, 3)]}

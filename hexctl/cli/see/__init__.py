@@ -1,1 +1,0 @@
-"""`hexctl see`: one file per command, and common options."""

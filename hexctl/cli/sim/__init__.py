@@ -1,1 +1,0 @@
-"""Simulated hardware: servo boards, buses, a camera, and legs that fail."""
