@@ -11,7 +11,7 @@ from hexctl.backends.clock import SPARE_S, STANDSTILL_S, Standstill
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.server.commands import CommandHandler
-from hexctl.server.event_log import EventLog
+from hexctl.server.event_log import Conditions, EventLog
 from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor
 from hexctl.server.inbox import CAPACITY, Arrival, Inbox
 from hexctl.server.leases import LeaseManager
@@ -276,7 +276,7 @@ class RobotServer:
         self._publish_served_poses()
         self._publish(state)
         self._offer(state)
-        self._log_changes()
+        self._log_changes(state)
         if self._ticks % STATUS_TICKS == 0:
             self._publish_status()
         if self._ticks % BATTERY_TICKS == 0:
@@ -298,20 +298,26 @@ class RobotServer:
         if self._guard.stopped == "expired":
             self._leases.revoke()
 
-    def _log_changes(self) -> None:
-        lease = self._leases.holder(self._time.now())
+    def _log_changes(self, state: RobotState) -> None:
         self._event_log.note(
-            controller=None if lease is None else lease.owner,
-            stopped=self._guard.stopped,
-            stop=self._latch.current(),
-            cleared=self._latch.cleared,
-            posture=self._posture,
-            fault=None if self._state is None else self._state.fault,
-            warnings=() if self._state is None else self._state.warnings,
-            ros=None if self._ros is None else self._ros.condition,
-            doubt=self._guard.positions.doubt(self._guard.clock.now_s),
-            standstill=self._standstill,
+            Conditions(
+                controller=self._controller,
+                stopped=self._guard.stopped,
+                stop=self._latch.current(),
+                cleared=self._latch.cleared,
+                posture=self._posture,
+                fault=state.fault,
+                warnings=state.warnings,
+                ros=None if self._ros is None else self._ros.condition,
+                doubt=self._guard.positions.doubt(self._guard.clock.now_s),
+                standstill=self._standstill,
+            )
         )
+
+    @property
+    def _controller(self) -> str | None:
+        lease = self._leases.holder(self._time.now())
+        return None if lease is None else lease.owner
 
     def _publish(self, state: RobotState) -> None:
         self._state = state
@@ -341,14 +347,13 @@ class RobotServer:
     def _offer(self, state: RobotState) -> None:
         if self._ros is None:
             return
-        lease = self._leases.holder(self._time.now())
         self._ros.offer(
             RobotSnapshot(
                 state,
                 orientation=self._servos.own_orientation,
                 stopped=self._guard.stopped,
                 posture=self._posture,
-                controller=None if lease is None else lease.owner,
+                controller=self._controller,
                 posed_at_s=self._servos.posed_at_s,
             )
         )
