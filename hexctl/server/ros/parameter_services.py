@@ -1,6 +1,5 @@
 """Answers `ros2 param`, launch files and rqt: the six parameter services of the node."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -58,19 +57,16 @@ def parameter_endpoint(node: RosNode, service: ParameterService) -> RosEndpoint:
 def content(live: LiveSettings, service: ParameterService, asked: Any) -> Any:
     """Content of an answer. As in rclcpp and rclpy, one unknown name empties the whole list."""
     if service is ParameterService.SET:
-        wishes = parameters.assignments(asked)
-        return [parameters.outcome_message(live.set([wish])) for wish in wishes]
+        return [parameters.result_message(live.set([wish])) for wish in asked.parameters]
     if service is ParameterService.SET_ATOMICALLY:
-        return parameters.outcome_message(live.set(parameters.assignments(asked)))
+        return parameters.result_message(live.set(asked.parameters))
     if service is ParameterService.LIST:
         return parameters.names_message(live.names(asked.prefixes))
-    if service is ParameterService.DESCRIBE:
-        return _all([live.descriptor(name) for name in asked.names], parameters.descriptor_message)
-    values = [live.value(name) for name in asked.names]
+    read = live.descriptor if service is ParameterService.DESCRIBE else live.value
+    found: list[Any] = [read(name) for name in asked.names]
+    found = [] if None in found else found
     if service is ParameterService.GET:
-        return _all(values, parameters.value_message)
-    return np.array(_all(values, ParameterType.of), dtype=np.uint8)
-
-
-def _all(found: Sequence[Any], encode: Any) -> list[Any]:
-    return [] if None in found else [encode(one) for one in found]
+        return [parameters.value_message(value) for value in found]
+    if service is ParameterService.GET_TYPES:
+        return np.array([ParameterType.of(value) for value in found], dtype=np.uint8)
+    return found

@@ -10,7 +10,7 @@ from hexctl.options import Option, Typed, check_fields, options_of
 from hexctl.robot.model import Robot
 from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
 from hexctl.server.ros.ros_commands import OFF
-from hexctl.wire.ros.parameters import Assignment, Descriptor, Outcome, ParameterType, Value
+from hexctl.wire.ros.parameters import ParameterType, Value, descriptor_message, value_in
 
 #: Name of the setting that every ROS node has.
 SIM_TIME = "use_sim_time"
@@ -79,51 +79,53 @@ class LiveSettings:
         value: Value = getattr(self.now, option.name)
         return value
 
-    def descriptor(self, name: str) -> Descriptor | None:
-        """Description of a setting; None for an unknown name."""
+    def descriptor(self, name: str) -> Any | None:
+        """Description of a setting as a message; None for an unknown name."""
         option = self._options.get(name)
         if option is None:
             return None
         fixed = not self.now.ros_drive or name in _FIXED
-        return Descriptor(name, _type_of(option), option.text, fixed, option.range)
+        return descriptor_message(name, _type_of(option), option.text, option.range, read_only=fixed)
 
-    def set(self, wishes: Sequence[Assignment]) -> Outcome:
-        """Set all values, or none with the reason, in the words of rclcpp and rclpy."""
+    def set(self, wishes: Sequence[Any]) -> str:
+        """Set all values of rcl_interfaces/Parameter messages, or none; return why not, or an empty text.
+
+        The reasons are in the words of rclcpp and rclpy.
+        """
         try:
             self.now = self._changed(wishes)
         except HexctlError as error:
-            return Outcome(str(error))
-        return Outcome()
+            return str(error)
+        return ""
 
-    def _changed(self, wishes: Sequence[Assignment]) -> RosSettings:
+    def _changed(self, wishes: Sequence[Any]) -> RosSettings:
         changes: dict[str, Any] = {}
         for wish in wishes:
-            option = self._checked(wish)
+            option, value = self._checked(wish.name, int(wish.value.type)), value_in(wish.value)
             if option.range is not None:
-                option.range.check(wish.name, float(wish.value or 0))
-            changes[option.name] = wish.value
+                option.range.check(wish.name, float(value or 0))
+            changes[option.name] = value
         changed = replace(self.now, **changes)
         changed.gait_of(self._robot)
         return changed
 
-    def _checked(self, wish: Assignment) -> Option:
+    def _checked(self, name: str, code: int) -> Option:
         """Option of an assignment; raises InputError for an unknown or fixed one and for another type."""
-        name, option = wish.name, self._options.get(wish.name)
+        option = self._options.get(name)
         if option is None:
             known = ", ".join(self.names())
             raise InputError(
                 f"parameter '{name}' cannot be set because it was not declared; allowed: {known}"
             )
-        if name in _FIXED:
-            raise InputError(f"parameter '{name}' cannot be set because it is read-only: {_FIXED[name]}")
-        if not self.now.ros_drive:
-            raise InputError(f"parameter '{name}' cannot be set because it is read-only: {OFF}")
+        fixed = _FIXED.get(name, None if self.now.ros_drive else OFF)
+        if fixed is not None:
+            raise InputError(f"parameter '{name}' cannot be set because it is read-only: {fixed}")
         kind = _type_of(option)
-        if wish.type != kind:
+        if code != kind:
             hint = " Write a point: 30.0." if kind is ParameterType.DOUBLE else ""
             raise InputError(
                 f"Wrong parameter type, parameter {{{name}}} is of type {{{kind.words}}}, setting it to "
-                f"{{{_words(wish.type)}}} is not allowed.{hint}"
+                f"{{{_words(code)}}} is not allowed.{hint}"
             )
         return option
 

@@ -29,10 +29,10 @@ from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import Link
 from hexctl.wire.ros.motion_commands import POSE, TWIST, TWIST_STAMPED, decode_body_pose, decode_velocity
-from hexctl.wire.ros.parameters import Assignment, ParameterType
 from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from tests.control.posed import PosedMock
+from tests.server.ros.test_settings import wishes
 from tests.server.test_hostile_input import Item, spoiled
 from tests.wire.ros.test_telemetry import twist
 
@@ -340,12 +340,8 @@ def test_spoiled_messages_never_leave_the_limits(bench: Bench, kind: str, times:
 
 def test_settings_hold_from_the_next_control_period_on_and_the_gait_changes_in_stride(bench: Bench) -> None:
     bench.ticks(STANDING_UP_TICKS + 50, FORWARD)
-    for name, kind, value in (
-        ("gait", ParameterType.STRING, "wave"),
-        ("sit_after", ParameterType.DOUBLE, 2.0),
-        ("level", ParameterType.BOOL, True),
-    ):
-        assert bench.live.set([Assignment(name, kind, value)]).successful
+    changes = wishes(gait="wave", sit_after=2.0, level=True)
+    assert bench.live.set(changes["parameters"]) == ""
     steps = [bench.joints()]
     for _ in range(100):
         bench.ticks(1, FORWARD)
