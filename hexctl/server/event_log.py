@@ -100,7 +100,12 @@ class EventLog:
         if now.controller != before.controller and not stops:
             yield f"commanded by {now.controller}" if now.controller else f"{before.controller} has left"
         yield from self._stop_changes(before, now, before.controller if stops else None)
-        if now.stopped is not None and now.stopped.startswith("fault:") and before.fault and now.fault is None:
+        if (
+            now.stopped is not None
+            and now.stopped.startswith("fault:")
+            and before.fault
+            and now.fault is None
+        ):
             yield f"over, and still stopped ({before.fault}): {self._clear} lets the robot move"
         if now.posture != before.posture and now.posture in POSTURES:
             yield POSTURES[now.posture]

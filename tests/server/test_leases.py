@@ -125,7 +125,7 @@ def test_commands_in_order_and_on_time_are_obeyed(desk: CommandHandler, lease: L
     for sequence in range(1, 20):
         at_s = sequence * 0.02
         checked = desk.check(PAYLOAD, tag_for(lease, sequence, at_s).packed(), lease, at_s)
-        assert checked.command.tag.sequence == sequence
+        assert checked.sequence == sequence
         assert checked.good_for_s == pytest.approx(0.2, abs=1e-3)
     assert desk.counters == CommandCounters()
 

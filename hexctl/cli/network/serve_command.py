@@ -12,7 +12,7 @@ import typer
 from hexctl.cli.settings import SettingsCommand
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_said
-from hexctl.server.ros.ros_options import DEFAULT_ROUTER
+from hexctl.server.ros.router import DEFAULT_ROUTER
 from hexctl.server.serve_options import ServeOptions
 
 if TYPE_CHECKING:

@@ -13,17 +13,16 @@ from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.server.idle import IdleSupervisor
 from hexctl.server.leases import Lease
 from hexctl.server.requests import RequestHandler
-from hexctl.server.ros.ros_commands import (
+from hexctl.server.ros.settings import LiveSettings
+from hexctl.types import FloatArray, RobotState
+from hexctl.wire.ros.motion_commands import (
     Called,
     RosCommand,
     Service,
     Stopped,
     WantedJoints,
-    WantedPose,
     WantedVelocity,
 )
-from hexctl.server.ros.settings import LiveSettings
-from hexctl.types import FloatArray, RobotState
 from hexctl.wire.stop import OVER_ROS
 
 #: The lease of ROS, and a velocity, expire after this silence.
@@ -87,13 +86,13 @@ class RosDriver:
             self._requests.estop(b"", at_s)
             self._drop()
         elif isinstance(command, Called):
-            command.call.answer(*self._answer(command.service, at_s))
+            command.answer(*self._answer(command.service, at_s))
         else:
             try:
                 if isinstance(command, WantedVelocity):
                     self._follow(command.velocity, at_s)
-                elif isinstance(command, WantedPose):
-                    self._lean(command.pose, at_s)
+                elif isinstance(command, BodyPose):
+                    self._lean(command, at_s)
                 else:
                     self._pass(command, at_s)
             except HexctlError:

@@ -9,7 +9,7 @@ from hexctl.gait.gait import DEFAULT_GAIT, Gait, gait_text, make_gait
 from hexctl.options import Option, Typed, check_fields, options_of
 from hexctl.robot.model import Robot
 from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
-from hexctl.server.ros.ros_commands import OFF
+from hexctl.wire.ros.motion_commands import OFF
 from hexctl.wire.ros.parameters import ParameterType, Value, descriptor_message, value_in
 
 #: Name of the setting that every ROS node has.
@@ -79,7 +79,7 @@ class LiveSettings:
         value: Value = getattr(self.now, option.name)
         return value
 
-    def descriptor(self, name: str) -> Any | None:
+    def descriptor(self, name: str) -> Any:
         """Description of a setting as a message; None for an unknown name."""
         option = self._options.get(name)
         if option is None:

@@ -4,6 +4,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,7 @@ def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
     return FixedMessage(make, TRANSFORM_NUMBERS * len(frames))
 
 
+@cache
 def imu() -> FixedMessage:
     """Encoder of a sensor_msgs/Imu with only a quaternion; unmeasured covariances are -1 (REP 145)."""
 

@@ -13,22 +13,25 @@ from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.loader import load_robot
 from hexctl.server.inbox import Arrival
-from hexctl.server.ros.ros_commands import (
-    Called,
-    RosCommand,
-    Service,
-    Stopped,
-    WantedJoints,
-    WantedPose,
-    WantedVelocity,
-)
 from hexctl.server.ros.settings import LiveSettings, RosSettings
 from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import Link
-from hexctl.wire.ros.motion_commands import POSE, TWIST, TWIST_STAMPED, decode_body_pose, decode_velocity
+from hexctl.wire.ros.motion_commands import (
+    POSE,
+    TWIST,
+    TWIST_STAMPED,
+    Called,
+    RosCommand,
+    Service,
+    Stopped,
+    WantedJoints,
+    WantedVelocity,
+    decode_body_pose,
+    decode_velocity,
+)
 from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from tests.control.posed import PosedMock
@@ -66,13 +69,6 @@ class Node:
         return {}
 
 
-class Answers(list[tuple[bool, str]]):
-    """Answers of a service."""
-
-    def answer(self, success: bool, message: str) -> None:
-        self.append((success, message))
-
-
 class Bench:
     """A server that ROS may drive, whose time and network the test holds."""
 
@@ -89,8 +85,8 @@ class Bench:
         self.server._handle(Arrival("ros", command, self.servos.time.now_s))
 
     def call(self, service: Service) -> tuple[bool, str]:
-        answers = Answers()
-        self.send(Called(service, answers))
+        answers: list[tuple[bool, str]] = []
+        self.send(Called(service, lambda *answer: answers.append(answer)))
         (answer,) = answers
         return answer
 
@@ -255,29 +251,29 @@ def test_joints_and_velocities_exclude_each_other(bench: Bench) -> None:
 
 
 def test_a_body_pose_makes_the_robot_stand_up_and_lean_and_its_repetition_holds_nothing(bench: Bench) -> None:
-    bench.send(WantedPose(BodyPose()))
+    bench.send(BodyPose())
     assert bench.status()["controller"] is None
     wanted = decode_body_pose(pose_message(0.1, up_m=0.02))
     assert wanted.roll_rad == pytest.approx(0.1)
-    bench.send(WantedPose(wanted))
+    bench.send(wanted)
     assert bench.status()["controller"] == "ROS 2"
     bench.ticks(STANDING_UP_TICKS + 60)
     robot = bench.servos.robot
     expected = solve_legs(robot, feet_from_body(robot.stance_feet_body, wanted.array)).joint_positions_rad
     np.testing.assert_allclose(bench.joints(), expected, atol=1e-9)
-    bench.send(WantedPose(wanted))
+    bench.send(wanted)
     assert bench.status()["controller"] is None, "it is there already"
     bench.ticks(60, FORWARD)
     assert bench.moved(50, FORWARD) > 0.05
-    bench.send(WantedPose(BodyPose(roll_rad=1.0)))
+    bench.send(BodyPose(roll_rad=1.0))
     bench.ticks(2)
     assert 0.1 < bench.status()["ros"]["pose_share"] < 1
-    bench.send(WantedPose(BodyPose()))
+    bench.send(BodyPose())
     bench.call(Service.SIT)
     bench.ticks(400)
     assert bench.status()["posture"] in ("sitting", "limp")
     bench.send(WantedJoints(robot.stance_angles_rad))
-    bench.send(WantedPose(wanted))
+    bench.send(wanted)
     assert bench.status()["ros"]["refused"] == 1
 
 
@@ -302,7 +298,7 @@ GOOD = {
 
 def command_of(kind: str, payload: bytes) -> RosCommand:
     if kind == POSE:
-        return WantedPose(decode_body_pose(payload))
+        return decode_body_pose(payload)
     return (
         WantedJoints(decode_positions(payload))
         if kind == "joints"

@@ -10,9 +10,10 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
 from hexctl.server.ros.diagnostics import silent, statuses
-from hexctl.server.ros.ros_options import ENDPOINT_BESIDE_ROUTER, RosOptions
+from hexctl.server.ros.router import ENDPOINT_BESIDE_ROUTER, link_beside_router, router_warnings
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import TOPICS, RobotMessages, measured_ns, publisher_endpoint
+from hexctl.server.serve_options import ServeOptions
 from hexctl.types import N_JOINTS, RobotState, ServoReadings
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import load_link
@@ -174,23 +175,25 @@ def test_levels_of_a_servo(temperature_c: float, age_s: float, error: str, level
     assert levels == [level if joint == 4 else Level.OK for joint in range(N_JOINTS)]
 
 
+ROUTER = "tcp/localhost:7447"
+
+
 def test_the_default_port_is_left_to_the_router() -> None:
-    assert RosOptions().link_beside_router(load_link()).endpoint == ENDPOINT_BESIDE_ROUTER
+    assert link_beside_router(load_link(), ROUTER).endpoint == ENDPOINT_BESIDE_ROUTER
     for endpoint in ("tcp/127.0.0.1:7447", "tcp/0.0.0.0:7447", "tls/localhost:7447"):
         with pytest.raises(InputError, match="7448"):
-            RosOptions().link_beside_router(load_link(endpoint=endpoint))
+            link_beside_router(load_link(endpoint=endpoint), ROUTER)
     other = load_link(endpoint="tcp/127.0.0.1:7500")
-    assert RosOptions().link_beside_router(other) == other
-    assert RosOptions(router="tcp/10.0.0.2:7447").link_beside_router(load_link()) == load_link()
+    assert link_beside_router(other, ROUTER) == other
+    assert link_beside_router(load_link(), "tcp/10.0.0.2:7447") == load_link()
 
 
 def test_options_are_checked_when_they_are_given_and_warn_who_may_drive() -> None:
-    with pytest.raises(InputError, match="ros_domain"):
-        RosOptions(domain=999)
-    with pytest.raises(InputError, match="ros"):
-        RosOptions(router="7447")
-    beside, may = RosOptions().warnings(RosOptions().link_beside_router(load_link()))
+    for wrong in ({"ros_domain": 999}, {"ros": "7447"}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            ServeOptions(**{"ros": ROUTER, **wrong})
+    beside, may = router_warnings(link_beside_router(load_link(), ROUTER), ROUTER, drive=False)
     assert "7448" in beside
     assert "may stop" in may
-    (may,) = RosOptions(drive=True).warnings(load_link(endpoint="tcp/127.0.0.1:7500"))
+    (may,) = router_warnings(load_link(endpoint="tcp/127.0.0.1:7500"), ROUTER, drive=True)
     assert "may drive" in may
