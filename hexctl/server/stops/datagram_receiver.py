@@ -26,9 +26,6 @@ UDP_HEADER_BYTES = 8
 #: Longest address of a sender: a sockaddr_in6.
 ADDRESS_BYTES = 28
 
-#: Address of a sender, as the kernel stores it, or as `socket` returns it without `recvmmsg`.
-Sender = bytes | tuple[object, ...]
-
 
 class _Vector(ctypes.Structure):
     _fields_ = (("base", ctypes.c_void_p), ("size", ctypes.c_size_t))
@@ -58,7 +55,7 @@ class DatagramReceiver:
         bound.setblocking(False)
         self._poll = select.poll()
         self._poll.register(bound, select.POLLIN)
-        self._receive = getattr(ctypes.CDLL(None), "recvmmsg", None)
+        self._receive = ctypes.CDLL(None).recvmmsg
         self._data = ctypes.create_string_buffer(MOST_PER_CALL * self._step)
         self._senders = ctypes.create_string_buffer(MOST_PER_CALL * ADDRESS_BYTES)
         self._vectors = (_Vector * MOST_PER_CALL)()
@@ -75,19 +72,17 @@ class DatagramReceiver:
         """Wait for a datagram or an error; return whether there is one."""
         return bool(self._poll.poll(1000 * timeout_s))
 
-    def take(self) -> list[tuple[bytes, Sender]]:
-        """Return the waiting datagrams, oldest first, with their senders."""
-        take = self._take_one_by_one if self._receive is None else self._take_many
-        taken: list[tuple[bytes, Sender]] = []
+    def take(self) -> list[tuple[bytes, bytes]]:
+        """Return the waiting datagrams, oldest first, with their senders as the kernel stores them."""
+        taken: list[tuple[bytes, bytes]] = []
         for _ in range(MOST_CALLS):
-            part = take()
+            part = self._take()
             taken += part
             if len(part) < MOST_PER_CALL:
                 break
         return taken
 
-    def _take_many(self) -> list[tuple[bytes, Sender]]:
-        assert self._receive is not None  # noqa: S101  for the type
+    def _take(self) -> list[tuple[bytes, bytes]]:
         number = self._socket.fileno()
         count = self._receive(number, self._messages, MOST_PER_CALL, socket.MSG_DONTWAIT, None)
         step, size = self._step, ADDRESS_BYTES
@@ -98,18 +93,9 @@ class DatagramReceiver:
             for i in range(count)  # -1 for an error: nothing came, or an earlier answer did not arrive
         ]
 
-    def _take_one_by_one(self) -> list[tuple[bytes, Sender]]:
-        taken: list[tuple[bytes, Sender]] = []
-        with suppress(OSError):
-            while len(taken) < MOST_PER_CALL:
-                taken.append(self._socket.recvfrom(self._step))
-        return taken
 
-
-def address_of(sender: Sender) -> tuple[object, ...]:
+def address_of(sender: bytes) -> tuple[object, ...]:
     """Return the address of a sender in the form of `socket`."""
-    if not isinstance(sender, bytes):
-        return sender
     (family,) = struct.unpack_from("=H", sender)
     (port,) = struct.unpack_from("!H", sender, 2)
     if family == socket.AF_INET:

@@ -15,7 +15,6 @@ from hexctl.backends.clock import request_realtime_priority
 from hexctl.errors import MessageError
 from hexctl.server.stops.datagram_receiver import (
     DatagramReceiver,
-    Sender,
     address_of,
     bound_socket,
     drop_in_kernel,
@@ -62,15 +61,15 @@ class Waiting:
     """Distinct datagrams of one kind that wait for their check, by sender."""
 
     def __init__(self) -> None:
-        self._senders: dict[bytes, Sender] = {}
+        self._senders: dict[bytes, bytes] = {}
 
-    def add(self, data: bytes, sender: Sender) -> None:
+    def add(self, data: bytes, sender: bytes) -> None:
         """Add a datagram; a copy from another sender is ignored."""
         self._senders.setdefault(data, sender)
 
-    def __iter__(self) -> Iterator[tuple[bytes, Sender]]:
+    def __iter__(self) -> Iterator[tuple[bytes, bytes]]:
         """The newest of each sender, then the second of each: no sender can block another."""
-        by_sender: defaultdict[Sender, list[bytes]] = defaultdict(list)
+        by_sender: defaultdict[bytes, list[bytes]] = defaultdict(list)
         for data, sender in reversed(self._senders.items()):
             by_sender[sender].append(data)
         senders = random.sample(list(by_sender), len(by_sender))
@@ -79,7 +78,7 @@ class Waiting:
 
 
 def sort_datagrams(
-    datagrams: Iterable[tuple[bytes, Sender]], mark: bytes, answered: AnsweredNonces
+    datagrams: Iterable[tuple[bytes, bytes]], mark: bytes, answered: AnsweredNonces
 ) -> tuple[Waiting, Waiting, int]:
     """Return new stops, new questions, and the number of datagrams without the mark."""
     stops, questions, foreign = Waiting(), Waiting(), 0
@@ -196,15 +195,15 @@ class StopSocket:
                 if len(datagrams) > FLOOD:
                     time.sleep(min(max(LEAST_REST_S, time.monotonic() - began_s), MOST_REST_S))
 
-    def _answer_round(self, datagrams: list[tuple[bytes, Sender]]) -> None:
+    def _answer_round(self, datagrams: list[tuple[bytes, bytes]]) -> None:
         """Stops are answered first."""
         stops, questions, foreign = sort_datagrams(datagrams, mark_of(self._secret), self._nonces)
         self.dropped += foreign
         for waiting in (stops, questions):
             self._answer_newest(waiting)
 
-    def _answer_newest(self, waiting: Iterable[tuple[bytes, Sender]]) -> None:
-        served: set[Sender] = set()
+    def _answer_newest(self, waiting: Iterable[tuple[bytes, bytes]]) -> None:
+        served: set[bytes] = set()
         unserved = ((data, sender) for data, sender in waiting if sender not in served)
         for data, sender in islice(unserved, MOST_CHECKED):
             try:
@@ -216,7 +215,7 @@ class StopSocket:
                 served.add(sender)
                 self._nonces.add(data[NONCE_AT : NONCE_AT + NONCE_BYTES])
 
-    def _answer_sender(self, data: bytes, sender: Sender) -> bool:
+    def _answer_sender(self, data: bytes, sender: bytes) -> bool:
         assert self._socket is not None  # noqa: S101  for the type
         address = address_of(sender)
         answer = self.answer(data, str(address[0]).removeprefix("::ffff:"))

@@ -2,7 +2,6 @@
 
 import random
 import socket
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -33,13 +32,11 @@ from tests.control.posed import connected
 from tests.server.processes import free_port
 
 
-@pytest.mark.parametrize(("host", "at_a_time"), [("127.0.0.1", True), ("[::1]", True), ("127.0.0.1", False)])
-def test_datagrams_come_with_their_senders_and_cut_off_behind_the_longest(host: str, at_a_time: bool) -> None:
+@pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
+def test_datagrams_come_with_their_senders_and_cut_off_behind_the_longest(host: str) -> None:
     endpoint = Endpoint.parse(f"tcp/{host}:{free_port()}")
     with bound_socket(endpoint) as bound, socket.socket(bound.family, socket.SOCK_DGRAM) as client:
         receiver = DatagramReceiver(bound, 160)
-        if not at_a_time:
-            receiver._receive = None
         assert not receiver.wait(0.0)
         assert receiver.take() == []
         client.connect(bound.getsockname())
@@ -63,7 +60,7 @@ def test_many_datagrams_come_in_order_and_a_flood_does_not_hold_it(monkeypatch: 
     assert taken == [list(range(8 * MOST_CALLS)), list(range(8 * MOST_CALLS, 40)), []]
 
 
-OPERATOR, STRANGER = ("10.0.0.1", 1), ("10.0.0.2", 2)
+OPERATOR, STRANGER = b"operator", b"stranger"
 
 
 def test_a_sender_of_a_thousand_does_not_keep_out_another() -> None:
@@ -240,7 +237,7 @@ def test_a_stop_comes_through_a_flood(flooded_with: str) -> None:
             until.set()
             flooding.join()
     assert bench.guard.stopped == "estop"
-    if sys.platform == "linux" and flooded_with == "garbage":
+    if flooded_with == "garbage":
         assert bench.stop_socket.dropped == 0, "the kernel has dropped them"
 
 
