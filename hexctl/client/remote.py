@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import zenoh
@@ -13,7 +12,7 @@ from hexctl.client.clear_keys import NewClaim, forget, keys_for
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
 from hexctl.wire.description import RobotIdentity, check_may_command, robot_name, status_of
-from hexctl.wire.links import ANY_ROBOT, Link, Role, load_link
+from hexctl.wire.links import ANY_ROBOT, Link, Role
 from hexctl.wire.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
 from hexctl.wire.zenoh_session import open_session
 
@@ -150,25 +149,10 @@ def _claims_of(stop: dict[str, Any]) -> list[Any]:
 
 
 @contextmanager
-def remote_robots(
-    role: Role,
-    *,
-    connect: str | None = None,
-    credentials: Path | None = None,
-    insecure: bool = False,
-    link: str | None = None,
-) -> Iterator[RemoteRobots]:
-    """Robots on a link, for viewers or controllers; a context manager. Other arguments as in `ReadyStop`.
+def remote_robots(link: Link, role: Role) -> Iterator[RemoteRobots]:
+    """Robots on a link, for viewers or controllers, until the block ends.
 
     Raises InputError for an invalid link, RobotFaultError when nothing listens there.
     """
-    settings = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
-    with robots_at(settings, role) as robots:
-        yield robots
-
-
-@contextmanager
-def robots_at(link: Link, role: Role) -> Iterator[RemoteRobots]:
-    """Robots on a link, until the block ends; raises RobotFaultError when nothing listens there."""
     with open_session(link, role, link.keys(ANY_ROBOT)) as session:
         yield RemoteRobots(session, link)

@@ -16,7 +16,7 @@ from hexctl.client.stop_watch import SILENCE_S, StopWatch
 from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.wire import TIME_TO_LIVE_S
 from hexctl.wire.connection_diagnosis import is_refused
-from hexctl.wire.links import Endpoint, Link, load_link
+from hexctl.wire.links import Endpoint, Link, Role, load_link
 
 #: A robot has to be seen at rest for this long, with at most this pause between two answers.
 RESTS_S, MOST_PAUSE_S = 0.5, 0.4
@@ -117,7 +117,7 @@ class ReadyStop:
         self._link = (
             link
             if isinstance(link, Link)
-            else load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
+            else load_link(link, connect=connect, credentials=credentials, insecure=insecure)
         )
         Endpoint.parse(self._link.endpoint)
         self._order, self._stays, self._confirmed = StopOrder(), stays, threading.Event()
@@ -344,9 +344,7 @@ def clear_stop(
     Raises InputError for an invalid link, and RobotFaultError if no robot answers.
     """
     from hexctl.client.remote import remote_robots
-    from hexctl.wire.links import Role
 
-    with remote_robots(
-        Role.CONTROLLER, connect=connect, credentials=credentials, insecure=insecure, link=link
-    ) as robots:
+    found = load_link(link, connect=connect, credentials=credentials, insecure=insecure)
+    with remote_robots(found, Role.CONTROLLER) as robots:
         return robots.clear()

@@ -59,13 +59,14 @@ class StopRequest(BaseModel):
 
     Attributes:
         request: the client's name for its stop.
-        by: the client's name for itself; an invalid one does not invalidate the request.
+        id: that of the stop to clear.
+        owner: the client's name for itself; an invalid one does not invalidate the request.
     """
 
     op: Literal["stop", "clear"]
     request: Name | None = None
-    stop_id: Name | None = Field(None, alias="id")
-    by: Annotated[str, BeforeValidator(_displayable)] = Field(UNNAMED, alias="owner")
+    id: Name | None = None
+    owner: Annotated[str, BeforeValidator(_displayable)] = UNNAMED
     keys: Annotated[tuple[Name, ...], Field(max_length=MOST_CLAIMS)] = ()
 
 
@@ -110,9 +111,8 @@ class RequestHandler:
         rested_after: number of the last command before the lease's holder rested, as it reported.
     """
 
-    def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
-        self._guard, self.leases = guard, leases
-        self.latch = StopLatch(guard, commander=lambda: leases.last_owner) if latch is None else latch
+    def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch) -> None:
+        self._guard, self.leases, self.latch = guard, leases, latch
         self.malformed = self.rested_after = 0
         self.ros_key = new_clear_key()
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
@@ -129,7 +129,7 @@ class RequestHandler:
             wanted = StopRequest(op="stop")
         if wanted.op == "stop":
             claim = None if clear_key is None else claim_of(clear_key)
-            self.latch.stop(wanted.request, by=by or wanted.by, claim=claim)
+            self.latch.stop(wanted.request, by=by or wanted.owner, claim=claim)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `estop`, which `urgent` has seen: why the robot is stopped now.
@@ -142,9 +142,9 @@ class RequestHandler:
             self.leases.revoke()
             return {**_stop_facts(self.latch.ensure()), **self._misunderstood(error)}
         if wanted.op == "clear":
-            return self.clear(wanted.stop_id, at_s, by=wanted.by, keys=wanted.keys)
+            return self.clear(wanted.id, at_s, by=wanted.owner, keys=wanted.keys)
         self.leases.revoke()
-        return _stop_facts(self.latch.ensure(by=wanted.by))
+        return _stop_facts(self.latch.ensure(by=wanted.owner))
 
     def clear(
         self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: tuple[str, ...] = ()

@@ -67,7 +67,7 @@ class RobotService(ServeOptions):
         """Link of the options; a ROS router keeps its port. Raises InputError for a bad link file."""
         link = load_link(
             self.link,
-            endpoint=self.listen,
+            connect=self.listen,
             credentials=None if self.credentials is None else Path(self.credentials),
             insecure=self.insecure,
             given_as="listen",

@@ -14,6 +14,7 @@ from hexctl.errors import EStopError
 from hexctl.server.inbox import CAPACITY, MOST_WAITING, QUERIES, Inbox
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import MOST_CHANGES, RequestHandler
+from hexctl.server.stops.latch import StopLatch
 from hexctl.wire.description import encode_json
 from hexctl.wire.stop import HOLD_S, MAX_BY, UNNAMED
 from tests.control.posed import connected, send
@@ -129,7 +130,7 @@ def guard() -> Guard:
 
 @pytest.fixture
 def desk(guard: Guard) -> RequestHandler:
-    return RequestHandler(guard, LeaseManager())
+    return RequestHandler(guard, LeaseManager(), StopLatch(guard))
 
 
 def ask(desk: RequestHandler, now_s: float = 0.0, **content: str) -> dict[str, object]:
@@ -273,7 +274,8 @@ def servos() -> Iterator[SimServos]:
 
 @pytest.fixture
 def breaking(servos: SimServos) -> RequestHandler:
-    return RequestHandler(Guard(servos), LeaseManager())
+    guard = Guard(servos)
+    return RequestHandler(guard, LeaseManager(), StopLatch(guard))
 
 
 @pytest.mark.parametrize(

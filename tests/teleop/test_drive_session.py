@@ -277,7 +277,7 @@ def test_a_robot_with_a_latched_stop_shows_no_speed_of_before() -> None:
 
     guard = Guard(SimServos("ant"))
     with Drive(servos=guard, arbiter=Arbiter(lambda: guard.clock.now_s)) as drive:
-        session = DriveSession(drive, Latch())
+        session = DriveSession(drive, Latch())  # type: ignore[arg-type]
         drive.command(forward_m_s=0.1)
         session.run([Script(session, {199: "quit"})])
         state = guard.peek()

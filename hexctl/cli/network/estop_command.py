@@ -164,9 +164,9 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     from hexctl.cli.console import FAULT, print_note, print_result
     from hexctl.client.remote import remote_robots
     from hexctl.wire.description import RobotIdentity
-    from hexctl.wire.links import Role
+    from hexctl.wire.links import Role, load_link
 
-    with remote_robots(Role.CONTROLLER, **place) as robots:
+    with remote_robots(load_link(**place), Role.CONTROLLER) as robots:
         answers, again = robots.clear(waiting=_note_wait), robots.link.clear_command
     refused = next((str(answer["error"]) for answer in answers if "error" in answer), None)
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)

@@ -53,15 +53,12 @@ def status(
     from hexctl.client.remote import remote_robots
     from hexctl.errors import InputError
     from hexctl.wire.connection_diagnosis import RefusalWatch
-    from hexctl.wire.links import Role, link_of
+    from hexctl.wire.links import Role, load_link
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
-    endpoint = link_of(**place).endpoint
-    with (
-        RefusalWatch(endpoint, note_refusal),
-        remote_robots(Role.VIEWER, **place) as robots,
-    ):
+    link = load_link(**place)
+    with RefusalWatch(link.endpoint, note_refusal), remote_robots(link, Role.VIEWER) as robots:
         statuses = robots.await_statuses()
         if watch:
             _watch(robots)

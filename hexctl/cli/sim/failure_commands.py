@@ -60,9 +60,9 @@ def _change(
 ) -> None:
     from hexctl.cli.console import print_note, print_result
     from hexctl.client.remote import remote_robots
-    from hexctl.wire.links import Role
+    from hexctl.wire.links import Role, load_link
 
-    with remote_robots(Role.CONTROLLER, **place) as robots:
+    with remote_robots(load_link(**place), Role.CONTROLLER) as robots:
         answers = change(robots)
     failures = [str(failure) for answer in answers for failure in answer["failures"]]
     for note in sorted({str(answer["note"]) for answer in answers if "note" in answer}):
