@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from hexctl.client.clear_keys import StopOrder
@@ -136,9 +135,7 @@ class ReadyStop:
         self._session.begin()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """End; without `stays`, wait for the confirmation of a press."""
         if not self._stays and self._order.pressed_s:
             self._confirmed.wait(END_S)

@@ -13,7 +13,7 @@ from hexctl.errors import HexctlError, MessageError, RobotFaultError
 from hexctl.robot.configs import first_problem
 from hexctl.robot.failure import in_words_with_share
 from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
-from hexctl.server.leases import Lease, LeaseManager, LeaseRefusedError
+from hexctl.server.leases import LEASE_S, Lease, LeaseManager, LeaseRefusedError
 from hexctl.server.served_servos import call_servos
 from hexctl.server.stops.latch import StopLatch
 from hexctl.wire.description import decode_json
@@ -200,7 +200,7 @@ class RequestHandler:
                 return {
                     "lease": lease.lease_id.hex(),
                     "sequence": lease.sequence,
-                    "duration_s": self.leases.duration_s,
+                    "duration_s": LEASE_S,
                 }
             answer = self._keep(wanted.op, wanted.lease, now_s)
         except HexctlError as error:
@@ -209,7 +209,7 @@ class RequestHandler:
             self.rested_after = wanted.after
         return answer
 
-    def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
+    def acquire(self, owner: str, now_s: float, duration_s: float = LEASE_S) -> Lease:
         """Grant a lease and lift a stop for silence; raises LeaseRefusedError if held or stopped."""
         stopped = self._guard.stopped
         if stopped not in (None, LIFTED_BY_LEASE):

@@ -3,7 +3,7 @@
 import resource
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,12 +93,6 @@ class RobotService(ServeOptions):
         keeper = self._keeper(options)
         stop_file = self._stop_file(servos.robot.name, options, link)
         server = self._server(servos, link, keeper, stop_file, on_event)
-        started = ServiceStarted(
-            robot=servos.robot.name,
-            backend=self.backend,
-            place=link.endpoint,
-            warnings=self._warnings(link) + stop_file.warnings,
-        )
         held = False
 
         def stop() -> bool:
@@ -111,8 +105,15 @@ class RobotService(ServeOptions):
             return True
 
         def ready() -> None:
-            warnings = started.warnings + server.warnings
-            on_started(replace(started, realtime=request_realtime_priority(), warnings=warnings))
+            on_started(
+                ServiceStarted(
+                    robot=servos.robot.name,
+                    backend=self.backend,
+                    place=link.endpoint,
+                    realtime=request_realtime_priority(),
+                    warnings=self._warnings(link) + stop_file.warnings + server.warnings,
+                )
+            )
 
         with keeper or nullcontext():
             server.run(stop, ready=ready)

@@ -153,9 +153,8 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
 
     The folder must not exist, and is created completely or not at all. Robot and controllers also get the
     secret of the datagram stop. Raises InputError for a folder that exists or cannot be made, an invalid
-    host, and days out of range.
+    host.
     """
-    _check_days(days)
     if folder.exists():
         raise InputError(f"{folder}: is there already; allowed: a new folder, keys are never overwritten")
     names = [_host(host) for host in hosts]
@@ -219,7 +218,6 @@ def renew_certificates(folder: Path, *, days: int) -> None:
     Old and new certificates are mutually valid until the old ones expire. Raises InputError for a folder
     without its authority, or one that cannot be written.
     """
-    _check_days(days)
     owner = folder / AUTHORITY_FOLDER
     key = _load_key(owner / KEY_FILE)
     authority = load_certificate(owner / CERTIFICATE_FILE)
@@ -244,10 +242,6 @@ def hosts_of(certificate: x509.Certificate) -> list[x509.GeneralName]:
         return list(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
     except x509.ExtensionNotFound:
         return []
-
-
-def _check_days(days: int) -> None:
-    DAYS.check(argument("days"), days)
 
 
 def _load_key(path: Path) -> Key:

@@ -145,7 +145,8 @@ class StateTag(ArrayFields):
         stopped, rest = _read_text(rest)
         stale_joints = None
         if flags & _STALE_JOINTS:
-            stale_joints = _of_bits(*_unpacked(_STALE, rest[: _STALE.size]), N_JOINTS)
+            (bits,) = _unpacked(_STALE, rest[: _STALE.size])
+            stale_joints = _of_bits(bits, N_JOINTS)
             rest = rest[_STALE.size :]
         if rest:
             raise MessageError(f"attachment: got {len(rest)} bytes too many; allowed: none")

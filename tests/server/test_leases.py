@@ -63,7 +63,7 @@ def test_a_lease_cannot_be_guessed() -> None:
 
 
 def test_commands_keep_a_lease_whose_renewals_are_lost_and_revive_none_that_has_ended() -> None:
-    leases = LeaseManager(duration_s=1.0)
+    leases = LeaseManager()
     lease = leases.acquire("one", 0.0)
     leases.heard(0.9)
     held = leases.holder(1.8)

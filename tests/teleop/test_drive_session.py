@@ -239,7 +239,9 @@ class Typed(Keyboard):
     def __init__(self, session: DriveSession, keys: dict[int, str]) -> None:
         self._reading, self.writing = os.pipe()
         drive = session.drive
-        super().__init__(drive.arbiter.source("keyboard"), drive.share, session.ask, self._reading)
+        super().__init__(
+            drive.arbiter.source("keyboard"), drive.share, session.ask, self._reading, lambda _: None
+        )
         self._drive, self._typed = drive, keys
         self._tick, self._last = 0, ""
         self.speeds_m_s = dict.fromkeys(keys.values(), 0.0)

@@ -54,7 +54,7 @@ def publisher_endpoint(node: RosNode, topic: str) -> RosEndpoint:
 class RobotMessages:
     """Encodes the messages of a robot's topics; `node` is its name in diagnostics."""
 
-    def __init__(self, robot: Robot, urdf: str, node: str = diagnostics.NODE) -> None:
+    def __init__(self, robot: Robot, urdf: str, node: str) -> None:
         self._robot, self._urdf, self._node = robot, urdf, node
         fixed, moving = fixed_transforms(robot), link_transforms(robot, robot.stance_angles_rad)
         links = moving.frames

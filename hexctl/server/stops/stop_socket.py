@@ -8,7 +8,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import islice, zip_longest
-from types import TracebackType
 from typing import Self
 
 from hexctl.backends.clock import request_realtime_priority
@@ -161,9 +160,7 @@ class StopSocket:
             self._open(endpoint, secret)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._ended = True
         if self._thread is not None:
             self._thread.join()

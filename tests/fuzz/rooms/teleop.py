@@ -35,7 +35,12 @@ def _keys(data: bytes) -> None:
     arbiter, asked = Arbiter(lambda: 0.0), []
     reading, writing = _pipe()
     keyboard = Keyboard(
-        arbiter.source("keyboard"), Velocity, lambda what, _: asked.append(what), reading, now_s=lambda: 0.0
+        arbiter.source("keyboard"),
+        Velocity,
+        lambda what, _: asked.append(what),
+        reading,
+        lambda _: None,
+        now_s=lambda: 0.0,
     )
     middle = len(data) // 2
     for part in (data[:middle], data[middle:], b"", b"", b""):

@@ -33,7 +33,7 @@ def snapshot(state: RobotState) -> RobotSnapshot:
 
 @pytest.fixture
 def messages() -> RobotMessages:
-    return RobotMessages(ROBOT, urdf_of(ROBOT))
+    return RobotMessages(ROBOT, urdf_of(ROBOT), "hexctl")
 
 
 def walking(angles_rad: np.ndarray) -> RobotState:
@@ -128,14 +128,14 @@ def told(state: RobotState, stopped: str | None = None) -> RobotSnapshot:
 
 
 def test_all_is_well() -> None:
-    robot, *servos = statuses(told(STATE))
+    robot, *servos = statuses(told(STATE), "hexctl")
     assert robot.level is Level.OK
     assert (robot.values["battery (V)"], robot.values["charge (%)"]) == ("11.1", "50")
     assert len(servos) == N_JOINTS
     assert servos[3].name == "hexctl: leg2_coxa"
     assert servos[3].values == {"temperature (C)": "35", "voltage (V)": "7.4", "effort (%)": "0"}
-    assert len(statuses(told(replace(STATE, servos=None)))) == 1
-    assert [one.level for one in silent()] == [Level.STALE]
+    assert len(statuses(told(replace(STATE, servos=None)), "hexctl")) == 1
+    assert [one.level for one in silent("hexctl")] == [Level.STALE]
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_all_is_well() -> None:
     ],
 )
 def test_levels_of_a_robot(change: dict[str, object], stopped: str | None, level: Level, word: str) -> None:
-    robot = statuses(told(replace(STATE, **change), stopped))[0]  # type: ignore[arg-type]
+    robot = statuses(told(replace(STATE, **change), stopped), "hexctl")[0]  # type: ignore[arg-type]
     assert (robot.level, word in robot.message) == (level, True)
 
 
@@ -170,7 +170,8 @@ def test_levels_of_a_servo(temperature_c: float, age_s: float, error: str, level
     errors = tuple(error if joint == 4 and stale is None else "" for joint in range(N_JOINTS))
     servos = replace(SERVOS, temperatures_c=temperatures, ages_s=ages, errors=errors)
     levels = [
-        status.level for status in statuses(told(replace(STATE, servos=servos, stale_joints=stale)))[1:]
+        status.level
+        for status in statuses(told(replace(STATE, servos=servos, stale_joints=stale)), "hexctl")[1:]
     ]
     assert levels == [level if joint == 4 else Level.OK for joint in range(N_JOINTS)]
 
