@@ -23,13 +23,8 @@ class RemoteRobots:
     """All robots on a link: usually one, whatever its name."""
 
     def __init__(self, session: zenoh.Session, link: Link) -> None:
-        self._session, self._link = session, link
+        self._session, self.link = session, link
         self._keys = link.keys(ANY_ROBOT)
-
-    @property
-    def link(self) -> Link:
-        """Link to the robots."""
-        return self._link
 
     def statuses(self) -> list[dict[str, Any]]:
         """Status of each robot that answers (docs/reference/zenoh.md), possibly none."""
@@ -70,7 +65,7 @@ class RemoteRobots:
         """
         statuses = self.await_statuses()
         for status in statuses:
-            check_may_command(RobotIdentity.of_answer(status), self._link)
+            check_may_command(RobotIdentity.of_answer(status), self.link)
         return [answer for status in statuses for answer in self._clear(status, waiting)]
 
     def _clear(
@@ -81,7 +76,7 @@ class RemoteRobots:
         if isinstance(stop, dict):
             asked["id"] = str(stop.get("id"))
             asked["keys"] = _wait_to_clear(stop, waiting)
-        key = self._link.keys(robot_name(status)).estop if "robot" in status else self._keys.estop
+        key = self.link.keys(robot_name(status)).estop if "robot" in status else self._keys.estop
         answers = self._ask(key, asked)
         for answer in answers:
             if "stopped" not in answer:
@@ -106,7 +101,7 @@ class RemoteRobots:
 
     def _change(self, content: dict[str, Any]) -> list[dict[str, Any]]:
         for status in self.await_statuses():
-            check_may_command(RobotIdentity.of_answer(status), self._link)
+            check_may_command(RobotIdentity.of_answer(status), self.link)
             if status.get("simulated") is None:
                 raise RobotFaultError(
                     f"{RobotIdentity.of_answer(status)} is not simulated; no leg is changed"
@@ -119,7 +114,7 @@ class RemoteRobots:
 
     def _ask(self, key: str, content: dict[str, Any] | None = None) -> list[dict[str, Any]]:
         silence = (
-            f"no robot answers at {self._link.endpoint}; is hexctl serve running there, and may this end ask?"
+            f"no robot answers at {self.link.endpoint}; is hexctl serve running there, and may this end ask?"
         )
         return ask_until(self._session, key, content, timeout_s=ANSWER_TIMEOUT_S, silence=silence)
 

@@ -100,6 +100,8 @@ class ReadyStop:
         again: whether to retry a session that cannot be opened.
         stays: whether to stop the robot again if the stop is cleared, until the block ends.
 
+    The attribute `link` is the link to the robot, as resolved at creation.
+
     Raises InputError for an invalid endpoint or link.
     """
 
@@ -113,20 +115,20 @@ class ReadyStop:
         again: bool = True,
         stays: bool = True,
     ) -> None:
-        self._link = (
+        self.link = (
             link
             if isinstance(link, Link)
             else load_link(link, connect=connect, credentials=credentials, insecure=insecure)
         )
-        Endpoint.parse(self._link.endpoint)
+        Endpoint.parse(self.link.endpoint)
         self._order, self._stays, self._confirmed = StopOrder(), stays, threading.Event()
         self._lock = threading.Lock()  # guards the sightings of both ways
         self._begun_s = 0.0
         self._seen: dict[str, Sighting] = {}
         self._rested: dict[str, float] = {}
         self._first_stop_s: float | None = None
-        self._datagrams = DatagramStop(self._link, self._order, partial(self._see, "datagram"))
-        self._session = SessionStop(self._link, self._order, partial(self._see, "session"), again=again)
+        self._datagrams = DatagramStop(self.link, self._order, partial(self._see, "datagram"))
+        self._session = SessionStop(self.link, self._order, partial(self._see, "session"), again=again)
 
     def __enter__(self) -> Self:
         """Start to connect; returns immediately."""
@@ -155,11 +157,6 @@ class ReadyStop:
         while not (self._datagrams.obeyed or self._datagrams.trouble) and time.monotonic() < until_s:
             time.sleep(EARLY_POLL_S)
 
-    @property
-    def link(self) -> Link:
-        """Link to the robot, as resolved at creation."""
-        return self._link
-
     def press(self) -> None:
         """Stop the robot by all ways; thread-safe, never waits."""
         with self._lock:
@@ -172,7 +169,7 @@ class ReadyStop:
     @property
     def clear_command(self) -> str:
         """Command that clears the stop."""
-        return self._link.clear_command
+        return self.link.clear_command
 
     @property
     def trouble(self) -> str | None:
@@ -180,7 +177,7 @@ class ReadyStop:
         if self._confirmed.is_set() or not 0 < self._order.pressed_s < time.monotonic() - CONFIRM_S:
             return None
         why = self.reach.trouble or "it has not stopped"
-        return f"the stop is not confirmed by the robot at {self._link.endpoint}: {why}"
+        return f"the stop is not confirmed by the robot at {self.link.endpoint}: {why}"
 
     @property
     def reach(self) -> Reach:
@@ -283,9 +280,9 @@ class ReadyStop:
     def _out_of_reach(self) -> HexctlError:
         """The error about an unreachable robot, with the other means that stop it."""
         error = self._session.error or RobotFaultError(
-            f"no robot answers at {self._link.endpoint}: {self.reach.trouble}"
+            f"no robot answers at {self.link.endpoint}: {self.reach.trouble}"
         )
-        if not isinstance(error, RobotFaultError) or is_refused(Endpoint.parse(self._link.endpoint)):
+        if not isinstance(error, RobotFaultError) or is_refused(Endpoint.parse(self.link.endpoint)):
             return error
         why = error.worded(argument)
         return RobotFaultError(f"{why}{'' if why.endswith('?') else '.'} {OVERLOADED}")

@@ -164,12 +164,6 @@ class ServeOptions(ServedOptions):
         self.ros_node  # noqa: B018  raises
 
     @property
-    def servo_options(self) -> BackendOptions:
-        """Options of the backend."""
-        keys = None if self.device_keys is None else Path(self.device_keys)
-        return self.backend_options(connect=self.connect, credentials=keys, insecure=self.insecure)
-
-    @property
     def ros_node(self) -> RosNode:
         """Names of its ROS 2 node."""
         return RosNode(domain=self.ros_domain, namespace=self.ros_namespace, humble=self.ros_humble)

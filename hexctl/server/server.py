@@ -251,7 +251,7 @@ class RobotServer:
         except MessageError:
             self._malformed_poses += 1
             return
-        if not self._servos.posed_from_outside:
+        if self._servos.posed_at_s is None:
             if position is None and quaternion is None:
                 return  # no state yet
             self._guard.forget_pose()

@@ -88,7 +88,8 @@ class RobotService(ServeOptions):
         """
         _raise_descriptor_limit()
         link = self.resolved_link()
-        options = self.servo_options
+        keys = None if self.device_keys is None else Path(self.device_keys)
+        options = self.backend_options(connect=self.connect, credentials=keys, insecure=self.insecure)
         servos = make_servos(self.backend, options)
         keeper = self._keeper(options)
         stop_file = self._stop_file(servos.robot.name, options, link)

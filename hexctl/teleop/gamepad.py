@@ -258,11 +258,6 @@ class Gamepad:
         self._forgets: int | None = source.forgets
         self._leaned = (0.0,) * 4
 
-    @property
-    def connected(self) -> bool:
-        """Whether there is a gamepad now."""
-        return bool(self._files.opened)
-
     def poll(self) -> None:
         """Take the events since the last tick."""
         self._files.look()

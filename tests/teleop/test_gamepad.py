@@ -180,7 +180,7 @@ def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> No
     pad.found = []
     os.close(pad.writing)
     assert pad.send() == Decision(Velocity(), "gamepad")
-    assert not pad.pad.connected
+    assert not pad.pad._files.opened
     pad.plug_in()
     assert pad.send(event(STICK_Y, -32768)).velocity == Velocity()  # it has to be pressed again
     assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
