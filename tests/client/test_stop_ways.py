@@ -366,11 +366,6 @@ def free(at_s: float, **values: Any) -> Sighting:
     return seen(at_s, stopped=None, stop_id=None, **values)
 
 
-def test_a_stop_that_stays_is_no_news() -> None:
-    watch = StopWatch(STOP_ID)
-    assert all(watch.change([seen(float(at_s))], at_s + 0.1) is None for at_s in range(100))
-
-
 def test_a_clear_is_reported_once_with_the_name_that_comes_later() -> None:
     watch = StopWatch(STOP_ID)
     assert watch.change([seen(0.0)], 0.1) is None

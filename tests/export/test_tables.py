@@ -14,7 +14,7 @@ import pytest
 from hexctl.control.trace import PHASES
 from hexctl.errors import InputError
 from hexctl.export.export import trial_columns, write_csv, write_parquet
-from hexctl.export.lerobot import DATA, EPISODES, FPS, QUANTILES, task_of, write_lerobot
+from hexctl.export.lerobot import DATA, FPS, QUANTILES, task_of, write_lerobot
 from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.types import JOINT_NAMES
 from tests.robots import shipped
@@ -165,10 +165,3 @@ def test_statistics_of_all_episodes_are_those_of_all_frames(walk: RecordedTrial,
         for key, share in QUANTILES.items():
             assert stats[name][key] == pytest.approx(np.quantile(values, share, axis=0))
         assert len(stats[name]["min"]) == values.shape[1]
-
-
-def test_episodes_have_their_own_quantiles(walk: RecordedTrial, tmp_path: Path) -> None:
-    write_lerobot([walk], tmp_path / "set", lambda *_: None)
-    episodes = pd.read_parquet(tmp_path / "set" / EPISODES)
-    for key in ("q01", "q10", "q50", "q90", "q99"):
-        assert len(episodes[f"stats/action/{key}"].iloc[0]) == 18

@@ -19,7 +19,6 @@ from hexctl.server.service import RobotService, ServiceStarted
 from hexctl.simulators.register_servos import BusServo
 from hexctl.wire.stop import Clear, Stop
 from tests.backends.bus.boards import a_map, bus_board
-from tests.backends.pwm.boards import servo2040_board
 from tests.server.processes import free_port
 
 
@@ -57,15 +56,6 @@ def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str])
     RobotService(backend="mock", listen=endpoint).run(lambda: bool(started), on_started=started.append)
     assert [(each.robot, each.backend, each.place) for each in started] == [("ant", "mock", endpoint)]
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_board_without_a_watchdog_is_said_to_be_one_at_every_start() -> None:
-    with servo2040_board() as board:
-        started: list[ServiceStarted] = []
-        service = RobotService(backend="servo2040", robot="ant", listen=local(), connect=board.path)
-        service.run(lambda: bool(started), on_started=started.append)
-    (warning,) = started[0].warnings
-    assert "no watchdog" in warning
 
 
 def served_on_a_bus(path: str, stop: Callable[[], bool], **callbacks: Any) -> None:

@@ -35,64 +35,83 @@ from hexctl.teleop.stop_button import StopButton
 
 
 class Pipes:
-    """Event files of a folder, their ends to write to, and a clock."""
+    """Named pipes in place of the event files of a folder, their ends to write to, and a clock."""
 
-    def __init__(self, folder: Path, most: int | None) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder, self.now_s = folder, 0.0
-        self.files = EventFiles(lambda: sorted(folder.iterdir()), most=most, now_s=lambda: self.now_s)
         self.ends: list[int] = []
 
+    def found(self) -> list[Path]:
+        return sorted(self.folder.iterdir())
+
     def plug(self, name: str) -> int:
-        os.mkfifo(self.folder / name)
+        if not (self.folder / name).exists():
+            os.mkfifo(self.folder / name)
         self.ends.append(os.open(self.folder / name, os.O_RDWR))
         self.now_s += LOOK_S
-        self.files.look()
         return self.ends[-1]
 
+    def pull(self, name: str) -> None:
+        """Pull out the device that was plugged in last."""
+        os.close(self.ends.pop())
+        (self.folder / name).unlink()
 
-@pytest.fixture(params=[None, 1])
-def pipes(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Pipes]:
-    pipes = Pipes(tmp_path, request.param)
+
+@pytest.fixture
+def pipes(tmp_path: Path) -> Iterator[Pipes]:
+    (tmp_path / "input").mkdir()
+    pipes = Pipes(tmp_path / "input")
     yield pipes
-    pipes.files.close()
     for end in pipes.ends:
         os.close(end)
 
 
-def test_events_may_come_in_parts(pipes: Pipes) -> None:
+@pytest.fixture(params=[None, 1])
+def files(pipes: Pipes, request: pytest.FixtureRequest) -> Iterator[EventFiles]:
+    files = EventFiles(pipes.found, most=request.param, now_s=lambda: pipes.now_s)
+    yield files
+    files.close()
+
+
+def test_events_may_come_in_parts(pipes: Pipes, files: EventFiles) -> None:
     end = pipes.plug("event1")
+    files.look()
     data = EVENT.pack(1, 2, 1, 304, 1) + EVENT.pack(1, 2, 3, 0, -5)
     came = []
     for start in range(0, len(data), 7):
         os.write(end, data[start : start + 7])
-        came.append(list(pipes.files.events()))
+        came.append(list(files.events()))
     assert [event for some in came for event in some] == [(1, 304, 1), (3, 0, -5)]
-    assert not list(pipes.files.events())
+    assert not list(files.events())
 
 
-def test_further_devices_are_opened_up_to_the_most_and_looked_for_once_in_a_while(pipes: Pipes) -> None:
-    first, second = pipes.plug("event1"), pipes.plug("event2")
-    for end in (first, second):
+def test_further_devices_are_opened_up_to_the_most_and_looked_for_once_in_a_while(
+    pipes: Pipes, files: EventFiles
+) -> None:
+    for name in ("event1", "event2"):
+        end = pipes.plug(name)
+        files.look()
         os.write(end, EVENT.pack(0, 0, 1, 304, 1))
-    opened = len(pipes.files.opened)
-    assert len(list(pipes.files.events())) == opened
-    pipes.files.close()
+    opened = len(files.opened)
+    assert len(list(files.events())) == opened
+    files.close()
     pipes.now_s += LOOK_S
-    pipes.files.look()
-    assert len(pipes.files.opened) == opened
-    pipes.files.close()
-    pipes.files.look()
-    assert not pipes.files.opened, "it has just looked"
+    files.look()
+    assert len(files.opened) == opened
+    files.close()
+    files.look()
+    assert not files.opened, "it has just looked"
 
 
-def test_a_device_that_is_pulled_out_is_let_go_of_and_may_come_back(pipes: Pipes) -> None:
+def test_a_device_that_is_pulled_out_is_let_go_of_and_may_come_back(pipes: Pipes, files: EventFiles) -> None:
     pipes.plug("event1")
-    os.close(pipes.ends.pop())
-    assert not list(pipes.files.events())
-    assert not pipes.files.opened
-    (pipes.folder / "event1").unlink()
+    files.look()
+    pipes.pull("event1")
+    assert not list(files.events())
+    assert not files.opened
     pipes.plug("event1")
-    assert pipes.files.opened
+    files.look()
+    assert files.opened
 
 
 HOLD, STICK_Y, STICK_X, TURN = (1, 310), (3, 1), (3, 0), (3, 3)
@@ -105,32 +124,23 @@ def event(kind_and_code: tuple[int, int], value: int) -> bytes:
 class Pad:
     """A pad whose event file is a named pipe that the test writes."""
 
-    def __init__(self, folder: Path) -> None:
-        self.now_s = 0.0
-        self.path = folder / "event7"
-        self.arbiter = Arbiter(lambda: self.now_s)
+    def __init__(self, pipes: Pipes) -> None:
+        self.pipes = pipes
+        self.arbiter = Arbiter(lambda: pipes.now_s)
         self.asked: list[str] = []
         self.leaned: list[tuple[float, ...]] = []
-        self.found: list[Path] = []
         self.pad = Gamepad(
             self.arbiter.source("gamepad"),
             Velocity,
             self.asked.append,
             lambda *shares: self.leaned.append(shares),
-            find=lambda: self.found,
-            now_s=lambda: self.now_s,
+            find=pipes.found,
+            now_s=lambda: pipes.now_s,
         )
 
     def plug_in(self) -> None:
-        if not self.path.exists():
-            os.mkfifo(self.path)
-        self.found = [self.path]
-        self.now_s += 1.0
-        # Both ends: a pipe without a writer reads as ended.
-        both = os.open(self.path, os.O_RDWR)
-        self.writing = os.open(self.path, os.O_WRONLY)
+        self.writing = self.pipes.plug("event7")
         self.pad._files.look()
-        os.close(both)
 
     def send(self, *events: bytes) -> Decision:
         for one in events:
@@ -140,8 +150,8 @@ class Pad:
 
 
 @pytest.fixture
-def pad(tmp_path: Path) -> Pad:
-    return Pad(tmp_path)
+def pad(pipes: Pipes) -> Pad:
+    return Pad(pipes)
 
 
 def test_the_sticks_drive_while_a_shoulder_button_is_held(pad: Pad) -> None:
@@ -149,7 +159,7 @@ def test_the_sticks_drive_while_a_shoulder_button_is_held(pad: Pad) -> None:
     assert pad.send(event(STICK_Y, -32768)) == Decision()
     assert pad.send(event(HOLD, 1)).velocity == Velocity(1.0, 0.0, 0.0)
     for _ in range(50):
-        pad.now_s += 0.1  # nothing moves: a stick that is held sends no events
+        pad.pipes.now_s += 0.1  # nothing moves: a stick that is held sends no events
         pad.pad.poll()
         assert pad.arbiter.decide().velocity == Velocity(1.0, 0.0, 0.0)
     assert pad.send(event(STICK_X, -32768), event(TURN, 32767)).velocity == Velocity(1.0, 1.0, -1.0)
@@ -177,8 +187,7 @@ def test_with_both_shoulder_buttons_the_sticks_move_the_body(pad: Pad) -> None:
 def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> None:
     pad.plug_in()
     assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
-    pad.found = []
-    os.close(pad.writing)
+    pad.pipes.pull("event7")
     assert pad.send() == Decision(Velocity(), "gamepad")
     assert not pad.pad._files.opened
     pad.plug_in()
@@ -246,50 +255,34 @@ def test_gamepads_are_told_from_keyboards_and_mice(tmp_path: Path) -> None:
     assert find_gamepads(Path("/dev/input"), tmp_path / "sys") == [Path("/dev/input/event5")]
 
 
-class Pads:
-    """A stop button, and event files of gamepads that a test writes."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._now_s = folder, 0.0
-        self.button = StopButton(lambda: sorted(folder.iterdir()), now_s=lambda: self._now_s)
-
-    def plug(self, name: str) -> int:
-        path = self._folder / name
-        os.mkfifo(path)
-        self._now_s += 2.0
-        reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        writer = os.open(path, os.O_WRONLY)
-        self.button.pressed()
-        os.close(reader)
-        return writer
-
-
 @pytest.fixture
-def pads(tmp_path: Path) -> Iterator[Pads]:
-    pads = Pads(tmp_path)
-    yield pads
-    pads.button.close()
+def button(pipes: Pipes) -> Iterator[StopButton]:
+    button = StopButton(pipes.found, now_s=lambda: pipes.now_s)
+    yield button
+    button.close()
 
 
-def test_any_button_of_any_gamepad_stops(pads: Pads) -> None:
-    first, second = pads.plug("event1"), pads.plug("event2")
-    assert pads.button.connected == 2
-    assert not pads.button.pressed()
-    for writer, code in ((first, BTN_SOUTH), (second, BTN_EAST)):
-        os.write(writer, event((EV_KEY, code), 1))
-        assert pads.button.pressed()
-        assert not pads.button.pressed(), "it was pressed once"
-        os.close(writer)
+def test_any_button_of_any_gamepad_stops(pipes: Pipes, button: StopButton) -> None:
+    ends = [pipes.plug(name) for name in ("event1", "event2")]
+    assert not button.pressed()
+    assert button.connected == 2
+    for end, code in zip(ends, (BTN_SOUTH, BTN_EAST), strict=True):
+        os.write(end, event((EV_KEY, code), 1))
+        assert button.pressed()
+        assert not button.pressed(), "it was pressed once"
 
 
-def test_sticks_and_buttons_that_are_let_go_of_do_not_and_a_gamepad_may_be_pulled_out(pads: Pads) -> None:
-    writer = pads.plug("event1")
+def test_sticks_and_buttons_that_are_let_go_of_do_not_and_a_gamepad_may_be_pulled_out(
+    pipes: Pipes, button: StopButton
+) -> None:
+    end = pipes.plug("event1")
     for kind, code, value in ((EV_ABS, ABS_X, 30000), (EV_KEY, BTN_SOUTH, 0), (EV_KEY, BTN_SOUTH, 2)):
-        os.write(writer, event((kind, code), value))
-    assert not pads.button.pressed()
-    os.close(writer)
-    assert not pads.button.pressed()
-    assert pads.button.connected == 0
+        assert not button.pressed()
+        os.write(end, event((kind, code), value))
+    assert not button.pressed()
+    pipes.pull("event1")
+    assert not button.pressed()
+    assert button.connected == 0
 
 
 def asked(events: list[Event]) -> list[str]:

@@ -78,24 +78,6 @@ def test_a_robot_that_does_not_know_where_it_is_has_no_odometry(messages: RobotM
     assert "base_link" not in names
 
 
-def test_a_twist_is_in_the_frame_of_the_body(messages: RobotMessages) -> None:
-    from scipy.spatial.transform import Rotation
-
-    forward = Rotation.from_quat(QUATERNION[[1, 2, 3, 0]]).apply([0.1, 0.0, 0.0])
-    for index in range(10):
-        state = RobotState(
-            ROBOT.stance_angles_rad,
-            0.02 * index,
-            True,
-            base_position_world=0.02 * index * forward,
-            base_quaternion_world=QUATERNION,
-        )
-        payload = messages.odometry(snapshot(state))
-    assert payload is not None
-    linear = decoded(ros_cdr.ODOMETRY, payload).twist.twist.linear
-    np.testing.assert_allclose([linear.x, linear.y, linear.z], [0.1, 0.0, 0.0], atol=1e-9)
-
-
 def test_stamps_are_those_of_the_measurement(messages: RobotMessages) -> None:
     shown = snapshot(walking(ROBOT.stance_angles_rad))
     assert measured_ns(shown) == 10**18 - 10_000_000

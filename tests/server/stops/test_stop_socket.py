@@ -21,7 +21,7 @@ from hexctl.server.stops.datagram_receiver import (
     bound_socket,
 )
 from hexctl.server.stops.latch import StopLatch
-from hexctl.server.stops.stop_socket import MOST_NONCES, AnsweredNonces, StopSocket, Waiting, sort_datagrams
+from hexctl.server.stops.stop_socket import MOST_NONCES, AnsweredNonces, StopSocket, Waiting
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Endpoint, Link, Role
@@ -78,18 +78,6 @@ def test_a_copy_of_a_datagram_waits_once_for_its_first_sender() -> None:
     waiting.add(b"mine", OPERATOR)
     waiting.add(b"mine", STRANGER)
     assert list(waiting) == [(b"mine", OPERATOR)]
-
-
-def test_datagrams_are_sorted_by_their_bytes() -> None:
-    kinds = {kind: StopDatagram(kind=kind, nonce=bytes([kind]) * 8).packed(b"") for kind in Kind}
-    old = StopDatagram(kind=Kind.ASK, nonce=b"answered").packed(b"")
-    answered = AnsweredNonces()
-    answered.add(b"answered")
-    came = [(data, OPERATOR) for data in (*kinds.values(), old, b"short", b"", bytes(160))]
-    stops, questions, foreign = sort_datagrams(came, mark_of(b""), answered)
-    assert list(stops) == [(kinds[Kind.STOP], OPERATOR)]
-    assert list(questions) == [(kinds[Kind.ASK], OPERATOR)]
-    assert foreign == 4
 
 
 def test_many_answered_nonces_take_bounded_space() -> None:
