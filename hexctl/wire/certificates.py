@@ -28,7 +28,7 @@ from hexctl.files import atomic_write, is_file, read_file, read_secret
 from hexctl.options import Range, Typed
 from hexctl.scratch import scratch_folder
 from hexctl.wire.links import Role
-from hexctl.wire.stop_secret import write_stop_secret
+from hexctl.wire.stop_datagram import write_stop_secret
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 

@@ -15,8 +15,8 @@ import numpy as np
 from hexctl.errors import MessageError
 from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray, RobotState
 from hexctl.wire import PROTOCOL_VERSION, ros_cdr
-from hexctl.wire.fixed_message import FixedMessage
 from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.ros_cdr import FixedMessage
 
 LEASE_ID_BYTES = 16
 

@@ -16,13 +16,12 @@ from hexctl.client import datagram_stop, session_stop
 from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import DatagramStop, Sighting
 from hexctl.client.session_stop import SessionStop
-from hexctl.client.stop_watch import NAME_WAIT_S, SILENCE_S, StopWatch
+from hexctl.client.stop_client import NAME_WAIT_S, SILENCE_S, StopWatch
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
 from hexctl.wire.stop import OTHERS_HOLD_S
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram
-from hexctl.wire.stop_secret import SECRET_FILE
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, SECRET_FILE, Kind, StopDatagram
 from tests.many_files import many_open_files
 from tests.server.processes import free_port
 from tests.server.stops.test_stop_socket import Bench

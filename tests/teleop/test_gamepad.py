@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.errors import InputError
-from hexctl.teleop.event_file import EV_ABS, EV_KEY, EVENT, LOOK_S, Event, EventFiles
 from hexctl.teleop.gamepad import (
     ABS_BRAKE,
     ABS_GAS,
@@ -23,15 +22,21 @@ from hexctl.teleop.gamepad import (
     BTN_EAST,
     BTN_SOUTH,
     BTN_TL,
+    EV_ABS,
+    EV_KEY,
+    EVENT,
+    LOOK_S,
+    Event,
+    EventFiles,
     Gamepad,
     GamepadEvents,
+    StopButton,
     check_gamepad,
     find_gamepads,
     find_stop_pads,
     turn_axis,
     undrivable_pads,
 )
-from hexctl.teleop.stop_button import StopButton
 
 
 class Pipes:

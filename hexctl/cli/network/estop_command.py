@@ -204,8 +204,8 @@ def _note_wait(by: str, wait_s: float) -> None:
 def _wait_for_a_press(stop: "ReadyStop") -> None:
     """Report changes of the connection until a key or a button is pressed."""
     from hexctl.cli.console import print_note
+    from hexctl.teleop.gamepad import StopButton
     from hexctl.teleop.keyboard import has_keys
-    from hexctl.teleop.stop_button import StopButton
 
     button, told, terminal = StopButton(), "", has_keys()
     if not terminal and not _has_gamepad():

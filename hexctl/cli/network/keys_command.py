@@ -50,7 +50,7 @@ def renew(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> Non
 def stop(folder: FolderArgument = Path("keys")) -> None:
     """Make stop.key, the secret of the datagram stop, for certificates made without it."""
     from hexctl.cli.console import print_result
-    from hexctl.wire.stop_secret import write_stop_secret
+    from hexctl.wire.stop_datagram import write_stop_secret
 
     for path in write_stop_secret(folder):
         print_result(f"{path}  to its end, next to key.pem; robots are then stopped by datagram too")

@@ -12,8 +12,7 @@ from hexctl.errors import MessageError
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from hexctl.server.inbox import Inbox
-from hexctl.server.ros.parameter_services import ParameterServices
-from hexctl.server.ros.settings import LiveSettings, RosSettings
+from hexctl.server.ros.settings import LiveSettings, ParameterServices, RosSettings
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages, RobotTopics
 from hexctl.time_source import WALL_TIME, TimeSource

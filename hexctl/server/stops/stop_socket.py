@@ -31,9 +31,9 @@ from hexctl.wire.stop_datagram import (
     NONCE_BYTES,
     Kind,
     StopDatagram,
+    find_stop_secret,
     mark_of,
 )
-from hexctl.wire.stop_secret import find_stop_secret
 
 #: Minimum number of remembered nonces of answered datagrams; the maximum is twice as many.
 MOST_NONCES = 1 << 14

@@ -12,8 +12,8 @@ import numpy as np
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.fixed_message import FixedMessage
 from hexctl.wire.pose import NOT_MEASURED
+from hexctl.wire.ros_cdr import FixedMessage
 
 STRING = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"

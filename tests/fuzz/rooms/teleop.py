@@ -11,10 +11,8 @@ from websockets.http11 import Request
 
 from hexctl.control.drive.arbiter import Arbiter, Velocity
 from hexctl.teleop.drive_page import SOCKET_PATH, TOKEN_PREFIX, VIEW_PATH, DrivePage
-from hexctl.teleop.event_file import EVENT, EventFiles
-from hexctl.teleop.gamepad import GamepadEvents, _bits
+from hexctl.teleop.gamepad import EVENT, EventFiles, GamepadEvents, StopButton, _bits
 from hexctl.teleop.keyboard import REQUEST_KEYS, Keyboard
-from hexctl.teleop.stop_button import StopButton
 from hexctl.vision.video.mjpeg import _Handler
 from hexctl.wire.page_address import PageAddress
 from tests.fuzz.folder import written

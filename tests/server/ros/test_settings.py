@@ -11,8 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from hexctl.errors import MessageError
 from hexctl.options import options_of
 from hexctl.robot.loader import load_robot
-from hexctl.server.ros.parameter_services import content
-from hexctl.server.ros.settings import LiveSettings, RosSettings
+from hexctl.server.ros.settings import LiveSettings, RosSettings, content
 from hexctl.server.serve_options import ServeOptions
 from hexctl.teleop.drive_options import DriveOptions
 from hexctl.wire import ros_cdr

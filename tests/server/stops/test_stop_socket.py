@@ -26,8 +26,14 @@ from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Endpoint, Link, Role
 from hexctl.wire.stop import OTHERS_HOLD_S
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
-from hexctl.wire.stop_secret import SECRET_FILE, find_stop_secret
+from hexctl.wire.stop_datagram import (
+    DATAGRAM_BYTES,
+    SECRET_FILE,
+    Kind,
+    StopDatagram,
+    find_stop_secret,
+    mark_of,
+)
 from tests.control.posed import connected
 from tests.server.processes import free_port
 
