@@ -17,11 +17,8 @@ MOST_PER_CALL, MOST_CALLS = 1024, 4
 #: Receive buffer in bytes, about 800 per datagram; without root limited by net.core.rmem_max.
 BUFFER_BYTES = 8 << 20
 
-#: Linux (asm-generic/socket.h): a program that the kernel runs per datagram, and a buffer of any size.
-SO_ATTACH_FILTER, SO_RCVBUFFORCE = 26, 33
-
-#: The header in front of a datagram as such a program sees it.
-UDP_HEADER_BYTES = 8
+#: Linux (asm-generic/socket.h): a buffer of any size.
+SO_RCVBUFFORCE = 33
 
 #: Longest address of a sender: a sockaddr_in6.
 ADDRESS_BYTES = 28
@@ -121,25 +118,3 @@ def bound_socket(endpoint: Endpoint) -> socket.socket:
         bound.close()
         raise
     return bound
-
-
-def drop_in_kernel(bound: socket.socket, size: int, mark: bytes) -> None:
-    """Let the kernel drop datagrams without this size and mark (8 bytes); Linux only.
-
-    A classic BPF program: load a word, compare, skip a number of lines if equal, another if not.
-    """
-    first, second = struct.unpack(">II", mark)
-    program = (
-        (0x80, 0, 0, 0),  # length
-        (0x15, 0, 5, UDP_HEADER_BYTES + size),
-        (0x20, 0, 0, UDP_HEADER_BYTES),  # first word
-        (0x15, 0, 3, first),
-        (0x20, 0, 0, UDP_HEADER_BYTES + 4),  # second word
-        (0x15, 0, 1, second),
-        (0x06, 0, 0, 0xFFFFFFFF),  # take it
-        (0x06, 0, 0, 0),  # drop it
-    )
-    lines = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
-    with suppress(OSError):
-        where = struct.pack("HL", len(program), ctypes.addressof(lines))
-        bound.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, where)

@@ -16,7 +16,6 @@ from hexctl.server.stops.datagram_receiver import (
     DatagramReceiver,
     address_of,
     bound_socket,
-    drop_in_kernel,
 )
 from hexctl.server.stops.latch import StopLatch
 from hexctl.wire.links import Endpoint, Link, Role
@@ -116,7 +115,7 @@ class StopSocket:
 
     Attributes:
         trouble: why there is no datagram stop, or why the last datagram had no answer, or None.
-        dropped: foreign datagrams so far, except those dropped in the kernel.
+        dropped: foreign datagrams so far.
     """
 
     def __init__(
@@ -175,7 +174,6 @@ class StopSocket:
             reason = getattr(error, "strerror", None) or error
             self.trouble = f"UDP port {endpoint.port} cannot be opened ({reason})"
             return
-        drop_in_kernel(self._socket, DATAGRAM_BYTES, mark_of(secret))
         receiver = DatagramReceiver(self._socket, DATAGRAM_BYTES)
         self._thread = threading.Thread(target=self._serve, args=(receiver,), name="stop", daemon=True)
         self._thread.start()

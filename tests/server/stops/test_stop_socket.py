@@ -231,8 +231,6 @@ def test_a_stop_comes_through_a_flood(flooded_with: str) -> None:
             until.set()
             flooding.join()
     assert bench.guard.stopped == "estop"
-    if flooded_with == "garbage":
-        assert bench.stop_socket.dropped == 0, "the kernel has dropped them"
 
 
 def test_a_repeated_datagram_gets_no_second_answer_and_one_that_asks_again_does(bench: Bench) -> None:
