@@ -45,7 +45,9 @@ def write_pictures(
     if gif:
         fps = 100 / round(100 / fps)  # a GIF counts in hundredths of a second
     times_s = _times_s(runs, options, fps)
-    _check_captions(options.captions, runs)
+    if options.captions and len(options.captions) != len(runs):
+        got = f"{argument('captions')}: got {len(options.captions)} for {len(runs)} recordings"
+        raise InputError(f"{got}; allowed: one for each")
     stage: Stage = _OneRun(runs[0], options) if len(runs) == 1 else _race(runs, options, times_s)
     try:
         pictures = _pictures(stage, times_s, on_progress)
@@ -130,13 +132,6 @@ def _times_s(runs: Sequence[RecordedTrial], options: PictureOptions, fps: float)
     if options.duration_s is not None:
         length_s = min(length_s, options.duration_s)
     return [from_s + index / fps for index in range(max(1, round(length_s * fps)))]
-
-
-def _check_captions(captions: Sequence[str], runs: Sequence[RecordedTrial]) -> None:
-    if captions and len(captions) != len(runs):
-        raise InputError(
-            f"{argument('captions')}: got {len(captions)} for {len(runs)} recordings; allowed: one for each"
-        )
 
 
 def _write_gif(path: Path, pictures: Iterator[Picture], sample: Picture, fps: float) -> None:

@@ -97,12 +97,7 @@ def _check(found: Credentials, roles: tuple[Role, ...]) -> None:
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError) as error:
         raise InputError(f"{found.certificate}: was not signed by {found.authority}") from error
-    _check_key(found, certificate)
-
-
-def _check_key(found: Credentials, certificate: x509.Certificate) -> None:
-    key = _private_key(found.key, "a PEM file")
-    if key.public_key() != certificate.public_key():
+    if _private_key(found.key, "a PEM file").public_key() != certificate.public_key():
         raise InputError(f"{found.key}: does not belong to {found.certificate}")
 
 

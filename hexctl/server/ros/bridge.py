@@ -16,7 +16,7 @@ from hexctl.server.ros.settings import LiveSettings, ParameterServices, RosSetti
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages, RobotTopics
 from hexctl.time_source import WALL_TIME, TimeSource
-from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
+from hexctl.wire import ros_cdr
 from hexctl.wire.links import Endpoint
 from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
 from hexctl.wire.ros.motion_commands import (
@@ -95,7 +95,12 @@ class RosBridge:
         self.counters = RosCounters()
         self._router: Endpoint = check_router(router, insecure=insecure)
         self._watch = RouterWatch(self._router)
-        described = _described(robot, node, ros2_control=self.drive)
+        described = urdf_of(
+            robot,
+            ros2_control=self.drive,
+            command_topic=node.resolved(JOINTS_TOPIC),
+            state_topic=node.resolved("joint_states"),
+        )
         self._messages = RobotMessages(robot, described, node.full_name)
         self._states = Inbox(capacity=1)
         self._inbox: Inbox | None = None
@@ -224,8 +229,6 @@ class _Commands:
 
     def _pass(self, topic: str, kind: str, payload: bytes) -> None:
         try:
-            if len(payload) > MAX_PAYLOAD_BYTES:
-                raise MessageError(f"{topic}: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES}")
             if topic == JOINTS_TOPIC:
                 command: RosCommand = WantedJoints(decode_positions(payload))
             elif topic == POSE_TOPIC:
@@ -247,12 +250,3 @@ class _Commands:
 
 def _answer(request: RosRequest, success: bool, message: str) -> None:
     request.answer(encode_trigger_answer(success, message))
-
-
-def _described(robot: Robot, node: RosNode, *, ros2_control: bool) -> str:
-    return urdf_of(
-        robot,
-        ros2_control=ros2_control,
-        command_topic=node.resolved(JOINTS_TOPIC),
-        state_topic=node.resolved("joint_states"),
-    )
