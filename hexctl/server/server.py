@@ -15,7 +15,7 @@ from hexctl.robot.rotations import xyzw
 from hexctl.server.commands import CommandHandler
 from hexctl.server.event_log import Conditions, EventLog
 from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor
-from hexctl.server.inbox import CAPACITY, Arrival, Inbox
+from hexctl.server.inbox import MOST_WAITING, Arrival, Inbox
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import RequestHandler
 from hexctl.server.rest_watch import RestWatch
@@ -165,7 +165,9 @@ class RobotServer:
             arrival = self._inbox.take(timeout_s)
             if arrival is not None:
                 self._handle(arrival)
-        for _ in range(CAPACITY):  # for a clock that does not know when its next tick is due
+        for _ in range(
+            sum(MOST_WAITING.values())
+        ):  # for a clock that does not know when its next tick is due
             arrival = self._inbox.take(0)
             if arrival is None:
                 break

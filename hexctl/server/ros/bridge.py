@@ -102,7 +102,7 @@ class RosBridge:
             state_topic=node.resolved("joint_states"),
         )
         self._messages = RobotMessages(robot, described, node.full_name)
-        self._states = Inbox(capacity=1)
+        self._states = Inbox()
         self._inbox: Inbox | None = None
         self._stop: Callable[[], None] = lambda: None
         self._closing = threading.Event()
