@@ -245,19 +245,29 @@ def test_a_file_that_may_not_be_read_is_refused_and_one_that_is_missing_may_come
         check_gamepad(tmp_path / "event7")
 
 
-def test_gamepads_are_told_from_keyboards_and_mice(tmp_path: Path) -> None:
-    def device(name: str, key: str, absolute: str) -> None:
-        folder = tmp_path / "sys" / name / "device" / "capabilities"
-        folder.mkdir(parents=True)
-        (folder / "key").write_text(key + "\n")
-        (folder / "abs").write_text(absolute + "\n")
+def a_device(folder: Path, event: str, name: str, keys: str, absolute: str) -> None:
+    """Describe a device as the kernel does, with bitmaps of its keys and axes."""
+    capabilities = folder / event / "device" / "capabilities"
+    capabilities.mkdir(parents=True)
+    (capabilities / "key").write_text(f"{keys}\n")
+    (capabilities / "abs").write_text(f"{absolute}\n")
+    (folder / event / "device" / "name").write_text(f"{name}\n")
 
+
+def words(*codes: int) -> str:
+    """A bitmap in sysfs."""
+    bits = axes(*codes)
+    parts = [bits >> 64 * part & (1 << 64) - 1 for part in range(bits.bit_length() // 64, -1, -1)]
+    return " ".join(f"{part:x}" for part in parts)
+
+
+def test_gamepads_are_told_from_keyboards_and_mice(tmp_path: Path) -> None:
     # As the kernel shows a pad of the driver xpad, a keyboard, and a touchpad.
-    device("event5", "7cdb000000000000 0 0 0 0", "3003f")
-    device("event0", "402000000 3803078f800d001 feffffdfffefffff fffffffffffffffe", "0")
-    device("event1", "e520 10000 0 0 0 0", "663800011000003")
-    (tmp_path / "sys" / "event9").mkdir()
-    assert find_gamepads(Path("/dev/input"), tmp_path / "sys") == [Path("/dev/input/event5")]
+    a_device(tmp_path, "event5", "pad", "7cdb000000000000 0 0 0 0", "3003f")
+    a_device(tmp_path, "event0", "keys", "402000000 3803078f800d001 feffffdfffefffff fffffffffffffffe", "0")
+    a_device(tmp_path, "event1", "touch", "e520 10000 0 0 0 0", "663800011000003")
+    (tmp_path / "event9").mkdir()
+    assert find_gamepads(Path("/dev/input"), tmp_path) == [Path("/dev/input/event5")]
 
 
 @pytest.fixture
@@ -333,26 +343,14 @@ def test_the_right_stick_is_where_the_layout_has_it() -> None:
     assert turn_axis(0) == ABS_RX
 
 
-def a_device(folder: Path, event: str, name: str, keys: list[int], absolute: list[int]) -> None:
-    def words(codes: list[int]) -> str:
-        bits = axes(*codes)
-        parts = [bits >> 64 * part & (1 << 64) - 1 for part in range(bits.bit_length() // 64, -1, -1)]
-        return " ".join(f"{part:x}" for part in parts)
-
-    capabilities = folder / event / "device" / "capabilities"
-    capabilities.mkdir(parents=True)
-    (capabilities / "key").write_text(words(keys))
-    (capabilities / "abs").write_text(words(absolute))
-    (folder / event / "device" / "name").write_text(f"{name}\n")
-
-
 def test_a_joystick_is_named_and_stops(tmp_path: Path) -> None:
     known, devices = tmp_path / "sys", tmp_path / "input"
     devices.mkdir()
-    a_device(known, "event1", "Good Pad", [BTN_SOUTH, BTN_TL], [ABS_X, ABS_Y, ABS_RX])
-    a_device(known, "event2", "DragonRise Inc. Generic USB Joystick", [*range(288, 300)], [ABS_X, ABS_Y, 17])
-    a_device(known, "event3", "Half a Joy-Con", [BTN_SOUTH, BTN_TL], [ABS_RX])
-    a_device(known, "event4", "Keyboard", [1, 30, 31], [])
+    joystick, pad = "DragonRise Inc. Generic USB Joystick", words(BTN_SOUTH, BTN_TL)
+    a_device(known, "event1", "Good Pad", pad, words(ABS_X, ABS_Y, ABS_RX))
+    a_device(known, "event2", joystick, words(*range(288, 300)), words(ABS_X, ABS_Y, 17))
+    a_device(known, "event3", "Half a Joy-Con", pad, words(ABS_RX))
+    a_device(known, "event4", "Keyboard", words(1, 30, 31), "0")
     assert find_gamepads(devices, known) == [devices / "event1"]
     assert find_stop_pads(devices, known) == [devices / f"event{number}" for number in (1, 2, 3)]
     lacking = undrivable_pads(devices, known)
