@@ -1,7 +1,6 @@
 """Certificates of both ends of a link: created, renewed, found and checked before a session opens."""
 
 import ipaddress
-import os
 import secrets
 import socket
 from collections.abc import Sequence
@@ -24,7 +23,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hexctl.errors import InputError, argument
-from hexctl.files import atomic_write, is_file, read_file, read_secret
+from hexctl.files import atomic_write, is_file, read_file, read_secret, write_secret
 from hexctl.options import Range, Typed
 from hexctl.scratch import scratch_folder
 from hexctl.wire.links import Role
@@ -250,9 +249,7 @@ def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Ke
     folder.mkdir(mode=0o700)
     (folder / AUTHORITY_FILE).write_bytes(issuer.certificate.public_bytes(Encoding.PEM))
     (folder / CERTIFICATE_FILE).write_bytes(certificate.public_bytes(Encoding.PEM))
-    secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-    with open(os.open(folder / KEY_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(secret)
+    write_secret(folder / KEY_FILE, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
 
 
 def _make_authority(days: int) -> _Issuer:

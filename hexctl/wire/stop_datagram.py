@@ -16,7 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from hexctl.errors import InputError, MessageError
-from hexctl.files import read_secret
+from hexctl.files import read_secret, write_secret
 from hexctl.wire.links import Link, Role
 
 #: Version of this format, part of the mark.
@@ -179,14 +179,11 @@ def write_stop_secret(folder: Path) -> list[Path]:
             raise InputError(f"{place}: is missing; allowed: a complete folder from hexctl keys new")
         if (place / SECRET_FILE).exists():
             raise InputError(f"{place / SECRET_FILE}: is there already; allowed: a folder without one")
-    content, written = secrets.token_hex(SECRET_BYTES) + "\n", list[Path]()
+    content, written = f"{secrets.token_hex(SECRET_BYTES)}\n".encode(), list[Path]()
     try:
         for place in places:
-            path = place / SECRET_FILE
-            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            written.append(path)
-            with open(descriptor, "w", encoding="ascii") as file:
-                file.write(content)
+            write_secret(place / SECRET_FILE, content)
+            written.append(place / SECRET_FILE)
     except OSError as error:
         for path in written:  # both ends need the same secret
             path.unlink(missing_ok=True)

@@ -2,7 +2,6 @@
 
 import hashlib
 import hmac
-import os
 import secrets
 import struct
 import time
@@ -13,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import InputError
-from hexctl.files import read_secret
+from hexctl.files import read_secret, write_secret
 
 #: First byte of a MAVLink 2 frame, length of its header, its checksum, and its signature.
 MAGIC, HEADER, CHECKSUM, SIGNATURE = 0xFD, 10, 2, 13
@@ -207,11 +206,9 @@ def write_signing_key(folder: Path) -> Path:
     path = folder / KEY_FILE
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        write_secret(path, f"{secrets.token_hex(KEY_BYTES)}\n".encode())
     except FileExistsError as error:
         raise InputError(f"{path}: is there already; allowed: a folder without one") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be made ({error.strerror}); allowed: a folder of yours") from error
-    with open(descriptor, "w", encoding="ascii") as file:
-        file.write(secrets.token_hex(KEY_BYTES) + "\n")
     return path
