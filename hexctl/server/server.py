@@ -370,6 +370,7 @@ class RobotServer:
         lease, state, guard = self._leases.holder(now_s), self._state, self._guard
         self._commands.counters.overflowed = self._inbox.overflowed
         cleared, failures = self._latch.cleared, failures_in_force(guard)
+        driving = {} if self._driver is None else self._driver.status()
         return {
             **self._who,
             "simulated": self._simulated,
@@ -397,18 +398,12 @@ class RobotServer:
             "servos": None if state is None or state.servos is None else state.servos.to_json(),
             "battery_v": None if state is None else _number(state.battery_v),
             "battery_share": None if state is None else _number(state.battery_share),
-            "ros": None if self._ros is None else {**self._ros.status(), **self._driving()},
+            "ros": None if self._ros is None else {**self._ros.status(), **driving},
             "stop_port": self._stop_socket.port,
             "endpoint": self._link.endpoint,
             "secured": self._link.credentials is not None,
             "insecure": self._link.insecure,
         }
-
-    def _driving(self) -> dict[str, Any]:
-        driver = self._driver
-        if driver is None:
-            return {}
-        return {"motion": driver.motion, "refused": driver.refused, "pose_share": driver.pose_share}
 
 
 def _is_reached(state: RobotState) -> bool:
