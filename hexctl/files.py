@@ -185,17 +185,6 @@ def read_secret(path: Path, most_bytes: int) -> bytes:
     return content
 
 
-def write_secret(path: Path, content: bytes) -> None:
-    """Write a new file to which only its owner has access; raises OSError, FileExistsError for one there."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        with open(descriptor, "wb") as file:
-            file.write(content)
-    except OSError:
-        path.unlink(missing_ok=True)
-        raise
-
-
 def atomic_write(path: Path, content: str | bytes) -> None:
     """Write a file durably, text as UTF-8; raises OSError and leaves the earlier file unchanged."""
     data = content.encode() if isinstance(content, str) else content

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from hexctl.files import read_secret, state_folder, write_secret
+from hexctl.files import read_secret, state_folder
 from hexctl.wire.stop import CLEAR_KEY_BYTES, claim_in, claim_of, new_clear_key
 
 #: Keys on the disk; older ones are removed.
@@ -39,7 +39,8 @@ class NewClaim:
         path = _path_of(self.claim)
         with suppress(OSError):  # this process can clear the stop; others have to wait longer
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_secret(path, self._key.encode())
+            path.touch(0o600, exist_ok=False)
+            path.write_text(self._key, encoding="ascii")
             kept = sorted(path.parent.glob("clear-*.key"), key=lambda one: one.lstat().st_mtime)
             for old in kept[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)

@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hexctl.errors import InputError, argument
-from hexctl.files import atomic_write, is_file, read_file, read_secret, write_secret
+from hexctl.files import atomic_write, is_file, read_file, read_secret
 from hexctl.options import Range, Typed
 from hexctl.scratch import scratch_folder
 from hexctl.wire.links import Role
@@ -249,7 +249,9 @@ def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Ke
     folder.mkdir(mode=0o700)
     (folder / AUTHORITY_FILE).write_bytes(issuer.certificate.public_bytes(Encoding.PEM))
     (folder / CERTIFICATE_FILE).write_bytes(certificate.public_bytes(Encoding.PEM))
-    write_secret(folder / KEY_FILE, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    (folder / KEY_FILE).touch(0o600, exist_ok=False)
+    secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    (folder / KEY_FILE).write_bytes(secret)
 
 
 def _make_authority(days: int) -> _Issuer:

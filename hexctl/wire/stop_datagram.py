@@ -16,7 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from hexctl.errors import InputError, MessageError
-from hexctl.files import read_secret, write_secret
+from hexctl.files import read_secret
 from hexctl.wire.links import Link, Role
 
 #: Version of this format, part of the mark.
@@ -182,8 +182,9 @@ def write_stop_secret(folder: Path) -> list[Path]:
     content, written = f"{secrets.token_hex(SECRET_BYTES)}\n".encode(), list[Path]()
     try:
         for place in places:
-            write_secret(place / SECRET_FILE, content)
-            written.append(place / SECRET_FILE)
+            (path := place / SECRET_FILE).touch(0o600, exist_ok=False)
+            written.append(path)
+            path.write_bytes(content)
     except OSError as error:
         for path in written:  # both ends need the same secret
             path.unlink(missing_ok=True)

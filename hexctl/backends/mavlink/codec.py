@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import InputError
-from hexctl.files import read_secret, write_secret
+from hexctl.files import read_secret
 
 #: First byte of a MAVLink 2 frame, length of its header, its checksum, and its signature.
 MAGIC, HEADER, CHECKSUM, SIGNATURE = 0xFD, 10, 2, 13
@@ -206,7 +206,8 @@ def write_signing_key(folder: Path) -> Path:
     path = folder / KEY_FILE
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_secret(path, f"{secrets.token_hex(KEY_BYTES)}\n".encode())
+        path.touch(0o600, exist_ok=False)
+        path.write_text(f"{secrets.token_hex(KEY_BYTES)}\n", encoding="ascii")
     except FileExistsError as error:
         raise InputError(f"{path}: is there already; allowed: a folder without one") from error
     except OSError as error:
