@@ -152,7 +152,7 @@ def _zenoh(options: BackendOptions) -> LegServos:
 
     link = load_link(
         options.link,
-        endpoint=options.connect,
+        connect=options.connect,
         credentials=options.credentials,
         insecure=options.insecure,
     )

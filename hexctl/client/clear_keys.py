@@ -1,7 +1,5 @@
 """Clear keys of the stops that this user asked for: with them a stop can be cleared quickly."""
 
-import os
-import re
 import threading
 import time
 from collections.abc import Iterable
@@ -9,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hexctl.files import read_secret, state_folder
-from hexctl.wire.stop import CLAIM_DIGITS, CLEAR_KEY_BYTES, claim_of, new_clear_key
+from hexctl.wire.stop import CLEAR_KEY_BYTES, claim_in, claim_of, new_clear_key
 
 #: Keys on the disk; older ones are removed.
 MOST_KEPT = 64
@@ -41,9 +39,8 @@ class NewClaim:
         path = _path_of(self.claim)
         with suppress(OSError):  # this process can clear the stop; others have to wait longer
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with open(descriptor, "w", encoding="ascii") as file:
-                file.write(self._key)
+            path.touch(0o600, exist_ok=False)
+            path.write_text(self._key, encoding="ascii")
             kept = sorted(path.parent.glob("clear-*.key"), key=lambda one: one.lstat().st_mtime)
             for old in kept[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)
@@ -87,29 +84,22 @@ class StopOrder:
 
 def keys_for(claims: Iterable[object]) -> list[str]:
     """Clear keys that this user has for the claims of a stop."""
-    return [key for key in map(_key_for, claims) if key is not None]
+    return [key for claim in filter(None, map(claim_in, claims)) if (key := _key_for(claim)) is not None]
 
 
 def forget(claims: Iterable[object]) -> None:
     """Remove the keys of a cleared stop."""
-    for claim in filter(_is_claim, claims):
-        _OWN.pop(str(claim), None)
+    for claim in filter(None, map(claim_in, claims)):
+        _OWN.pop(claim, None)
         with suppress(OSError):
-            _path_of(str(claim)).unlink()
+            _path_of(claim).unlink()
 
 
-def _key_for(claim: object) -> str | None:
-    if not _is_claim(claim):
-        return None
-    key = _OWN.get(str(claim))
+def _key_for(claim: str) -> str | None:
+    key = _OWN.get(claim)
     with suppress(OSError, ValueError):
-        key = key or read_secret(_path_of(str(claim)), 4 * CLEAR_KEY_BYTES).decode("ascii").strip()
+        key = key or read_secret(_path_of(claim), 4 * CLEAR_KEY_BYTES).decode("ascii").strip()
     return key
-
-
-def _is_claim(claim: object) -> bool:
-    """Whether a value from the network is a claim, and not a path."""
-    return isinstance(claim, str) and re.fullmatch(f"[0-9a-f]{{{CLAIM_DIGITS}}}", claim) is not None
 
 
 def _path_of(claim: str) -> Path:

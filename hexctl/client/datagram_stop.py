@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from hexctl.client.clear_keys import StopOrder
 from hexctl.errors import HexctlError, InputError, MessageError, printable
 from hexctl.wire.links import Endpoint, Link, Role
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, NONCE_BYTES, Kind, StopDatagram
-from hexctl.wire.stop_secret import find_stop_secret
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, NONCE_BYTES, Kind, StopDatagram, find_stop_secret
 
 #: Pause between two datagrams of a stop, and of queries without a stop.
 STOP_PERIOD_S, ASK_PERIOD_S = 0.05, 0.25

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import zenoh
@@ -13,7 +12,7 @@ from hexctl.client.clear_keys import NewClaim, forget, keys_for
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
 from hexctl.wire.description import RobotIdentity, check_may_command, robot_name, status_of
-from hexctl.wire.links import ANY_ROBOT, Link, Role, load_link
+from hexctl.wire.links import ANY_ROBOT, Link, Role
 from hexctl.wire.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
 from hexctl.wire.zenoh_session import open_session
 
@@ -24,13 +23,8 @@ class RemoteRobots:
     """All robots on a link: usually one, whatever its name."""
 
     def __init__(self, session: zenoh.Session, link: Link) -> None:
-        self._session, self._link = session, link
+        self._session, self.link = session, link
         self._keys = link.keys(ANY_ROBOT)
-
-    @property
-    def link(self) -> Link:
-        """Link to the robots."""
-        return self._link
 
     def statuses(self) -> list[dict[str, Any]]:
         """Status of each robot that answers (docs/reference/zenoh.md), possibly none."""
@@ -71,7 +65,7 @@ class RemoteRobots:
         """
         statuses = self.await_statuses()
         for status in statuses:
-            check_may_command(RobotIdentity.of_answer(status), self._link)
+            check_may_command(RobotIdentity.of_answer(status), self.link)
         return [answer for status in statuses for answer in self._clear(status, waiting)]
 
     def _clear(
@@ -82,7 +76,7 @@ class RemoteRobots:
         if isinstance(stop, dict):
             asked["id"] = str(stop.get("id"))
             asked["keys"] = _wait_to_clear(stop, waiting)
-        key = self._link.keys(robot_name(status)).estop if "robot" in status else self._keys.estop
+        key = self.link.keys(robot_name(status)).estop if "robot" in status else self._keys.estop
         answers = self._ask(key, asked)
         for answer in answers:
             if "stopped" not in answer:
@@ -107,7 +101,7 @@ class RemoteRobots:
 
     def _change(self, content: dict[str, Any]) -> list[dict[str, Any]]:
         for status in self.await_statuses():
-            check_may_command(RobotIdentity.of_answer(status), self._link)
+            check_may_command(RobotIdentity.of_answer(status), self.link)
             if status.get("simulated") is None:
                 raise RobotFaultError(
                     f"{RobotIdentity.of_answer(status)} is not simulated; no leg is changed"
@@ -120,7 +114,7 @@ class RemoteRobots:
 
     def _ask(self, key: str, content: dict[str, Any] | None = None) -> list[dict[str, Any]]:
         silence = (
-            f"no robot answers at {self._link.endpoint}; is hexctl serve running there, and may this end ask?"
+            f"no robot answers at {self.link.endpoint}; is hexctl serve running there, and may this end ask?"
         )
         return ask_until(self._session, key, content, timeout_s=ANSWER_TIMEOUT_S, silence=silence)
 
@@ -150,25 +144,10 @@ def _claims_of(stop: dict[str, Any]) -> list[Any]:
 
 
 @contextmanager
-def remote_robots(
-    role: Role,
-    *,
-    connect: str | None = None,
-    credentials: Path | None = None,
-    insecure: bool = False,
-    link: str | None = None,
-) -> Iterator[RemoteRobots]:
-    """Robots on a link, for viewers or controllers; a context manager. Other arguments as in `ReadyStop`.
+def remote_robots(link: Link, role: Role) -> Iterator[RemoteRobots]:
+    """Robots on a link, for viewers or controllers, until the block ends.
 
     Raises InputError for an invalid link, RobotFaultError when nothing listens there.
     """
-    settings = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
-    with robots_at(settings, role) as robots:
-        yield robots
-
-
-@contextmanager
-def robots_at(link: Link, role: Role) -> Iterator[RemoteRobots]:
-    """Robots on a link, until the block ends; raises RobotFaultError when nothing listens there."""
     with open_session(link, role, link.keys(ANY_ROBOT)) as session:
         yield RemoteRobots(session, link)

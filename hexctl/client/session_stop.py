@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import Sighting
 from hexctl.errors import HexctlError, RobotFaultError
-from hexctl.wire.links import Link
+from hexctl.wire.links import Link, Role
 from hexctl.wire.stop import LIFTED_BY_LEASE, TOO_MANY
 
 if TYPE_CHECKING:
@@ -61,12 +61,16 @@ class SessionStop:
         self._due.set()
 
     def _run(self) -> None:
+        from zenoh import ZError
+
         try:
             while not self._ends:
                 try:
-                    self._once()
+                    self._ask()
                 except HexctlError as error:
                     self.error = error
+                except ZError as error:
+                    self.error = RobotFaultError(f"the session failed: {error}")
                 self.opened = False
                 if not self._again:
                     return
@@ -74,19 +78,10 @@ class SessionStop:
         finally:
             self.ended = True
 
-    def _once(self) -> None:
-        from zenoh import ZError
-
-        try:
-            self._ask()
-        except ZError as error:
-            raise RobotFaultError(f"the session failed: {error}") from error
-
     def _ask(self) -> None:
-        from hexctl.client.remote import robots_at
-        from hexctl.wire.links import Role
+        from hexctl.client.remote import remote_robots
 
-        with robots_at(self._link, Role.CONTROLLER) as robots:
+        with remote_robots(self._link, Role.CONTROLLER) as robots:
             self.opened, self.error, self._all_stay = True, None, False
             while not self._ends:
                 if self._order.wanted.is_set() and not self._all_stay:

@@ -1,22 +1,71 @@
-"""Stops a robot by datagram and by session at the same time, until it is at rest."""
+"""Stops a robot by datagram and by session at the same time, until it is at rest, and watches it then."""
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from enum import Enum
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import DatagramStop, Sighting
 from hexctl.client.session_stop import SessionStop
-from hexctl.client.stop_watch import SILENCE_S, StopWatch
-from hexctl.errors import HexctlError, RobotFaultError, argument
+from hexctl.errors import HexctlError, RobotFaultError, argument, printable
 from hexctl.wire import TIME_TO_LIVE_S
 from hexctl.wire.connection_diagnosis import is_refused
-from hexctl.wire.links import Endpoint, Link, load_link
+from hexctl.wire.links import Endpoint, Link, Role, load_link
+from hexctl.wire.stop import MAX_BY
+
+SILENCE_S = 1.5
+
+#: How long a report waits for the session, which knows who cleared the stop.
+NAME_WAIT_S = 1.0
+
+
+class State(Enum):
+    """State of a robot after a stop, with its text; `{by}` is who cleared the stop."""
+
+    STOPPED = "the robot is stopped and at rest"
+    JOINTS_MOVE = "the robot is stopped, and its joints MOVE"
+    CLEARED = "the stop was CLEARED{by}; the robot moves when a client commands it"
+    MOVES = "the robot MOVES AGAIN; the stop was cleared{by}"
+    SILENT = "the robot no longer answers; whether it is still stopped is not known"
+
+
+class StopWatch:
+    """Reports each change of a stopped robot once; `stop_id` is None if the robot did not report it."""
+
+    def __init__(self, stop_id: str | None) -> None:
+        self._stop_id = stop_id
+        self._reported, self._changed_s = State.STOPPED, 0.0
+
+    def change(self, seen: Collection[Sighting], at_s: float) -> str | None:
+        """Line about a change since the last report, or None; `seen` has the newest sighting of each way."""
+        state, by = _state_of(seen, at_s), self._clearer(seen)
+        if state is self._reported:
+            self._changed_s = at_s
+            return None
+        cleared = state in (State.CLEARED, State.MOVES)
+        if cleared and not by and at_s - self._changed_s < NAME_WAIT_S:
+            return None
+        self._reported, self._changed_s = state, at_s
+        return state.value.format(by=f" by {by}" if by else "")
+
+    def _clearer(self, seen: Collection[Sighting]) -> str:
+        cleared = (one.cleared for one in seen if one.cleared is not None)
+        return next((printable(by)[:MAX_BY] for stop_id, by in cleared if stop_id == self._stop_id), "")
+
+
+def _state_of(seen: Collection[Sighting], at_s: float) -> State:
+    newest = max(seen, key=lambda one: one.at_s, default=None)
+    if newest is None or at_s - newest.at_s > SILENCE_S:
+        return State.SILENT
+    if newest.stopped is None:
+        return State.CLEARED if newest.at_rest else State.MOVES
+    return State.STOPPED if newest.at_rest else State.JOINTS_MOVE
+
 
 #: A robot has to be seen at rest for this long, with at most this pause between two answers.
 RESTS_S, MOST_PAUSE_S = 0.5, 0.4
@@ -101,6 +150,8 @@ class ReadyStop:
         again: whether to retry a session that cannot be opened.
         stays: whether to stop the robot again if the stop is cleared, until the block ends.
 
+    The attribute `link` is the link to the robot, as resolved at creation.
+
     Raises InputError for an invalid endpoint or link.
     """
 
@@ -114,20 +165,20 @@ class ReadyStop:
         again: bool = True,
         stays: bool = True,
     ) -> None:
-        self._link = (
+        self.link = (
             link
             if isinstance(link, Link)
-            else load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
+            else load_link(link, connect=connect, credentials=credentials, insecure=insecure)
         )
-        Endpoint.parse(self._link.endpoint)
+        Endpoint.parse(self.link.endpoint)
         self._order, self._stays, self._confirmed = StopOrder(), stays, threading.Event()
         self._lock = threading.Lock()  # guards the sightings of both ways
         self._begun_s = 0.0
         self._seen: dict[str, Sighting] = {}
         self._rested: dict[str, float] = {}
         self._first_stop_s: float | None = None
-        self._datagrams = DatagramStop(self._link, self._order, partial(self._see, "datagram"))
-        self._session = SessionStop(self._link, self._order, partial(self._see, "session"), again=again)
+        self._datagrams = DatagramStop(self.link, self._order, partial(self._see, "datagram"))
+        self._session = SessionStop(self.link, self._order, partial(self._see, "session"), again=again)
 
     def __enter__(self) -> Self:
         """Start to connect; returns immediately."""
@@ -136,9 +187,7 @@ class ReadyStop:
         self._session.begin()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """End; without `stays`, wait for the confirmation of a press."""
         if not self._stays and self._order.pressed_s:
             self._confirmed.wait(END_S)
@@ -158,11 +207,6 @@ class ReadyStop:
         while not (self._datagrams.obeyed or self._datagrams.trouble) and time.monotonic() < until_s:
             time.sleep(EARLY_POLL_S)
 
-    @property
-    def link(self) -> Link:
-        """Link to the robot, as resolved at creation."""
-        return self._link
-
     def press(self) -> None:
         """Stop the robot by all ways; thread-safe, never waits."""
         with self._lock:
@@ -175,7 +219,7 @@ class ReadyStop:
     @property
     def clear_command(self) -> str:
         """Command that clears the stop."""
-        return self._link.clear_command
+        return self.link.clear_command
 
     @property
     def trouble(self) -> str | None:
@@ -183,7 +227,7 @@ class ReadyStop:
         if self._confirmed.is_set() or not 0 < self._order.pressed_s < time.monotonic() - CONFIRM_S:
             return None
         why = self.reach.trouble or "it has not stopped"
-        return f"the stop is not confirmed by the robot at {self._link.endpoint}: {why}"
+        return f"the stop is not confirmed by the robot at {self.link.endpoint}: {why}"
 
     @property
     def reach(self) -> Reach:
@@ -286,9 +330,9 @@ class ReadyStop:
     def _out_of_reach(self) -> HexctlError:
         """The error about an unreachable robot, with the other means that stop it."""
         error = self._session.error or RobotFaultError(
-            f"no robot answers at {self._link.endpoint}: {self.reach.trouble}"
+            f"no robot answers at {self.link.endpoint}: {self.reach.trouble}"
         )
-        if not isinstance(error, RobotFaultError) or is_refused(Endpoint.parse(self._link.endpoint)):
+        if not isinstance(error, RobotFaultError) or is_refused(Endpoint.parse(self.link.endpoint)):
             return error
         why = error.worded(argument)
         return RobotFaultError(f"{why}{'' if why.endswith('?') else '.'} {OVERLOADED}")
@@ -344,9 +388,7 @@ def clear_stop(
     Raises InputError for an invalid link, and RobotFaultError if no robot answers.
     """
     from hexctl.client.remote import remote_robots
-    from hexctl.wire.links import Role
 
-    with remote_robots(
-        Role.CONTROLLER, connect=connect, credentials=credentials, insecure=insecure, link=link
-    ) as robots:
+    found = load_link(link, connect=connect, credentials=credentials, insecure=insecure)
+    with remote_robots(found, Role.CONTROLLER) as robots:
         return robots.clear()

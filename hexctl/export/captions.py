@@ -62,6 +62,12 @@ def messages_of(trial: RecordedTrial, start_s: float = 0.0) -> Iterator[Message]
             yield Message(at_s, f"detected after {late_s:.1f} s", DETECTED_BADGE)
 
 
+def color_changes_s(trial: RecordedTrial) -> list[float]:
+    """Times of a recording at which the condition of a leg changes, which has a colour."""
+    changes = np.flatnonzero((np.diff(trial.leg_conditions, axis=0) != 0).any(axis=1)) + 1
+    return [float(at_s) for at_s in trial.time_s[changes]]
+
+
 class TextBar:
     """A line of text on a walk: its name, the newest message, and a counter."""
 

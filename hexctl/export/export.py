@@ -153,7 +153,7 @@ def export(
             export_session(str(sources[0]), path, folder, on_damage=on_damage)
         else:
             trials = recordings_to_export(sources, Path(folder), robot, on_damage)
-            _write_trials(trials, kind, path, asked, on_progress or _silent)
+            _write_trials(trials, kind, path, asked, on_progress or (lambda *_: None))
     return path
 
 
@@ -187,10 +187,6 @@ def _refuse_robots(sources: Sequence[str | Path | Robot], kind: str) -> None:
         if isinstance(source, Robot) or name in config_names("robots") or name.endswith((".yaml", ".yml")):
             allowed = f"{', '.join(ROBOT_FORMATS)}, or a recording"
             raise InputError(f"export: got the robot {name} for {kind}; allowed: {allowed}")
-
-
-def _silent(done: int, total: int) -> None:
-    pass
 
 
 def _format(to: str | None, output: str | Path | None) -> str:

@@ -1,8 +1,6 @@
 """Recorded trials as a LeRobot dataset (v3) for imitation learning, one episode each."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +48,17 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
     InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
     """
     pa, pq, pandas = _libraries()
-    facts = [_Facts.of(trial) for trial in trials]
-    robots = {one.robot for one in facts}
+    robots, texts, names = set[str](), list[str](), list(VECTORS)
+    for trial in trials:
+        robots.add(trial.robot.name)
+        texts.append(task_of(trial))
+        known = {
+            "observation.pose": trial.posed.all(),
+            "observation.contacts": trial.foot_contacts is not None,
+        }
+        names = [name for name in names if known.get(name, True)]
     if len(robots) != 1:
         raise InputError(f"lerobot: got {len(robots)} robots, {', '.join(sorted(robots))}; allowed: one")
-    names, texts = _vectors(facts), [one.task for one in facts]
     tasks = list(dict.fromkeys(texts))
     (folder / "meta").mkdir(parents=True)
     schema = pa.schema(
@@ -73,7 +77,8 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
             episodes.append(_episode(number, text, done, length, columns))
             done += length
             on_progress(number + 1, len(texts))
-    _write_episodes(pa, pq, folder / EPISODES, episodes)
+    (folder / EPISODES).parent.mkdir(parents=True)
+    pq.write_table(pa.Table.from_pylist(episodes), folder / EPISODES)
     index = pandas.Index(tasks, name="task")
     pandas.DataFrame({"task_index": range(len(tasks))}, index=index).to_parquet(folder / "meta/tasks.parquet")
     _write_json(folder / "meta/stats.json", {name: _stats(_column(pq, data, name)) for name in schema.names})
@@ -97,28 +102,6 @@ def _libraries() -> tuple[Any, Any, Any]:
     except ModuleNotFoundError as error:
         raise MissingExtraError("LeRobot export", "data") from error
     return pa, pq, pandas
-
-
-@dataclass(frozen=True, slots=True)
-class _Facts:
-    robot: str
-    task: str
-    posed: bool
-    has_contacts: bool
-
-    @classmethod
-    def of(cls, trial: RecordedTrial) -> "_Facts":
-        posed = bool(trial.posed.all())
-        return cls(trial.robot.name, task_of(trial), posed, trial.foot_contacts is not None)
-
-
-def _vectors(facts: Sequence[_Facts]) -> list[str]:
-    missing = set()
-    if not all(one.posed for one in facts):
-        missing.add("observation.pose")
-    if not all(one.has_contacts for one in facts):
-        missing.add("observation.contacts")
-    return [name for name in VECTORS if name not in missing]
 
 
 def _frames(trial: RecordedTrial, names: list[str], number: int, before: int, task: int) -> dict[str, Any]:
@@ -194,11 +177,6 @@ def _column(pq: Any, path: Path, name: str) -> FloatArray:
     values = pq.read_table(path, columns=[name])[name].combine_chunks()
     flat = values.flatten() if hasattr(values, "flatten") and values.type.num_fields else values
     return np.asarray(flat.to_numpy(zero_copy_only=False).reshape(len(values), -1))
-
-
-def _write_episodes(pa: Any, pq: Any, path: Path, episodes: list[dict[str, Any]]) -> None:
-    path.parent.mkdir(parents=True)
-    pq.write_table(pa.Table.from_pylist(episodes), path)
 
 
 def _info(robot: str, names: list[str], episodes: int, frames: int, tasks: int) -> dict[str, Any]:

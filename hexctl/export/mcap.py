@@ -198,10 +198,9 @@ def _imu(trial: RecordedTrial) -> Iterator[Stamped]:
     known = np.isfinite(trial.base_quaternion_world).all(axis=-1)
     if trial.posed.any() or not (trial.base_quaternion_world[known] != (1.0, 0.0, 0.0, 0.0)).any():
         return
-    imu = telemetry.imu()
     for row in np.flatnonzero(known).tolist():
         stamp_ns = int(trial.stamps_ns[row])
-        yield stamp_ns, "/imu/data", imu.encode(stamp_ns, xyzw(trial.base_quaternion_world[row]))
+        yield stamp_ns, "/imu/data", telemetry.imu().encode(stamp_ns, xyzw(trial.base_quaternion_world[row]))
 
 
 def _commands(trial: RecordedTrial) -> Iterator[Stamped]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.export.captions import Message, Picture, TextBar, even_pixels, messages_of
+from hexctl.export.captions import Message, Picture, TextBar, color_changes_s, even_pixels, messages_of
 from hexctl.export.render import (
     PIECE_TICKS,
     Canvas,
@@ -143,12 +143,12 @@ class RaceRenderer:
         tall_m = 2.04 * self._lane_m * math.sin(elevation) + self._top_m() * math.cos(elevation)
         return min(max(tall_m / (high_m - low_m), LOWEST), HIGHEST)
 
-    @property
     def moments_s(self) -> list[float]:
-        """Times of the film at which a message appears."""
-        return [message.at_s for bar in self._bars for message in bar.messages]
+        """Times of the film at which a message appears, or a leg changes its colour."""
+        changes_s = [at_s - racer.start_s for racer in self.racers for at_s in color_changes_s(racer.trial)]
+        return [*changes_s, *(message.at_s for bar in self._bars for message in bar.messages)]
 
-    def draw(self, time_s: float) -> Picture:
+    def picture(self, time_s: float) -> Picture:
         """Picture at a time of the film, (height, width, 3): the far lane's text is on top."""
         rows = [racer.row(time_s) for racer in self.racers]
         self._draw_robots(rows)

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from hexctl.adapt.sessions.store import load_session
 from hexctl.errors import InputError, check_type
@@ -14,19 +14,6 @@ from hexctl.robot.model import Robot
 
 #: Takes the number of finished items of an export, and the total.
 OnProgress = Callable[[int, int], object]
-
-
-class Trials(Protocol):
-    """Trials that can be counted and read one by one."""
-
-    def __len__(self) -> int:
-        """Number of trials."""
-
-    def __getitem__(self, index: int, /) -> RecordedTrial:
-        """One of them."""
-
-    def __iter__(self) -> Iterator[RecordedTrial]:
-        """Each of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +60,10 @@ class Recordings:
             return None
         self._readable[path] = True
         return trial
+
+
+#: Trials that can be counted and read one by one.
+Trials = Recordings | Sequence[RecordedTrial]
 
 
 def is_session(source: Any) -> bool:

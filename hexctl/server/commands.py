@@ -6,7 +6,8 @@ from threading import Lock
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import CommandRefusedError, MessageError
 from hexctl.server.leases import Lease
-from hexctl.wire.zenoh_messages import Command, CommandTag, decode_command
+from hexctl.types import FloatArray
+from hexctl.wire.zenoh_messages import CommandTag, decode_command
 
 #: Bound on the relative drift of two monotonic clocks: 100 ppm each, up to 500 ppm while NTP slews one.
 DRIFT = 1000e-6
@@ -51,11 +52,12 @@ class CommandCounters:
     overflowed: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Checked:
-    """A command to execute, its delay behind the fastest one, and its remaining validity."""
+    """A command to execute: joint angles (18,), delay behind the fastest one, and remaining validity."""
 
-    command: Command
+    joint_positions_rad: FloatArray
+    sequence: int
     delay_s: float
     good_for_s: float
 
@@ -81,24 +83,24 @@ class CommandHandler:
     def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
         """Command in order and on time; others are counted, and raise MessageError or CommandRefusedError."""
         try:
-            command = decode_command(payload, attachment)
+            joint_positions_rad, tag = decode_command(payload, attachment)
         except MessageError:
             self._count("malformed")
             raise
-        tag = command.tag
         if lease is None or tag.lease_id != lease.lease_id or tag.lease_sequence != lease.sequence:
             self._count("stale_owner")
             raise CommandRefusedError(f"command: got lease {tag.lease_sequence}; allowed: the one in force")
         if lease.sequence != self._lease_sequence:
             self._lease_sequence, self.newest_sequence, self._transit = lease.sequence, 0, TransitDelay()
-        return self._in_order_and_on_time(command, at_s)
+        delay_s, good_for_s = self._in_order_and_on_time(tag, at_s)
+        return Checked(joint_positions_rad, tag.sequence, delay_s, good_for_s)
 
     def _count(self, dropped: str) -> None:
         with self._counting:  # several threads count these
             setattr(self.counters, dropped, getattr(self.counters, dropped) + 1)
 
-    def _in_order_and_on_time(self, command: Command, at_s: float) -> Checked:
-        tag = command.tag
+    def _in_order_and_on_time(self, tag: CommandTag, at_s: float) -> tuple[float, float]:
+        """Delay and remaining validity."""
         delay_s = self._transit.delay_s(tag.stamp_ns / 1e9, at_s)
         if tag.sequence <= self.newest_sequence:
             self.counters.out_of_order += 1
@@ -113,4 +115,4 @@ class CommandHandler:
             raise CommandRefusedError(
                 f"command: got {1000 * delay_s:.0f} ms late; allowed: {tag.time_to_live_ms} ms"
             )
-        return Checked(command, delay_s, good_for_s)
+        return delay_s, good_for_s

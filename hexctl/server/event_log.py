@@ -4,8 +4,9 @@ import math
 import queue
 import threading
 import time as wall
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 
 from hexctl.backends.bus.servo_bus import MANY_MUTE
 from hexctl.backends.clock import Standstill
@@ -37,6 +38,33 @@ POSTURES = {
 }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """Conditions of a robot whose changes are reported.
+
+    Attributes:
+        ros: line on the ROS router.
+        doubt: line on an implausible position.
+        standstill: of this program; it is reported before its consequences.
+    """
+
+    controller: str | None = None
+    stopped: str | None = None
+    posture: str = "idle"
+    stop: Stop | None = None
+    cleared: Clear | None = None
+    fault: str | None = None
+    warnings: tuple[str, ...] = ()
+    ros: str | None = None
+    doubt: str | None = None
+    standstill: Standstill | None = None
+
+    @property
+    def stop_by(self) -> str | None:
+        """Who asked for the stop."""
+        return None if self.stop is None else self.stop.by
+
+
 class EventLog:
     """Reports changes of the robot's controller, stop and posture on a thread, which may block."""
 
@@ -46,92 +74,64 @@ class EventLog:
         """Create a log; `report` takes a line, `clear` is the command that ends a stop."""
         self._report, self._clear, self._time = report, clear, time
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
-        self._controller: str | None = None
-        self._stopped: str | None = None
-        self._stop_by: str | None = None
-        self._cleared: Clear | None = None
-        self._posture = "idle"
-        self._fault: str | None = None
+        self._before = Conditions()
         self._writer: threading.Thread | None = None
         self._dropped = 0
-        self._warnings: tuple[str, ...] = ()
-        self._ros: str | None = None
-        self._doubt: str | None = None
-        self._standstill: Standstill | None = None
 
-    def note(
-        self,
-        *,
-        controller: str | None,
-        stopped: str | None,
-        posture: str,
-        stop: Stop | None = None,
-        cleared: Clear | None = None,
-        fault: str | None = None,
-        warnings: tuple[str, ...] = (),
-        ros: str | None = None,
-        doubt: str | None = None,
-        standstill: Standstill | None = None,
-    ) -> None:
-        """Report changes since the last call, and the end of a fault while its stop is latched.
+    def note(self, now: Conditions) -> None:
+        """Report changes since the last call, and the end of a fault while its stop is latched."""
+        before, self._before = self._before, now
+        for line in self._changes(before, now):
+            self.add(line)
 
-        `ros` and `doubt` are lines on the ROS router and on an implausible position. A standstill of this
-        program is reported before its consequences.
-        """
-        if standstill is not None and standstill != self._standstill:
-            self.add(f"{standstill}; {STALL_HELP}")
-        self._standstill = standstill
-        if doubt is not None and doubt != self._doubt:
-            self.add(doubt)
-        self._doubt = doubt
-        if ros is not None and ros != self._ros:
-            self.add(ros)
-        self._ros = ros
-        for warning in warnings:
-            if warning not in self._warnings:
-                self.add(f"servos: {warning}")
-        for warning in self._warnings:
-            more_mute = MANY_MUTE in warnings and warning.startswith("mute: ")
-            if warning not in warnings and not more_mute:
-                self.add(f"servos: no longer {warning}")
-        self._warnings = warnings
+    def _changes(self, before: Conditions, now: Conditions) -> Iterator[str]:
+        if now.standstill not in (None, before.standstill):
+            yield f"{now.standstill}; {STALL_HELP}"
+        for line, known in ((now.doubt, before.doubt), (now.ros, before.ros)):
+            if line is not None and line != known:
+                yield line
+        yield from (f"servos: {warning}" for warning in now.warnings if warning not in before.warnings)
+        for warning in before.warnings:
+            more_mute = MANY_MUTE in now.warnings and warning.startswith("mute: ")
+            if warning not in now.warnings and not more_mute:
+                yield f"servos: no longer {warning}"
         # A stop revokes the lease: its controller did not disconnect.
-        lost = self._controller if controller is None and stopped not in (None, self._stopped) else None
-        if controller != self._controller and lost is None:
-            self.add(f"commanded by {controller}" if controller else f"{self._controller} has left")
-        self._note_stop(stopped, None if stop is None else stop.by, cleared, lost)
-        if stopped is not None and stopped.startswith("fault:") and self._fault and fault is None:
-            self.add(f"over, and still stopped ({self._fault}): {self._clear} lets the robot move")
-        self._fault = fault
-        if posture != self._posture and posture in POSTURES:
-            self.add(POSTURES[posture])
-        self._controller, self._posture = controller, posture
+        stops = now.controller is None and now.stopped not in (None, before.stopped)
+        if now.controller != before.controller and not stops:
+            yield f"commanded by {now.controller}" if now.controller else f"{before.controller} has left"
+        yield from self._stop_changes(before, now, before.controller if stops else None)
+        if (
+            now.stopped is not None
+            and now.stopped.startswith("fault:")
+            and before.fault
+            and now.fault is None
+        ):
+            yield f"over, and still stopped ({before.fault}): {self._clear} lets the robot move"
+        if now.posture != before.posture and now.posture in POSTURES:
+            yield POSTURES[now.posture]
 
-    def _note_stop(
-        self, stopped: str | None, by: str | None, cleared: Clear | None, lost: str | None
-    ) -> None:
+    def _stop_changes(self, before: Conditions, now: Conditions, lost: str | None) -> Iterator[str]:
         """Report a latched stop too once its requester is known; `lost` is its former controller."""
-        ended = None if cleared is None or cleared == self._cleared else f"cleared by {cleared.by}"
-        before, before_by = self._stopped, self._stop_by
-        self._stopped, self._stop_by, self._cleared = stopped, by, cleared
-        asked = "" if by is None else f", asked for by {by}"
-        if stopped is None:
-            if before is not None:
-                self.add(f"no longer stopped ({before}){f', {ended}' if ended else ''}")
+        was = before.stopped
+        ended = "" if now.cleared in (None, before.cleared) else f"cleared by {now.cleared.by}"
+        asked = "" if now.stop_by is None else f", asked for by {now.stop_by}"
+        if now.stopped is None:
+            if was is not None:
+                yield f"no longer stopped ({was}){f', {ended}' if ended else ''}"
             return
         if ended:
-            self.add(f"{ended}{f' ({before})' if before is not None else ''}")
-        if stopped != before or ended:
-            first = "" if before is None or ended else f", after {before}"
+            yield f"{ended}{f' ({was})' if was is not None else ''}"
+        if now.stopped != was or ended:
+            first = "" if was is None or ended else f", after {was}"
             commanded = "" if lost is None else f", commanded by {lost} until then"
-            self.add(f"STOPPED: {self._cause(stopped, by)}{asked}{first}{commanded}")
-        elif by is not None and by != before_by:
-            self.add(f"still stopped{asked}")
+            yield f"STOPPED: {self._cause(now, now.stopped)}{asked}{first}{commanded}"
+        elif now.stop_by is not None and now.stop_by != before.stop_by:
+            yield f"still stopped{asked}"
 
-    def _cause(self, stopped: str, by: str | None) -> str:
-        if by and stopped == ESTOP:
+    def _cause(self, now: Conditions, stopped: str) -> str:
+        if now.stop_by and stopped == ESTOP:
             return ESTOP
-        ended_s = -math.inf if self._standstill is None else self._standstill.ended_s
+        ended_s = -math.inf if now.standstill is None else now.standstill.ended_s
         if stopped in SILENCES and self._time.now() - ended_s < CAUSED_WITHIN_S:
             return f"{stopped} (because this program stood still)"
         return reason_in_words(stopped)

@@ -8,11 +8,9 @@ from typing import Any
 
 from hexctl.time_source import WALL_TIME, TimeSource
 
-#: More messages than arrive in a tick; a full queue drops its oldest.
-CAPACITY = 64
-
-#: Limit for each kind; their sum is below the capacity, so a flood of one kind displaces no other.
+#: Limit for each kind: a flood of one kind displaces no other.
 MOST_WAITING = {"command": 16, "pose": 8, "ros": 8, "lease": 8, "estop": 8, "describe": 8, "failure": 4}
+MOST_WAITING |= {"state": 1}
 
 #: Queries: surplus ones are dropped, and the client repeats them. Of other kinds, the oldest are dropped.
 QUERIES = ("lease", "estop", "describe", "failure")
@@ -34,26 +32,22 @@ class Inbox:
     `queue.SimpleQueue.get` can block forever if a signal interrupts it as its timeout expires.
     """
 
-    def __init__(self, capacity: int = CAPACITY, *, time: TimeSource = WALL_TIME) -> None:
+    def __init__(self, *, time: TimeSource = WALL_TIME) -> None:
         self._waiting: deque[Arrival] = deque()
         self._bell = Lock()
         self._bell.acquire()  # held until the first put
-        self._capacity, self._time = capacity, time
+        self._time = time
         self.overflowed = 0
 
     def put(self, kind: str, item: Any) -> None:
         """Append an arrival, except a surplus query; never waits."""
         alike = [one for one in list(self._waiting) if one.kind == kind]
-        if len(alike) >= MOST_WAITING.get(kind, self._capacity):
+        if len(alike) >= MOST_WAITING[kind]:
             self.overflowed += 1
             if kind in QUERIES:
                 return
             with suppress(ValueError):  # taken in this moment
                 self._waiting.remove(alike[0])
-        while len(self._waiting) >= self._capacity:
-            with suppress(IndexError):
-                self._waiting.popleft()
-                self.overflowed += 1
         self._waiting.append(Arrival(kind, item, self._time.now()))
         with suppress(RuntimeError):  # already released
             self._bell.release()

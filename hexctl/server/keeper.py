@@ -16,7 +16,8 @@ import sys
 import time
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from typing import IO
+from types import TracebackType
+from typing import IO, Self
 
 import numpy as np
 
@@ -40,6 +41,8 @@ SILENT_S = 1.0
 
 #: Byte of a tick, of a tick with a stopped robot, and the byte with which the server dismisses the keeper.
 TICK, STOPPED, GOODBYE = b".", b"s", b"q"
+
+LOST = "the keeper has ended: nothing lets the robot down if this process dies"
 
 #: Time for joints to settle, and how near to their goals they then are.
 SETTLES_S, ARRIVED_RAD = 0.4, 0.35
@@ -79,7 +82,7 @@ def _options(robot: str, connect: str | None) -> BackendOptions:
 
 
 class Keeper:
-    """The server's end of a keeper; `lost` is whether it has ended while the server lives."""
+    """The server's end of a keeper."""
 
     def __init__(self, spec: KeeperSpec) -> None:
         words = {**asdict(spec), "server": os.getpid()}
@@ -92,35 +95,41 @@ class Keeper:
         assert self._process.stdin is not None  # noqa: S101  for the type
         self._pipe: IO[bytes] = self._process.stdin
         os.set_blocking(self._pipe.fileno(), False)
-        self.lost = False
+        self._lost = False
 
-    def tick(self, *, stopped: bool) -> None:
-        """Report that the server lives, and whether the robot holds after a stop; never waits."""
-        try:
-            os.write(self._pipe.fileno(), STOPPED if stopped else TICK)
-        except BlockingIOError:
-            return
-        except OSError:
-            self.lost = True
+    def tick(self, *, stopped: bool) -> str | None:
+        """Report that the server lives, and whether the robot holds after a stop; never waits.
+
+        Returns a line when the keeper is found to have ended.
+        """
+        if not self._lost:
+            try:
+                os.write(self._pipe.fileno(), STOPPED if stopped else TICK)
+            except BlockingIOError:
+                pass
+            except OSError:
+                self._lost = True
+                return LOST
+        return None
 
     def goodbye(self) -> None:
         """Report that the server begins an orderly end."""
         with contextlib.suppress(OSError):
             os.write(self._pipe.fileno(), GOODBYE)
 
-    def dismiss(self) -> None:
-        """End the keeper after an orderly end of the server."""
-        self.goodbye()
-        self._close()
-        self._process.wait()
+    def __enter__(self) -> Self:
+        return self
 
-    def abandon(self) -> None:
-        """Leave the robot to the keeper: the server ends by an error."""
-        self._close()
-
-    def _close(self) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the keeper, or leave the robot to it if the server ends by an error."""
+        if error is None:
+            self.goodbye()
         with contextlib.suppress(OSError):
             self._pipe.close()
+        if error is None:
+            self._process.wait()
 
 
 def wait_for_the_end(pipe: int, silent_s: float = SILENT_S) -> tuple[str, bool] | None:

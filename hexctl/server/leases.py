@@ -37,8 +37,7 @@ class Lease:
 class LeaseManager:
     """Grants, renews and revokes the one lease of a robot. Times are on any monotonic clock."""
 
-    def __init__(self, *, duration_s: float = LEASE_S) -> None:
-        self.duration_s = duration_s
+    def __init__(self) -> None:
         self.refused = 0
         self.last_owner: str | None = None
         self._held: Lease | None = None
@@ -50,8 +49,8 @@ class LeaseManager:
         held = self._held
         return held if held is not None and now_s <= held.deadline_s else None
 
-    def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
-        """Grant a new lease, by default for the usual time; raises LeaseRefusedError if the robot is held."""
+    def acquire(self, owner: str, now_s: float, duration_s: float = LEASE_S) -> Lease:
+        """Grant a new lease; raises LeaseRefusedError if the robot is held."""
         holder = self.holder(now_s)
         if holder is not None:
             self.refused += 1
@@ -65,23 +64,22 @@ class LeaseManager:
             sequence=self._given,
             owner=owner[:MAX_OWNER],
             since_s=now_s,
-            deadline_s=now_s + (self.duration_s if duration_s is None else duration_s),
+            deadline_s=now_s + duration_s,
         )
         self._last_id, self.last_owner = self._held.lease_id, self._held.owner
         return self._held
 
-    def renew(self, lease_id: bytes, now_s: float, duration_s: float | None = None) -> Lease:
+    def renew(self, lease_id: bytes, now_s: float, duration_s: float = LEASE_S) -> Lease:
         """Renew a lease; raises LeaseRefusedError if it has expired or was replaced."""
         held = self._require(lease_id, now_s)
-        duration_s = self.duration_s if duration_s is None else duration_s
         self._held = replace(held, deadline_s=now_s + duration_s)
         return self._held
 
     def heard(self, at_s: float) -> None:
         """Extend the lease on a command: on a bad link renewals may be lost while commands arrive."""
         held = self.holder(at_s)
-        if held is not None and held.deadline_s < at_s + self.duration_s:
-            self._held = replace(held, deadline_s=at_s + self.duration_s)
+        if held is not None and held.deadline_s < at_s + LEASE_S:
+            self._held = replace(held, deadline_s=at_s + LEASE_S)
 
     def release(self, lease_id: bytes, now_s: float) -> None:
         """Give a lease back; raises LeaseRefusedError if it is not current."""

@@ -2,16 +2,18 @@
 
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, StrictInt, ValidationError
 
 from hexctl.backends.base import simulation_of
 from hexctl.control.guard import Guard
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.errors import HexctlError, MessageError, RobotFaultError
+from hexctl.robot.configs import first_problem
 from hexctl.robot.failure import in_words_with_share
 from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
-from hexctl.server.leases import Lease, LeaseManager, LeaseRefusedError
+from hexctl.server.leases import LEASE_S, Lease, LeaseManager, LeaseRefusedError
 from hexctl.server.served_servos import call_servos
 from hexctl.server.stops.latch import StopLatch
 from hexctl.wire.description import decode_json
@@ -37,35 +39,68 @@ CHANGES_S = 1.0
 MAX_NAME = 64
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StopRequest:
+def _displayable(owner: Any) -> str:
+    """Names that cannot be displayed are replaced."""
+    named = isinstance(owner, str) and owner.strip() and owner.isprintable()
+    return str(owner)[:MAX_BY] if named else UNNAMED
+
+
+def _printable(owner: str) -> str:
+    if not owner.isprintable():
+        raise ValueError("allowed: printable text")
+    return owner
+
+
+Name = Annotated[str, Field(max_length=MAX_NAME)]
+
+
+class StopRequest(BaseModel):
     """Content of a message at `estop`.
 
     Attributes:
-        op: `stop` or `clear`.
         request: the client's name for its stop.
-        by: the client's name for itself; an invalid one does not invalidate the request.
+        id: that of the stop to clear.
+        owner: the client's name for itself; an invalid one does not invalidate the request.
     """
 
-    op: str
-    request: str | None = None
-    stop_id: str | None = None
-    by: str = UNNAMED
-    keys: tuple[str, ...] = ()
+    op: Literal["stop", "clear"]
+    request: Name | None = None
+    id: Name | None = None
+    owner: Annotated[str, BeforeValidator(_displayable)] = UNNAMED
+    keys: Annotated[tuple[Name, ...], Field(max_length=MOST_CLAIMS)] = ()
 
-    @classmethod
-    def of(cls, payload: bytes) -> "StopRequest":
-        """Decode a request; an empty payload is a stop. Raises MessageError if it is malformed."""
-        if not payload:
-            return cls(op="stop")
-        content = decode_json(payload)
-        return cls(
-            op=_one_of(content, "op", ("stop", "clear")),
-            request=_name(content, "request"),
-            stop_id=_name(content, "id"),
-            by=_asker(content),
-            keys=_keys(content),
-        )
+
+class LeaseRequest(BaseModel):
+    """Content of a message at `lease`; `after` is the number of the last command before a rest."""
+
+    op: Literal["acquire", "renew", "rest", "release"]
+    owner: Annotated[str, AfterValidator(_printable)] = UNNAMED
+    lease: Annotated[bytes, BeforeValidator(lambda text: bytes.fromhex(str(text)))] = b""
+    after: Annotated[StrictInt, Field(ge=0, lt=2**64)] = 0
+
+
+class FailureRequest(BaseModel):
+    """Content of a message at `failure`."""
+
+    op: Literal["fail", "heal"]
+    failure: Annotated[str, Field(max_length=MAX_FAILURE_TEXT)] = ""
+    leg: StrictInt | Annotated[str, Field(max_length=MAX_FAILURE_TEXT)] = ""
+
+
+RequestT = TypeVar("RequestT", bound=BaseModel)
+
+
+def _read(kind: type[RequestT], payload: bytes) -> RequestT:
+    """Decode a request; raises MessageError if it is malformed."""
+    try:
+        return kind.model_validate(decode_json(payload))
+    except ValidationError as error:
+        raise MessageError(first_problem(kind, error)) from error
+
+
+def _read_stop(payload: bytes) -> StopRequest:
+    """An empty payload is a stop."""
+    return _read(StopRequest, payload) if payload else StopRequest(op="stop")
 
 
 class RequestHandler:
@@ -76,9 +111,8 @@ class RequestHandler:
         rested_after: number of the last command before the lease's holder rested, as it reported.
     """
 
-    def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
-        self._guard, self.leases = guard, leases
-        self.latch = StopLatch(guard, commander=lambda: leases.last_owner) if latch is None else latch
+    def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch) -> None:
+        self._guard, self.leases, self.latch = guard, leases, latch
         self.malformed = self.rested_after = 0
         self.ros_key = new_clear_key()
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
@@ -90,12 +124,12 @@ class RequestHandler:
         missing ones in the payload.
         """
         try:
-            wanted = StopRequest.of(payload)
+            wanted = _read_stop(payload)
         except MessageError:
             wanted = StopRequest(op="stop")
         if wanted.op == "stop":
             claim = None if clear_key is None else claim_of(clear_key)
-            self.latch.stop(wanted.request, by=by or wanted.by, claim=claim)
+            self.latch.stop(wanted.request, by=by or wanted.owner, claim=claim)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `estop`, which `urgent` has seen: why the robot is stopped now.
@@ -103,14 +137,14 @@ class RequestHandler:
         A stop and a clear end the lease. A refused clear changes nothing and is answered with `error`.
         """
         try:
-            wanted = StopRequest.of(payload)
+            wanted = _read_stop(payload)
         except MessageError as error:
             self.leases.revoke()
             return {**_stop_facts(self.latch.ensure()), **self._misunderstood(error)}
         if wanted.op == "clear":
-            return self.clear(wanted.stop_id, at_s, by=wanted.by, keys=wanted.keys)
+            return self.clear(wanted.id, at_s, by=wanted.owner, keys=wanted.keys)
         self.leases.revoke()
-        return _stop_facts(self.latch.ensure(by=wanted.by))
+        return _stop_facts(self.latch.ensure(by=wanted.owner))
 
     def clear(
         self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: tuple[str, ...] = ()
@@ -136,12 +170,12 @@ class RequestHandler:
         if len(changed_at_s) == MOST_CHANGES and at_s - changed_at_s[0] < CHANGES_S:
             return {"error": f"failure: got more in a second; allowed: {MOST_CHANGES} legs that fail or heal"}
         try:
-            content = decode_json(payload)
-            heals = _one_of(content, "op", ("fail", "heal")) == "heal"
+            wanted = _read(FailureRequest, payload)
         except MessageError as error:
             return self._misunderstood(error)
+        heals = wanted.op == "heal"
         try:
-            text = str(content.get("leg", ""))[:MAX_FAILURE_TEXT] if heals else _failure_text(content)
+            text = str(wanted.leg) if heals else wanted.failure
             failure = None if heals else parse_failure_now(text)
             leg = parse_leg(text, "leg") if failure is None else failure.leg
             simulation = simulation_of(self._guard)
@@ -157,22 +191,25 @@ class RequestHandler:
     def lease(self, payload: bytes, now_s: float) -> dict[str, Any]:
         """Answer to a request at `lease`: acquire, renew, rest or release."""
         try:
-            content = decode_json(payload)
-            wanted = _one_of(content, "op", ("acquire", "renew", "rest", "release"))
-            owner, lease_id, after = _owner(content), _lease_id(content), _after(content)
+            wanted = _read(LeaseRequest, payload)
         except MessageError as error:
             return self._misunderstood(error)
         try:
-            if wanted == "acquire":
-                return self._acquire(owner, now_s)
-            answer = self._keep(wanted, lease_id, now_s)
+            if wanted.op == "acquire":
+                lease = self.acquire(wanted.owner, now_s)
+                return {
+                    "lease": lease.lease_id.hex(),
+                    "sequence": lease.sequence,
+                    "duration_s": LEASE_S,
+                }
+            answer = self._keep(wanted.op, wanted.lease, now_s)
         except HexctlError as error:
             return {"error": str(error)}
-        if wanted == "rest":
-            self.rested_after = after
+        if wanted.op == "rest":
+            self.rested_after = wanted.after
         return answer
 
-    def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
+    def acquire(self, owner: str, now_s: float, duration_s: float = LEASE_S) -> Lease:
         """Grant a lease and lift a stop for silence; raises LeaseRefusedError if held or stopped."""
         stopped = self._guard.stopped
         if stopped not in (None, LIFTED_BY_LEASE):
@@ -198,14 +235,6 @@ class RequestHandler:
             self.leases.release(lease.lease_id, now_s)
             self._guard.pause_watchdog()
 
-    def _acquire(self, owner: str, now_s: float) -> dict[str, Any]:
-        lease = self.acquire(owner, now_s)
-        return {
-            "lease": lease.lease_id.hex(),
-            "sequence": lease.sequence,
-            "duration_s": self.leases.duration_s,
-        }
-
     def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
         if wanted == "release":
             self.leases.release(lease_id, now_s)
@@ -226,65 +255,3 @@ class RequestHandler:
 
 def _stop_facts(stop: Stop) -> dict[str, Any]:
     return {"stopped": stop.reason, "stop_id": stop.stop_id}
-
-
-def _name(content: dict[str, Any], key: str) -> str | None:
-    value = content.get(key)
-    if value is not None and not (isinstance(value, str) and len(value) <= MAX_NAME):
-        raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: text of at most {MAX_NAME} characters")
-    return value
-
-
-def _failure_text(content: dict[str, Any]) -> str:
-    text = content.get("failure")
-    if not isinstance(text, str):
-        raise MessageError(f"failure: got {str(text)[:40]!r}; allowed: text such as 5:limp")
-    return text[:MAX_FAILURE_TEXT]
-
-
-def _keys(content: dict[str, Any]) -> tuple[str, ...]:
-    keys = content.get("keys", [])
-    most = f"at most {MOST_CLAIMS} texts of at most {MAX_NAME} characters"
-    if not isinstance(keys, list) or len(keys) > MOST_CLAIMS:
-        raise MessageError(f"keys: got {str(keys)[:40]!r}; allowed: {most}")
-    for key in keys:
-        if not (isinstance(key, str) and len(key) <= MAX_NAME):
-            raise MessageError(f"keys: got {str(key)[:40]!r}; allowed: {most}")
-    return tuple(keys)
-
-
-def _asker(content: dict[str, Any]) -> str:
-    """Names that cannot be displayed are replaced."""
-    owner = content.get("owner")
-    named = isinstance(owner, str) and owner.strip() and owner.isprintable()
-    return str(owner)[:MAX_BY] if named else UNNAMED
-
-
-def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:
-    value = content.get(key)
-    if value not in allowed:
-        raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: {', '.join(allowed)}")
-    return str(value)
-
-
-def _owner(content: dict[str, Any]) -> str:
-    owner = content.get("owner", UNNAMED)
-    if not isinstance(owner, str) or not owner.isprintable():
-        raise MessageError("owner: got an unprintable name; allowed: printable text")
-    return owner
-
-
-def _after(content: dict[str, Any]) -> int:
-    """0 for clients that do not report it."""
-    after = content.get("after", 0)
-    if type(after) is not int or not 0 <= after < 2**64:
-        raise MessageError(f"after: got {str(after)[:40]!r}; allowed: the number of a command")
-    return after
-
-
-def _lease_id(content: dict[str, Any]) -> bytes:
-    text = content.get("lease", "")
-    try:
-        return bytes.fromhex(text)
-    except (TypeError, ValueError) as error:
-        raise MessageError("lease: got no hexadecimal digits; allowed: the granted lease") from error

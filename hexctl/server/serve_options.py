@@ -15,8 +15,8 @@ from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
-from hexctl.server.ros.ros_options import RosOptions
-from hexctl.wire.ros.ros_names import MAX_DOMAIN
+from hexctl.wire.links import Endpoint
+from hexctl.wire.ros.ros_names import MAX_DOMAIN, RosNode
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -157,24 +157,13 @@ class ServeOptions(ServedOptions):
             connect=self.connect,
             credentials=self.device_keys,
         )
-        if self.ros_options is None:
-            check_used(self, OF_ROS, f"with {argument('ros')}")
-
-    @property
-    def servo_options(self) -> BackendOptions:
-        """Options of the backend."""
-        keys = None if self.device_keys is None else Path(self.device_keys)
-        return self.backend_options(connect=self.connect, credentials=keys, insecure=self.insecure)
-
-    @property
-    def ros_options(self) -> RosOptions | None:
-        """Options of its ROS 2 node, or None."""
         if self.ros is None:
-            return None
-        return RosOptions(
-            router=self.ros,
-            domain=self.ros_domain,
-            namespace=self.ros_namespace,
-            humble=self.ros_humble,
-            drive=self.ros_drive,
-        )
+            check_used(self, OF_ROS, f"with {argument('ros')}")
+        else:
+            Endpoint.parse(self.ros, argument("ros"))
+        self.ros_node  # noqa: B018  raises
+
+    @property
+    def ros_node(self) -> RosNode:
+        """Names of its ROS 2 node."""
+        return RosNode(domain=self.ros_domain, namespace=self.ros_namespace, humble=self.ros_humble)

@@ -22,38 +22,23 @@ class ServedServos(ServosWrapper):
 
     Every exception of the servos becomes a RobotFaultError that names the call: `serve` then ends with a
     fault instead of a traceback.
+
+    Attributes:
+        posed_at_s: arrival of the newest external pose, by the robot's time source; None without one.
+        pose_covariance: covariance (36,) of the pose: that of the source, as it came, or of the robot's own.
+        own_orientation: orientation (4,) that the robot itself measured in the last state, or None.
     """
 
     def __init__(self, servos: LegServos) -> None:
         super().__init__(servos)
-        self._pose: tuple[FloatArray | None, FloatArray | None] | None = None
-        self._pose_at_s = 0.0
-        self._covariance = own_pose_covariance()
-        self._own_quaternion: FloatArray | None = None
-
-    @property
-    def posed_from_outside(self) -> bool:
-        """Whether an external pose has replaced the robot's own."""
-        return self._pose is not None
-
-    @property
-    def posed_at_s(self) -> float | None:
-        """Arrival of the newest external pose, by the robot's time source; None without one."""
-        return None if self._pose is None else self._pose_at_s
-
-    @property
-    def pose_covariance(self) -> FloatArray:
-        """Covariance (36,) of the pose: that of the source, as it came, or of the robot's own."""
-        return self._covariance
-
-    @property
-    def own_orientation(self) -> FloatArray | None:
-        """Orientation (4,) that the robot itself measured in the last state, or None."""
-        return self._own_quaternion
+        self._pose: tuple[FloatArray | None, FloatArray | None] = None, None
+        self.posed_at_s: float | None = None
+        self.pose_covariance = own_pose_covariance()
+        self.own_orientation: FloatArray | None = None
 
     def tilt_of(self, state: RobotState) -> FloatArray | None:
         """Orientation (4,) by which falls are judged: the robot's own, else the external one, or None."""
-        return state.base_quaternion_world if self._own_quaternion is None else self._own_quaternion
+        return state.base_quaternion_world if self.own_orientation is None else self.own_orientation
 
     def set_pose(
         self,
@@ -63,8 +48,8 @@ class ServedServos(ServosWrapper):
         at_s: float,
     ) -> None:
         """Set the external pose in m and (w, x, y, z), its covariance (36,), and its time by the robot's."""
-        self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
-        self._covariance = covariance
+        self._pose, self.posed_at_s = (position_world, quaternion_world), at_s
+        self.pose_covariance = covariance
 
     def connect(self) -> None:
         """Connect the servos."""
@@ -73,10 +58,10 @@ class ServedServos(ServosWrapper):
     def read(self) -> RobotState:
         """State of the servos, with the external pose if there was one."""
         state = call_servos(self, "read", super().read)
-        self._own_quaternion = state.base_quaternion_world
-        if self._pose is None:
+        self.own_orientation = state.base_quaternion_world
+        if self.posed_at_s is None:
             return state
-        fresh = self.clock.time.now() - self._pose_at_s <= EXPIRY_S
+        fresh = self.clock.time.now() - self.posed_at_s <= EXPIRY_S
         position, quaternion = self._pose if fresh else (None, None)
         return replace(state, base_position_world=position, base_quaternion_world=quaternion)
 
@@ -94,7 +79,7 @@ class ServedServos(ServosWrapper):
 
     def close(self) -> None:
         """Close the servos and drop the pose."""
-        self._pose = self._own_quaternion = None
+        self.posed_at_s = self.own_orientation = None
         call_servos(self, "close", super().close)
 
 

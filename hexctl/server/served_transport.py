@@ -1,7 +1,6 @@
 """Zenoh transport of a served robot: its publishers, and one inbox for all arrivals."""
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 import zenoh
@@ -56,9 +55,7 @@ class Transport:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]
 

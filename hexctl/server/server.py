@@ -1,6 +1,7 @@
 """The robot server: a single thread moves the robot."""
 
 import math
+import time as wall
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -10,15 +11,15 @@ from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import SPARE_S, STANDSTILL_S, Standstill
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
+from hexctl.robot.rotations import xyzw
 from hexctl.server.commands import CommandHandler
-from hexctl.server.event_log import EventLog
+from hexctl.server.event_log import Conditions, EventLog
 from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor
-from hexctl.server.inbox import CAPACITY, Arrival, Inbox
+from hexctl.server.inbox import MOST_WAITING, Arrival, Inbox
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import RequestHandler
 from hexctl.server.rest_watch import RestWatch
 from hexctl.server.ros.snapshot import RobotSnapshot
-from hexctl.server.served_poses import ServedPoses
 from hexctl.server.served_servos import ServedServos
 from hexctl.server.served_transport import Transport, attachment_of, payload_of
 from hexctl.server.stops.latch import StopLatch
@@ -28,10 +29,12 @@ from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import CLEAR_COMMAND, Link
 from hexctl.wire.pose import decode_estimate, encode_pose
+from hexctl.wire.ros import telemetry
 from hexctl.wire.stop import ESTOP, OVER_ROS
 from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 
 if TYPE_CHECKING:
+    from hexctl.server.keeper import Keeper
     from hexctl.server.ros.bridge import RosBridge
     from hexctl.server.ros.driver import RosDriver
     from hexctl.server.ros.settings import LiveSettings
@@ -59,7 +62,7 @@ class RobotServer:
         simulated: Mapping[str, str] | None = None,
         sit_after_s: float = SIT_AFTER_S,
         on_event: Callable[[str], None] = lambda _: None,
-        on_tick: Callable[[bool], str | None] = lambda _: None,
+        keeper: "Keeper | None" = None,
         ros: "RosBridge | None" = None,
         stop_file: StopFile | None = None,
         clear: str = CLEAR_COMMAND,
@@ -70,8 +73,7 @@ class RobotServer:
             backend: name of the servos' backend, for the status.
             simulated: `world` and `failure` of a simulation, for the status; None for a real robot.
             on_event: takes a line for each change of controller, stop and posture, on the event log's thread.
-            on_tick: called in every control period with whether the robot holds after a stop; must be fast. A
-                returned line is an event.
+            keeper: told in every control period that this server lives.
             ros: node in ROS 2, not started.
             clear: command that ends a stop, for the events.
         """
@@ -88,7 +90,7 @@ class RobotServer:
             link, servos.robot.name, self._latch, lambda: self._rest.at_rest, self._echoes
         )
         self._requests = RequestHandler(self._guard, self._leases, self._latch)
-        self._on_tick = on_tick
+        self._keeper = keeper
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
         self._event_log = EventLog(on_event, clear=clear, time=self._time)
         self._inbox = Inbox(time=self._time)
@@ -96,7 +98,6 @@ class RobotServer:
             link, servos.robot.name, self._inbox, self._requests.urgent, self._admits_command
         )
         self._description = describe(servos.robot)
-        self._served_poses = ServedPoses()
         self._who = RobotIdentity.of_this_process(servos.robot.name, backend).to_json()
         self._state: RobotState | None = None
         self._sequence = self._ticks = 0
@@ -164,7 +165,9 @@ class RobotServer:
             arrival = self._inbox.take(timeout_s)
             if arrival is not None:
                 self._handle(arrival)
-        for _ in range(CAPACITY):  # for a clock that does not know when its next tick is due
+        for _ in range(
+            sum(MOST_WAITING.values())
+        ):  # for a clock that does not know when its next tick is due
             arrival = self._inbox.take(0)
             if arrival is None:
                 break
@@ -217,12 +220,12 @@ class RobotServer:
             return
         late_s = max(0.0, checked.delay_s + now_s - at_s)
         try:
-            self._write(checked.command.joint_positions_rad, late_s, at_s + checked.good_for_s)
+            self._write(checked.joint_positions_rad, late_s, at_s + checked.good_for_s)
         except (CommandRefusedError, EStopError, RobotFaultError):
             # Failed servos are detected at the next read.
             self._commands.counters.refused += 1
             return
-        if checked.command.tag.sequence <= self._requests.rested_after:
+        if checked.sequence <= self._requests.rested_after:
             # The request to rest overtook this command, on another thread: expect no further one.
             self._guard.pause_watchdog()
         self._commands.counters.accepted += 1
@@ -250,7 +253,7 @@ class RobotServer:
         except MessageError:
             self._malformed_poses += 1
             return
-        if not self._servos.posed_from_outside:
+        if self._servos.posed_at_s is None:
             if position is None and quaternion is None:
                 return  # no state yet
             self._guard.forget_pose()
@@ -261,9 +264,8 @@ class RobotServer:
         self._note_standstill()
         self._ticked_s = self._time.now()
         self._ticks += 1
-        if (
-            event := self._on_tick(self._idle.holds_after_stop) or self._stop_socket.take_event()
-        ) is not None:
+        kept = None if self._keeper is None else self._keeper.tick(stopped=self._idle.holds_after_stop)
+        if (event := kept or self._stop_socket.take_event()) is not None:
             self._event_log.add(event)
         state = self._guard.read()
         self._check_expiry()
@@ -276,7 +278,7 @@ class RobotServer:
         self._publish_served_poses()
         self._publish(state)
         self._offer(state)
-        self._log_changes()
+        self._log_changes(state)
         if self._ticks % STATUS_TICKS == 0:
             self._publish_status()
         if self._ticks % BATTERY_TICKS == 0:
@@ -298,20 +300,26 @@ class RobotServer:
         if self._guard.stopped == "expired":
             self._leases.revoke()
 
-    def _log_changes(self) -> None:
-        lease = self._leases.holder(self._time.now())
+    def _log_changes(self, state: RobotState) -> None:
         self._event_log.note(
-            controller=None if lease is None else lease.owner,
-            stopped=self._guard.stopped,
-            stop=self._latch.current(),
-            cleared=self._latch.cleared,
-            posture=self._posture,
-            fault=None if self._state is None else self._state.fault,
-            warnings=() if self._state is None else self._state.warnings,
-            ros=None if self._ros is None else self._ros.condition,
-            doubt=self._guard.positions.doubt(self._guard.clock.now_s),
-            standstill=self._standstill,
+            Conditions(
+                controller=self._controller,
+                stopped=self._guard.stopped,
+                stop=self._latch.current(),
+                cleared=self._latch.cleared,
+                posture=self._posture,
+                fault=state.fault,
+                warnings=state.warnings,
+                ros=None if self._ros is None else self._ros.condition,
+                doubt=self._guard.positions.doubt(self._guard.clock.now_s),
+                standstill=self._standstill,
+            )
         )
+
+    @property
+    def _controller(self) -> str | None:
+        lease = self._leases.holder(self._time.now())
+        return None if lease is None else lease.owner
 
     def _publish(self, state: RobotState) -> None:
         self._state = state
@@ -333,22 +341,22 @@ class RobotServer:
         self._transport.publish("joint_states", joints, tag)
 
     def _publish_served_poses(self) -> None:
-        servos, simulation = self._servos, self._servos.simulation
-        truth = None if simulation is None else simulation.true_pose
-        for kind, payload in self._served_poses.messages(servos.own_orientation, truth):
-            self._transport.publish(kind, payload)
+        stamp_ns, simulation = wall.time_ns(), self._servos.simulation
+        if (orientation := self._servos.own_orientation) is not None:
+            self._transport.publish("imu", telemetry.imu().encode(stamp_ns, xyzw(orientation)))
+        if simulation is not None and (truth := simulation.true_pose) is not None:
+            self._transport.publish("truth", encode_pose(*truth, stamp_ns=stamp_ns))
 
     def _offer(self, state: RobotState) -> None:
         if self._ros is None:
             return
-        lease = self._leases.holder(self._time.now())
         self._ros.offer(
             RobotSnapshot(
                 state,
                 orientation=self._servos.own_orientation,
                 stopped=self._guard.stopped,
                 posture=self._posture,
-                controller=None if lease is None else lease.owner,
+                controller=self._controller,
                 posed_at_s=self._servos.posed_at_s,
             )
         )
@@ -362,6 +370,7 @@ class RobotServer:
         lease, state, guard = self._leases.holder(now_s), self._state, self._guard
         self._commands.counters.overflowed = self._inbox.overflowed
         cleared, failures = self._latch.cleared, failures_in_force(guard)
+        driving = {} if self._driver is None else self._driver.status()
         return {
             **self._who,
             "simulated": self._simulated,
@@ -389,18 +398,12 @@ class RobotServer:
             "servos": None if state is None or state.servos is None else state.servos.to_json(),
             "battery_v": None if state is None else _number(state.battery_v),
             "battery_share": None if state is None else _number(state.battery_share),
-            "ros": None if self._ros is None else {**self._ros.status(), **self._driving()},
+            "ros": None if self._ros is None else {**self._ros.status(), **driving},
             "stop_port": self._stop_socket.port,
             "endpoint": self._link.endpoint,
             "secured": self._link.credentials is not None,
             "insecure": self._link.insecure,
         }
-
-    def _driving(self) -> dict[str, Any]:
-        driver = self._driver
-        if driver is None:
-            return {}
-        return {"motion": driver.motion, "refused": driver.refused, "pose_share": driver.pose_share}
 
 
 def _is_reached(state: RobotState) -> bool:

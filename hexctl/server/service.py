@@ -2,7 +2,8 @@
 
 import resource
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.options import check_names
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
+from hexctl.server.ros.router import link_beside_router, router_warnings
 from hexctl.server.serve_options import ServeOptions
 from hexctl.server.server import RobotServer
 from hexctl.server.stops.stop_file import StopFile
@@ -24,8 +26,6 @@ NO_WATCHDOG = (
     "{backend} has no watchdog and its servos no feedback: if this computer dies, they keep their last "
     "pulses; have a switch in their supply within reach"
 )
-
-KEEPER_LOST = "the keeper has ended: nothing lets the robot down if this process dies"
 
 #: Last line if servos hold by themselves.
 STILL_HOLDS = "the robot holds its pose; its servos keep their torque"
@@ -67,13 +67,12 @@ class RobotService(ServeOptions):
         """Link of the options; a ROS router keeps its port. Raises InputError for a bad link file."""
         link = load_link(
             self.link,
-            endpoint=self.listen,
+            connect=self.listen,
             credentials=None if self.credentials is None else Path(self.credentials),
             insecure=self.insecure,
             given_as="listen",
         )
-        ros = self.ros_options
-        return link if ros is None else ros.link_beside_router(link)
+        return link if self.ros is None else link_beside_router(link, self.ros)
 
     def run(
         self,
@@ -89,17 +88,12 @@ class RobotService(ServeOptions):
         """
         _raise_descriptor_limit()
         link = self.resolved_link()
-        options = self.servo_options
+        keys = None if self.device_keys is None else Path(self.device_keys)
+        options = self.backend_options(connect=self.connect, credentials=keys, insecure=self.insecure)
         servos = make_servos(self.backend, options)
         keeper = self._keeper(options)
         stop_file = self._stop_file(servos.robot.name, options, link)
         server = self._server(servos, link, keeper, stop_file, on_event)
-        started = ServiceStarted(
-            robot=servos.robot.name,
-            backend=self.backend,
-            place=link.endpoint,
-            warnings=self._warnings(link) + stop_file.warnings,
-        )
         held = False
 
         def stop() -> bool:
@@ -107,13 +101,23 @@ class RobotService(ServeOptions):
             if not stop_requested():
                 return False
             held = isinstance(servos, PortServos) and servos.holds
+            if keeper is not None:
+                keeper.goodbye()
             return True
 
         def ready() -> None:
-            warnings = started.warnings + server.warnings
-            on_started(replace(started, realtime=request_realtime_priority(), warnings=warnings))
+            on_started(
+                ServiceStarted(
+                    robot=servos.robot.name,
+                    backend=self.backend,
+                    place=link.endpoint,
+                    realtime=request_realtime_priority(),
+                    warnings=self._warnings(link) + stop_file.warnings + server.warnings,
+                )
+            )
 
-        _run_kept(server, stop, keeper, ready=ready)
+        with keeper or nullcontext():
+            server.run(stop, ready=ready)
         if held:
             on_event(STILL_HOLDS if server.reaches_servos else NOT_KNOWN)
 
@@ -125,11 +129,16 @@ class RobotService(ServeOptions):
         stop_file: StopFile,
         on_event: Callable[[str], None],
     ) -> RobotServer:
-        ros, bridge = self.ros_options, None
-        if ros is not None:
-            bridge = ros.bridge(
+        bridge = None
+        if self.ros is not None:
+            from hexctl.server.ros.bridge import RosBridge
+            from hexctl.server.ros.settings import RosSettings
+
+            bridge = RosBridge(
                 servos.robot,
-                sit_after_s=self.sit_after_s,
+                self.ros_node,
+                router=self.ros,
+                settings=RosSettings(sit_after_s=self.sit_after_s, ros_drive=self.ros_drive),
                 insecure=self.insecure,
                 time=servos.clock.time,
             )
@@ -140,7 +149,7 @@ class RobotService(ServeOptions):
             simulated=self.simulated,
             sit_after_s=self.sit_after_s,
             on_event=on_event,
-            on_tick=_ticks_of(keeper),
+            keeper=keeper,
             ros=bridge,
             stop_file=stop_file,
             clear=_clear_command(link),
@@ -156,8 +165,9 @@ class RobotService(ServeOptions):
     def _warnings(self, link: Link) -> tuple[str, ...]:
         pwm = self.backend in PWM_DRIVERS
         board = (NO_WATCHDOG.format(backend=self.backend),) if pwm else ()
-        ros = self.ros_options
-        return board + (() if ros is None else ros.warnings(link))
+        if self.ros is None:
+            return board
+        return board + router_warnings(link, self.ros, drive=self.ros_drive)
 
     def _keeper(self, options: BackendOptions) -> "Keeper | None":
         from hexctl.server.keeper import KEPT_BACKENDS, Keeper, KeeperSpec
@@ -177,40 +187,6 @@ class RobotService(ServeOptions):
 def _clear_command(link: Link) -> str:
     reached = link.credentials is None and not Endpoint.parse(link.endpoint).is_everywhere
     return link.clear_command if reached else CLEAR_COMMAND
-
-
-def _run_kept(
-    server: RobotServer, stop: Callable[[], bool], keeper: "Keeper | None", *, ready: Callable[[], None]
-) -> None:
-    if keeper is None:
-        server.run(stop, ready=ready)
-        return
-    try:
-        server.run(_with_goodbye(stop, keeper), ready=ready)
-    except BaseException:
-        keeper.abandon()
-        raise
-    keeper.dismiss()
-
-
-def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Callable[[], bool]:
-    def stop() -> bool:
-        if not stop_requested():
-            return False
-        keeper.goodbye()
-        return True
-
-    return stop
-
-
-def _ticks_of(keeper: "Keeper | None") -> Callable[[bool], str | None]:
-    def tick(stopped: bool) -> str | None:
-        if keeper is None or keeper.lost:
-            return None
-        keeper.tick(stopped=stopped)
-        return KEEPER_LOST if keeper.lost else None
-
-    return tick
 
 
 def _raise_descriptor_limit() -> None:

@@ -27,7 +27,6 @@ from collections.abc import Callable
 from functools import partial
 from http import HTTPStatus
 from importlib.resources import files
-from types import TracebackType
 from typing import Any, Self, cast
 
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
@@ -148,9 +147,7 @@ class DrivePage:
             ) from self._failed
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._loop is not None and self._end is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._end.set)
             self._thread.join(START_S)

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from threading import Lock
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hexctl.control.drive.arbiter import Velocity
 from hexctl.control.drive.drive import Drive
@@ -18,6 +18,9 @@ from hexctl.ik.legs import link_points_body
 from hexctl.robot.failure import in_words
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import N_LEGS, FloatArray, RobotState, all_finite
+
+if TYPE_CHECKING:
+    from hexctl.client.stop_client import ReadyStop
 
 #: Requests of devices in addition to velocities.
 REQUESTS = ("stop", "stand", "sit", "gait", "level", "hold body", "quit")
@@ -105,21 +108,6 @@ class Device(Protocol):
         """Show a status, plain values of `DriveSession.status`."""
 
 
-class RobotStop(Protocol):
-    """A stop at the robot, which only a clear ends."""
-
-    @property
-    def clear_command(self) -> str:
-        """Command that clears it."""
-
-    @property
-    def trouble(self) -> str | None:
-        """Why the last stop did not reach the robot, or None."""
-
-    def press(self) -> None:
-        """Stop the robot; thread-safe and non-blocking."""
-
-
 class DriveSession:
     """Drives a robot manually until a device asks to quit.
 
@@ -127,7 +115,7 @@ class DriveSession:
     robot refuses until its stop is cleared. `robot_stop` stops the robot for all its clients.
     """
 
-    def __init__(self, drive: Drive, robot_stop: RobotStop | None = None) -> None:
+    def __init__(self, drive: Drive, robot_stop: "ReadyStop | None" = None) -> None:
         self.drive, self._robot_stop = drive, robot_stop
         self._stop_sent = False
         self.ended: str | None = None

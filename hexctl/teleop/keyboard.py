@@ -16,7 +16,6 @@ import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from types import TracebackType
 from typing import Any, Self
 
 from hexctl.control.drive.arbiter import Velocity, VelocitySource
@@ -93,7 +92,7 @@ class Keyboard:
         share: Share,
         ask: Callable[[str, str], None],
         keys: int,
-        show: Callable[[str], None] | None = None,
+        show: Callable[[str], None],
         *,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -149,7 +148,7 @@ class Keyboard:
 
     def report(self, status: dict[str, Any]) -> None:
         """Show a line."""
-        if self._show is not None and not self._gone:
+        if not self._gone:
             stood = f" · stood still: the terminal was silent for {SILENCE_S:g} s" if self._stood else ""
             self._show(line_of(status) + stood)
 
@@ -266,9 +265,7 @@ class KeyTerminal:
         self._shower.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._ended = True
         self._due.set()
         self._shower.join(LAST_LINE_S)  # later output must stay the last line

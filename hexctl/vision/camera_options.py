@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Range, Typed, check_fields
-from hexctl.wire.links import Link, LinkOptions, link_of
+from hexctl.wire.links import Link, LinkOptions, load_link
 
 if TYPE_CHECKING:
     from hexctl.vision.video.videos import VideoSource
@@ -50,7 +50,7 @@ class LinkedRobotOptions(LinkOptions):
     def load_link(self) -> Link:
         """The link; raises InputError for an invalid one."""
         credentials = None if self.credentials is None else Path(self.credentials)
-        return link_of(connect=self.connect, credentials=credentials, insecure=self.insecure, link=self.link)
+        return load_link(self.link, connect=self.connect, credentials=credentials, insecure=self.insecure)
 
 
 # Without slots: a class has one base with slots, and cameras with a robot have those of the link.

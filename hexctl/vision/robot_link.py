@@ -20,7 +20,7 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.wire.description import robot_of
 from hexctl.wire.links import ANY_ROBOT, KeyMap, Link, Role
 from hexctl.wire.pose import decode_orientation, encode_pose
-from hexctl.wire.zenoh_messages import StateTag, contacts_of, decode_joints
+from hexctl.wire.zenoh_messages import StateTag, decode_joints
 from hexctl.wire.zenoh_session import open_session
 
 #: Length of the queue: ten seconds of states; older ones are dropped.
@@ -117,7 +117,7 @@ class RobotLink:
         contacts, at_s = None, now_s
         if not self._plain:
             tag = StateTag.unpacked(b"" if sample.attachment is None else bytes(sample.attachment))
-            contacts = contacts_of(tag)
+            contacts = tag.contacts
             at_s = self._clock.sent_s(tag.stamp_ns / 1e9, now_s) - tag.age_us / 1e6
         known = self._yaw is not None and now_s - self._yaw[0] <= STALE_YAW_S
         yaw = self._yaw[1] if known and self._yaw is not None else None

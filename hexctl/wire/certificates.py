@@ -1,7 +1,6 @@
 """Certificates of both ends of a link: created, renewed, found and checked before a session opens."""
 
 import ipaddress
-import os
 import secrets
 import socket
 from collections.abc import Sequence
@@ -28,7 +27,7 @@ from hexctl.files import atomic_write, is_file, read_file, read_secret
 from hexctl.options import Range, Typed
 from hexctl.scratch import scratch_folder
 from hexctl.wire.links import Role
-from hexctl.wire.stop_secret import write_stop_secret
+from hexctl.wire.stop_datagram import write_stop_secret
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 
@@ -97,12 +96,7 @@ def _check(found: Credentials, roles: tuple[Role, ...]) -> None:
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError) as error:
         raise InputError(f"{found.certificate}: was not signed by {found.authority}") from error
-    _check_key(found, certificate)
-
-
-def _check_key(found: Credentials, certificate: x509.Certificate) -> None:
-    key = _private_key(found.key, "a PEM file")
-    if key.public_key() != certificate.public_key():
+    if _private_key(found.key, "a PEM file").public_key() != certificate.public_key():
         raise InputError(f"{found.key}: does not belong to {found.certificate}")
 
 
@@ -153,9 +147,8 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
 
     The folder must not exist, and is created completely or not at all. Robot and controllers also get the
     secret of the datagram stop. Raises InputError for a folder that exists or cannot be made, an invalid
-    host, and days out of range.
+    host.
     """
-    _check_days(days)
     if folder.exists():
         raise InputError(f"{folder}: is there already; allowed: a new folder, keys are never overwritten")
     names = [_host(host) for host in hosts]
@@ -219,7 +212,6 @@ def renew_certificates(folder: Path, *, days: int) -> None:
     Old and new certificates are mutually valid until the old ones expire. Raises InputError for a folder
     without its authority, or one that cannot be written.
     """
-    _check_days(days)
     owner = folder / AUTHORITY_FOLDER
     key = _load_key(owner / KEY_FILE)
     authority = load_certificate(owner / CERTIFICATE_FILE)
@@ -246,10 +238,6 @@ def hosts_of(certificate: x509.Certificate) -> list[x509.GeneralName]:
         return []
 
 
-def _check_days(days: int) -> None:
-    DAYS.check(argument("days"), days)
-
-
 def _load_key(path: Path) -> Key:
     key = _private_key(path, "one of hexctl keys new")
     if not isinstance(key, Key):
@@ -261,9 +249,9 @@ def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Ke
     folder.mkdir(mode=0o700)
     (folder / AUTHORITY_FILE).write_bytes(issuer.certificate.public_bytes(Encoding.PEM))
     (folder / CERTIFICATE_FILE).write_bytes(certificate.public_bytes(Encoding.PEM))
+    (folder / KEY_FILE).touch(0o600, exist_ok=False)
     secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-    with open(os.open(folder / KEY_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(secret)
+    (folder / KEY_FILE).write_bytes(secret)
 
 
 def _make_authority(days: int) -> _Issuer:

@@ -5,7 +5,6 @@ import os
 import socket
 import threading
 from collections.abc import Callable
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from hexctl.errors import argument
@@ -149,9 +148,7 @@ class RefusalWatch:
         threading.Thread(target=self._look, name="refusal", daemon=True).start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         with self._telling:  # no report from here on
             self._over.set()
 

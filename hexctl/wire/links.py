@@ -219,36 +219,31 @@ class Link:
 
 
 def load_link(
-    name_or_path: str | None = None,
+    link: str | None = None,
     *,
-    endpoint: str | None = None,
+    connect: str | None = None,
     credentials: Path | None = None,
     insecure: bool = False,
     given_as: str = "connect",
 ) -> Link:
-    """Link of a file, or the default one; the other arguments override it.
+    """Link of a file, or the default one; the other arguments override it. They are the `LinkOptions`.
 
     `given_as` is the endpoint's option in messages. Relative credentials in a file start at the file's
     folder. Raises InputError with file, key, value and allowed values.
     """
-    if endpoint:
-        Endpoint.parse(endpoint, argument(given_as))
-    link = Link(named=endpoint is not None)
-    if name_or_path is not None:
+    if connect:
+        Endpoint.parse(connect, argument(given_as))
+    found = Link(named=connect is not None)
+    if link is not None:
         from hexctl.wire.link_file import read_link_file  # a stop must not wait for its library
 
-        link = Link(**read_link_file(name_or_path))
+        found = Link(**read_link_file(link))
     return replace(
-        link,
-        endpoint=endpoint or link.endpoint,
-        credentials=link.credentials if credentials is None else credentials,
-        insecure=insecure or link.insecure,
+        found,
+        endpoint=connect or found.endpoint,
+        credentials=found.credentials if credentials is None else credentials,
+        insecure=insecure or found.insecure,
     )
-
-
-def link_of(*, connect: str | None, credentials: Path | None, insecure: bool, link: str | None) -> Link:
-    """Link of the fields of `LinkOptions`; raises InputError as `load_link` does."""
-    return load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.fixed_message import FixedMessage
+from hexctl.wire.ros_cdr import FixedMessage
 
 WORLD_FRAME = "odom"
 

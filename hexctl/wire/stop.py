@@ -182,10 +182,10 @@ def claim_of(key: str) -> str:
     return hashlib.sha256(key.encode(errors="replace")).hexdigest()[:CLAIM_DIGITS]
 
 
-def claim_in(request: str | None) -> str | None:
-    """Claim in the name of a request, or None."""
-    is_claim = request is not None and re.fullmatch(f"[0-9a-f]{{{CLAIM_DIGITS}}}", request)
-    return request if is_claim else None
+def claim_in(value: object) -> str | None:
+    """Claim in the name of a request, or in a value from the network; None for anything else."""
+    is_claim = isinstance(value, str) and re.fullmatch(f"[0-9a-f]{{{CLAIM_DIGITS}}}", value)
+    return str(value) if is_claim else None
 
 
 def _hundredths_s(duration_s: float) -> float:

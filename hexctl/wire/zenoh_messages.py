@@ -15,8 +15,8 @@ import numpy as np
 from hexctl.errors import MessageError
 from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray, RobotState
 from hexctl.wire import PROTOCOL_VERSION, ros_cdr
-from hexctl.wire.fixed_message import FixedMessage
 from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.ros_cdr import FixedMessage
 
 LEASE_ID_BYTES = 16
 
@@ -91,8 +91,8 @@ class CommandTag:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StateTag:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StateTag(ArrayFields):
     """Attachment of a state.
 
     Attributes:
@@ -100,9 +100,10 @@ class StateTag:
         age_us: age of the measurement at that time, in microseconds.
         command_sequence: of the newest command that reached the servos, 0 before the first of a lease.
         measured: True for joint angles from sensors, False for an echo of the targets.
-        contacts: bit i is set when foot i+1 touches the floor; None if unknown.
+        contacts: whether each foot touches the floor, (6,); None if unknown.
         stopped: why the robot's guard is stopped, or None.
-        stale_joints: bit i is set when the servo of joint i has been silent for longer than usual.
+        stale_joints: whether the servo of each joint has been silent for longer than usual, (18,); None if
+            none has.
     """
 
     sequence: int
@@ -111,14 +112,15 @@ class StateTag:
     command_sequence: int
     measured: bool
     healthy: bool
-    contacts: int | None
+    contacts: BoolArray | None
     fault: str | None = None
     stopped: str | None = None
-    stale_joints: int = 0
+    stale_joints: BoolArray | None = None
 
     def packed(self) -> bytes:
         """Attachment: 35 bytes, two texts with their lengths, and stale joints if any."""
-        flags = self.measured * _MEASURED | self.healthy * _HEALTHY | bool(self.stale_joints) * _STALE_JOINTS
+        stale = 0 if self.stale_joints is None else _bits(self.stale_joints)
+        flags = self.measured * _MEASURED | self.healthy * _HEALTHY | bool(stale) * _STALE_JOINTS
         flags |= 0 if self.contacts is None else _CONTACTS_KNOWN
         fixed = _STATE.pack(
             _STATE_MAGIC,
@@ -128,10 +130,10 @@ class StateTag:
             self.age_us,
             self.command_sequence,
             flags,
-            self.contacts or 0,
+            0 if self.contacts is None else _bits(self.contacts),
         )
         texts = _text(self.fault) + _text(self.stopped)
-        return fixed + texts + (_STALE.pack(self.stale_joints) if self.stale_joints else b"")
+        return fixed + texts + (_STALE.pack(stale) if stale else b"")
 
     @classmethod
     def unpacked(cls, attachment: bytes) -> "StateTag":
@@ -141,9 +143,10 @@ class StateTag:
         _check(magic, _STATE_MAGIC, version)
         fault, rest = _read_text(attachment[_STATE.size :])
         stopped, rest = _read_text(rest)
-        stale_joints = 0
+        stale_joints = None
         if flags & _STALE_JOINTS:
-            (stale_joints,) = _unpacked(_STALE, rest[: _STALE.size])
+            (bits,) = _unpacked(_STALE, rest[: _STALE.size])
+            stale_joints = _of_bits(bits, N_JOINTS)
             rest = rest[_STALE.size :]
         if rest:
             raise MessageError(f"attachment: got {len(rest)} bytes too many; allowed: none")
@@ -154,7 +157,7 @@ class StateTag:
             command_sequence=command_sequence,
             measured=bool(flags & _MEASURED),
             healthy=bool(flags & _HEALTHY),
-            contacts=contacts if flags & _CONTACTS_KNOWN else None,
+            contacts=_of_bits(contacts, N_LEGS) if flags & _CONTACTS_KNOWN else None,
             fault=fault,
             stopped=stopped,
             stale_joints=stale_joints,
@@ -194,14 +197,6 @@ def _read_text(data: bytes) -> tuple[str | None, bytes]:
 
 _NAMES = list(JOINT_NAMES)
 _NONE = np.zeros(0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Command(ArrayFields):
-    """A decoded command: joint angles (18,), leg-major order, and its tag."""
-
-    joint_positions_rad: FloatArray
-    tag: CommandTag
 
 
 @cache
@@ -269,11 +264,11 @@ def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
     return positions, torques if torques is not None and np.isfinite(torques).all() else None
 
 
-def decode_command(payload: bytes, attachment: bytes | None) -> Command:
-    """Command of a payload and its attachment; raises MessageError for anything else."""
+def decode_command(payload: bytes, attachment: bytes | None) -> tuple[FloatArray, CommandTag]:
+    """Joint angles (18,), leg-major order, and tag of a command; raises MessageError for anything else."""
     if attachment is None:
         raise MessageError("command: got no attachment; allowed: one with sequence, time to live and lease")
-    return Command(decode_positions(payload), CommandTag.unpacked(attachment))
+    return decode_positions(payload), CommandTag.unpacked(attachment)
 
 
 def _decode_any(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
@@ -315,25 +310,11 @@ def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence:
         command_sequence=command_sequence,
         measured=state.measured,
         healthy=state.healthy,
-        contacts=None if state.foot_contacts is None else _bits(state.foot_contacts),
+        contacts=state.foot_contacts,
         fault=state.fault,
         stopped=state.stopped,
-        stale_joints=0 if state.stale_joints is None else _bits(state.stale_joints),
+        stale_joints=state.stale_joints,
     )
-
-
-def contacts_of(tag: StateTag) -> BoolArray | None:
-    """Feet that touch the floor, (6,), or None if unknown."""
-    if tag.contacts is None:
-        return None
-    return np.array([bool(tag.contacts >> leg & 1) for leg in range(N_LEGS)])
-
-
-def stale_joints_of(tag: StateTag) -> BoolArray | None:
-    """Joints whose servos have been silent for longer than usual, (18,); None if there are none."""
-    if not tag.stale_joints:
-        return None
-    return np.array([bool(tag.stale_joints >> joint & 1) for joint in range(N_JOINTS)])
 
 
 def encode_battery(voltage_v: float | None, share: float | None, stamp_ns: int | None = None) -> bytes:
@@ -378,3 +359,7 @@ def _microseconds(age_s: float) -> int:
 
 def _bits(values: BoolArray) -> int:
     return sum(1 << place for place, value in enumerate(values.tolist()) if value)
+
+
+def _of_bits(bits: int, count: int) -> BoolArray:
+    return np.array([bool(bits >> place & 1) for place in range(count)])

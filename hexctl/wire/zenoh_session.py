@@ -130,18 +130,23 @@ def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
     """
     endpoint = check_link(link, role)
     found = _find_credentials(link, role)
-    config = zenoh.Config()
-    for key, value in _settings(endpoint, role, keys, found).items():
-        config.insert_json5(key, json.dumps(value))
     if role is Role.ROBOT:
         threads = ", ".join(f"{name}: (worker_threads: {count})" for name, count in ROBOT_THREADS.items())
         os.environ.setdefault(RUNTIME_VARIABLE, f"({threads})")
     try:
-        return zenoh.open(config)
+        return open_configured(_settings(endpoint, role, keys, found))
     except zenoh.ZError as error:
         listens = role is Role.ROBOT
         reason = why_not_listening(endpoint) if listens else why_not_connected(endpoint, found)
         raise RobotFaultError(reason) from error
+
+
+def open_configured(settings: dict[str, Any]) -> zenoh.Session:
+    """Open a session with settings of Zenoh, by their paths; raises zenoh.ZError."""
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
 
 
 def _find_credentials(link: Link, role: Role) -> "Credentials | None":

@@ -30,7 +30,7 @@ class StoppedRobot:
     kept, echoed = True, False
 
     def __init__(self, *, again: bool, connect: str | None, link: str | None, **given: Any) -> None:
-        self.link = load_link(link, endpoint=connect, **given)
+        self.link = load_link(link, connect=connect, **given)
 
     def __enter__(self) -> Self:
         return self
@@ -196,7 +196,7 @@ class FoundPlace:
     link: Link | None = None
 
     def __init__(self, *, again: bool, connect: str | None, link: str | None, **given: Any) -> None:
-        FoundPlace.link = load_link(link, endpoint=connect, **given)
+        FoundPlace.link = load_link(link, connect=connect, **given)
         raise RobotFaultError("not sent")
 
     def __enter__(self) -> Self:
@@ -228,7 +228,7 @@ def test_it_goes_where_the_command_line_would_send_it(
     if place is None:
         assert "link" in file
     else:
-        assert FoundPlace.link == load_link(endpoint=place.pop("connect"), **place)
+        assert FoundPlace.link == load_link(**place)
 
 
 @pytest.mark.parametrize(

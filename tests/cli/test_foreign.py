@@ -179,8 +179,7 @@ def plant_common_modules() -> None:
 
 def test_the_keeper_takes_no_module_from_the_working_folder() -> None:
     plant_common_modules()
-    keeper = Keeper(KeeperSpec(backend="mock", robot="ant", connect=None, sits=False))
-    try:
+    with Keeper(KeeperSpec(backend="mock", robot="ant", connect=None, sits=False)) as keeper:
 
         def runs() -> bool:
             status = Path(f"/proc/{keeper._process.pid}/status").read_text()
@@ -190,8 +189,6 @@ def test_the_keeper_takes_no_module_from_the_working_folder() -> None:
 
         wait_for(runs, 60.0, "the keeper does not start")
         assert keeper._process.poll() is None
-    finally:
-        keeper.dismiss()
 
 
 def test_the_live_view_takes_no_module_from_the_working_folder(

@@ -261,7 +261,7 @@ def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_na
         with pytest.raises(InputError, match="name it"):
             robots.clear()
         assert robots.await_statuses()[0]["stopped"] == "estop"
-    with remote_robots(Role.CONTROLLER, connect=walking.endpoint) as named:
+    with remote_robots(Link(endpoint=walking.endpoint), Role.CONTROLLER) as named:
         assert [answer["stopped"] for answer in named.clear()] == [None]
 
 
@@ -298,7 +298,7 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request_and_its_log_tells_
     with served(tmp_path, backend="sim") as robot:
         changes = (("fail", "5:limp"), ("fail", "2:stuck:femur"), ("heal", "5"), ("fail", "7:limp"))
         told = [hexctl_command("sim", *change, "--connect", robot.endpoint) for change in changes]
-        with remote_robots(Role.CONTROLLER, connect=robot.endpoint) as robots:
+        with remote_robots(Link(endpoint=robot.endpoint), Role.CONTROLLER) as robots:
             assert robots.statuses()[0]["simulated"]["failure"] == "leg 2 femur stuck"
             assert robots.statuses()[0]["failures"] == ["2:stuck:femur:0"]
             assert [answer["failures"] for answer in robots.heal(2)] == [[]]

@@ -16,13 +16,12 @@ from hexctl.client import datagram_stop, session_stop
 from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import DatagramStop, Sighting
 from hexctl.client.session_stop import SessionStop
-from hexctl.client.stop_watch import NAME_WAIT_S, SILENCE_S, StopWatch
+from hexctl.client.stop_client import NAME_WAIT_S, SILENCE_S, StopWatch
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
 from hexctl.wire.stop import OTHERS_HOLD_S
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram
-from hexctl.wire.stop_secret import SECRET_FILE
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, SECRET_FILE, Kind, StopDatagram
 from tests.many_files import many_open_files
 from tests.server.processes import free_port
 from tests.server.stops.test_stop_socket import Bench
@@ -364,11 +363,6 @@ def seen(at_s: float, **values: Any) -> Sighting:
 def free(at_s: float, **values: Any) -> Sighting:
     """What a robot says that is not stopped."""
     return seen(at_s, stopped=None, stop_id=None, **values)
-
-
-def test_a_stop_that_stays_is_no_news() -> None:
-    watch = StopWatch(STOP_ID)
-    assert all(watch.change([seen(float(at_s))], at_s + 0.1) is None for at_s in range(100))
 
 
 def test_a_clear_is_reported_once_with_the_name_that_comes_later() -> None:

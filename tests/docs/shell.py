@@ -365,8 +365,8 @@ def _sudo(words: list[str]) -> None:
 def _ros2(words: list[str]) -> None:
     """Check that the node, topics, services and types of a command of ROS are those of a served robot."""
     from hexctl.server.ros.bridge import JOINTS_TOPIC, STOP_MESSAGE, STOP_TOPIC, TRIGGER, VELOCITIES
-    from hexctl.server.ros.ros_commands import Service
     from hexctl.server.ros.topics import TOPICS
+    from hexctl.wire.ros.motion_commands import Service
     from hexctl.wire.ros.ros_names import RosNode
 
     names = (*TOPICS, "cmd_vel", JOINTS_TOPIC, STOP_TOPIC, *(f"~/{service.value}" for service in Service))

@@ -22,7 +22,7 @@ from hexctl.types import TOO_HOT_C
 from hexctl.wire.certificates import CertificateOptions
 from hexctl.wire.links import KeyMap, Role
 from hexctl.wire.stop import HOLD_S, MOST_OTHERS_HOLD_S, OTHERS_HOLD_S
-from hexctl.wire.stop_secret import HOLDERS
+from hexctl.wire.stop_datagram import HOLDERS
 from hexctl.wire.zenoh_session import access_control
 from tests.docs.pages import ROOT
 

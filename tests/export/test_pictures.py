@@ -190,7 +190,7 @@ def test_of_two_walks_the_faster_one_wins_a_race_and_the_failure_is_told_on_both
         pair.append(replace(walk, properties=told, events=(event,), base_position_world=position_m))
     times_s = [index / 10 for index in range(int(10 * walk.time_s[-1]))]
     race = RaceRenderer(pair, [0.0, 0.0], ["a", "b"], times_s, camera="side", width_px=320)
-    end = race.draw(float(walk.time_s[-1]) - 0.2)
+    end = race.picture(float(walk.time_s[-1]) - 0.2)
     texts = [[message.text for message in messages_of(trial)] for trial in pair]
     race.close()
     won = [

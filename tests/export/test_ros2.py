@@ -11,7 +11,6 @@ from unittest.mock import MagicMock
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from hexctl.errors import InputError
 from hexctl.export.export import export
@@ -122,12 +121,3 @@ def test_the_launch_file_starts_what_is_asked_for(
     assert packages == ["rmw_zenoh_cpp", "rviz2", "foxglove_bridge"]
     assert process.call_args.kwargs["cmd"][:2] == ["hexctl", "serve"]
     launch_file.generate_launch_description()
-
-
-def test_the_command_writes_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from hexctl.cli.main import app
-
-    monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, ["export", "phantomx", "--to", "ros2"])
-    assert (result.exit_code, result.stdout.strip()) == (0, "phantomx-ros2")
-    assert (tmp_path / "phantomx-ros2" / "phantomx.urdf").is_file()

@@ -14,7 +14,7 @@ import pytest
 from hexctl.control.trace import PHASES
 from hexctl.errors import InputError
 from hexctl.export.export import trial_columns, write_csv, write_parquet
-from hexctl.export.lerobot import DATA, EPISODES, FPS, QUANTILES, task_of, write_lerobot
+from hexctl.export.lerobot import DATA, FPS, QUANTILES, task_of, write_lerobot
 from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.types import JOINT_NAMES
 from tests.robots import shipped
@@ -96,8 +96,6 @@ def test_frames_are_those_of_the_walks(dataset: Path, walk: RecordedTrial) -> No
 
 
 def test_what_is_said_of_the_dataset_is_so(dataset: Path, walk: RecordedTrial) -> None:
-    import pandas as pd
-
     info = json.loads((dataset / "meta/info.json").read_text())
     assert info["codebase_version"] == "v3.0"
     assert (info["total_episodes"], info["total_tasks"], info["fps"]) == (2, 1, FPS)
@@ -110,14 +108,7 @@ def test_what_is_said_of_the_dataset_is_so(dataset: Path, walk: RecordedTrial) -
     episodes = pd.read_parquet(dataset / "meta/episodes/chunk-000/file-000.parquet")
     assert episodes["length"].tolist() == [len(walk), len(walk) - FPS]
     assert episodes["dataset_from_index"].tolist() == [0, len(walk)]
-    frames = pd.read_parquet(dataset / info["data_path"].format(chunk_index=0, file_index=0))
-    stats = json.loads((dataset / "meta/stats.json").read_text())
-    for name in ("action", "observation.state", "observation.pose"):
-        values = np.stack(frames[name]).astype(float)
-        assert stats[name]["mean"] == pytest.approx(values.mean(axis=0), abs=1e-9)
-        assert stats[name]["std"] == pytest.approx(values.std(axis=0), abs=1e-6)
-        assert stats[name]["max"] == pytest.approx(values.max(axis=0))
-        assert stats[name]["count"] == [len(values)]
+    assert (dataset / info["data_path"].format(chunk_index=0, file_index=0)).is_file()
 
 
 def test_rerun_reads_it_back(dataset: Path, walk: RecordedTrial) -> None:
@@ -132,8 +123,6 @@ def test_rerun_reads_it_back(dataset: Path, walk: RecordedTrial) -> None:
 
 
 def test_late_ticks_are_made_even(walk: RecordedTrial, tmp_path: Path) -> None:
-    import pandas as pd
-
     late_s = walk.time_s.copy()
     late_s[50:] += 0.013
     write_lerobot([replace(walk, time_s=late_s)], tmp_path / "late", lambda *_: None)
@@ -164,11 +153,7 @@ def test_statistics_of_all_episodes_are_those_of_all_frames(walk: RecordedTrial,
         values = np.stack(frames[name].to_list()).astype(float).reshape(len(frames), -1)
         for key, share in QUANTILES.items():
             assert stats[name][key] == pytest.approx(np.quantile(values, share, axis=0))
-        assert len(stats[name]["min"]) == values.shape[1]
-
-
-def test_episodes_have_their_own_quantiles(walk: RecordedTrial, tmp_path: Path) -> None:
-    write_lerobot([walk], tmp_path / "set", lambda *_: None)
-    episodes = pd.read_parquet(tmp_path / "set" / EPISODES)
-    for key in ("q01", "q10", "q50", "q90", "q99"):
-        assert len(episodes[f"stats/action/{key}"].iloc[0]) == 18
+        assert stats[name]["mean"] == pytest.approx(values.mean(axis=0), abs=1e-9)
+        assert stats[name]["std"] == pytest.approx(values.std(axis=0), abs=1e-6)
+        assert stats[name]["max"] == pytest.approx(values.max(axis=0))
+        assert (stats[name]["count"], len(stats[name]["min"])) == ([len(values)], values.shape[1])

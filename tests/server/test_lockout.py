@@ -23,8 +23,7 @@ from hexctl.errors import HexctlError
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.stop import HOLD_S
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
-from hexctl.wire.stop_secret import find_stop_secret
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, find_stop_secret, mark_of
 from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, encode_positions
 from hexctl.wire.zenoh_session import open_session
 from tests.server.processes import Served, controlling, hexctl_process, program, served, wait_until

@@ -11,9 +11,10 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError
-from hexctl.server.inbox import CAPACITY, MOST_WAITING, QUERIES, Inbox
+from hexctl.server.inbox import MOST_WAITING, QUERIES, Inbox
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import MOST_CHANGES, RequestHandler
+from hexctl.server.stops.latch import StopLatch
 from hexctl.wire.description import encode_json
 from hexctl.wire.stop import HOLD_S, MAX_BY, UNNAMED
 from tests.control.posed import connected, send
@@ -39,29 +40,20 @@ def test_what_fits_comes_in_order_then_the_oldest_goes_but_of_queries_the_newest
     assert kind in QUERIES or inbox.overflowed == 3
 
 
-def test_the_newest_state_takes_the_place_of_one_that_was_not_taken() -> None:
-    inbox = Inbox(capacity=1)
-    for number in range(3):
-        inbox.put("state", number)
-    assert items(inbox) == [2]
-    assert inbox.overflowed == 2
-
-
 @pytest.mark.parametrize("kind", MOST_WAITING)
 def test_a_flood_of_one_kind_displaces_no_other(kind: str) -> None:
-    assert sum(MOST_WAITING.values()) <= CAPACITY
     inbox = Inbox()
-    others = [other for other in MOST_WAITING if other != kind]
+    others = [other for other in MOST_WAITING if other not in (kind, "state")]
     for other in others:
         inbox.put(other, other)
-    for _ in range(10 * CAPACITY):
+    for _ in range(640):
         inbox.put(kind, "flood")
     for other in others:
         inbox.put(other, other)
     taken = items(inbox)
     assert [item for item in taken if item != "flood"] == [*others, *others]
     assert taken.count("flood") == MOST_WAITING[kind]
-    assert inbox.overflowed == 10 * CAPACITY - MOST_WAITING[kind]
+    assert inbox.overflowed == 640 - MOST_WAITING[kind]
 
 
 def test_an_arrival_wakes_the_reader_and_nothing_waits_for_none() -> None:
@@ -90,7 +82,7 @@ def _interrupted() -> Iterator[None]:
 @pytest.mark.slow
 @pytest.mark.usefixtures("_interrupted")
 def test_signals_and_arrivals_that_were_taken_already_do_not_block_the_reader() -> None:
-    inbox = Inbox(capacity=2)
+    inbox = Inbox()
     rescued, done, stop = threading.Event(), threading.Event(), threading.Event()
 
     def rescue() -> None:
@@ -98,7 +90,7 @@ def test_signals_and_arrivals_that_were_taken_already_do_not_block_the_reader() 
             return
         rescued.set()
         while not done.wait(0.001):
-            inbox.put("rescue", None)
+            inbox.put("estop", None)
 
     def flood() -> None:
         while not stop.is_set():
@@ -129,7 +121,7 @@ def guard() -> Guard:
 
 @pytest.fixture
 def desk(guard: Guard) -> RequestHandler:
-    return RequestHandler(guard, LeaseManager())
+    return RequestHandler(guard, LeaseManager(), StopLatch(guard))
 
 
 def ask(desk: RequestHandler, now_s: float = 0.0, **content: str) -> dict[str, object]:
@@ -273,7 +265,8 @@ def servos() -> Iterator[SimServos]:
 
 @pytest.fixture
 def breaking(servos: SimServos) -> RequestHandler:
-    return RequestHandler(Guard(servos), LeaseManager())
+    guard = Guard(servos)
+    return RequestHandler(guard, LeaseManager(), StopLatch(guard))
 
 
 @pytest.mark.parametrize(

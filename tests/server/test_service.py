@@ -13,13 +13,12 @@ from hexctl.backends.bus.registers import table_of
 from hexctl.backends.clock import Standstill
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
-from hexctl.server.event_log import WAITING_LINES, EventLog
+from hexctl.server.event_log import WAITING_LINES, Conditions, EventLog
 from hexctl.server.keeper import Keeper, KeeperSpec
 from hexctl.server.service import RobotService, ServiceStarted
 from hexctl.simulators.register_servos import BusServo
 from hexctl.wire.stop import Clear, Stop
 from tests.backends.bus.boards import a_map, bus_board
-from tests.backends.pwm.boards import servo2040_board
 from tests.server.processes import free_port
 
 
@@ -57,15 +56,6 @@ def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str])
     RobotService(backend="mock", listen=endpoint).run(lambda: bool(started), on_started=started.append)
     assert [(each.robot, each.backend, each.place) for each in started] == [("ant", "mock", endpoint)]
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_board_without_a_watchdog_is_said_to_be_one_at_every_start() -> None:
-    with servo2040_board() as board:
-        started: list[ServiceStarted] = []
-        service = RobotService(backend="servo2040", robot="ant", listen=local(), connect=board.path)
-        service.run(lambda: bool(started), on_started=started.append)
-    (warning,) = started[0].warnings
-    assert "no watchdog" in warning
 
 
 def served_on_a_bus(path: str, stop: Callable[[], bool], **callbacks: Any) -> None:
@@ -118,7 +108,7 @@ def lines_of(*notes: dict[str, Any], clear: str = "clear") -> list[str]:
     told: list[str] = []
     log = EventLog(told.append, clear=clear)
     for note in notes:
-        log.note(**{"controller": None, "stopped": None, "posture": "idle", **note})
+        log.note(Conditions(**note))
     log.close()
     return [line.partition(" ")[2] for line in told]
 
@@ -214,12 +204,12 @@ def test_a_reader_who_is_held_up_holds_nothing_up_and_lines_that_were_left_out_a
 
     log = EventLog(say)
     for number in range(10 * WAITING_LINES):
-        log.note(controller=f"number {number}", stopped=None, posture="commanded")
+        log.note(Conditions(controller=f"number {number}", posture="commanded"))
     assert lines == []
     go.set()
     for _ in range(WAITING_LINES):
         assert read.acquire(timeout=TIMEOUT_S)
     assert lines[0].endswith("commanded by number 0")
-    log.note(controller="mia", stopped=None, posture="commanded")
+    log.note(Conditions(controller="mia", posture="commanded"))
     log.close()
     assert lines[-1].endswith("lines dropped) commanded by mia")

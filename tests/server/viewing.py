@@ -5,26 +5,21 @@ notices
 only after 10 s that one is silent, and by then much waits for it.
 """
 
-import json
 import sys
 import threading
 from contextlib import ExitStack
 
-import zenoh
-
 from hexctl.wire.links import KeyMap
-from hexctl.wire.zenoh_session import PUBLISHED
+from hexctl.wire.zenoh_session import PUBLISHED, open_configured
 
 
 def main() -> None:
     """View until the process is ended."""
-    keys, config = KeyMap.of("ant"), zenoh.Config()
+    keys = KeyMap.of("ant")
     settings = {"mode": "client", "connect/endpoints": [sys.argv[1]], "scouting/multicast/enabled": False}
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
     with ExitStack() as stack:
         for _ in range(int(sys.argv[2])):
-            session = stack.enter_context(zenoh.open(config))
+            session = stack.enter_context(open_configured(settings))
             for kind in PUBLISHED:
                 session.declare_subscriber(getattr(keys, kind), lambda _: None)
         sys.stdout.write("viewing\n")

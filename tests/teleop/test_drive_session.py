@@ -239,7 +239,9 @@ class Typed(Keyboard):
     def __init__(self, session: DriveSession, keys: dict[int, str]) -> None:
         self._reading, self.writing = os.pipe()
         drive = session.drive
-        super().__init__(drive.arbiter.source("keyboard"), drive.share, session.ask, self._reading)
+        super().__init__(
+            drive.arbiter.source("keyboard"), drive.share, session.ask, self._reading, lambda _: None
+        )
         self._drive, self._typed = drive, keys
         self._tick, self._last = 0, ""
         self.speeds_m_s = dict.fromkeys(keys.values(), 0.0)
@@ -277,7 +279,7 @@ def test_a_robot_with_a_latched_stop_shows_no_speed_of_before() -> None:
 
     guard = Guard(SimServos("ant"))
     with Drive(servos=guard, arbiter=Arbiter(lambda: guard.clock.now_s)) as drive:
-        session = DriveSession(drive, Latch())
+        session = DriveSession(drive, Latch())  # type: ignore[arg-type]
         drive.command(forward_m_s=0.1)
         session.run([Script(session, {199: "quit"})])
         state = guard.peek()

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.errors import InputError
-from hexctl.teleop.event_file import EV_ABS, EV_KEY, EVENT, LOOK_S, Event, EventFiles
 from hexctl.teleop.gamepad import (
     ABS_BRAKE,
     ABS_GAS,
@@ -23,76 +22,101 @@ from hexctl.teleop.gamepad import (
     BTN_EAST,
     BTN_SOUTH,
     BTN_TL,
+    EV_ABS,
+    EV_KEY,
+    EVENT,
+    LOOK_S,
+    Event,
+    EventFiles,
     Gamepad,
     GamepadEvents,
+    StopButton,
     check_gamepad,
     find_gamepads,
     find_stop_pads,
     turn_axis,
     undrivable_pads,
 )
-from hexctl.teleop.stop_button import StopButton
 
 
 class Pipes:
-    """Event files of a folder, their ends to write to, and a clock."""
+    """Named pipes in place of the event files of a folder, their ends to write to, and a clock."""
 
-    def __init__(self, folder: Path, most: int | None) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder, self.now_s = folder, 0.0
-        self.files = EventFiles(lambda: sorted(folder.iterdir()), most=most, now_s=lambda: self.now_s)
         self.ends: list[int] = []
 
+    def found(self) -> list[Path]:
+        return sorted(self.folder.iterdir())
+
     def plug(self, name: str) -> int:
-        os.mkfifo(self.folder / name)
+        if not (self.folder / name).exists():
+            os.mkfifo(self.folder / name)
         self.ends.append(os.open(self.folder / name, os.O_RDWR))
         self.now_s += LOOK_S
-        self.files.look()
         return self.ends[-1]
 
+    def pull(self, name: str) -> None:
+        """Pull out the device that was plugged in last."""
+        os.close(self.ends.pop())
+        (self.folder / name).unlink()
 
-@pytest.fixture(params=[None, 1])
-def pipes(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Pipes]:
-    pipes = Pipes(tmp_path, request.param)
+
+@pytest.fixture
+def pipes(tmp_path: Path) -> Iterator[Pipes]:
+    (tmp_path / "input").mkdir()
+    pipes = Pipes(tmp_path / "input")
     yield pipes
-    pipes.files.close()
     for end in pipes.ends:
         os.close(end)
 
 
-def test_events_may_come_in_parts(pipes: Pipes) -> None:
+@pytest.fixture(params=[None, 1])
+def files(pipes: Pipes, request: pytest.FixtureRequest) -> Iterator[EventFiles]:
+    files = EventFiles(pipes.found, most=request.param, now_s=lambda: pipes.now_s)
+    yield files
+    files.close()
+
+
+def test_events_may_come_in_parts(pipes: Pipes, files: EventFiles) -> None:
     end = pipes.plug("event1")
+    files.look()
     data = EVENT.pack(1, 2, 1, 304, 1) + EVENT.pack(1, 2, 3, 0, -5)
     came = []
     for start in range(0, len(data), 7):
         os.write(end, data[start : start + 7])
-        came.append(list(pipes.files.events()))
+        came.append(list(files.events()))
     assert [event for some in came for event in some] == [(1, 304, 1), (3, 0, -5)]
-    assert not list(pipes.files.events())
+    assert not list(files.events())
 
 
-def test_further_devices_are_opened_up_to_the_most_and_looked_for_once_in_a_while(pipes: Pipes) -> None:
-    first, second = pipes.plug("event1"), pipes.plug("event2")
-    for end in (first, second):
+def test_further_devices_are_opened_up_to_the_most_and_looked_for_once_in_a_while(
+    pipes: Pipes, files: EventFiles
+) -> None:
+    for name in ("event1", "event2"):
+        end = pipes.plug(name)
+        files.look()
         os.write(end, EVENT.pack(0, 0, 1, 304, 1))
-    opened = len(pipes.files.opened)
-    assert len(list(pipes.files.events())) == opened
-    pipes.files.close()
+    opened = len(files.opened)
+    assert len(list(files.events())) == opened
+    files.close()
     pipes.now_s += LOOK_S
-    pipes.files.look()
-    assert len(pipes.files.opened) == opened
-    pipes.files.close()
-    pipes.files.look()
-    assert not pipes.files.opened, "it has just looked"
+    files.look()
+    assert len(files.opened) == opened
+    files.close()
+    files.look()
+    assert not files.opened, "it has just looked"
 
 
-def test_a_device_that_is_pulled_out_is_let_go_of_and_may_come_back(pipes: Pipes) -> None:
+def test_a_device_that_is_pulled_out_is_let_go_of_and_may_come_back(pipes: Pipes, files: EventFiles) -> None:
     pipes.plug("event1")
-    os.close(pipes.ends.pop())
-    assert not list(pipes.files.events())
-    assert not pipes.files.opened
-    (pipes.folder / "event1").unlink()
+    files.look()
+    pipes.pull("event1")
+    assert not list(files.events())
+    assert not files.opened
     pipes.plug("event1")
-    assert pipes.files.opened
+    files.look()
+    assert files.opened
 
 
 HOLD, STICK_Y, STICK_X, TURN = (1, 310), (3, 1), (3, 0), (3, 3)
@@ -105,32 +129,23 @@ def event(kind_and_code: tuple[int, int], value: int) -> bytes:
 class Pad:
     """A pad whose event file is a named pipe that the test writes."""
 
-    def __init__(self, folder: Path) -> None:
-        self.now_s = 0.0
-        self.path = folder / "event7"
-        self.arbiter = Arbiter(lambda: self.now_s)
+    def __init__(self, pipes: Pipes) -> None:
+        self.pipes = pipes
+        self.arbiter = Arbiter(lambda: pipes.now_s)
         self.asked: list[str] = []
         self.leaned: list[tuple[float, ...]] = []
-        self.found: list[Path] = []
         self.pad = Gamepad(
             self.arbiter.source("gamepad"),
             Velocity,
             self.asked.append,
             lambda *shares: self.leaned.append(shares),
-            find=lambda: self.found,
-            now_s=lambda: self.now_s,
+            find=pipes.found,
+            now_s=lambda: pipes.now_s,
         )
 
     def plug_in(self) -> None:
-        if not self.path.exists():
-            os.mkfifo(self.path)
-        self.found = [self.path]
-        self.now_s += 1.0
-        # Both ends: a pipe without a writer reads as ended.
-        both = os.open(self.path, os.O_RDWR)
-        self.writing = os.open(self.path, os.O_WRONLY)
+        self.writing = self.pipes.plug("event7")
         self.pad._files.look()
-        os.close(both)
 
     def send(self, *events: bytes) -> Decision:
         for one in events:
@@ -140,8 +155,8 @@ class Pad:
 
 
 @pytest.fixture
-def pad(tmp_path: Path) -> Pad:
-    return Pad(tmp_path)
+def pad(pipes: Pipes) -> Pad:
+    return Pad(pipes)
 
 
 def test_the_sticks_drive_while_a_shoulder_button_is_held(pad: Pad) -> None:
@@ -149,7 +164,7 @@ def test_the_sticks_drive_while_a_shoulder_button_is_held(pad: Pad) -> None:
     assert pad.send(event(STICK_Y, -32768)) == Decision()
     assert pad.send(event(HOLD, 1)).velocity == Velocity(1.0, 0.0, 0.0)
     for _ in range(50):
-        pad.now_s += 0.1  # nothing moves: a stick that is held sends no events
+        pad.pipes.now_s += 0.1  # nothing moves: a stick that is held sends no events
         pad.pad.poll()
         assert pad.arbiter.decide().velocity == Velocity(1.0, 0.0, 0.0)
     assert pad.send(event(STICK_X, -32768), event(TURN, 32767)).velocity == Velocity(1.0, 1.0, -1.0)
@@ -177,10 +192,9 @@ def test_with_both_shoulder_buttons_the_sticks_move_the_body(pad: Pad) -> None:
 def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> None:
     pad.plug_in()
     assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
-    pad.found = []
-    os.close(pad.writing)
+    pad.pipes.pull("event7")
     assert pad.send() == Decision(Velocity(), "gamepad")
-    assert not pad.pad.connected
+    assert not pad.pad._files.opened
     pad.plug_in()
     assert pad.send(event(STICK_Y, -32768)).velocity == Velocity()  # it has to be pressed again
     assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
@@ -231,65 +245,59 @@ def test_a_file_that_may_not_be_read_is_refused_and_one_that_is_missing_may_come
         check_gamepad(tmp_path / "event7")
 
 
+def a_device(folder: Path, event: str, name: str, keys: str, absolute: str) -> None:
+    """Describe a device as the kernel does, with bitmaps of its keys and axes."""
+    capabilities = folder / event / "device" / "capabilities"
+    capabilities.mkdir(parents=True)
+    (capabilities / "key").write_text(f"{keys}\n")
+    (capabilities / "abs").write_text(f"{absolute}\n")
+    (folder / event / "device" / "name").write_text(f"{name}\n")
+
+
+def words(*codes: int) -> str:
+    """A bitmap in sysfs."""
+    bits = axes(*codes)
+    parts = [bits >> 64 * part & (1 << 64) - 1 for part in range(bits.bit_length() // 64, -1, -1)]
+    return " ".join(f"{part:x}" for part in parts)
+
+
 def test_gamepads_are_told_from_keyboards_and_mice(tmp_path: Path) -> None:
-    def device(name: str, key: str, absolute: str) -> None:
-        folder = tmp_path / "sys" / name / "device" / "capabilities"
-        folder.mkdir(parents=True)
-        (folder / "key").write_text(key + "\n")
-        (folder / "abs").write_text(absolute + "\n")
-
     # As the kernel shows a pad of the driver xpad, a keyboard, and a touchpad.
-    device("event5", "7cdb000000000000 0 0 0 0", "3003f")
-    device("event0", "402000000 3803078f800d001 feffffdfffefffff fffffffffffffffe", "0")
-    device("event1", "e520 10000 0 0 0 0", "663800011000003")
-    (tmp_path / "sys" / "event9").mkdir()
-    assert find_gamepads(Path("/dev/input"), tmp_path / "sys") == [Path("/dev/input/event5")]
-
-
-class Pads:
-    """A stop button, and event files of gamepads that a test writes."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._now_s = folder, 0.0
-        self.button = StopButton(lambda: sorted(folder.iterdir()), now_s=lambda: self._now_s)
-
-    def plug(self, name: str) -> int:
-        path = self._folder / name
-        os.mkfifo(path)
-        self._now_s += 2.0
-        reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        writer = os.open(path, os.O_WRONLY)
-        self.button.pressed()
-        os.close(reader)
-        return writer
+    a_device(tmp_path, "event5", "pad", "7cdb000000000000 0 0 0 0", "3003f")
+    a_device(tmp_path, "event0", "keys", "402000000 3803078f800d001 feffffdfffefffff fffffffffffffffe", "0")
+    a_device(tmp_path, "event1", "touch", "e520 10000 0 0 0 0", "663800011000003")
+    (tmp_path / "event9").mkdir()
+    assert find_gamepads(Path("/dev/input"), tmp_path) == [Path("/dev/input/event5")]
 
 
 @pytest.fixture
-def pads(tmp_path: Path) -> Iterator[Pads]:
-    pads = Pads(tmp_path)
-    yield pads
-    pads.button.close()
+def button(pipes: Pipes) -> Iterator[StopButton]:
+    button = StopButton(pipes.found, now_s=lambda: pipes.now_s)
+    yield button
+    button.close()
 
 
-def test_any_button_of_any_gamepad_stops(pads: Pads) -> None:
-    first, second = pads.plug("event1"), pads.plug("event2")
-    assert pads.button.connected == 2
-    assert not pads.button.pressed()
-    for writer, code in ((first, BTN_SOUTH), (second, BTN_EAST)):
-        os.write(writer, event((EV_KEY, code), 1))
-        assert pads.button.pressed()
-        assert not pads.button.pressed(), "it was pressed once"
-        os.close(writer)
+def test_any_button_of_any_gamepad_stops(pipes: Pipes, button: StopButton) -> None:
+    ends = [pipes.plug(name) for name in ("event1", "event2")]
+    assert not button.pressed()
+    assert button.connected == 2
+    for end, code in zip(ends, (BTN_SOUTH, BTN_EAST), strict=True):
+        os.write(end, event((EV_KEY, code), 1))
+        assert button.pressed()
+        assert not button.pressed(), "it was pressed once"
 
 
-def test_sticks_and_buttons_that_are_let_go_of_do_not_and_a_gamepad_may_be_pulled_out(pads: Pads) -> None:
-    writer = pads.plug("event1")
+def test_sticks_and_buttons_that_are_let_go_of_do_not_and_a_gamepad_may_be_pulled_out(
+    pipes: Pipes, button: StopButton
+) -> None:
+    end = pipes.plug("event1")
     for kind, code, value in ((EV_ABS, ABS_X, 30000), (EV_KEY, BTN_SOUTH, 0), (EV_KEY, BTN_SOUTH, 2)):
-        os.write(writer, event((kind, code), value))
-    assert not pads.button.pressed()
-    os.close(writer)
-    assert not pads.button.pressed()
-    assert pads.button.connected == 0
+        assert not button.pressed()
+        os.write(end, event((kind, code), value))
+    assert not button.pressed()
+    pipes.pull("event1")
+    assert not button.pressed()
+    assert button.connected == 0
 
 
 def asked(events: list[Event]) -> list[str]:
@@ -335,26 +343,14 @@ def test_the_right_stick_is_where_the_layout_has_it() -> None:
     assert turn_axis(0) == ABS_RX
 
 
-def a_device(folder: Path, event: str, name: str, keys: list[int], absolute: list[int]) -> None:
-    def words(codes: list[int]) -> str:
-        bits = axes(*codes)
-        parts = [bits >> 64 * part & (1 << 64) - 1 for part in range(bits.bit_length() // 64, -1, -1)]
-        return " ".join(f"{part:x}" for part in parts)
-
-    capabilities = folder / event / "device" / "capabilities"
-    capabilities.mkdir(parents=True)
-    (capabilities / "key").write_text(words(keys))
-    (capabilities / "abs").write_text(words(absolute))
-    (folder / event / "device" / "name").write_text(f"{name}\n")
-
-
 def test_a_joystick_is_named_and_stops(tmp_path: Path) -> None:
     known, devices = tmp_path / "sys", tmp_path / "input"
     devices.mkdir()
-    a_device(known, "event1", "Good Pad", [BTN_SOUTH, BTN_TL], [ABS_X, ABS_Y, ABS_RX])
-    a_device(known, "event2", "DragonRise Inc. Generic USB Joystick", [*range(288, 300)], [ABS_X, ABS_Y, 17])
-    a_device(known, "event3", "Half a Joy-Con", [BTN_SOUTH, BTN_TL], [ABS_RX])
-    a_device(known, "event4", "Keyboard", [1, 30, 31], [])
+    joystick, pad = "DragonRise Inc. Generic USB Joystick", words(BTN_SOUTH, BTN_TL)
+    a_device(known, "event1", "Good Pad", pad, words(ABS_X, ABS_Y, ABS_RX))
+    a_device(known, "event2", joystick, words(*range(288, 300)), words(ABS_X, ABS_Y, 17))
+    a_device(known, "event3", "Half a Joy-Con", pad, words(ABS_RX))
+    a_device(known, "event4", "Keyboard", words(1, 30, 31), "0")
     assert find_gamepads(devices, known) == [devices / "event1"]
     assert find_stop_pads(devices, known) == [devices / f"event{number}" for number in (1, 2, 3)]
     lacking = undrivable_pads(devices, known)

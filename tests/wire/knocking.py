@@ -1,6 +1,5 @@
 """Robots to knock at, and sessions that come with whatever settings they like."""
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import zenoh
 
 from hexctl.wire.links import KeyMap, Link
+from hexctl.wire.zenoh_session import open_configured
 
 KEYS = KeyMap.of("ant")
 
@@ -71,10 +71,5 @@ def posing_as_robot(endpoint: str, settings: dict[str, Any]) -> zenoh.Session:
 
 
 def _opened(settings: dict[str, Any]) -> zenoh.Session:
-    config = zenoh.Config()
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    for scouting in ("multicast", "gossip"):
-        config.insert_json5(f"scouting/{scouting}/enabled", "false")
-    config.insert_json5("connect/exit_on_failure", "true")
-    return zenoh.open(config)
+    silent: dict[str, Any] = {f"scouting/{how}/enabled": False for how in ("multicast", "gossip")}
+    return open_configured({**settings, **silent, "connect/exit_on_failure": True})

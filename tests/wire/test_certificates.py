@@ -20,7 +20,7 @@ from hexctl.wire.certificates import (
     renew_certificates,
 )
 from hexctl.wire.links import Link, Role
-from hexctl.wire.stop_secret import NO_SECRET, SECRET_FILE, find_stop_secret, write_stop_secret
+from hexctl.wire.stop_datagram import NO_SECRET, SECRET_FILE, find_stop_secret, write_stop_secret
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ def test_a_robot_of_another_user_or_computer_is_not_commanded_by_default(other: 
     with pytest.raises(InputError, match=f"{other.user} on {other.host}"):
         check_may_command(other, by_default)
     check_may_command(OURS, by_default)
-    for named in (load_link(endpoint=DEFAULT_ENDPOINT), load_link("loopback"), Link()):
+    for named in (load_link(connect=DEFAULT_ENDPOINT), load_link("loopback"), Link()):
         check_may_command(other, named)
 
 

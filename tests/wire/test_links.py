@@ -66,7 +66,7 @@ def test_a_file_is_read_and_what_is_given_besides_wins(tmp_path: Path) -> None:
     assert link.credentials == tmp_path / "keys"
     assert link.plain
     assert link.keys("ant").odom == "mocap/ant/odom"
-    given = load_link(str(path), endpoint="tls/other:1", credentials=Path("mine"))
+    given = load_link(str(path), connect="tls/other:1", credentials=Path("mine"))
     assert (given.endpoint, given.credentials) == ("tls/other:1", Path("mine"))
 
 

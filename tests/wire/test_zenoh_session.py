@@ -1,5 +1,6 @@
 """Sessions over real links: refused clients, with the message that a user reads, beside admitted ones."""
 
+import shutil
 import socket
 import time
 from collections.abc import Iterator
@@ -11,11 +12,10 @@ from typing import Any
 
 import pytest
 import zenoh
-from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire import certificates, zenoh_session
-from hexctl.wire.certificates import load_certificate, make_certificates
+from hexctl.wire.certificates import make_certificates, renew_certificates
 from hexctl.wire.links import Link, Role
 from hexctl.wire.zenoh_session import MAX_MESSAGE_BYTES, open_session
 from tests.server.processes import free_port, wait_until
@@ -75,15 +75,11 @@ def expired(authority: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> P
         def now(cls, _tz: object = None) -> "datetime":  # type: ignore[override]
             return datetime.now(UTC) - timedelta(days=30)
 
-    home = authority / certificates.AUTHORITY_FOLDER
-    secret: Any = load_pem_private_key((home / "key.pem").read_bytes(), password=None)
-    issuer = certificates._Issuer(load_certificate(home / "certificate.pem"), secret)
-    key = certificates._new_key()
+    shutil.copytree(authority, folder)
     with monkeypatch.context() as patched:
         patched.setattr(certificates, "datetime", LongAgo)
-        certificate = certificates._certify(Role.CONTROLLER, key.public_key(), [], issuer, days=5)
-    certificates._write(folder, issuer, certificate, key)
-    return folder
+        renew_certificates(folder, days=5)
+    return folder / "controller"
 
 
 def test_who_knocks_without_a_good_certificate_is_not_let_in(

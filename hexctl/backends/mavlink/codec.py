@@ -2,7 +2,6 @@
 
 import hashlib
 import hmac
-import os
 import secrets
 import struct
 import time
@@ -207,11 +206,10 @@ def write_signing_key(folder: Path) -> Path:
     path = folder / KEY_FILE
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        path.touch(0o600, exist_ok=False)
+        path.write_text(f"{secrets.token_hex(KEY_BYTES)}\n", encoding="ascii")
     except FileExistsError as error:
         raise InputError(f"{path}: is there already; allowed: a folder without one") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be made ({error.strerror}); allowed: a folder of yours") from error
-    with open(descriptor, "w", encoding="ascii") as file:
-        file.write(secrets.token_hex(KEY_BYTES) + "\n")
     return path

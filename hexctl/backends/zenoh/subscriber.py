@@ -18,7 +18,7 @@ from hexctl.waiting import wait_for
 from hexctl.wire.description import decode_answer
 from hexctl.wire.links import KeyMap
 from hexctl.wire.pose import decode_pose
-from hexctl.wire.zenoh_messages import StateTag, contacts_of, decode_battery, decode_joints, stale_joints_of
+from hexctl.wire.zenoh_messages import StateTag, decode_battery, decode_joints
 
 #: Subscribed kinds of messages.
 SUBSCRIBED = ("joint_states", "odom", "battery", "status")
@@ -142,7 +142,7 @@ class StateSubscriber:
             measured=tag.measured,
             base_position_world=position,
             base_quaternion_world=quaternion,
-            foot_contacts=contacts_of(tag),
+            foot_contacts=tag.contacts,
             age_s=now_s - sample.at_s + tag.age_us / 1e6,
             healthy=tag.healthy,
             fault=_told(tag.fault),
@@ -152,7 +152,7 @@ class StateSubscriber:
             joint_torques_nm=torques_nm,
             servos=self._servos_at(now_s),
             warnings=self._warnings,
-            stale_joints=stale_joints_of(tag),
+            stale_joints=tag.stale_joints,
         )
 
     @property

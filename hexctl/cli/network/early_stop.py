@@ -40,12 +40,12 @@ def begin_stop(arguments: Sequence[str]) -> None:
 
 def take_stop(place: Mapping[str, Any]) -> "ReadyStop | None":
     """Return the running stop, once; None if there is none, or it goes to another place."""
-    from hexctl.wire.links import link_of
+    from hexctl.wire.links import load_link
 
     if not _begun:
         return None
     stop = _begun.pop()
-    if stop.link == link_of(**place):
+    if stop.link == load_link(**place):
         return stop
     stop.end_datagrams()
     return None

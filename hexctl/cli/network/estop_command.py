@@ -28,7 +28,7 @@ from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError, printable
 from hexctl.wire.connection_diagnosis import RefusalWatch
-from hexctl.wire.links import Link, LinkOptions, Role
+from hexctl.wire.links import Link, LinkOptions, Role, load_link
 
 if TYPE_CHECKING:
     from hexctl.client.stop_client import ReadyStop, StopResult
@@ -165,7 +165,7 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     from hexctl.client.remote import remote_robots
     from hexctl.wire.description import RobotIdentity
 
-    with remote_robots(Role.CONTROLLER, **place) as robots:
+    with remote_robots(load_link(**place), Role.CONTROLLER) as robots:
         answers, again = robots.clear(waiting=_note_wait), robots.link.clear_command
     refused = next((str(answer["error"]) for answer in answers if "error" in answer), None)
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
@@ -199,8 +199,8 @@ def _note_wait(by: str, wait_s: float) -> None:
 
 def _wait_for_a_press(stop: "ReadyStop") -> None:
     """Report changes of the connection until a key or a button is pressed."""
+    from hexctl.teleop.gamepad import StopButton
     from hexctl.teleop.keyboard import has_keys
-    from hexctl.teleop.stop_button import StopButton
 
     button, told, terminal = StopButton(), "", has_keys()
     if not terminal and not _has_gamepad():

@@ -17,7 +17,7 @@ from hexctl.wire.certificates import (
     renew_certificates,
 )
 from hexctl.wire.links import Endpoint, Role
-from hexctl.wire.stop_secret import write_stop_secret
+from hexctl.wire.stop_datagram import write_stop_secret
 
 keys = Commands()
 

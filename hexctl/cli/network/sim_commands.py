@@ -16,7 +16,7 @@ from hexctl.cli.values import checked
 from hexctl.robot.failure_grammar import parse_leg
 from hexctl.simulators.board_service import BoardService
 from hexctl.vision.twin.twin_camera import TwinCamera
-from hexctl.wire.links import LinkOptions, Role
+from hexctl.wire.links import LinkOptions, Role, load_link
 
 if TYPE_CHECKING:
     from hexctl.client.remote import RemoteRobots
@@ -141,7 +141,7 @@ def _change(
 ) -> None:
     from hexctl.client.remote import remote_robots
 
-    with remote_robots(Role.CONTROLLER, **place) as robots:
+    with remote_robots(load_link(**place), Role.CONTROLLER) as robots:
         answers = change(robots)
     failures = [str(failure) for answer in answers for failure in answer["failures"]]
     for note in sorted({str(answer["note"]) for answer in answers if "note" in answer}):

@@ -15,7 +15,7 @@ from hexctl.cli.signature import with_options
 from hexctl.control.stop_reason import MEANINGS
 from hexctl.errors import InputError, printable
 from hexctl.wire.connection_diagnosis import RefusalWatch
-from hexctl.wire.links import LinkOptions, Role, link_of
+from hexctl.wire.links import LinkOptions, Role, load_link
 
 if TYPE_CHECKING:
     from hexctl.cli.render.tables import PlainTable
@@ -56,11 +56,8 @@ def status(
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
-    endpoint = link_of(**place).endpoint
-    with (
-        RefusalWatch(endpoint, note_refusal),
-        remote_robots(Role.VIEWER, **place) as robots,
-    ):
+    link = load_link(**place)
+    with RefusalWatch(link.endpoint, note_refusal), remote_robots(link, Role.VIEWER) as robots:
         statuses = robots.await_statuses()
         if watch:
             _watch(robots)

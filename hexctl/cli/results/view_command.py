@@ -10,7 +10,7 @@ from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.connection_diagnosis import RefusalWatch
-from hexctl.wire.links import WatchOptions, link_of
+from hexctl.wire.links import WatchOptions, load_link
 
 
 @with_options(WatchOptions)
@@ -63,7 +63,7 @@ def _watch(place: dict[str, Any], *, web: bool) -> int:
     from hexctl.recording.live import LiveView, watch_states
     from hexctl.recording.viewer import check_display
 
-    loaded = link_of(**place)
+    loaded = load_link(**place)
     watch = RefusalWatch(loaded.endpoint, note_refusal)
     with watch, subscribe_states(loaded) as (robot, states), StopOnInterrupt(plain=True) as interrupt:
         if not web:

@@ -51,4 +51,4 @@ def clear_command(spec: "RunSpec") -> str | None:
     if spec.backend != "zenoh":
         return None
     keys = None if spec.credentials is None else Path(spec.credentials)
-    return load_link(spec.link, endpoint=spec.connect, credentials=keys, insecure=spec.insecure).clear_command
+    return load_link(spec.link, connect=spec.connect, credentials=keys, insecure=spec.insecure).clear_command

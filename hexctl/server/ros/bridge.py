@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from types import TracebackType
+from functools import partial
 from typing import Any, Self
 
 import zenoh
@@ -12,25 +12,27 @@ from hexctl.errors import MessageError
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from hexctl.server.inbox import Inbox
-from hexctl.server.ros.parameter_services import ParameterServices
-from hexctl.server.ros.ros_commands import (
+from hexctl.server.ros.settings import LiveSettings, ParameterServices, RosSettings
+from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.ros.topics import RobotMessages, RobotTopics
+from hexctl.time_source import WALL_TIME, TimeSource
+from hexctl.wire import ros_cdr
+from hexctl.wire.links import Endpoint
+from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
+from hexctl.wire.ros.motion_commands import (
     OFF,
+    POSE,
+    TWIST,
+    TWIST_STAMPED,
     Called,
     RosCommand,
     Service,
     Stopped,
     WantedJoints,
-    WantedPose,
     WantedVelocity,
+    decode_body_pose,
+    decode_velocity,
 )
-from hexctl.server.ros.settings import LiveSettings, RosSettings
-from hexctl.server.ros.snapshot import RobotSnapshot
-from hexctl.server.ros.topics import RobotMessages, RobotTopics
-from hexctl.time_source import WALL_TIME, TimeSource
-from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
-from hexctl.wire.links import Endpoint
-from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
-from hexctl.wire.ros.motion_commands import POSE, TWIST, TWIST_STAMPED, decode_body_pose, decode_velocity
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
 from hexctl.wire.ros.ros_session import RouterWatch, check_router, open_ros_session
 from hexctl.wire.ros.telemetry import encode_trigger_answer
@@ -54,17 +56,6 @@ STOP_MESSAGE = "std_msgs/msg/Empty"
 TRIGGER = "std_srvs/srv/Trigger"
 
 _FIRST_SUBSCRIPTION, _FIRST_SERVICE = 30, 40
-
-
-class ServiceRequest:
-    """A service call, to be answered once."""
-
-    def __init__(self, request: RosRequest) -> None:
-        self._request = request
-
-    def answer(self, success: bool, message: str) -> None:
-        """Answer with a flag and a line."""
-        self._request.answer(encode_trigger_answer(success, message))
 
 
 @dataclass(slots=True)
@@ -104,9 +95,14 @@ class RosBridge:
         self.counters = RosCounters()
         self._router: Endpoint = check_router(router, insecure=insecure)
         self._watch = RouterWatch(self._router)
-        described = _described(robot, node, ros2_control=self.drive)
+        described = urdf_of(
+            robot,
+            ros2_control=self.drive,
+            command_topic=node.resolved(JOINTS_TOPIC),
+            state_topic=node.resolved("joint_states"),
+        )
         self._messages = RobotMessages(robot, described, node.full_name)
-        self._states = Inbox(capacity=1)
+        self._states = Inbox()
         self._inbox: Inbox | None = None
         self._stop: Callable[[], None] = lambda: None
         self._closing = threading.Event()
@@ -124,9 +120,7 @@ class RosBridge:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._closing.set()
         self._thread.join(timeout=2.0)  # a session that cannot be closed must not keep the robot
 
@@ -230,17 +224,15 @@ class _Commands:
         for service, server in self._services.items():
             request = server.next_request()
             if request is not None:
-                self._call(service, ServiceRequest(request))
+                self._call(service, partial(_answer, request))
         self._counters.malformed += sum(server.take_malformed() for server in self._services.values())
 
     def _pass(self, topic: str, kind: str, payload: bytes) -> None:
         try:
-            if len(payload) > MAX_PAYLOAD_BYTES:
-                raise MessageError(f"{topic}: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES}")
             if topic == JOINTS_TOPIC:
                 command: RosCommand = WantedJoints(decode_positions(payload))
             elif topic == POSE_TOPIC:
-                command = WantedPose(decode_body_pose(payload))
+                command = decode_body_pose(payload)
             else:
                 command = WantedVelocity(decode_velocity(kind, payload))
         except MessageError:
@@ -249,17 +241,12 @@ class _Commands:
         self._counters.commands += 1
         self._bridge.put(command)
 
-    def _call(self, service: Service, request: ServiceRequest) -> None:
+    def _call(self, service: Service, answer: Callable[[bool, str], None]) -> None:
         if self._bridge.drive:
-            self._bridge.put(Called(service, request))
+            self._bridge.put(Called(service, answer))
         else:
-            request.answer(False, OFF)
+            answer(False, OFF)
 
 
-def _described(robot: Robot, node: RosNode, *, ros2_control: bool) -> str:
-    return urdf_of(
-        robot,
-        ros2_control=ros2_control,
-        command_topic=node.resolved(JOINTS_TOPIC),
-        state_topic=node.resolved("joint_states"),
-    )
+def _answer(request: RosRequest, success: bool, message: str) -> None:
+    request.answer(encode_trigger_answer(success, message))

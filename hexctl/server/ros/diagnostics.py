@@ -7,14 +7,11 @@ from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.types import JOINT_NAMES, TOO_HOT_C, WARM_C, RobotState, ServoReadings
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 
-#: Name of the node of a robot without a namespace.
-NODE = "hexctl"
-
 #: Age from which a servo's reading is stale.
 STALE_S = 1.0
 
 
-def statuses(snapshot: RobotSnapshot, node: str = NODE) -> list[DiagnosticStatus]:
+def statuses(snapshot: RobotSnapshot, node: str) -> list[DiagnosticStatus]:
     """Statuses of a robot and of its servos; `node` includes the namespace."""
     state = snapshot.state
     servos = state.servos
@@ -23,7 +20,7 @@ def statuses(snapshot: RobotSnapshot, node: str = NODE) -> list[DiagnosticStatus
     return [_robot(snapshot, node), *singles]
 
 
-def silent(node: str = NODE) -> list[DiagnosticStatus]:
+def silent(node: str) -> list[DiagnosticStatus]:
     """Status of a silent robot."""
     return [DiagnosticStatus(Level.STALE, f"{node}: robot", "its control loop is silent")]
 

@@ -1,6 +1,7 @@
 """Moves a robot as ROS commands: on the robot's thread, under its own lease, through the guard."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -13,17 +14,16 @@ from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.server.idle import IdleSupervisor
 from hexctl.server.leases import Lease
 from hexctl.server.requests import RequestHandler
-from hexctl.server.ros.ros_commands import (
+from hexctl.server.ros.settings import LiveSettings
+from hexctl.types import FloatArray, RobotState
+from hexctl.wire.ros.motion_commands import (
     Called,
     RosCommand,
     Service,
     Stopped,
     WantedJoints,
-    WantedPose,
     WantedVelocity,
 )
-from hexctl.server.ros.settings import LiveSettings
-from hexctl.types import FloatArray, RobotState
 from hexctl.wire.stop import OVER_ROS
 
 #: The lease of ROS, and a velocity, expire after this silence.
@@ -65,21 +65,17 @@ class RosDriver:
         self._joints_until_s = -EXPIRY_OF_ROS_S
         self._sits = False
         self._pose = LEVEL
-        self.refused = 0
+        self._refused = 0
         self._new_pilot(guard.robot.stance_angles_rad)  # limits of its gait take a second, once
         self._pilot = None
 
-    @property
-    def motion(self) -> str:
-        """Current motion by ROS: `none`, `joints`, or the mode of a drive."""
+    def status(self) -> dict[str, Any]:
+        """Motion (`none`, `joints`, or the mode of a drive), and the share of the body pose within reach."""
+        motion = "joints" if self._time.now() <= self._joints_until_s else "none"
         if self._pilot is not None and self._lease is not None:
-            return self._pilot.mode
-        return "joints" if self._time.now() <= self._joints_until_s else "none"
-
-    @property
-    def pose_share(self) -> float:
-        """Share of the commanded body pose that the legs reach."""
-        return 1.0 if self._pilot is None else self._pilot.pose_share
+            motion = self._pilot.mode
+        reached = 1.0 if self._pilot is None else self._pilot.pose_share
+        return {"motion": motion, "refused": self._refused, "pose_share": reached}
 
     def obey(self, command: RosCommand, at_s: float) -> None:
         """Take a command that arrived at `at_s` by the robot's time source."""
@@ -87,17 +83,17 @@ class RosDriver:
             self._requests.estop(b"", at_s)
             self._drop()
         elif isinstance(command, Called):
-            command.call.answer(*self._answer(command.service, at_s))
+            command.answer(*self._answer(command.service, at_s))
         else:
             try:
                 if isinstance(command, WantedVelocity):
                     self._follow(command.velocity, at_s)
-                elif isinstance(command, WantedPose):
-                    self._lean(command.pose, at_s)
+                elif isinstance(command, BodyPose):
+                    self._lean(command, at_s)
                 else:
                     self._pass(command, at_s)
             except HexctlError:
-                self.refused += 1
+                self._refused += 1
 
     def tick(self, index: int, state: RobotState) -> None:
         """Write the targets of control period `index` of the guard's clock, if ROS moves the robot."""
@@ -184,7 +180,7 @@ class RosDriver:
             self._hold(at_s)
             return True, self._sit() if service is Service.SIT else self._stand()
         except HexctlError as error:
-            self.refused += 1
+            self._refused += 1
             return False, str(error)
 
     def _clear_stop(self, at_s: float) -> tuple[bool, str]:

@@ -54,7 +54,7 @@ def publisher_endpoint(node: RosNode, topic: str) -> RosEndpoint:
 class RobotMessages:
     """Encodes the messages of a robot's topics; `node` is its name in diagnostics."""
 
-    def __init__(self, robot: Robot, urdf: str, node: str = diagnostics.NODE) -> None:
+    def __init__(self, robot: Robot, urdf: str, node: str) -> None:
         self._robot, self._urdf, self._node = robot, urdf, node
         fixed, moving = fixed_transforms(robot), link_transforms(robot, robot.stance_angles_rad)
         links = moving.frames
@@ -63,7 +63,6 @@ class RobotMessages:
         self._links = telemetry.transforms(links)
         self._all_links = telemetry.transforms(((WORLD_FRAME, BASE_LINK), *links))
         self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BASE_LINK), *links))
-        self._imu = telemetry.imu()
         self._twist, self._frames = BodyTwist(), Frames(robot)
 
     def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
@@ -108,7 +107,7 @@ class RobotMessages:
         """Orientation, or None if unknown."""
         if snapshot.orientation is None:
             return None
-        return self._imu.encode(measured_ns(snapshot), xyzw(snapshot.orientation))
+        return telemetry.imu().encode(measured_ns(snapshot), xyzw(snapshot.orientation))
 
     def battery(self, snapshot: RobotSnapshot) -> bytes:
         """Voltage and charge, NaN where unknown."""

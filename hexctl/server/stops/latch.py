@@ -33,6 +33,9 @@ class StopLatch:
     The guard latches the reason. The latch adds an id, so that no client clears a stop that it has not seen,
     and an epoch, which changes with each clear: what was valid in one epoch is invalid in the next. A stop in
     `file` is in force immediately.
+
+    Attributes:
+        epoch: random bytes that change with each clear.
     """
 
     def __init__(
@@ -44,7 +47,7 @@ class StopLatch:
         self._stop: Stop | None = None
         self.cleared: Clear | None = None
         self._requests: deque[str] = deque(maxlen=MOST_REQUESTS)
-        self._epoch = secrets.token_bytes(EPOCH_BYTES)
+        self.epoch = secrets.token_bytes(EPOCH_BYTES)
         if file is not None and (kept := file.load()) is not None:
             guard.stop(kept.reason)
             by = None if kept.by is None else printable(kept.by)[:MAX_BY]
@@ -56,11 +59,6 @@ class StopLatch:
                 by=by,
                 claims=kept.claims,
             )
-
-    @property
-    def epoch(self) -> bytes:
-        """Random bytes that change with each clear."""
-        return self._epoch
 
     def current(self) -> Stop | None:
         """The stop in force, including the guard's own."""
@@ -95,7 +93,7 @@ class StopLatch:
     def stop_in(self, epoch: bytes, request: str, *, by: str = UNNAMED) -> bool:
         """Stop the robot as `stop` does if the epoch is current; return whether it was."""
         with self._lock:
-            if epoch != self._epoch:
+            if epoch != self.epoch:
                 return False
             self._stopped_by(request, by)
             return True
@@ -122,7 +120,7 @@ class StopLatch:
             if refusal is None:
                 self._guard.clear()
                 self.cleared = Clear(stop=stop, by=by, at_s=self._time.now(), proved=stop.proved_by(keys))
-                self._epoch = secrets.token_bytes(EPOCH_BYTES)
+                self.epoch = secrets.token_bytes(EPOCH_BYTES)
                 self._noticed()
             return refusal
 

@@ -1,6 +1,7 @@
 """The datagram stop of a robot: a socket and a thread, independent of sessions."""
 
 import random
+import select
 import socket
 import threading
 import time
@@ -8,18 +9,10 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import islice, zip_longest
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.errors import MessageError
-from hexctl.server.stops.datagram_receiver import (
-    DatagramReceiver,
-    Sender,
-    address_of,
-    bound_socket,
-    drop_in_kernel,
-)
 from hexctl.server.stops.latch import StopLatch
 from hexctl.wire.links import Endpoint, Link, Role
 from hexctl.wire.stop import DATAGRAM_FROM
@@ -33,9 +26,12 @@ from hexctl.wire.stop_datagram import (
     NONCE_BYTES,
     Kind,
     StopDatagram,
+    find_stop_secret,
     mark_of,
 )
-from hexctl.wire.stop_secret import find_stop_secret
+
+#: Address of a sender.
+Sender = tuple[Any, ...]
 
 #: Minimum number of remembered nonces of answered datagrams; the maximum is twice as many.
 MOST_NONCES = 1 << 14
@@ -103,12 +99,44 @@ LOOK_S = 0.2
 #: Real-time priority of the thread, if allowed: below that of the loop that moves the robot.
 PRIORITY = 9
 
+#: Receive buffer in bytes, about 800 per datagram, and most datagrams received at a time.
+BUFFER_BYTES, MOST_RECEIVED = 8 << 20, 4096
+
+#: Linux (asm-generic/socket.h): a buffer of any size, for root; otherwise net.core.rmem_max is the limit.
+SO_RCVBUFFORCE = 33
+
 #: Datagrams of each kind whose signatures are checked before the thread receives again.
 MOST_CHECKED = 128
 
 #: After more datagrams at a time than clients send, the thread rests for as long as they took, within these
 #: bounds: the robot's loop keeps half of the time.
 FLOOD, LEAST_REST_S, MOST_REST_S = 32, 0.001, 0.005
+
+
+def _waiting_at(bound: socket.socket) -> Iterator[tuple[bytes, Sender]]:
+    """Datagrams that wait, oldest first, with their senders; too long ones are cut to one byte too many."""
+    with suppress(OSError):  # none waits, or an earlier answer did not arrive
+        while True:
+            yield bound.recvfrom(DATAGRAM_BYTES + 1)
+
+
+def bound_socket(endpoint: Endpoint) -> socket.socket:
+    """A UDP socket at an endpoint with a large receive buffer; raises OSError."""
+    kind = socket.SOCK_DGRAM
+    family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
+    bound = socket.socket(family, kind)
+    bound.setblocking(False)
+    try:
+        if family == socket.AF_INET6 and endpoint.is_everywhere:
+            bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        for option in (socket.SO_RCVBUF, SO_RCVBUFFORCE):
+            with suppress(OSError):  # only root may force it
+                bound.setsockopt(socket.SOL_SOCKET, option, BUFFER_BYTES)
+        bound.bind(address)
+    except OSError:
+        bound.close()
+        raise
+    return bound
 
 
 class StopSocket:
@@ -118,7 +146,7 @@ class StopSocket:
 
     Attributes:
         trouble: why there is no datagram stop, or why the last datagram had no answer, or None.
-        dropped: foreign datagrams so far, except those dropped in the kernel.
+        dropped: foreign datagrams so far.
     """
 
     def __init__(
@@ -162,9 +190,7 @@ class StopSocket:
             self._open(endpoint, secret)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._ended = True
         if self._thread is not None:
             self._thread.join()
@@ -179,16 +205,16 @@ class StopSocket:
             reason = getattr(error, "strerror", None) or error
             self.trouble = f"UDP port {endpoint.port} cannot be opened ({reason})"
             return
-        drop_in_kernel(self._socket, DATAGRAM_BYTES, mark_of(secret))
-        receiver = DatagramReceiver(self._socket, DATAGRAM_BYTES)
-        self._thread = threading.Thread(target=self._serve, args=(receiver,), name="stop", daemon=True)
+        self._thread = threading.Thread(target=self._serve, args=(self._socket,), name="stop", daemon=True)
         self._thread.start()
 
-    def _serve(self, receiver: DatagramReceiver) -> None:
+    def _serve(self, bound: socket.socket) -> None:
         request_realtime_priority(PRIORITY)
+        poll = select.poll()
+        poll.register(bound, select.POLLIN)
         while not self._ended:
-            if receiver.wait(LOOK_S):
-                began_s, datagrams = time.monotonic(), receiver.take()
+            if poll.poll(1000 * LOOK_S):
+                began_s, datagrams = time.monotonic(), list(islice(_waiting_at(bound), MOST_RECEIVED))
                 try:
                     self._answer_round(datagrams)
                 except Exception as error:  # noqa: BLE001  the stop must go on answering
@@ -218,13 +244,12 @@ class StopSocket:
 
     def _answer_sender(self, data: bytes, sender: Sender) -> bool:
         assert self._socket is not None  # noqa: S101  for the type
-        address = address_of(sender)
-        answer = self.answer(data, str(address[0]).removeprefix("::ffff:"))
+        answer = self.answer(data, str(sender[0]).removeprefix("::ffff:"))
         if answer is None:
             return False
         self.trouble = None
         with suppress(OSError):
-            self._socket.sendto(answer, address)
+            self._socket.sendto(answer, sender)
         return True
 
     def _tell(self, error: Exception) -> None:

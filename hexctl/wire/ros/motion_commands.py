@@ -1,6 +1,9 @@
-"""Commands of motion of ROS 2: velocities as Twist and TwistStamped, body poses as Pose (as of champ)."""
+"""Commands from ROS 2: velocities as Twist and TwistStamped, body poses as Pose (as of champ), services."""
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
@@ -16,6 +19,48 @@ POSE = "geometry_msgs/msg/Pose"
 
 #: Allowed error of the length of a quaternion.
 LENGTH_ERROR = 0.01
+
+
+#: Answer of a service while driving is off.
+OFF = "commands from ROS are off; start hexctl serve with --ros-drive"
+
+
+class Service(Enum):
+    """Services of the node."""
+
+    STAND = "stand"
+    SIT = "sit"
+    CLEAR_STOP = "clear_stop"
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """A stop already in effect."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WantedVelocity:
+    """A velocity, (3,): forward and left in m/s, turn in rad/s."""
+
+    velocity: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WantedJoints:
+    """Joint angles, (18,), leg-major order."""
+
+    joint_positions_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Called:
+    """A service call; `answer` takes a flag and a line, once."""
+
+    service: Service
+    answer: Callable[[bool, str], None]
+
+
+RosCommand = Stopped | WantedVelocity | BodyPose | WantedJoints | Called
 
 
 def decode_velocity(kind: str, payload: bytes) -> FloatArray:

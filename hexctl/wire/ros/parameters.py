@@ -1,7 +1,6 @@
 """Parameter services of a ROS 2 node: requests, answers and values of rcl_interfaces in CDR."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum, IntEnum
 from functools import cache
 from typing import Any
@@ -79,38 +78,6 @@ class ParameterType(IntEnum):
         return "not set" if self is ParameterType.NOT_SET else self.name.lower()
 
 
-@dataclass(frozen=True, slots=True)
-class Descriptor:
-    """Description of a parameter, as `ros2 param describe` prints it."""
-
-    name: str
-    type: ParameterType
-    description: str
-    read_only: bool
-    range: Range | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Assignment:
-    """A wish to set a parameter; `value` is None for a type that no parameter of this node has."""
-
-    name: str
-    type: int
-    value: Value | None
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Result of an assignment; the reason is empty if it was successful."""
-
-    reason: str = ""
-
-    @property
-    def successful(self) -> bool:
-        """Whether the value was set."""
-        return not self.reason
-
-
 @cache
 def request_and_answer(service: ParameterService) -> tuple[str, str]:
     """Names under which the codec knows the messages of a service; it knows no services."""
@@ -150,12 +117,8 @@ def value_message(value: Value) -> Any:
     )
 
 
-def assignments(request: Any) -> list[Assignment]:
-    """Assignments of a request to set parameters."""
-    return [Assignment(one.name, int(one.value.type), _value(one.value)) for one in request.parameters]
-
-
-def _value(message: Any) -> Value | None:
+def value_in(message: Any) -> Value | None:
+    """Value of a rcl_interfaces/ParameterValue; None for a type that no parameter of this node has."""
     values: dict[int, Value] = {
         ParameterType.BOOL: bool(message.bool_value),
         ParameterType.INTEGER: int(message.integer_value),
@@ -165,11 +128,9 @@ def _value(message: Any) -> Value | None:
     return values.get(int(message.type))
 
 
-def outcome_message(outcome: Outcome) -> Any:
-    """A rcl_interfaces/SetParametersResult."""
-    return ros_cdr.make(
-        f"{_MESSAGES}/SetParametersResult", successful=outcome.successful, reason=outcome.reason
-    )
+def result_message(reason: str) -> Any:
+    """A rcl_interfaces/SetParametersResult; an empty reason is a success."""
+    return ros_cdr.make(f"{_MESSAGES}/SetParametersResult", successful=not reason, reason=reason)
 
 
 def names_message(names: Sequence[str]) -> Any:
@@ -177,23 +138,21 @@ def names_message(names: Sequence[str]) -> Any:
     return ros_cdr.make(f"{_MESSAGES}/ListParametersResult", names=list(names), prefixes=[])
 
 
-def descriptor_message(descriptor: Descriptor) -> Any:
-    """A rcl_interfaces/ParameterDescriptor."""
-    allowed = descriptor.range
+def descriptor_message(
+    name: str, kind: ParameterType, description: str, allowed: Range | None, *, read_only: bool
+) -> Any:
+    """A rcl_interfaces/ParameterDescriptor, as `ros2 param describe` prints it."""
     ranges = []
     if allowed is not None:
-        ranges = [
-            ros_cdr.make(
-                f"{_MESSAGES}/FloatingPointRange", from_value=allowed.low, to_value=allowed.high, step=0.0
-            )
-        ]
+        bounds = {"from_value": allowed.low, "to_value": allowed.high, "step": 0.0}
+        ranges.append(ros_cdr.make(f"{_MESSAGES}/FloatingPointRange", **bounds))
     return ros_cdr.make(
         f"{_MESSAGES}/ParameterDescriptor",
-        name=descriptor.name,
-        type=int(descriptor.type),
-        description=descriptor.description,
+        name=name,
+        type=int(kind),
+        description=description,
         additional_constraints="",
-        read_only=descriptor.read_only,
+        read_only=read_only,
         dynamic_typing=False,
         floating_point_range=ranges,
         integer_range=[],

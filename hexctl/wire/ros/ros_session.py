@@ -1,14 +1,12 @@
 """Zenoh session of a ROS 2 node, configured as rmw_zenoh does: a peer of the nodes that a router knows."""
 
-import json
 import socket
-from typing import Any
 
 import zenoh
 
 from hexctl.errors import InputError, argument
 from hexctl.wire.links import Endpoint
-from hexctl.wire.zenoh_session import MAX_MESSAGE_BYTES, RETRY_MS
+from hexctl.wire.zenoh_session import MAX_MESSAGE_BYTES, RETRY_MS, open_configured
 
 #: Maximum time of a probe of the router.
 PROBE_TIMEOUT_S = 0.2
@@ -75,14 +73,7 @@ def _listens(endpoint: Endpoint) -> bool:
 
 def open_ros_session(router: Endpoint) -> zenoh.Session:
     """Open a session that connects to a router once it runs, and reconnects after a loss."""
-    config = zenoh.Config()
-    for key, value in _settings(router).items():
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
-
-
-def _settings(router: Endpoint) -> dict[str, Any]:
-    return {
+    settings = {
         "mode": "peer",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
@@ -98,3 +89,4 @@ def _settings(router: Endpoint) -> dict[str, Any]:
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         "transport/shared_memory/enabled": False,
     }
+    return open_configured(settings)

@@ -4,6 +4,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ import numpy as np
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.fixed_message import FixedMessage
 from hexctl.wire.pose import NOT_MEASURED
+from hexctl.wire.ros_cdr import FixedMessage
 
 STRING = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -50,6 +51,7 @@ def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
     return FixedMessage(make, TRANSFORM_NUMBERS * len(frames))
 
 
+@cache
 def imu() -> FixedMessage:
     """Encoder of a sensor_msgs/Imu with only a quaternion; unmeasured covariances are -1 (REP 145)."""
 

@@ -20,7 +20,7 @@ from hexctl.backends.zenoh.zenoh_client import LeaseClient, ZenohServos, granted
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, HexctlError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
-from hexctl.server.leases import LeaseManager
+from hexctl.server.leases import LEASE_S, LeaseManager
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.wire.links import KeyMap, Link, Role
@@ -241,7 +241,7 @@ class LossyRobot:
             if op == "acquire":
                 lease = self._leases.acquire(content["owner"], now_s)
                 answer = {"lease": lease.lease_id.hex(), "sequence": lease.sequence}
-                answer["duration_s"] = self._leases.duration_s
+                answer["duration_s"] = LEASE_S
             elif op == "renew":
                 self._leases.renew(bytes.fromhex(content["lease"]), now_s)
         except HexctlError as error:

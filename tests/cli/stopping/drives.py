@@ -16,7 +16,7 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.teleop.event_file import EVENT
+from hexctl.teleop.gamepad import EVENT
 from hexctl.waiting import wait_for
 from tests.server.processes import RECORDED, ROOT
 from tests.server.recorded import VARIABLE, ServoLog

@@ -30,7 +30,7 @@ from hexctl.vision.place import (
 )
 from hexctl.wire.certificates import load_certificate
 from hexctl.wire.links import Link, Role, load_link
-from hexctl.wire.stop_secret import SECRET_FILE, find_stop_secret
+from hexctl.wire.stop_datagram import SECRET_FILE, find_stop_secret
 from tests.fuzz.folder import own_folder, written
 from tests.fuzz.target import Target
 from tests.robots import shipped

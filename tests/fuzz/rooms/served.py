@@ -103,7 +103,7 @@ def _requests(data: bytes) -> None:
     """Give lines of requests to a robot of their own, one after another."""
     servos = MockServos(shipped())
     with Guard(servos) as guard:
-        handler = RequestHandler(guard, LeaseManager())
+        handler = RequestHandler(guard, LeaseManager(), StopLatch(guard))
         guard.clock.now_s  # noqa: B018  the clock has begun
         for number, line in enumerate(data.split(b"\n")[:8]):
             what, payload = line[:1], line[1:]

@@ -11,10 +11,8 @@ from websockets.http11 import Request
 
 from hexctl.control.drive.arbiter import Arbiter, Velocity
 from hexctl.teleop.drive_page import SOCKET_PATH, TOKEN_PREFIX, VIEW_PATH, DrivePage
-from hexctl.teleop.event_file import EVENT, EventFiles
-from hexctl.teleop.gamepad import GamepadEvents, _bits
+from hexctl.teleop.gamepad import EVENT, EventFiles, GamepadEvents, StopButton, _bits
 from hexctl.teleop.keyboard import REQUEST_KEYS, Keyboard
-from hexctl.teleop.stop_button import StopButton
 from hexctl.vision.video.mjpeg import _Handler
 from hexctl.wire.page_address import PageAddress
 from tests.fuzz.folder import written
@@ -35,7 +33,12 @@ def _keys(data: bytes) -> None:
     arbiter, asked = Arbiter(lambda: 0.0), []
     reading, writing = _pipe()
     keyboard = Keyboard(
-        arbiter.source("keyboard"), Velocity, lambda what, _: asked.append(what), reading, now_s=lambda: 0.0
+        arbiter.source("keyboard"),
+        Velocity,
+        lambda what, _: asked.append(what),
+        reading,
+        lambda _: None,
+        now_s=lambda: 0.0,
     )
     middle = len(data) // 2
     for part in (data[:middle], data[middle:], b"", b"", b""):

@@ -1,6 +1,5 @@
 """ROS 2 without ROS: a router, and a peer that another project wrote (zenoh-ros2-sdk)."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -12,6 +11,7 @@ from zenoh_ros2_sdk.session import ZenohSession
 from zenoh_ros2_sdk.subscriber import ROS2Subscriber
 
 from hexctl.wire.ros.ros_names import type_hash
+from hexctl.wire.zenoh_session import open_configured
 from tests.server.processes import wait_until
 from tests.wire.ros.decoding import definition
 
@@ -19,16 +19,13 @@ from tests.wire.ros.decoding import definition
 @contextmanager
 def router(port: int) -> Iterator[zenoh.Session]:
     """A router as rmw_zenohd is one, on loopback."""
-    config = zenoh.Config()
     settings = {
         "mode": "router",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
         "listen/endpoints": [f"tcp/127.0.0.1:{port}"],
     }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config) as session:
+    with open_configured(settings) as session:
         yield session
 
 

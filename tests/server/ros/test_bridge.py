@@ -13,7 +13,7 @@ import yourdfpy
 import zenoh
 import zenoh.ext
 
-from hexctl.server.ros.parameter_services import parameter_endpoint
+from hexctl.server.ros.settings import parameter_endpoint
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry

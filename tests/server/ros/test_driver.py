@@ -13,27 +13,27 @@ from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.loader import load_robot
 from hexctl.server.inbox import Arrival
-from hexctl.server.ros.ros_commands import (
+from hexctl.server.ros.settings import LiveSettings, RosSettings
+from hexctl.types import FloatArray
+from hexctl.wire import ros_cdr
+from hexctl.wire.ros.motion_commands import (
+    POSE,
+    TWIST,
+    TWIST_STAMPED,
     Called,
     RosCommand,
     Service,
     Stopped,
     WantedJoints,
-    WantedPose,
     WantedVelocity,
+    decode_body_pose,
+    decode_velocity,
 )
-from hexctl.server.ros.settings import LiveSettings, RosSettings
-from hexctl.server.served_transport import Transport
-from hexctl.server.server import RobotServer
-from hexctl.types import FloatArray
-from hexctl.wire import ros_cdr
-from hexctl.wire.links import Link
-from hexctl.wire.ros.motion_commands import POSE, TWIST, TWIST_STAMPED, decode_body_pose, decode_velocity
-from hexctl.wire.ros.parameters import Assignment, ParameterType
 from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
-from tests.control.posed import PosedMock
+from tests.server.ros.test_settings import wishes
 from tests.server.test_hostile_input import Item, spoiled
+from tests.server.test_server import Bench
 from tests.wire.ros.test_telemetry import twist
 
 FORWARD = np.array([0.05, 0.0, 0.0])
@@ -66,40 +66,28 @@ class Node:
         return {}
 
 
-class Answers(list[tuple[bool, str]]):
-    """Answers of a service."""
-
-    def answer(self, success: bool, message: str) -> None:
-        self.append((success, message))
-
-
-class Bench:
+class RosBench(Bench):
     """A server that ROS may drive, whose time and network the test holds."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.servos = PosedMock()
-        monkeypatch.setattr(Transport, "publish", lambda *_: None)
-        node: Any = Node()
-        self.live: LiveSettings = node.live
-        self.server = RobotServer(self.servos, Link(), backend="mock", ros=node)
-        self.servos.connect()
-        self.servos.clock.tick()
+        node = Node()
+        super().__init__(monkeypatch, node)
+        self.live = node.live
 
     def send(self, command: RosCommand) -> None:
         self.server._handle(Arrival("ros", command, self.servos.time.now_s))
 
     def call(self, service: Service) -> tuple[bool, str]:
-        answers = Answers()
-        self.send(Called(service, answers))
+        answers: list[tuple[bool, str]] = []
+        self.send(Called(service, lambda *answer: answers.append(answer)))
         (answer,) = answers
         return answer
 
-    def ticks(self, times: int, velocity: FloatArray | None = None) -> None:
-        """Let time go on, with a velocity in every control period or none."""
+    def drive(self, times: int, velocity: FloatArray = FORWARD) -> None:
+        """Let time go on, with a velocity in every control period."""
         for _ in range(times):
-            if velocity is not None:
-                self.send(WantedVelocity(velocity))
-            self.server._tick()
+            self.send(WantedVelocity(velocity))
+            self.ticks(1)
 
     def joints(self) -> FloatArray:
         return self.servos.sent[-1].joint_positions_rad
@@ -111,41 +99,41 @@ class Bench:
         """By how much the targets change within some ticks, in rad."""
         seen = [self.joints()]
         for _ in range(ticks):
-            self.ticks(1, velocity)
+            self.ticks(1) if velocity is None else self.drive(1, velocity)
             seen.append(self.joints())
         return float(np.ptp(seen, axis=0).max())
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
-    return Bench(monkeypatch)
+def bench(monkeypatch: pytest.MonkeyPatch) -> RosBench:
+    return RosBench(monkeypatch)
 
 
-def test_a_velocity_makes_the_robot_stand_up_and_walk_under_a_lease_of_ros(bench: Bench) -> None:
-    bench.ticks(STANDING_UP_TICKS, FORWARD)
+def test_a_velocity_makes_the_robot_stand_up_and_walk_under_a_lease_of_ros(bench: RosBench) -> None:
+    bench.drive(STANDING_UP_TICKS)
     assert bench.status()["controller"] == "ROS 2"
     assert bench.status()["ros"]["motion"] == "driving"
     assert bench.moved(50, FORWARD) > 0.05
 
 
-def test_silence_ends_in_a_stand_and_gives_the_robot_back_and_a_zero_stops_it_sooner(bench: Bench) -> None:
-    bench.ticks(STANDING_UP_TICKS + 50, FORWARD)
+def test_silence_ends_in_a_stand_and_gives_the_robot_back_and_a_zero_stops_it_sooner(bench: RosBench) -> None:
+    bench.drive(STANDING_UP_TICKS + 50)
     bench.ticks(24)
     assert bench.moved(5) > 0  # for half a second it goes on
     bench.ticks(40)
     assert bench.status()["controller"] is None
     assert bench.status()["stopped"] is None
     assert bench.moved(50) == 0
-    bench.ticks(50, FORWARD)
+    bench.drive(50)
     bench.send(WantedVelocity(np.zeros(3)))
     bench.ticks(14)
     assert bench.moved(8) == 0
 
 
-def test_another_controller_keeps_the_robot_and_a_clear_of_no_stop_disturbs_nobody(bench: Bench) -> None:
+def test_another_controller_keeps_the_robot_and_a_clear_of_no_stop_disturbs_nobody(bench: RosBench) -> None:
     item: Any = Item(b'{"op": "acquire", "owner": "me"}', None)
     bench.server._handle(Arrival("lease", item, bench.servos.time.now_s))
-    bench.ticks(20, FORWARD)
+    bench.drive(20)
     assert bench.status()["ros"]["refused"] == 20
     assert not bench.call(Service.STAND)[0]
     assert not bench.call(Service.SIT)[0]
@@ -153,20 +141,20 @@ def test_another_controller_keeps_the_robot_and_a_clear_of_no_stop_disturbs_nobo
     assert bench.status()["controller"] == "me"
     assert not bench.servos.sent
     bench.server._leases.revoke()
-    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    bench.drive(STANDING_UP_TICKS)
     assert bench.call(Service.CLEAR_STOP)[0]
     assert bench.status()["ros"]["motion"] == "driving"
     assert bench.moved(20) > 0.05
 
 
-def test_zeros_of_an_idle_planner_do_not_hold_the_robot(bench: Bench) -> None:
-    bench.ticks(50, np.zeros(3))
+def test_zeros_of_an_idle_planner_do_not_hold_the_robot(bench: RosBench) -> None:
+    bench.drive(50, np.zeros(3))
     assert bench.status()["controller"] is None
     assert not bench.servos.sent
 
 
-def test_a_stop_ends_everything_until_it_is_cleared(bench: Bench) -> None:
-    bench.ticks(STANDING_UP_TICKS + 20, FORWARD)
+def test_a_stop_ends_everything_until_it_is_cleared(bench: RosBench) -> None:
+    bench.drive(STANDING_UP_TICKS + 20)
     requests = bench.server._requests
     requests.urgent(b"", by=OVER_ROS, clear_key=requests.ros_key)
     bench.send(Stopped())
@@ -177,12 +165,12 @@ def test_a_stop_ends_everything_until_it_is_cleared(bench: Bench) -> None:
     assert "estop" in why
     assert bench.call(Service.CLEAR_STOP) == (True, "no longer stopped")
     assert bench.moved(20) == 0  # a command of before the stop is forgotten
-    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    bench.drive(STANDING_UP_TICKS)
     assert bench.status()["ros"]["motion"] == "driving"
 
 
-def test_ros_does_not_clear_the_stop_of_another_client_that_ended_its_walk(bench: Bench) -> None:
-    bench.ticks(STANDING_UP_TICKS, FORWARD)
+def test_ros_does_not_clear_the_stop_of_another_client_that_ended_its_walk(bench: RosBench) -> None:
+    bench.drive(STANDING_UP_TICKS)
     bench.server._requests.urgent(b"")
     bench.send(Stopped())
     assert bench.moved(50, FORWARD) == 0
@@ -190,13 +178,13 @@ def test_ros_does_not_clear_the_stop_of_another_client_that_ended_its_walk(bench
     assert bench.status()["stopped"] == "estop"
 
 
-def test_a_lease_that_is_revoked_ends_the_walk(bench: Bench) -> None:
-    bench.ticks(STANDING_UP_TICKS + 20, FORWARD)
+def test_a_lease_that_is_revoked_ends_the_walk(bench: RosBench) -> None:
+    bench.drive(STANDING_UP_TICKS + 20)
     bench.server._leases.revoke()
     assert bench.moved(20) == 0
 
 
-def test_standing_and_sitting_by_services(bench: Bench) -> None:
+def test_standing_and_sitting_by_services(bench: RosBench) -> None:
     stance = bench.servos.robot.stance_angles_rad
     assert bench.call(Service.STAND) == (True, "standing up")
     bench.ticks(STANDING_UP_TICKS)
@@ -210,16 +198,16 @@ def test_standing_and_sitting_by_services(bench: Bench) -> None:
     assert bench.status()["controller"] is None
 
 
-def test_a_velocity_while_it_sits_down_lets_it_stand_up_again(bench: Bench) -> None:
+def test_a_velocity_while_it_sits_down_lets_it_stand_up_again(bench: RosBench) -> None:
     bench.call(Service.STAND)
     bench.ticks(STANDING_UP_TICKS)
     bench.call(Service.SIT)
     bench.ticks(40)
-    bench.ticks(2 * STANDING_UP_TICKS, FORWARD)
+    bench.drive(2 * STANDING_UP_TICKS)
     assert bench.status()["ros"]["motion"] == "driving"
 
 
-def test_joint_commands_reach_the_servos_through_the_guard(bench: Bench) -> None:
+def test_joint_commands_reach_the_servos_through_the_guard(bench: RosBench) -> None:
     wanted = bench.servos.robot.stance_angles_rad + 0.01
     bench.send(WantedJoints(wanted))
     np.testing.assert_array_equal(bench.joints(), wanted)
@@ -229,7 +217,7 @@ def test_joint_commands_reach_the_servos_through_the_guard(bench: Bench) -> None
     assert (np.abs(bench.joints() - wanted) <= most + 0.01).all()
 
 
-def test_joint_commands_that_end_freeze_the_robot_and_begin_again(bench: Bench) -> None:
+def test_joint_commands_that_end_freeze_the_robot_and_begin_again(bench: RosBench) -> None:
     wanted = bench.servos.robot.stance_angles_rad + 0.01
     for _ in range(5):
         bench.send(WantedJoints(wanted))
@@ -241,43 +229,45 @@ def test_joint_commands_that_end_freeze_the_robot_and_begin_again(bench: Bench) 
     np.testing.assert_allclose(bench.joints(), wanted + 0.01)
 
 
-def test_joints_and_velocities_exclude_each_other(bench: Bench) -> None:
+def test_joints_and_velocities_exclude_each_other(bench: RosBench) -> None:
     wanted = bench.servos.robot.stance_angles_rad
     bench.send(WantedJoints(wanted))
     bench.send(WantedVelocity(FORWARD))
     assert bench.status()["ros"]["refused"] == 1
     bench.ticks(60)
-    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    bench.drive(STANDING_UP_TICKS)
     sent = len(bench.servos.sent)
     bench.send(WantedJoints(wanted + 0.3))
     assert len(bench.servos.sent) == sent
     assert bench.status()["ros"]["refused"] == 2
 
 
-def test_a_body_pose_makes_the_robot_stand_up_and_lean_and_its_repetition_holds_nothing(bench: Bench) -> None:
-    bench.send(WantedPose(BodyPose()))
+def test_a_body_pose_makes_the_robot_stand_up_and_lean_and_its_repetition_holds_nothing(
+    bench: RosBench,
+) -> None:
+    bench.send(BodyPose())
     assert bench.status()["controller"] is None
     wanted = decode_body_pose(pose_message(0.1, up_m=0.02))
     assert wanted.roll_rad == pytest.approx(0.1)
-    bench.send(WantedPose(wanted))
+    bench.send(wanted)
     assert bench.status()["controller"] == "ROS 2"
     bench.ticks(STANDING_UP_TICKS + 60)
     robot = bench.servos.robot
     expected = solve_legs(robot, feet_from_body(robot.stance_feet_body, wanted.array)).joint_positions_rad
     np.testing.assert_allclose(bench.joints(), expected, atol=1e-9)
-    bench.send(WantedPose(wanted))
+    bench.send(wanted)
     assert bench.status()["controller"] is None, "it is there already"
-    bench.ticks(60, FORWARD)
+    bench.drive(60)
     assert bench.moved(50, FORWARD) > 0.05
-    bench.send(WantedPose(BodyPose(roll_rad=1.0)))
+    bench.send(BodyPose(roll_rad=1.0))
     bench.ticks(2)
     assert 0.1 < bench.status()["ros"]["pose_share"] < 1
-    bench.send(WantedPose(BodyPose()))
+    bench.send(BodyPose())
     bench.call(Service.SIT)
     bench.ticks(400)
     assert bench.status()["posture"] in ("sitting", "limp")
     bench.send(WantedJoints(robot.stance_angles_rad))
-    bench.send(WantedPose(wanted))
+    bench.send(wanted)
     assert bench.status()["ros"]["refused"] == 1
 
 
@@ -302,7 +292,7 @@ GOOD = {
 
 def command_of(kind: str, payload: bytes) -> RosCommand:
     if kind == POSE:
-        return WantedPose(decode_body_pose(payload))
+        return decode_body_pose(payload)
     return (
         WantedJoints(decode_positions(payload))
         if kind == "joints"
@@ -312,7 +302,7 @@ def command_of(kind: str, payload: bytes) -> RosCommand:
 
 @pytest.mark.parametrize("kind", list(GOOD))
 @pytest.mark.parametrize("times", [TIMES, pytest.param(100_000, marks=pytest.mark.soak)])
-def test_spoiled_messages_never_leave_the_limits(bench: Bench, kind: str, times: int) -> None:
+def test_spoiled_messages_never_leave_the_limits(bench: RosBench, kind: str, times: int) -> None:
     """What can be decoded at all moves no joint faster or further than it may."""
     chance, refused = random.Random(kind), 0
     robot = bench.servos.robot
@@ -338,17 +328,15 @@ def test_spoiled_messages_never_leave_the_limits(bench: Bench, kind: str, times:
     assert bench.status()["stopped"] in (None, "expired")
 
 
-def test_settings_hold_from_the_next_control_period_on_and_the_gait_changes_in_stride(bench: Bench) -> None:
-    bench.ticks(STANDING_UP_TICKS + 50, FORWARD)
-    for name, kind, value in (
-        ("gait", ParameterType.STRING, "wave"),
-        ("sit_after", ParameterType.DOUBLE, 2.0),
-        ("level", ParameterType.BOOL, True),
-    ):
-        assert bench.live.set([Assignment(name, kind, value)]).successful
+def test_settings_hold_from_the_next_control_period_on_and_the_gait_changes_in_stride(
+    bench: RosBench,
+) -> None:
+    bench.drive(STANDING_UP_TICKS + 50)
+    changes = wishes(gait="wave", sit_after=2.0, level=True)
+    assert bench.live.set(changes["parameters"]) == ""
     steps = [bench.joints()]
     for _ in range(100):
-        bench.ticks(1, FORWARD)
+        bench.drive(1)
         steps.append(bench.joints())
     driver: Any = bench.server._driver
     assert driver._pilot.gait_now.slots == NAMED_SLOTS["wave"]

@@ -83,7 +83,9 @@ LEAN = np.array([np.cos(0.04), 0.0, np.sin(0.04), 0.0])
 class Walker:
     """A robot that walks, of which a state comes in every control period."""
 
-    messages: RobotMessages = field(default_factory=lambda: RobotMessages(shipped(), urdf_of(shipped())))
+    messages: RobotMessages = field(
+        default_factory=lambda: RobotMessages(shipped(), urdf_of(shipped()), "hexctl")
+    )
     index: int = 0
     has_imu: bool = True
     last: RobotSnapshot | None = None

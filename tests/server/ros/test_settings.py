@@ -11,8 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from hexctl.errors import MessageError
 from hexctl.options import options_of
 from hexctl.robot.loader import load_robot
-from hexctl.server.ros.parameter_services import content
-from hexctl.server.ros.settings import LiveSettings, RosSettings
+from hexctl.server.ros.settings import LiveSettings, RosSettings, content
 from hexctl.server.serve_options import ServeOptions
 from hexctl.teleop.drive_options import DriveOptions
 from hexctl.wire import ros_cdr
@@ -89,7 +88,6 @@ def test_settings_are_listed_read_and_described(live: LiveSettings) -> None:
 @pytest.mark.parametrize("name", ["get_parameters", "get_parameter_types", "describe_parameters"])
 def test_an_unknown_name_empties_the_list_as_in_rclcpp_and_rclpy(live: LiveSettings, name: str) -> None:
     service = ParameterService(name)
-    service = ParameterService(name)
     assert len(ask(live, service, request(service, **named("gait", "speed")))) == 0
 
 
@@ -155,7 +153,7 @@ def test_without_drive_all_is_read_only() -> None:
     (result,) = ask(live, SET, request(SET, **wishes(sit_after=30.0)))
     assert "read-only" in result.reason
     assert "--ros-drive" in result.reason
-    assert all(getattr(live.descriptor(name), "read_only") for name in NAMES)  # noqa: B009  may be None
+    assert all(descriptor.read_only for descriptor in map(live.descriptor, NAMES))
 
 
 @pytest.mark.parametrize("service", ParameterService)

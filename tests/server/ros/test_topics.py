@@ -10,9 +10,10 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
 from hexctl.server.ros.diagnostics import silent, statuses
-from hexctl.server.ros.ros_options import ENDPOINT_BESIDE_ROUTER, RosOptions
+from hexctl.server.ros.router import ENDPOINT_BESIDE_ROUTER, link_beside_router, router_warnings
 from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import TOPICS, RobotMessages, measured_ns, publisher_endpoint
+from hexctl.server.serve_options import ServeOptions
 from hexctl.types import N_JOINTS, RobotState, ServoReadings
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import load_link
@@ -32,7 +33,7 @@ def snapshot(state: RobotState) -> RobotSnapshot:
 
 @pytest.fixture
 def messages() -> RobotMessages:
-    return RobotMessages(ROBOT, urdf_of(ROBOT))
+    return RobotMessages(ROBOT, urdf_of(ROBOT), "hexctl")
 
 
 def walking(angles_rad: np.ndarray) -> RobotState:
@@ -77,24 +78,6 @@ def test_a_robot_that_does_not_know_where_it_is_has_no_odometry(messages: RobotM
     assert "base_link" not in names
 
 
-def test_a_twist_is_in_the_frame_of_the_body(messages: RobotMessages) -> None:
-    from scipy.spatial.transform import Rotation
-
-    forward = Rotation.from_quat(QUATERNION[[1, 2, 3, 0]]).apply([0.1, 0.0, 0.0])
-    for index in range(10):
-        state = RobotState(
-            ROBOT.stance_angles_rad,
-            0.02 * index,
-            True,
-            base_position_world=0.02 * index * forward,
-            base_quaternion_world=QUATERNION,
-        )
-        payload = messages.odometry(snapshot(state))
-    assert payload is not None
-    linear = decoded(ros_cdr.ODOMETRY, payload).twist.twist.linear
-    np.testing.assert_allclose([linear.x, linear.y, linear.z], [0.1, 0.0, 0.0], atol=1e-9)
-
-
 def test_stamps_are_those_of_the_measurement(messages: RobotMessages) -> None:
     shown = snapshot(walking(ROBOT.stance_angles_rad))
     assert measured_ns(shown) == 10**18 - 10_000_000
@@ -127,14 +110,14 @@ def told(state: RobotState, stopped: str | None = None) -> RobotSnapshot:
 
 
 def test_all_is_well() -> None:
-    robot, *servos = statuses(told(STATE))
+    robot, *servos = statuses(told(STATE), "hexctl")
     assert robot.level is Level.OK
     assert (robot.values["battery (V)"], robot.values["charge (%)"]) == ("11.1", "50")
     assert len(servos) == N_JOINTS
     assert servos[3].name == "hexctl: leg2_coxa"
     assert servos[3].values == {"temperature (C)": "35", "voltage (V)": "7.4", "effort (%)": "0"}
-    assert len(statuses(told(replace(STATE, servos=None)))) == 1
-    assert [one.level for one in silent()] == [Level.STALE]
+    assert len(statuses(told(replace(STATE, servos=None)), "hexctl")) == 1
+    assert [one.level for one in silent("hexctl")] == [Level.STALE]
 
 
 @pytest.mark.parametrize(
@@ -147,7 +130,7 @@ def test_all_is_well() -> None:
     ],
 )
 def test_levels_of_a_robot(change: dict[str, object], stopped: str | None, level: Level, word: str) -> None:
-    robot = statuses(told(replace(STATE, **change), stopped))[0]  # type: ignore[arg-type]
+    robot = statuses(told(replace(STATE, **change), stopped), "hexctl")[0]  # type: ignore[arg-type]
     assert (robot.level, word in robot.message) == (level, True)
 
 
@@ -169,28 +152,32 @@ def test_levels_of_a_servo(temperature_c: float, age_s: float, error: str, level
     errors = tuple(error if joint == 4 and stale is None else "" for joint in range(N_JOINTS))
     servos = replace(SERVOS, temperatures_c=temperatures, ages_s=ages, errors=errors)
     levels = [
-        status.level for status in statuses(told(replace(STATE, servos=servos, stale_joints=stale)))[1:]
+        status.level
+        for status in statuses(told(replace(STATE, servos=servos, stale_joints=stale)), "hexctl")[1:]
     ]
     assert levels == [level if joint == 4 else Level.OK for joint in range(N_JOINTS)]
 
 
+ROUTER = "tcp/localhost:7447"
+
+
 def test_the_default_port_is_left_to_the_router() -> None:
-    assert RosOptions().link_beside_router(load_link()).endpoint == ENDPOINT_BESIDE_ROUTER
+    assert link_beside_router(load_link(), ROUTER).endpoint == ENDPOINT_BESIDE_ROUTER
     for endpoint in ("tcp/127.0.0.1:7447", "tcp/0.0.0.0:7447", "tls/localhost:7447"):
         with pytest.raises(InputError, match="7448"):
-            RosOptions().link_beside_router(load_link(endpoint=endpoint))
-    other = load_link(endpoint="tcp/127.0.0.1:7500")
-    assert RosOptions().link_beside_router(other) == other
-    assert RosOptions(router="tcp/10.0.0.2:7447").link_beside_router(load_link()) == load_link()
+            link_beside_router(load_link(connect=endpoint), ROUTER)
+    other = load_link(connect="tcp/127.0.0.1:7500")
+    assert link_beside_router(other, ROUTER) == other
+    assert link_beside_router(load_link(), "tcp/10.0.0.2:7447") == load_link()
 
 
 def test_options_are_checked_when_they_are_given_and_warn_who_may_drive() -> None:
     with pytest.raises(InputError, match="ros_domain"):
-        RosOptions(domain=999)
+        ServeOptions(ros=ROUTER, ros_domain=999)
     with pytest.raises(InputError, match="ros"):
-        RosOptions(router="7447")
-    beside, may = RosOptions().warnings(RosOptions().link_beside_router(load_link()))
+        ServeOptions(ros="7447")
+    beside, may = router_warnings(link_beside_router(load_link(), ROUTER), ROUTER, drive=False)
     assert "7448" in beside
     assert "may stop" in may
-    (may,) = RosOptions(drive=True).warnings(load_link(endpoint="tcp/127.0.0.1:7500"))
+    (may,) = router_warnings(load_link(connect="tcp/127.0.0.1:7500"), ROUTER, drive=True)
     assert "may drive" in may

@@ -86,20 +86,6 @@ def test_a_flood_of_requests_is_forgotten_and_stops_all_the_same(guard: Guard, l
     assert guard.stopped == "estop"
 
 
-def test_what_was_valid_before_a_clear_stops_nothing_after_it(guard: Guard, latch: StopLatch) -> None:
-    epoch = latch.epoch
-    assert latch.stop_in(epoch, "mine")
-    assert latch.epoch == epoch
-    assert "allowed" in str(latch.clear(None, 0.0))
-    assert latch.epoch == epoch, "a clear that is refused changes nothing"
-    assert latch.clear(now(latch).stop_id, now(latch).since_s + HOLD_S) is None
-    assert latch.epoch != epoch
-    assert not latch.stop_in(epoch, "mine")
-    assert guard.stopped is None
-    assert latch.stop_in(latch.epoch, "mine")
-    assert guard.stopped == "estop"
-
-
 def test_silence_needs_no_id_and_no_time(guard: Guard, latch: StopLatch) -> None:
     guard.stop("expired")
     assert not now(latch).stays
@@ -167,16 +153,6 @@ def test_a_client_clears_the_stop_that_it_asked_for_itself(guard: Guard, claim: 
     assert latch.clear(stop.stop_id, stop.since_s + HOLD_S, by="walker", keys=keys) is None
 
 
-def test_in_a_minute_no_client_without_the_key_clears_a_claimed_stop(guard: Guard, latch: StopLatch) -> None:
-    stop, began_s = latch.stop(claim_of(new_clear_key()), by="mia"), 1000.0
-    for tenth in range(600):
-        keys = (*stop.claims, stop.stop_id, new_clear_key())
-        for stop_id in (None, "", stop.stop_id):
-            assert latch.clear(stop_id, began_s + tenth / 10, by=f"client {tenth}", keys=keys) is not None
-    assert guard.stopped == "estop"
-    assert now(latch) == stop, "its tries put off nobody else"
-
-
 def test_a_robot_that_fails_after_a_claimed_stop_stays_claimed(guard: Guard, latch: StopLatch) -> None:
     latch.stop(claim_of(new_clear_key()))
     guard.stop("fell")
@@ -189,17 +165,6 @@ def test_a_stop_that_is_repeated_after_a_clear_by_others_holds_longer(latch: Sto
         stop = latch.stop(claim_of(new_clear_key()))
         assert latch.clear(stop.stop_id, stop.since_s + hold_s - 1.0) is not None
         assert latch.clear(stop.stop_id, stop.since_s + hold_s) is None
-
-
-def test_a_claim_survives_a_restart(guard: Guard, tmp_path: Path) -> None:
-    latch = StopLatch(guard, StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
-    key = new_clear_key()
-    latch.stop(claim_of(key))
-    latch.close()
-    again = StopLatch(connected()[0], StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
-    stop = now(again)
-    assert again.clear(stop.stop_id, stop.since_s + 60.0) is not None
-    assert again.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None
 
 
 def test_the_age_of_a_stop_is_shown_over_a_restart_and_its_hold_begins_anew(

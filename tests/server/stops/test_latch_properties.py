@@ -26,8 +26,7 @@ from hexctl.server.stops.stop_file import StopFile
 from hexctl.server.stops.stop_socket import StopSocket
 from hexctl.wire.links import Link
 from hexctl.wire.stop import HOLD_S, LIFTED_BY_LEASE, OTHERS_HOLD_S, claim_of, new_clear_key
-from hexctl.wire.stop_datagram import Kind, StopDatagram
-from hexctl.wire.stop_secret import NO_SECRET
+from hexctl.wire.stop_datagram import NO_SECRET, Kind, StopDatagram
 from tests.control.posed import connected
 
 SECRET = NO_SECRET

@@ -4,7 +4,6 @@ import socket
 from typing import Any
 
 import pytest
-import xxhash
 import zenoh.ext
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -118,16 +117,6 @@ def test_a_namespace_or_a_domain_that_ros_would_refuse_is_refused() -> None:
     for domain in (-1, 233):
         with pytest.raises(InputError, match="ros_domain"):
             RosNode(domain=domain)
-
-
-def test_the_identifier_of_an_endpoint_is_the_hash_of_its_token() -> None:
-    # That of the empty text, high half first, stands in the sources of xxHash.
-    assert xxhash.xxh3_128_hexdigest(b"") == "99aa06d3014798d86001c324468d497f"
-    endpoint = chatter(RosNode())
-    high_first = xxhash.xxh3_128_digest(endpoint.token("1").encode())
-    assert endpoint.gid("1") == high_first[::-1]
-    assert endpoint.gid("1")[:8] == int.from_bytes(high_first[8:], "big").to_bytes(8, "little")
-    assert endpoint.gid("1") != endpoint.gid("2")
 
 
 GID = bytes(range(16))

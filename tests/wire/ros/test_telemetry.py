@@ -1,19 +1,14 @@
 """Messages to and from ROS, read by a decoder of others; velocities that are refused."""
 
-import random
-
 import numpy as np
-import pytest
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.msg import get_types_from_msg
 
-from hexctl.errors import MessageError
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
-from hexctl.wire.ros.motion_commands import TWIST, TWIST_STAMPED, decode_velocity
+from hexctl.wire.ros.motion_commands import TWIST, TWIST_STAMPED
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
-from tests.server.test_hostile_input import spoiled
 from tests.wire.ros.decoding import decoded
 
 STAMP_NS = 1_700_000_001_000_000_002
@@ -73,17 +68,3 @@ def twist(kind: str, velocity: FloatArray) -> bytes:
     if kind == TWIST_STAMPED:
         message = ros_cdr.make(TWIST_STAMPED, header=ros_cdr.header(0, "base_link"), twist=message)
     return ros_cdr.encode(message)
-
-
-KINDS = pytest.mark.parametrize("kind", [TWIST, TWIST_STAMPED])
-
-
-@KINDS
-def test_spoiled_messages_are_refused_or_finite(kind: str) -> None:
-    chance, good, refused = random.Random(kind), twist(kind, np.array([0.1, 0.0, 0.0])), 0
-    for _ in range(3000):
-        try:
-            assert np.isfinite(decode_velocity(kind, spoiled(good, chance))).all()
-        except MessageError:
-            refused += 1
-    assert refused > 1000
