@@ -1,6 +1,8 @@
 """Identification of a robot: motions on the stand, the replay of logs, and the file that is written."""
 
 import itertools
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +14,7 @@ import pytest
 from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from hexctl.identify.fit import Fit, OnStep, fit_values
+from hexctl.identify.fit import SMALL_RAD, Fit, OnStage, fit_values, near_values
 from hexctl.identify.identification import Identification, IdentificationRun, move_on_stand
 from hexctl.identify.identification_picture import SHOWN_S, draw_identification
 from hexctl.identify.identified_file import write_identified
@@ -48,21 +50,34 @@ def test_motions_keep_angles_and_speeds_of_every_robot(name: str) -> None:
     assert motions.done(steps, state)
 
 
-def test_an_interrupted_search_names_its_step_and_the_command_that_continues(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_search_names_its_stages_and_the_command_that_continues(
+    number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: object, on_step: OnStep, **__: object) -> None:
-        for step in (0, 1, 0):  # of two parts of the search
-            on_step(step, 0.01)
-        raise KeyboardInterrupt
+    def interrupted(*_: object, on_step: OnStage, **__: object) -> None:
+        for stage, step in (("fast", 0), ("fast", 1), ("complete", 0)):
+            on_step(stage, step, 0.01)
+        os.kill(os.getpid(), number)
 
     monkeypatch.setattr("hexctl.identify.identification.identify", interrupted)
     assert exit_code(["identify", "a b.rrd", "--robot", "ant", "-o", "new.yaml"]) == 130
     said = capsys.readouterr().err.splitlines()
-    assert [line.partition(": ")[2] for line in said[:3]] == [
-        f"step {step}, error 0.573 deg" for step in (1, 2, 3)
+    assert said[1:4] == [
+        f"search, {stage}, error 0.573 deg" for stage in ("fast: step 1", "fast: step 2", "complete: step 1")
     ]
-    assert said[3].endswith("continue with: hexctl identify 'a b.rrd' --robot ant -o new.yaml")
+    assert said[4].endswith("continue with: hexctl identify 'a b.rrd' --robot ant -o new.yaml")
+
+
+def test_a_search_ends_below_what_sensors_show() -> None:
+    log = Mock(spec=RobotLog, units=1, parameters=("play_deg",))
+    log.errors_rad = lambda values: np.full((8, 18), np.radians(values.play_deg))
+    steps: list[int] = []
+    for play_deg, most in ((1e-3, 1), (5.0, 10)):
+        start = replace(RobotValues.of(shipped()), play_deg=play_deg)
+        error_rad, _ = near_values([log], start, ["play_deg"], lambda step, _: steps.append(step))
+        assert error_rad < SMALL_RAD
+        assert steps.pop() < most
+        steps.clear()
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """`hexctl identify`: the servos and the trunk of a robot from its own motions."""
 
-import itertools
 import json
 import math
 import shlex
@@ -17,7 +16,7 @@ from hexctl.cli.console import (
     print_message,
     print_result,
 )
-from hexctl.cli.progress import StatusLine
+from hexctl.cli.progress import StatusLine, interruptible
 from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.shared_options import JsonOption
@@ -82,6 +81,7 @@ def identify(
     own_robot = None
     if is_said(context, "robot") and paths[0].suffix == ".rrd":
         own_robot = load_robot(str(options.robot))
+    print_message("the search takes some minutes; Ctrl-C keeps the logs")
     try:
         found = _identified(paths, own_robot, options)
     except KeyboardInterrupt:
@@ -163,12 +163,10 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
 def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Identification":
     from hexctl.identify.identification import identify as identify_servos
 
-    steps = itertools.count(1)  # the search has several parts, each of which counts its steps from 0
-    with StatusLine() as line:
+    with interruptible(), StatusLine() as line:
 
-        def show(_step: int, error_rad: float) -> None:
-            error = f"{math.degrees(error_rad):.3f} deg"
-            line.show(f"search, some minutes: step {next(steps)}, error {error}")
+        def show(stage: str, step: int, error_rad: float) -> None:
+            line.show(f"search, {stage}: step {step + 1}, error {math.degrees(error_rad):.3f} deg")
 
         return identify_servos(paths, robot=robot, p_gain=options.p_gain, on_step=show)
 
@@ -213,10 +211,10 @@ def _report(found: "Identification") -> list[Any]:
 
     table = plain_table("parameter", "value", "±", "unit", "")
     for name, one in found.estimates.items():
-        said = _remark(found, name) if one.known else "not determined by these logs; the file keeps its value"
+        said = _remark(found, name) if one.known else "not determined; the file keeps its value"
         table.add_row(name, f"{one.value:.4g}", f"{one.deviation:.2g}", one.unit, said)
     for name in found.not_seen:
-        table.add_row(name, "", "", "", "not determined without a log of a walk")
+        table.add_row(name, "", "", "", "needs a log of a walk")
     errors = found.to_dict()["error_deg"]
     rows = [("mean error before", f"{errors['before']:.2f} deg"), ("now", f"{errors['after']:.2f} deg")]
     if errors["judged"] is not None:
