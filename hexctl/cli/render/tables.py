@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.cells import cell_len
-from rich.console import RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -30,6 +30,12 @@ class PlainTable(Table):
             if column.no_wrap and isinstance(cell, str):
                 column.min_width = max(column.min_width or 0, cell_len(printable(cell)))
         super().add_row(*(_shown(cell) if isinstance(cell, str) else cell for cell in cells), **options)
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Render at least as wide as its columns that are never cut."""
+        gap = self.padding[1] + self.padding[3]
+        least = sum((column.min_width or 1) + gap for column in self.columns)
+        return super().__rich_console__(console, options.update_width(max(options.max_width, least)))
 
 
 def _shown(text: str) -> Text:

@@ -31,12 +31,16 @@ from hexctl.robot.loader import load_robot
 
 if TYPE_CHECKING:
     from hexctl.identify.identification import Identification
+    from hexctl.identify.robot_log import RobotLog
 
 #: Error of the result above that of the robot file from which a warning is printed.
 WORSE_DEG = 0.02
 
 #: Left error above which a warning is printed: free legs leave 0.1 to 0.2 degrees, feet on a floor 0.8.
 POOR_DEG = 0.5
+
+#: Shares of late readings that are printed, and that change values: with 10 % they change by up to 3 %.
+SEEN_SHARE, WRONG_SHARE = 0.005, 0.1
 
 CONSENT = (
     "The legs of a robot on a stand move for {:.0f} s, by up to {:.0f} degrees to either side, at up to 90 % "
@@ -109,11 +113,8 @@ def _print_doubts(found: "Identification") -> None:
     from hexctl.identify.robot_log import RobotLog
 
     for log in found.replays:
-        if isinstance(log, RobotLog) and (stale_s := log.stale_s):
-            print_message(
-                f"{log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
-                "values wrong; record it again with a faster link or a less busy computer"
-            )
+        if isinstance(log, RobotLog) and (late := _late_readings(log)):
+            print_message(f"{log.name}: {late}")
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         print_message("the result fits no better than the robot file: has a leg failed in these logs?")
@@ -122,6 +123,23 @@ def _print_doubts(found: "Identification") -> None:
             f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
             "foot may touch anything, and the robot file must have the right masses and lengths"
         )
+
+
+def _late_readings(log: "RobotLog") -> str:
+    """Figures of a log with late or missing readings, and their effect; empty for a good log."""
+    shares = {
+        "readings of moving joints repeat the last one": log.repeated_share,
+        "ticks have no reading": log.skipped_share,
+    }
+    parts = [f"{100 * share:.1f} % of the {what}" for what, share in shares.items() if share > SEEN_SHARE]
+    if log.stale_s:
+        parts.append(f"readings stood still for {log.stale_s:.2g} s of the motion")
+    if not parts:
+        return ""
+    effect = "values change little, but the picture shows jumps; if you want a better log, record it again"
+    if log.stale_s or max(shares.values()) > WRONG_SHARE:
+        effect = "values may be wrong; record it again"
+    return f"{' and '.join(parts)}: {effect}, with a faster link or a less busy computer"
 
 
 def _again(paths: list[Path], options: IdentifyOptions) -> str:
