@@ -291,7 +291,7 @@ def test_motions_that_did_not_end_and_recordings_of_others_are_refused(tmp_path:
 def test_a_poor_fit_is_noted_and_the_file_is_the_next_step(
     left_rad: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = found(stiffness_nm_per_rad=(20.0, 0.5), max_torque_nm=(3.0, 0.1), dead_time_s=(0.06, 0.001))
+    result = found(stiffness_nm_per_rad=(20.0, 0.5), max_torque_nm=(3.0, 0.1), dead_time_s=(0.0595, 0.001))
     log = Mock(spec=RobotLog, on_stand=True, stale_s=max(0.0, left_rad - 0.003))
     log.repeated_share, log.skipped_share = left_rad, 0.0
     log.name = "log"

@@ -217,11 +217,15 @@ def _write(found: "Identification", options: IdentifyOptions, paths: list[Path])
 
 
 def _remark(found: "Identification", name: str) -> str:
-    """Limit of the search that a known value has, or the value of a robot file that changes with it."""
-    if found.fit.estimates[name].value >= PARAMETERS[name].high:
+    """Limit of the search that a known value has, or what else it depends on or changes."""
+    one, values = found.fit.estimates[name], found.fit.values
+    if one.value + one.deviation >= PARAMETERS[name].high:
         return "at the limit of the search"
-    robot = isinstance(found.fit.values, RobotValues) and math.isfinite(found.fit.values.no_load_speed_rad_s)
-    return "no_load_speed_deg_s changes by the same share" if robot and name == "max_torque_nm" else ""
+    if not isinstance(values, RobotValues):
+        return ""
+    if name == "max_torque_nm" and math.isfinite(values.no_load_speed_rad_s):
+        return "no_load_speed_deg_s changes by the same share"
+    return "includes the delay of the link" if name == "dead_time_s" else ""
 
 
 def _report(found: "Identification") -> list[Any]:
