@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.errors import InputError, argument, check_type
-from hexctl.robot.plugins import load_named
+from hexctl.robot.plugins import load_own
 from hexctl.types import BoolArray, FloatArray
 
 #: Score of a trial that fell, made no progress, diverged or was aborted: worse than any valid score.
@@ -153,7 +153,8 @@ def make_objective(name: str) -> Objective:
     if name in OBJECTIVES:
         return OBJECTIVES[name]
     if ":" in name:
-        return as_objective(_load(name), name)
+        allowed = "an Objective or a function of a TrialResult in a file that can be imported"
+        return as_objective(load_own(name, "objective", allowed), name)
     raise InputError(
         f"{argument('objective')}: got {name!r}; allowed: {', '.join(OBJECTIVES)}, "
         "or package.module:name for your own function of a TrialResult"
@@ -193,13 +194,3 @@ def undominated(scores: FloatArray) -> BoolArray:
     """Pareto front of scores (trials, objectives): trials that no other one dominates, (trials,)."""
     beaten = [bool(((scores <= row).all(axis=1) & (scores < row).any(axis=1)).any()) for row in scores]
     return ~np.array(beaten, dtype=bool)
-
-
-def _load(name: str) -> object:
-    try:
-        return load_named(name, "objective")
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(
-            f"{argument('objective')}: {name!r} cannot be loaded ({error}); allowed: an Objective or a "
-            "function of a TrialResult, as package.module:name in a file that can be imported"
-        ) from error

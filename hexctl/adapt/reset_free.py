@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.adapt.optimizers.optimizer_registry import TRIM
 from hexctl.adapt.runner import TrialRequest, TrialRunner, WalkedTrial, check_not_stopped
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.optimizer import Trim
-from hexctl.adapt.optimizers.shipped import BAYES, STRIDES, TRIM
-from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
+from hexctl.adapt.optimizers.optimizer_registry import BAYES, STRIDES, TRIM
+from hexctl.adapt.prior.prior import Prior, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_files import check_prior
-from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world, without_step
-from hexctl.control.assessment.score import progress_floor_m
+from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
 from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.assessment.uncertainty_store import (
@@ -28,7 +27,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import ideal_speed_m_s, make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
@@ -81,18 +80,12 @@ class Setting:
     @property
     def ideal_m(self) -> float:
         """Distance of a walk without slip."""
-        speed_m_s = ideal_speed_m_s(self.robot, self.plan.gait, self.plan.motion(0.0))
-        return speed_m_s * self.plan.duration_s
+        return ideal_distance_m(self.robot, self.plan, self.plan.duration_s)
 
     @property
     def floor_m(self) -> float:
         """Minimum distance of a valid walk."""
         return progress_floor_m(self.robot, self.plan, self.plan.duration_s)
-
-    @property
-    def prior_key(self) -> PriorKey:
-        """Key of the priors for these trials."""
-        return PriorKey.of(self.robot, self.plan)
 
 
 def load_setting(spec: SessionSpec) -> Setting:
@@ -126,7 +119,7 @@ def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScoreP
     if spec.prior is None:
         return None
     path = Path(spec.prior)
-    check_prior(path, PriorKey.of(robot, plan), covers=covering(robot, plan))
+    check_prior(path, robot, plan)
     prior = load_prior(path) if spec.hold == "none" else load_score_prior(path)
     if spec.prior_digest and prior.digest() != spec.prior_digest:
         raise InputError(

@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 from hexctl.adapt.drift import half_steady_s
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Outcomes, Prior, ScorePrior
-from hexctl.adapt.prior.prior_files import Covers
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.model import Robot
@@ -169,12 +167,6 @@ def chance_of(share: FloatArray, worlds: int) -> FloatArray:
 def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
     """Whether a prior of some legs covers a failed leg, directly or by symmetry."""
     return bool(_sources(robot, self_rotation, legs, leg))
-
-
-def covering(robot: Robot, plan: TrialPlan) -> Covers:
-    """Predicate for `find_prior`: whether a prior of some legs covers the failed leg of a plan."""
-    (leg,) = plan.failed_legs
-    return lambda legs: covers(robot, plan.self_rotation, legs, leg)
 
 
 def _sources(

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
-from hexctl.adapt.optimizers.shipped import BAYES
+from hexctl.adapt.optimizers.optimizer_registry import BAYES, make_optimizer
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.prior_files import find_prior
-from hexctl.adapt.prior.samples import covering, covers
+from hexctl.adapt.prior.samples import covers
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.trial_plan import DURATION_S, TrialPlan
@@ -45,7 +44,7 @@ class TransferSettings(LandscapePlan):
 
     Attributes:
         family: held-out worlds, never those of a prior.
-        optimizers: names as in `hexctl.adapt.optimizers.shipped`, `bayes` and `bayes-early`.
+        optimizers: names as in `hexctl.adapt.optimizers.optimizer_registry`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
         target_m: deviation that `bayes` aims at.
         failure: of each leg, as `parse_kind` reads it; with `unknown` each world draws what breaks, and the
@@ -128,7 +127,7 @@ def find_transfer_prior(
         raise InputError(f"{argument('legs')}: got none; allowed: one or more of 1..6")
     belief = parse_kind(legs[0], failure)
     plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=belief)
-    found = find_prior(PriorKey.of(robot, plan), folders, covers=covering(robot, plan))
+    found = find_prior(robot, plan, folders)
     if found.path is None:
         raise InputError(
             f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"
