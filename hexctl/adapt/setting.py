@@ -121,7 +121,7 @@ def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScoreP
     path = Path(spec.prior)
     check_prior(path, robot, plan)
     prior = load_prior(path) if spec.hold == "none" else load_score_prior(path)
-    if spec.prior_digest and prior.digest() != spec.prior_digest:
+    if spec.prior_digest and prior.digest != spec.prior_digest:
         raise InputError(
             f"prior {path}: is not the one the session began with; allowed: the same file, or a new session"
         )

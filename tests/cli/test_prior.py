@@ -71,7 +71,7 @@ def test_a_session_believes_the_prior_that_it_is_given(
     outcome, err = run(capsys, *ADAPT, *asked)
     assert err == ""
     assert (outcome["optimizer"], outcome["prior"]) == ("bayes", prior)
-    assert outcome["prior_digest"] == load_prior(Path(prior)).digest()
+    assert outcome["prior_digest"] == load_prior(Path(prior)).digest
     assert 1 <= len(outcome["trials"]) <= 3
     for trial in outcome["trials"]:
         expected = trial["expected"]
@@ -194,7 +194,7 @@ def test_a_search_of_steered_walks_believes_a_prior_of_their_scores(
     assert err == ""
     assert (outcome["optimizer"], outcome["prior"], outcome["hold"]) == ("bayes", "s.npz", "auto")
     assert (outcome["self_rotation"], outcome["body_raise"]) == ("none", raised)
-    assert outcome["prior_digest"] == load_score_prior("s.npz").digest()
+    assert outcome["prior_digest"] == load_score_prior("s.npz").digest
     assert (outcome["target_m"], outcome["ended"]) == (None, "budget")
     assert len({trial["code"] for trial in outcome["trials"]}) == 2
     name = interrupted_after(1, capsys, *words, "--worth", "0")

@@ -163,7 +163,7 @@ def test_under_a_hold_a_prior_is_of_the_logarithms_of_the_scores(tmp_path: Path)
     assert np.flatnonzero(~prior.valid[1, 1]).tolist() == [4, FALLEN - 1, 8]
     save_prior(prior, tmp_path / "made.npz")
     loaded = load_score_prior(tmp_path / "made.npz")
-    assert (loaded.digest(), loaded.head) == (prior.digest(), prior.head)
+    assert (loaded.digest, loaded.head) == (prior.digest, prior.head)
     np.testing.assert_allclose(loaded.log_scores, prior.log_scores, rtol=1e-6)
     np.testing.assert_array_equal(loaded.valid, prior.valid)
 
@@ -194,7 +194,7 @@ def test_what_a_prior_says_is_in_its_landscapes_and_its_file(tmp_path: Path) -> 
     assert prior.key.failure == "weak:0.5"
     save_prior(prior, tmp_path / "made.npz")
     loaded = load_prior(tmp_path / "made.npz")
-    assert (loaded.digest(), loaded.head) == (prior.digest(), prior.head)
+    assert (loaded.digest, loaded.head) == (prior.digest, prior.head)
     assert loaded.origin["family"] == asked.family.model_dump(mode="json")
     assert "mujoco" in loaded.origin["code"]
 

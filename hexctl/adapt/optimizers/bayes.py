@@ -21,8 +21,7 @@ from hexctl.adapt.prior.samples import N_FEATURES, Samples, chance_of, features_
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import Enough
-from hexctl.errors import InputError
-from hexctl.types import N_JOINTS, BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 #: A gait is confirmed when it is within the target with this probability.
 SURE = 0.9
@@ -69,6 +68,8 @@ class Bayes(Optimizer):
             counts only for the confirmation of a gait.
         worth_m: minimum expected gain of all remaining trials to continue; 0 continues always.
         budget: maximum number of trials; None to count the gain of a single one.
+        sag_rad: static deflection of the joints in the stance before the first trial, (18,), NaN for an
+            unmeasured one; None if unknown.
     """
 
     name = "bayes"
@@ -87,28 +88,14 @@ class Bayes(Optimizer):
         uncertainty_m: float = 0.0,
         worth_m: float = 0.0,
         budget: int | None = None,
+        sag_rad: FloatArray | None = None,
     ) -> None:
         super().__init__(space, seed)
-        if space.failed_legs != (samples.leg,):
-            raise InputError(f"prior: got failed legs {space.failed_legs}; allowed: {(samples.leg,)}")
-        if not (np.isfinite(uncertainty_m) and uncertainty_m >= 0):
-            raise InputError(f"uncertainty_m: got {uncertainty_m}; allowed: 0 m or more")
         self._samples, self._target_m, self._uncertainty_m = samples, target_m, uncertainty_m
         self._duration_s, self._noise_m = duration_s, noise_m
         self._floor_m, self._worth_m, self._budget = floor_m, worth_m, budget
-        self._known: Forecast | None = None
-        self._sag_rad: FloatArray | None = None
+        self._sag_rad = sag_rad
         self._forget()
-
-    def observe_stance(self, sag_rad: FloatArray) -> None:
-        """Condition on the static deflection of the joints in the stance before the first trial, (18,)."""
-        sag_rad = np.asarray(sag_rad, dtype=float)
-        if sag_rad.shape != (N_JOINTS,):
-            raise InputError(f"{self.name}: got a sag of shape {sag_rad.shape}; allowed: ({N_JOINTS},)")
-        trials, self._sag_rad = self._trials, sag_rad
-        self._forget()
-        for trial in trials:
-            self._take(trial)
 
     @property
     def finished(self) -> bool:
@@ -220,12 +207,10 @@ class Bayes(Optimizer):
             self._take([code, score, status, [None if np.isnan(x) else float(x) for x in features]])
 
     def _take(self, trial: list[Any]) -> None:
-        if len(trial) != 4:
-            raise ValueError(f"a trial of {len(trial)} parts")
-        code, score, status, numbers = int(trial[0]), float(trial[1]), str(trial[2]), trial[3]
+        code, score, status, numbers = int(trial[0]), *trial[1:]
         if not 1 <= code <= self.space.size:
             raise ValueError(f"a trial of code {code}")
-        self._trials.append([code, score, status, list(numbers)])
+        self._trials.append([code, float(score), str(status), list(numbers)])
         features = np.array([np.nan if number is None else float(number) for number in numbers])
         if features.shape != (N_FEATURES,):
             raise ValueError(f"a trial with {features.size} numbers")
@@ -273,16 +258,10 @@ class Bayes(Optimizer):
         return rows
 
     def _search_state(self) -> dict[str, Any]:
-        sag = None if self._sag_rad is None else [None if np.isnan(x) else float(x) for x in self._sag_rad]
-        return {"trials": [[*trial[:3], list(trial[3])] for trial in self._trials], "sag_rad": sag}
+        return {"trials": [[*trial[:3], list(trial[3])] for trial in self._trials]}
 
     def _restore_search(self, state: dict[str, Any]) -> None:
-        trials, sag = list(state["trials"]), state["sag_rad"]
-        if sag is not None:
-            sag = np.array([np.nan if number is None else float(number) for number in sag])
-            if sag.shape != (N_JOINTS,):
-                raise ValueError(f"a sag of {sag.size} joints")
-        self._sag_rad = sag
+        trials = list(state["trials"])
         self._forget()
         for trial in trials:
             self._take(trial)

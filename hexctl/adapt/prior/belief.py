@@ -12,7 +12,8 @@ conditioned on them in the coordinates of the worlds.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,25 +128,13 @@ class Forecast:
 _END_FIRST = np.array([FINAL, *(feature for feature in range(N_FEATURES) if feature != FINAL)])
 
 
-@dataclass(eq=False)
-class _Seen:
+class _Seen(NamedTuple):
     """Observed numbers of trials, one entry each."""
 
-    trial: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    gait: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    feature: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    value: FloatArray = field(default_factory=lambda: np.zeros(0))
-
-    def plus(self, gait: int, features: FloatArray) -> "_Seen":
-        # The end first: its surprise is then separate from that of the course.
-        known = _END_FIRST[np.isfinite(features[_END_FIRST])]
-        trial = int(self.trial[-1]) + 1 if self.trial.size else 0
-        return _Seen(
-            np.append(self.trial, np.full(known.size, trial)),
-            np.append(self.gait, np.full(known.size, gait)),
-            np.append(self.feature, known),
-            np.append(self.value, features[known]),
-        )
+    trial: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    gait: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    feature: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    value: FloatArray = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +164,6 @@ class Course:
 class _Evidence:
     """Root of the observations' covariance, whitened surprise, and factor of the prior's variance."""
 
-    seen: _Seen
     root: FloatArray
     surprise: FloatArray
     widened: float
@@ -198,7 +186,8 @@ class Belief:
         # Square root of the worlds' covariance: columns are gait-major, as all flat arrays here.
         self._root = apart.reshape(worlds, -1) / np.sqrt(max(worlds - 1, 1))
         self._shape = UNEXPLAINED * np.einsum("mgi,mgj->ij", apart, apart) / (worlds * len(self._mean))
-        self._alike = likeness(samples.leg, COMMON_SHARE, ALIKE_SHARE) * _outer(spread_of(apart[..., FINAL]))
+        spread = spread_of(apart[..., FINAL])
+        self._alike = likeness(samples.leg, COMMON_SHARE, ALIKE_SHARE) * np.outer(spread, spread)
         self._noise_m = noise_m
         self._seen = _Seen()
         if sag_rad is not None and samples.sag_rad is not None:
@@ -209,12 +198,15 @@ class Belief:
 
     def observe(self, code: int, features: FloatArray) -> None:
         """Add a trial of a gait by its features, (N_FEATURES,), NaN for unknown ones."""
-        self._seen = self._seen.plus(code - 1, features)
+        # The end first: its surprise is then separate from that of the course.
+        known = _END_FIRST[np.isfinite(features[_END_FIRST])]
+        trial, gait = np.full(known.size, len(self._seen.trial)), np.full(known.size, code - 1)
+        self._seen = _Seen(*map(np.append, self._seen, (trial, gait, known, features[known])))
 
     def forecast(self) -> Forecast:
         """Current forecast of all gaits."""
         noise_m = self._noise_now_m()
-        evidence = self._weighed(self._seen, noise_m)
+        evidence = self._weighed(noise_m)
         mean_m, covariance = self._of_all_gaits(evidence, FINAL)
         distance_m, distance_covariance = self._of_all_gaits(evidence, DISTANCE)
         return Forecast(
@@ -231,7 +223,7 @@ class Belief:
         noise_m = self._noise_now_m()
         features = np.arange(N_FEATURES)
         gaits = np.full(N_FEATURES, code - 1)
-        mean, covariance = self._conditioned(self._weighed(self._seen, noise_m), gaits, features)
+        mean, covariance = self._conditioned(self._weighed(noise_m), gaits, features)
         noise = self._noise(noise_m, features)
         return Course(mean=mean, covariance=covariance + noise, blur=BLUR * np.diagonal(self._shape))
 
@@ -246,7 +238,7 @@ class Belief:
         """Mean (n,) and covariance (n, n) of n numbers, each a feature of a gait."""
         from scipy.linalg import solve_triangular
 
-        seen, widened = evidence.seen, evidence.widened
+        seen, widened = self._seen, evidence.widened
         mean = self._mean[gaits, features]
         covariance = widened * self._covariance(gaits, features, gaits, features)
         if not seen.value.size:
@@ -273,18 +265,18 @@ class Belief:
         shape = self._shape[np.ix_(features, features)]
         return np.asarray(shape * (noise_m**2 / self._shape[FINAL, FINAL]))
 
-    def _weighed(self, seen: _Seen, noise_m: float) -> _Evidence:
+    def _weighed(self, noise_m: float) -> _Evidence:
         """Evidence, with the prior as wide as the ends of the walks require, 1 at least."""
-        evidence = self._decomposed(seen, noise_m, 1.0)
-        ends = seen.feature == FINAL
+        evidence, ends = self._decomposed(noise_m, 1.0), self._seen.feature == FINAL
         # Whitened in the order of the trials: each end against the belief just before it.
         squares = float((evidence.surprise[ends] ** 2).sum())
         widened = (TRUST_TRIALS + squares) / (TRUST_TRIALS + int(ends.sum()))
-        return evidence if widened <= 1 else self._decomposed(seen, noise_m, widened)
+        return evidence if widened <= 1 else self._decomposed(noise_m, widened)
 
-    def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> _Evidence:
+    def _decomposed(self, noise_m: float, widened: float) -> _Evidence:
         from scipy.linalg import cholesky, solve_triangular
 
+        seen = self._seen
         covariance = widened * self._covariance(seen.gait, seen.feature, seen.gait, seen.feature)
         together = seen.trial[:, np.newaxis] == seen.trial
         covariance += np.where(together, self._noise(noise_m, seen.feature), 0.0)
@@ -292,9 +284,9 @@ class Belief:
         covariance[np.diag_indices_from(covariance)] += blur + 1e-9 * np.diagonal(covariance) + 1e-12
         surprise = seen.value - self._mean[seen.gait, seen.feature]
         if not seen.value.size:
-            return _Evidence(seen, covariance, surprise, widened)
+            return _Evidence(covariance, surprise, widened)
         root = cholesky(covariance, lower=True)
-        return _Evidence(seen, root, solve_triangular(root, surprise, lower=True), widened)
+        return _Evidence(root, solve_triangular(root, surprise, lower=True), widened)
 
     def _noise_now_m(self) -> float:
         """Noise of a trial: the assumed one, corrected by the differences between repeats of a gait."""
@@ -333,7 +325,3 @@ def spread_of(apart: FloatArray) -> FloatArray:
     # A gait that always fell has no known spread, which is not a spread of zero.
     spread = np.maximum(spread, max(float(np.median(spread)) / 2, 1e-3))
     return np.asarray(spread / np.sqrt((spread**2).mean()))
-
-
-def _outer(values: FloatArray) -> FloatArray:
-    return np.asarray(values[:, np.newaxis] * values)

@@ -147,12 +147,9 @@ class Outcomes(ABC):
         """All except the arrays, as JSON values."""
         return {"question": self.key.as_json(), "legs": list(self.legs), "origin": self.origin}
 
-    def digest(self) -> str:
-        """Hash of the complete content, computed once."""
-        return self._digest
-
     @cached_property
-    def _digest(self) -> str:
+    def digest(self) -> str:
+        """Hash of the complete content."""
         return content_digest(self.head, self.arrays)
 
     def _check_shapes(self, **last: tuple[int, ...]) -> None:

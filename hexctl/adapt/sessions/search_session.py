@@ -112,9 +112,10 @@ class Session:
         return 0.5 * (math.erf(below) + math.erf(above))
 
     def _recommended_json(self) -> dict[str, Any] | None:
-        found, walk = recommended(self), self.best_walk
-        if found is None or walk is None:
+        found = recommended(self)
+        if found is None:
             return None
+        walk = found.walk
         return {
             "gait": walk.gait if isinstance(walk, BaselineRecord) else None,
             "code": walk.code,
@@ -143,11 +144,6 @@ class Session:
             "confirmations": [walk.as_json() for walk in self.confirmations],
             "recommended": self._recommended_json(),
             "ended": self.ended,
-            **{
-                f"trials_to_{milestone:.{digits}f}_m": self.trials_to(milestone)
-                for milestone, digits in _DIGITS
-            },
+            "trials_to_0.10_m": self.trials_to(0.10),
+            "trials_to_0.025_m": self.trials_to(0.025),
         }
-
-
-_DIGITS = tuple(zip(MILESTONES_M, (2, 3), strict=True))

@@ -75,17 +75,15 @@ def make_search(
     if optimizer not in PRIORED:
         return Deduplication(make_optimizer(optimizer, spec.space, seed), seed)
     # No `uncertainty_m`: the simulated world stands for the robot here, and its walks are the truth.
-    search = Bayes(
+    return Bayes(
         spec.space,
         seed,
         samples=samples,
         target_m=plan.target_m,
         duration_s=plan.duration_s,
         floor_m=progress_floor_m(plan.robot, spec.trial(1).plan, plan.duration_s),
+        sag_rad=deflection_rad,
     )
-    if deflection_rad is not None:
-        search.observe_stance(deflection_rad)
-    return search
 
 
 def run_course(
