@@ -177,8 +177,15 @@ class Adaptation:
             if on_begin is not None:
                 on_begin(session)
             with self._view(servos) as live:
-                runner = self._runner(session, store, setting, stop_requested, live)
-                ended, trouble = self._search(session, store, setting, runner, servos, on_stored)
+                folder = store.folder_of(session.name) if self._record else None
+                runner = TrialRunner(
+                    spec=session.spec,
+                    setting=setting,
+                    folder=folder,
+                    stop_requested=stop_requested,
+                    live=live,
+                )
+                ended, trouble = self._search(session, store, runner, servos, on_stored)
         return AdaptationResult(
             session=session,
             ended=ended,
@@ -196,25 +203,6 @@ class Adaptation:
             yield live
             if live is not None and live.lost is not None:
                 self._note(f"{live.lost}; the trials are not affected")
-
-    def _runner(
-        self,
-        session: Session,
-        store: SessionStore,
-        setting: Setting,
-        stop_requested: StopRequested,
-        live: LiveView | None,
-    ) -> TrialRunner:
-        return TrialRunner(
-            spec=session.spec,
-            robot=setting.robot,
-            world=setting.world,
-            plan_for=setting.plan_for,
-            folder=store.folder_of(session.name) if self._record else None,
-            stop_requested=stop_requested,
-            live=live,
-            meshes=setting.robot_file.meshes if self._record else {},
-        )
 
     def _begin(
         self, store: SessionStore, stack: ExitStack, stop_requested: StopRequested, checked: Setting | None
@@ -263,14 +251,12 @@ class Adaptation:
         self,
         session: Session,
         store: SessionStore,
-        setting: Setting,
         runner: TrialRunner,
         servos: Guard | None,
         on_stored: OnStored | None,
     ) -> tuple[str, RobotFaultError | RecordingError | None]:
         """Why the search ended, and trouble with the robot or the recordings."""
-        spec = session.spec
-        walk = runner.walk
+        spec, setting, walk = session.spec, runner.setting, runner.walk
         if servos is not None:
             walk = ResetFreeRunner(
                 runner=runner,

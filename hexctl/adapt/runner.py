@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,9 @@ from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
 from hexctl.adapt.sessions.unfinished import note_created, unfinished
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
+from hexctl.adapt.setting import Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
-from hexctl.backends.sim.world import World
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.controllers import Controller
@@ -32,8 +32,6 @@ from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.recording.live import LiveView
 from hexctl.recording.recording import Recording
 from hexctl.robot.failure import NoticedFailure, in_words, loses_leg
-from hexctl.robot.meshes import Meshes
-from hexctl.robot.model import Robot
 from hexctl.waiting import StopRequested, never
 
 
@@ -116,25 +114,22 @@ WalkTrial = Callable[[TrialRequest], WalkedTrial]
 class TrialRunner:
     """Walks the gaits of one session in simulation, each from the same start.
 
-    `world` is None on a real robot, `folder` without recordings, `live` without a view.
+    `folder` is None without recordings, `live` without a view.
     """
 
     spec: SessionSpec
-    robot: Robot
-    world: World | None
-    plan_for: Callable[[Slots, Trim | None, Stride | None], TrialPlan]
+    setting: Setting
     folder: Path | None
     stop_requested: StopRequested = never
     live: LiveView | None = None
-    meshes: Meshes = field(default_factory=dict)
 
     def walk(self, request: TrialRequest) -> WalkedTrial:
         """Run one trial in its own simulation."""
-        plan = self.plan_for(request.slots, request.trim, request.stride)
+        setting, plan = self.setting, self.setting.plan_for(request.slots, request.trim, request.stride)
         # The simulated failure; the plan has the one that the controller knows.
         broken = self.spec.broken
         options = BackendOptions.of(
-            self.spec, robot=self.robot, world=self.world, failure=broken, trial=request.index
+            self.spec, robot=setting.robot, world=setting.world, failure=broken, trial=request.index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
             return self.walk_on(servos, plan, request, stop_when(request.should_stop))
@@ -180,7 +175,7 @@ class TrialRunner:
     def _recorders(self, recording: Recording | None, plan: TrialPlan, title: str) -> Recorders:
         if self.live is not None:
             self.live.begin(
-                self.robot,
+                self.setting.robot,
                 plan,
                 title=title,
                 looks=self.spec.robot,
@@ -194,7 +189,7 @@ class TrialRunner:
         """Recording of a trial, or None; raises RecordingError if it cannot be written."""
         if self.folder is None:
             return None
-        floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
+        world = self.setting.world
         baseline = request.index == BASELINE_INDEX
         stem = f"baseline-{_name_of(plan)}" if baseline else f"trial-{request.index:03d}"
         path = _new_path(self.folder, stem)
@@ -202,11 +197,11 @@ class TrialRunner:
         try:
             recording = Recording(
                 path,
-                self.robot,
+                self.setting.robot,
                 plan,
                 title=request.title(plan),
-                floor=floor,
-                meshes=self.meshes,
+                floor=None if world is None else make_floor(world, self.spec.seed),
+                meshes=self.setting.robot_file.meshes,
                 watched=self._watched,
                 servos=not self.spec.simulated,
             )
@@ -240,9 +235,9 @@ def _unwritable(path: Path, error: InputError) -> RecordingError:
 
 def at_finer_step(runner: TrialRunner) -> TrialRunner:
     """Runner in the same world at the time step `CONFIRM_STEP_S`, without recordings."""
-    world = runner.world
+    world = runner.setting.world
     finer = None if world is None else world.model_copy(update={"time_step_s": CONFIRM_STEP_S})
-    return replace(runner, world=finer, folder=None, live=None)
+    return replace(runner, setting=replace(runner.setting, world=finer), folder=None, live=None)
 
 
 def without_count(result: TrialResult) -> TrialResult:

@@ -120,8 +120,7 @@ class AdaptLoop:
             code = _code_of(optimizer.space, slots)
             what = f"the baseline {name}"
             request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots)
-            one = self._checked(self._walk(request), what)
-            if _interrupted(one, what):
+            if (one := _counted(self._walk(request), what)) is None:
                 return False
             record = BaselineRecord(
                 gait=name,
@@ -211,8 +210,8 @@ class AdaptLoop:
         """Walk a gait again at a finer time step, and store it; False when interrupted."""
         index = found.index if isinstance(found, TrialRecord) else BASELINE_INDEX
         code, slots, what = found.code, found.slots, f"the confirmation of gait {found.code}"
-        one = self._checked(walk(TrialRequest(index=index, code=code or 0, slots=slots)), what)
-        if _interrupted(one, what):
+        one = _counted(walk(TrialRequest(index=index, code=code or 0, slots=slots)), what)
+        if one is None:
             return False
         record = ConfirmationRecord(
             code=code,
@@ -250,8 +249,7 @@ class AdaptLoop:
             stride=optimizer.stride(code),
             should_stop=should_stop,
         )
-        walked = self._checked(self._walk(request), what)
-        if _interrupted(walked, what):
+        if (walked := _counted(self._walk(request), what)) is None:
             return False
         score, seen = self._scored(walked, f"{what}, gait {code}"), Observation.of(walked.result)
         if confirms:
@@ -271,16 +269,6 @@ class AdaptLoop:
         )
         self._keep(trial, walked, optimizer.state())
         return True
-
-    def _checked(self, walked: WalkedTrial, what: str) -> WalkedTrial:
-        """A walk; raises RobotStoppedError when the robot, not the operator, stopped it, or a leg failed."""
-        result = walked.result
-        if result.status == "aborted" and result.stopped != "requested":
-            reason = result.stopped or "for no known reason"
-            if legs := tuple(one.failure.leg for one in noticed_legs(result)):
-                raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
-            raise RobotStoppedError(f"{what}: the robot was stopped: {reason_in_words(reason)}", reason)
-        return walked
 
     def _margin_m(self, slots: Slots) -> float | None:
         return None if self._margin_m_of is None else self._margin_m_of(slots)
@@ -312,11 +300,22 @@ def _code_of(space: GaitSpace, slots: Slots) -> int | None:
         return None
 
 
-def _interrupted(walked: WalkedTrial, what: str) -> bool:
-    """Whether a walk was interrupted; raises RecordingError if its recording is incomplete then."""
-    if walked.result.status == "aborted":
-        _check_recording(walked, f"{what} was interrupted")
-    return walked.result.status == "aborted"
+def _counted(walked: WalkedTrial, what: str) -> WalkedTrial | None:
+    """A walk, or None if it was interrupted.
+
+    Raises RobotStoppedError when the robot, not the operator, stopped it, or a leg failed; RecordingError if
+    the recording of an interrupted one is incomplete.
+    """
+    result = walked.result
+    if result.status != "aborted":
+        return walked
+    if result.stopped != "requested":
+        reason = result.stopped or "for no known reason"
+        if legs := tuple(one.failure.leg for one in noticed_legs(result)):
+            raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
+        raise RobotStoppedError(f"{what}: the robot was stopped: {reason_in_words(reason)}", reason)
+    _check_recording(walked, f"{what} was interrupted")
+    return None
 
 
 def _check_recording(walked: WalkedTrial, done: str) -> None:

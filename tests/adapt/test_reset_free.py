@@ -19,6 +19,7 @@ from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
 from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
 from hexctl.adapt.runner import RobotStoppedError, TrialRequest, TrialRunner, WalkedTrial
 from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.setting import Setting
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad, stance_deflection_rad
 from hexctl.backends.clock import PERIOD_S
@@ -31,9 +32,9 @@ from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import CommandRefusedError, RobotFaultError
-from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import FloatArray, JointTargets, RobotState, ServoReadings
 from tests.adapt.priors import plan_of
@@ -175,23 +176,13 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(StayingSim, "farthest_m", 0.0)
 
 
-def plan_for(slots: Slots, *_changes: object) -> TrialPlan:
-    return replace(PLAN, gait=replace(PLAN.gait, slots=slots))
-
-
 def request_of(index: int, code: int) -> TrialRequest:
     return TrialRequest(index=index, code=code, slots=SPACE.slots_of(code))
 
 
 def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRunner:
     spec = SessionSpec(failed_leg=5, backend="tests.adapt.staying:StayingSim", duration_s=plan.duration_s)
-    runner = TrialRunner(
-        spec=spec,
-        robot=ROBOT,
-        world=None,
-        plan_for=lambda slots, *_changes: replace(plan, gait=replace(plan.gait, slots=slots)),
-        folder=None,
-    )
+    runner = TrialRunner(spec=spec, setting=Setting(load_robot_file("ant"), None, plan), folder=None)
     return ResetFreeRunner(runner=runner, servos=servos, **more)
 
 

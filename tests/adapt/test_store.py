@@ -404,35 +404,6 @@ def test_a_write_that_fails_leaves_the_session_as_it_was(
     assert load_session(session.name, tmp_path) == session
 
 
-def test_a_disk_that_fails_twice_is_named_by_the_next_write_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A complete line that can neither be synced nor removed is none of another process."""
-    store = SessionStore(tmp_path)
-    session = store.create(SPEC)
-    ftruncate, failing = os.ftruncate, iter([False, True])
-
-    def failing_sync(_file: int) -> None:
-        raise OSError(errno.EIO, "no answer")
-
-    def failing_ftruncate(file: int, size: int) -> None:
-        if next(failing):
-            raise OSError(errno.EIO, "no answer")
-        ftruncate(file, size)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", failing_sync)
-        patched.setattr(os, "ftruncate", failing_ftruncate)
-        with pytest.raises(StoreError, match="no answer"):
-            store.add(session, record(1), {"after": 1})
-    with pytest.raises(StoreError, match="the disk failed") as refused:
-        store.keep(session)
-    assert "another process" not in str(refused.value)
-    resumed = load_session(session.name, tmp_path)
-    assert resumed.trials == [record(1)]
-    SessionStore(tmp_path).add(resumed, record(2), {"after": 2})
-
-
 #: A user without the rights of root, who may read what all may.
 NOBODY = 65534
 

@@ -22,7 +22,7 @@ WORTH = 0.01
 #: Scores below this, which no walk has, are taken as this.
 LEAST_SCORE = 1e-9
 
-#: The numbers s, c and a of the equation of `ScoreBelief`; the length is `ALIKE_CYCLES`, in mean phase difference.
+#: The numbers s, c and a of `ScoreBelief`; the length is `ALIKE_CYCLES`, in mean phase difference.
 #: Chosen by leaving each of three worlds a leg out of the prior of `ant`: speed after 3 trials is then 0.7 %
 #: from the best, 1.5 % with the whole covariance of the worlds and 30 % of the other part added to it.
 SHRUNK, COMMON, ALIKE = 0.5, 0.2, 0.4
