@@ -9,7 +9,6 @@ from typing import Any
 from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
 from hexctl.adapt.sessions.unfinished import note_created, unfinished
-from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.adapt.setting import Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
@@ -28,7 +27,6 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.recording.live import LiveView
 from hexctl.recording.recording import Recording
 from hexctl.robot.failure import NoticedFailure, in_words, loses_leg
@@ -78,6 +76,7 @@ class TrialRequest:
     Attributes:
         index: of the trial; `BASELINE_INDEX` for a walk of the baseline.
         code: of the gait; 0 if its slots have none.
+        usual: name of the gait of a walk of the baseline.
         trim: correction of the walk, or None.
         stride: in place of the robot's, or None.
         should_stop: ends the walk once its path shows enough, or None.
@@ -89,12 +88,12 @@ class TrialRequest:
     trim: Trim | None = None
     stride: Stride | None = None
     should_stop: Enough | None = None
+    usual: str = ""
 
-    def title(self, plan: TrialPlan) -> str:
+    @property
+    def title(self) -> str:
         """Title of the trial, or of the walk of the baseline."""
-        if self.index == BASELINE_INDEX:
-            return f"baseline: gait {_name_of(plan)}"
-        return f"trial {self.index}: gait {self.code}"
+        return f"baseline: gait {self.usual}" if self.usual else f"trial {self.index}: gait {self.code}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,7 +147,7 @@ class TrialRunner:
         """
         with ExitStack() as stack:
             recording = self._open_recording(stack, request, plan)
-            recorders = self._recorders(recording, plan, request.title(plan))
+            recorders = self._recorders(recording, plan, request.title)
             result = run_trial(
                 servos,
                 plan,
@@ -190,8 +189,7 @@ class TrialRunner:
         if self.folder is None:
             return None
         world = self.setting.world
-        baseline = request.index == BASELINE_INDEX
-        stem = f"baseline-{_name_of(plan)}" if baseline else f"trial-{request.index:03d}"
+        stem = f"baseline-{request.usual}" if request.usual else f"trial-{request.index:03d}"
         path = _new_path(self.folder, stem)
         stack.enter_context(unfinished(path))
         try:
@@ -199,7 +197,7 @@ class TrialRunner:
                 path,
                 self.setting.robot,
                 plan,
-                title=request.title(plan),
+                title=request.title,
                 floor=None if world is None else make_floor(world, self.spec.seed),
                 meshes=self.setting.robot_file.meshes,
                 watched=self._watched,
@@ -265,13 +263,6 @@ def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) 
     except Exception as error:  # noqa: BLE001  the walk is done, whether or not its recording is whole
         return error
     return None
-
-
-def _name_of(plan: TrialPlan) -> str:
-    """Name of a plan's gait in a baseline; a nameless one is `auto`."""
-    slots = tuple(plan.gait.slots)
-    named = (name for name, own in NAMED_SLOTS.items() if own == slots)
-    return next(named, AUTO)
 
 
 def _new_path(folder: Path, stem: str) -> Path:

@@ -82,11 +82,6 @@ class Setting:
         """Distance of a walk without slip."""
         return ideal_distance_m(self.robot, self.plan, self.plan.duration_s)
 
-    @property
-    def floor_m(self) -> float:
-        """Minimum distance of a valid walk."""
-        return progress_floor_m(self.robot, self.plan, self.plan.duration_s)
-
 
 def load_setting(spec: SessionSpec) -> Setting:
     """Load the parts of a spec.
@@ -131,7 +126,8 @@ def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScoreP
 def start_note(spec: SessionSpec, setting: Setting) -> str | None:
     """Note for an operator before the robot moves, or None; raises InputError for a too small arena."""
     if spec.arena_m is not None:
-        return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=setting.floor_m)
+        least_m = progress_floor_m(setting.robot, setting.plan, spec.duration_s)
+        return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=least_m)
     if spec.simulated or spec.ask:
         return None
     return (

@@ -119,7 +119,7 @@ class AdaptLoop:
             slots = self._baseline_slots[name]
             code = _code_of(optimizer.space, slots)
             what = f"the baseline {name}"
-            request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots)
+            request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots, usual=name)
             if (one := _counted(self._walk(request), what)) is None:
                 return False
             record = BaselineRecord(

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hexctl.adapt.adaptation import Adaptation, adapt
-from hexctl.adapt.adaptation_result import AdaptationResult
+from hexctl.adapt.adaptation import Adaptation, AdaptationResult, adapt
 from hexctl.adapt.drift import drift_of
 from hexctl.adapt.measurement import Answer, measured
 from hexctl.adapt.optimizer import Observation, Trim

@@ -67,7 +67,7 @@ class Bayes(Optimizer):
         uncertainty_m: standard uncertainty that repeats do not reduce, such as the simulation's own. It
             counts only for the confirmation of a gait.
         worth_m: minimum expected gain of all remaining trials to continue; 0 continues always.
-        budget: maximum number of trials; None to count the gain of a single one.
+        budget: maximum number of trials; with 1 the gain of a single one counts.
         sag_rad: static deflection of the joints in the stance before the first trial, (18,), NaN for an
             unmeasured one; None if unknown.
     """
@@ -87,7 +87,7 @@ class Bayes(Optimizer):
         noise_m: float = SIMULATED_NOISE_M,
         uncertainty_m: float = 0.0,
         worth_m: float = 0.0,
-        budget: int | None = None,
+        budget: int = 1,
         sag_rad: FloatArray | None = None,
     ) -> None:
         super().__init__(space, seed)
@@ -95,6 +95,7 @@ class Bayes(Optimizer):
         self._duration_s, self._noise_m = duration_s, noise_m
         self._floor_m, self._worth_m, self._budget = floor_m, worth_m, budget
         self._sag_rad = sag_rad
+        self._known: Forecast | None = None
         self._forget()
 
     @property
@@ -114,7 +115,7 @@ class Bayes(Optimizer):
             return True
         forecast, best_m = self.forecast(), min(self._best_m(), WORST_M)
         gain_m = expected_gain_m(forecast.mean_m, forecast.sd_m, best_m) * self._chance_valid()
-        left = 1 if self._budget is None else max(1, self._budget - len(self._trials))
+        left = max(1, self._budget - len(self._trials))
         greatest_m = np.sort(gain_m[~self._tried()])[-left:]
         return min(best_m, float(greatest_m.sum())) >= self._worth_m
 

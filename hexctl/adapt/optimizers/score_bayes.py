@@ -90,7 +90,7 @@ class ScoreBayes(Optimizer):
         noise: standard deviation of trials of the same gait, in the logarithm.
         worth: minimum expected gain of all remaining trials, as a share of the best score; 0 continues
             always.
-        budget: maximum number of trials; None to count the gain of a single one.
+        budget: maximum number of trials; with 1 the gain of a single one counts.
     """
 
     name = "bayes"
@@ -103,7 +103,7 @@ class ScoreBayes(Optimizer):
         samples: ScoreSamples,
         noise: float = SIMULATED_NOISE,
         worth: float = 0.0,
-        budget: int | None = None,
+        budget: int = 1,
     ) -> None:
         super().__init__(space, seed)
         self._samples, self._noise, self._worth, self._budget = samples, noise, worth, budget
@@ -114,7 +114,7 @@ class ScoreBayes(Optimizer):
         """Whether the trials left are expected to gain `worth`: the sum over as many untried gaits."""
         if self._worth <= 0 or self.recommended() is None:
             return True
-        left = 1 if self._budget is None else max(1, self._budget - len(self._trials))
+        left = max(1, self._budget - len(self._trials))
         gains = np.sort(self._gains()[~self._tried])[-left:]
         return float(gains.sum()) >= self._worth
 

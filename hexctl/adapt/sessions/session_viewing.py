@@ -295,12 +295,8 @@ def _current_overview(
     session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
 ) -> Path:
     """Rewrite the overview, which may be old or missing; in the spare folder if the other is read-only."""
-    found = recordings_of(session, folder)
-    sound = _sound_ones(found, on_damage)
+    sound = _sound_ones(recordings_of(session, folder), on_damage)
     try:
         return write_overview(session, folder, recordings=sound, several=several)
     except (HexctlError, OSError):
-        # An old one may lead to what is damaged.
-        if len(sound) == len(found) and (folder / FILE_NAME).is_file():
-            return folder / FILE_NAME
         return write_overview(session, folder, into=spare, recordings=sound, several=several)
