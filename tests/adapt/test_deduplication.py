@@ -170,9 +170,3 @@ def test_states_of_other_rules_and_of_bare_searches_are_refused(options: dict[st
     assert optimizer.state() == before
     with pytest.raises(InputError):
         bare.restore(before)
-
-
-def test_a_patience_below_one_is_refused() -> None:
-    with pytest.raises(InputError, match="patience"):
-        fresh("pso", patience=0)
-    fresh("pso", patience=1)

@@ -125,19 +125,6 @@ def test_a_greater_budget_has_the_best_confirmed_again(store: SessionStore) -> N
     assert {trial.code for trial in longer.trials[-2:]} == {longer.best.code if longer.best else None}
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_session_that_gets_a_greater_budget_ends_as_if_it_had_had_it(
-    name: str, store: SessionStore
-) -> None:
-    spec = replace(SPEC, optimizer=name, budget=14)
-    whole, _ = run(store, spec)
-    session, _ = run(store, replace(spec, budget=6))
-    longer = with_budget(session, 14, store)
-    assert longer.spec == spec
-    assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
-    assert longer.trials == whole.trials
-
-
 def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_path: Path) -> None:
     seen: list[int] = []
 

@@ -58,11 +58,6 @@ class Bayes(Optimizer):
     It learns from the course of trials; a score without observations only marks the gait as tried.
 
     Args:
-        seed: part of the interface; has no effect.
-        samples: the prior's worlds for this leg.
-        target_m: deviation that is good enough.
-        duration_s: of a trial.
-        floor_m: minimum distance of a valid trial.
         noise_m: standard deviation of trials of the same gait, assumed before any repeat.
         uncertainty_m: standard uncertainty that repeats do not reduce, such as the simulation's own. It
             counts only for the confirmation of a gait.

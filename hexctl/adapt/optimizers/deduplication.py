@@ -43,8 +43,6 @@ class Deduplication(Optimizer):
         paper_count: bool = False,
     ) -> None:
         super().__init__(inner.space, seed)
-        if patience < 1:
-            raise InputError(f"patience: got {patience}; allowed: 1 or more")
         # The substitutes must differ from the codes that the same seed gives the search.
         self._random = np.random.default_rng(seed).spawn(1)[0]
         self.name, self.judges_target, self.trims = inner.name, inner.judges_target, inner.trims

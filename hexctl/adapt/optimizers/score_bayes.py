@@ -85,8 +85,6 @@ class ScoreBayes(Optimizer):
     It uses no random numbers, and shares the name `bayes` with the search for straight walks.
 
     Args:
-        seed: part of the interface; has no effect.
-        samples: the prior's worlds for this leg and objective.
         noise: standard deviation of trials of the same gait, in the logarithm.
         worth: minimum expected gain of all remaining trials, as a share of the best score; 0 continues
             always.

@@ -26,7 +26,6 @@ from hexctl.adapt.prior.drift_belief import GAIN_SD, LEAST_GAIN, DriftBelief, Tr
 from hexctl.adapt.prior.samples import DriftSamples
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.trial_plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
-from hexctl.errors import InputError
 
 #: How much nearer another gait has to end to be worth the walks that teach its trim.
 PRICE = 1.5
@@ -40,12 +39,8 @@ class TrimSearch(Optimizer):
     """Walks the gait that promises most with a trim; `exhausted` when every gait has failed.
 
     Args:
-        seed: not used.
         codes: of all gaits, the one with the best static margin first; None is ascending order.
         samples: drifts in the worlds of a prior; None without a prior.
-        target_m: accepted deviation.
-        duration_s: of a walk.
-        cycle_s: of a gait.
         floor_m: minimum distance of a valid walk.
         way_m: distance of a walk of any gait, without a prior.
         turns: whether walks turn with a trim; False if they hold their heading.
@@ -71,8 +66,6 @@ class TrimSearch(Optimizer):
     ) -> None:
         super().__init__(space, seed)
         self._codes = list(range(1, space.size + 1) if codes is None else codes)
-        if sorted(self._codes) != list(range(1, space.size + 1)):
-            raise InputError(f"trim: got {len(self._codes)} codes; allowed: each of 1..{space.size} once")
         self._samples, self._target_m, self._turns = samples, target_m, turns
         self._floor_m = floor_m
         self._cycle_s, self._half_s = cycle_s, half_steady_s(duration_s)
@@ -178,12 +171,10 @@ class TrimSearch(Optimizer):
         self._failed: set[int] = set()
 
     def _search_state(self) -> dict[str, Any]:
-        return {"codes": list(self._codes), "walks": [list(walk) for walk in self._walks]}
+        return {"walks": [list(walk) for walk in self._walks]}
 
     def _restore_search(self, state: dict[str, Any]) -> None:
-        codes = [int(code) for code in state["codes"]]
         walks = [list(walk) for walk in state["walks"]]
-        self._codes = codes
         self._forget()
         for walk in walks:
             self._take(walk)

@@ -54,9 +54,6 @@ MOST_BYTES = 1_000_000_000
 #: Ends the message for a session that another process holds.
 _HELD = "another process is running it; wait for it or stop it"
 
-#: Longest name of a folder, in bytes.
-MOST_NAME_BYTES = 255
-
 #: Names that `SessionStore.create` gives. Only of those a deletion removes everything in the folder.
 _MADE = re.compile(r"\d{8}-\d{6}-leg[1-6]-[\w.-]+")
 
@@ -141,11 +138,7 @@ class SessionStore:
         self._append(session, "its end", standing_line(session))
 
     def folder_of(self, name: str) -> Path:
-        """Folder of a session and its recordings; raises InputError for a name that leads elsewhere."""
-        if not is_folder_name(name):
-            raise InputError(
-                f"{argument('session')}: got {name!r}; allowed: the name of a folder in {self.folder}/"
-            )
+        """Folder of a session and its recordings."""
         return self.folder / name
 
     def check_there(self, session: Session) -> None:
@@ -247,8 +240,7 @@ def _made(path: Path, content: bytes) -> Iterator[int]:
 
 def is_folder_name(name: str) -> bool:
     """Whether a name is that of a single folder, without a path."""
-    one = name not in ("", ".", "..") and not set("/\\") & set(name) and printable(name) == name
-    return one and len(name.encode("utf-8")) <= MOST_NAME_BYTES
+    return name not in ("", ".", "..") and not set("/\\") & set(name) and printable(name) == name
 
 
 def stored_names(folder: Path) -> list[str]:
