@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.assessment.score import progress_floor_m, score
+from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.walk_quality import cost_of_transport
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import Deviation, TrialResult
@@ -70,23 +70,6 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
         cost_of_transport=cost_of_transport(robot, result.energy_j, distance_m),
         deviation=Deviation(abs(signed_m), math.nan, math.nan, signed_m),
         path_m=_path(result, *answer.before_m, (distance_m, signed_m)),
-    )
-
-
-def not_walked(robot: Robot, plan: TrialPlan) -> TrialResult:
-    """Result of a trial that an operator did not start."""
-    nowhere = np.zeros((0, 3)), np.zeros((0, 4))
-    return score(
-        robot,
-        plan,
-        status="aborted",
-        stopped="requested",
-        duration_s=0.0,
-        turned_rad=0.0,
-        clipped_ticks=0,
-        frame=None,
-        positions_world=nowhere[0],
-        quaternions_world=nowhere[1],
     )
 
 

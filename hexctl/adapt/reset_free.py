@@ -5,10 +5,16 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
-from hexctl.adapt.measurement import Operator, measured, not_walked
+from hexctl.adapt.measurement import Operator, measured
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.optimizer_registry import TRIM
-from hexctl.adapt.runner import TrialRequest, TrialRunner, WalkedTrial, check_not_stopped
+from hexctl.adapt.runner import (
+    InterruptedTrialError,
+    TrialRequest,
+    TrialRunner,
+    WalkedTrial,
+    check_not_stopped,
+)
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
@@ -64,7 +70,7 @@ class ResetFreeRunner:
         """Run one trial from the robot's position; its new warnings are noted.
 
         Raises RobotStoppedError if the robot is stopped before the start, RobotFaultError for one that is
-        lost or without a position.
+        lost or without a position, InterruptedTrialError if the operator ends instead.
         """
         walked = self._walk(request)
         for text in self.seen.take(walked.result.warnings):
@@ -95,7 +101,7 @@ class ResetFreeRunner:
 
         check_not_stopped(self.servos)
         if not operator.place(request.index, request.code):
-            return WalkedTrial(result=not_walked(robot, plan))
+            raise InterruptedTrialError
         await_ready(self.servos, needs_pose=False)
         walked = self.runner.walk_on(self.servos, plan, request, completed=completed)
         return self._walk_and_ask(operator, request, plan) if again else walked

@@ -33,6 +33,10 @@ from hexctl.robot.failure import NoticedFailure, in_words, loses_leg
 from hexctl.waiting import StopRequested, never
 
 
+class InterruptedTrialError(Exception):
+    """A stop was requested before a trial, or during it."""
+
+
 class NotBegunError(HexctlError, RuntimeError):
     """A stop was requested before there was a session."""
 

@@ -23,7 +23,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import with_step
-from hexctl.control.assessment.static_stability import usual_posture
+from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
@@ -79,12 +79,6 @@ def new_spec(
     )
 
 
-def _rotation_of(asked: str | None, hold: str, *, asking: bool) -> str:
-    # An operator's robot does not know where it is.
-    held = "heading" if asking and hold == "auto" else hold
-    return suited_rotation(asked or AUTO_ROTATION, held, chosen_gait=True)
-
-
 def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[SessionSpec, Setting]:
     """Spec with target and posture for its robot, and its loaded setting."""
     setting = load_setting(spec)
@@ -92,13 +86,16 @@ def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[Sessio
     if spec.target_m is None and spec.target_share is not None:
         spec = replace(spec, target_m=spec.target_share * setting.ideal_m)
     if body_raise is None:
-        setting = setting.in_posture("auto" if spec.optimizer == TRIM else usual_posture(spec.hold))
+        posture = "auto" if spec.optimizer == TRIM else usual_posture(spec.hold)
+        setting = replace(setting, plan=in_posture(setting.robot, setting.plan, posture))
         spec = replace(spec, body_raise=setting.plan.gait.posture.body_raise)
     return spec, setting
 
 
 def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
     hold, credentials, home_m = options.hold or measure.hold, options.credentials, options.home_m
+    # An operator's robot does not know where it is.
+    held = "heading" if options.ask and hold == "auto" else hold
     robot = _named("robot", options.robot)
     world = None if options.world is None else _named("world", options.world)
     asked = {field.name: getattr(options, field.name) for field in fields(options)}
@@ -114,7 +111,7 @@ def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
             "objective_label": "" if measure.name in OBJECTIVES else measure.label,
             "objective_unit": measure.unit,
             "hold": hold,
-            "self_rotation": _rotation_of(options.self_rotation, hold, asking=options.ask),
+            "self_rotation": suited_rotation(options.self_rotation or AUTO_ROTATION, held, chosen_gait=True),
             "body_raise": options.body_raise or 0.0,
             "uncertainty_m": options.uncertainty_m or 0.0,
             "home_m": None if home_m is None else [float(value) for value in home_m],

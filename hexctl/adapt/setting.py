@@ -15,7 +15,6 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world, without_step
 from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
-from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.assessment.uncertainty_store import (
     COMPUTATION,
@@ -72,10 +71,6 @@ class Setting:
             return plan
         turn_rad_s = trim.turn_rad_s if plan.hold == "none" else None
         return replace(plan, trim_rad=trim.course_rad, turn_trim_rad_s=turn_rad_s)
-
-    def in_posture(self, posture: str) -> "Setting":
-        """Setting with gaits in one of `hexctl.control.assessment.static_stability.POSTURES`."""
-        return replace(self, plan=in_posture(self.robot, self.plan, posture))
 
     @property
     def ideal_m(self) -> float:

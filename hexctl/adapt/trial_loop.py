@@ -9,6 +9,7 @@ import numpy as np
 from hexctl.adapt.objectives import Objective, make_objective
 from hexctl.adapt.optimizer import Observation, Optimizer, Trim
 from hexctl.adapt.runner import (
+    InterruptedTrialError,
     LegFailedError,
     RobotStoppedError,
     TrialRequest,
@@ -91,37 +92,38 @@ class AdaptLoop:
         """
         self._session.settled_on = None
         self._store_end(None)
-        ended = self._search() if self._walk_baseline() else "interrupted"
-        if ended != "interrupted" and not (self._confirm() and self._confirm_finely()):
+        try:
+            self._walk_baseline()
+            ended = self._search()
+            self._confirm()
+            self._confirm_finely()
+        except InterruptedTrialError:
             ended = "interrupted"
         self._note_settled()
         self._store_end(None if ended == "interrupted" else ended)
         return ended
 
-    @property
-    def _index(self) -> int:
-        trials = self._session.trials
-        return trials[-1].index + 1 if trials else 1
-
     def _store_end(self, ended: str | None) -> None:
         self._session.ended = ended
         self._store.keep(self._session)
 
-    def _walk_baseline(self) -> bool:
-        """Walk the missing gaits of the baseline; False when interrupted."""
+    def _check_stop(self) -> None:
+        if self._stop_requested():
+            raise InterruptedTrialError
+
+    def _walk_baseline(self) -> None:
+        """Walk the missing gaits of the baseline."""
         session, optimizer = self._session, self._optimizer
         walked = {walk.gait for walk in session.baseline}
         for name in [] if session.trials else session.spec.baseline_gaits:
             if name in walked:
                 continue
-            if self._stop_requested():
-                return False
+            self._check_stop()
             slots = self._baseline_slots[name]
             code = _code_of(optimizer.space, slots)
             what = f"the baseline {name}"
             request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots, usual=name)
-            if (one := _counted(self._walk(request), what)) is None:
-                return False
+            one = _counted(self._walk(request), what)
             record = BaselineRecord(
                 gait=name,
                 code=code,
@@ -133,7 +135,6 @@ class AdaptLoop:
             if learns := optimizer.trims and code is not None:
                 optimizer.repeat(code, record.score, Observation.of(one.result))
             self._keep(record, one, optimizer.state() if learns else None)
-        return True
 
     def _search(self) -> str:
         spec = self._session.spec
@@ -146,16 +147,13 @@ class AdaptLoop:
                 return NOT_WORTH
             if self._optimizer.exhausted:
                 return "exhausted"
-            if self._stop_requested():
-                return "interrupted"
+            self._check_stop()
             if (last := self._to_confirm()) is not None:
-                walked = self._try(last.code, trim=last.trim, confirms=True)
+                self._try(last.code, trim=last.trim, confirms=True)
             else:
                 (code,) = self._optimizer.ask(1)
                 should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
-                walked = self._try(code, should_stop)
-            if not walked:
-                return "interrupted"
+                self._try(code, should_stop)
         if self._optimizer.finished:
             return "confirmed"
         return "target" if self._reached() else "budget"
@@ -187,32 +185,30 @@ class AdaptLoop:
             return None
         return trials[-1] if trials[-1].score <= target_m and not self._is_confirmed(trials[-1]) else None
 
-    def _confirm(self) -> bool:
-        """Repeat the best gait as often as asked; return False when interrupted."""
+    def _confirm(self) -> None:
+        """Repeat the best gait as often as asked."""
         session, spec = self._session, self._session.spec
-        while self._repeats() < spec.confirm and len(session.trials) < spec.budget:
+        while len(session.trials) < spec.budget:
+            repeats = takewhile(lambda trial: trial.confirms, reversed(session.trials))
+            if len(list(repeats)) >= spec.confirm:
+                return
             best = session.best
             code = self._optimizer.recommended() or (best.code if best else None)
             if code is None:
-                break
+                return
             trim = best.trim if best and self._optimizer.trims else None
-            if not self._try(code, trim=trim, confirms=True):
-                return False
-        return True
+            self._try(code, trim=trim, confirms=True)
 
-    def _confirm_finely(self) -> bool:
+    def _confirm_finely(self) -> None:
         while self._walk_finely is not None and (found := next_to_confirm(self._session)) is not None:
-            if self._stop_requested() or not self._confirmed(found.walk, self._walk_finely):
-                return False
-        return True
+            self._check_stop()
+            self._walk_again(found.walk, self._walk_finely)
 
-    def _confirmed(self, found: TrialRecord | BaselineRecord, walk: WalkTrial) -> bool:
-        """Walk a gait again at a finer time step, and store it; False when interrupted."""
+    def _walk_again(self, found: TrialRecord | BaselineRecord, walk: WalkTrial) -> None:
+        """Walk a gait again at a finer time step, and store it."""
         index = found.index if isinstance(found, TrialRecord) else BASELINE_INDEX
         code, slots, what = found.code, found.slots, f"the confirmation of gait {found.code}"
         one = _counted(walk(TrialRequest(index=index, code=code or 0, slots=slots)), what)
-        if one is None:
-            return False
         record = ConfirmationRecord(
             code=code,
             slots=slots,
@@ -222,10 +218,6 @@ class AdaptLoop:
             **_stored(one),
         )
         self._keep(record, one)
-        return True
-
-    def _repeats(self) -> int:
-        return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
 
     def _try(
         self,
@@ -234,12 +226,13 @@ class AdaptLoop:
         *,
         trim: Trim | None = None,
         confirms: bool = False,
-    ) -> bool:
-        """Walk a code as the next trial, learn from it and store it; return False when interrupted.
+    ) -> None:
+        """Walk a code as the next trial, learn from it and store it.
 
         The trim is the optimizer's by default.
         """
-        optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
+        optimizer, trials, slots = self._optimizer, self._session.trials, self._optimizer.space.slots_of(code)
+        index = trials[-1].index + 1 if trials else 1
         predicted, what = optimizer.predict(code), f"trial {index}"
         request = TrialRequest(
             index=index,
@@ -249,8 +242,7 @@ class AdaptLoop:
             stride=optimizer.stride(code),
             should_stop=should_stop,
         )
-        if (walked := _counted(self._walk(request), what)) is None:
-            return False
+        walked = _counted(self._walk(request), what)
         score, seen = self._scored(walked, f"{what}, gait {code}"), Observation.of(walked.result)
         if confirms:
             optimizer.repeat(code, score, seen)
@@ -268,7 +260,6 @@ class AdaptLoop:
             expected=None if predicted is None else predicted.as_json(),
         )
         self._keep(trial, walked, optimizer.state())
-        return True
 
     def _margin_m(self, slots: Slots) -> float | None:
         return None if self._margin_m_of is None else self._margin_m_of(slots)
@@ -300,8 +291,8 @@ def _code_of(space: GaitSpace, slots: Slots) -> int | None:
         return None
 
 
-def _counted(walked: WalkedTrial, what: str) -> WalkedTrial | None:
-    """A walk, or None if it was interrupted.
+def _counted(walked: WalkedTrial, what: str) -> WalkedTrial:
+    """A walk that was not interrupted.
 
     Raises RobotStoppedError when the robot, not the operator, stopped it, or a leg failed; RecordingError if
     the recording of an interrupted one is incomplete.
@@ -315,7 +306,7 @@ def _counted(walked: WalkedTrial, what: str) -> WalkedTrial | None:
             raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
         raise RobotStoppedError(f"{what}: the robot was stopped: {reason_in_words(reason)}", reason)
     _check_recording(walked, f"{what} was interrupted")
-    return None
+    raise InterruptedTrialError
 
 
 def _check_recording(walked: WalkedTrial, done: str) -> None:

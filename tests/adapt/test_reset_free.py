@@ -12,7 +12,7 @@ import pytest
 
 from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
-from hexctl.adapt.measurement import Answer, measured, not_walked
+from hexctl.adapt.measurement import Answer, measured
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
@@ -312,7 +312,7 @@ def test_new_warnings_of_a_trial_are_noted(monkeypatch: pytest.MonkeyPatch) -> N
     notes: list[str] = []
     with Guard(PosedMock(ROBOT)) as guard:
         runner = replace(runner_of(guard, PLAN), note=notes.append)
-        result = replace(not_walked(ROBOT, PLAN), warnings=("mute: leg 5 coxa (id 13)",))
+        result = replace(result_of(0.0), warnings=("mute: leg 5 coxa (id 13)",))
         monkeypatch.setattr(ResetFreeRunner, "_walk", lambda *_: WalkedTrial(result=result))
         for index in (1, 2):
             runner.walk(request_of(index, 17))
@@ -437,6 +437,6 @@ def test_what_counts_for_nothing(result: TrialResult, status: str, stopped: str 
     features_of(Observation.of(result), 30.0)
 
 
-@pytest.mark.parametrize("result", [told("quit"), not_walked(ROBOT, MEASURED_PLAN)])
-def test_what_is_not_kept(result: TrialResult) -> None:
+def test_a_walk_after_which_the_operator_quits_is_not_kept() -> None:
+    result = told("quit")
     assert (result.status, result.stopped) == ("aborted", "requested")

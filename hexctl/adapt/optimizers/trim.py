@@ -19,9 +19,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hexctl.adapt.drift import Drift, drift_of, half_steady_s
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
 from hexctl.adapt.prior.acquisition import chance_within
+from hexctl.adapt.prior.drift import Drift, drift_of, half_steady_s
 from hexctl.adapt.prior.drift_belief import GAIN_SD, LEAST_GAIN, DriftBelief, TrimmedWalk
 from hexctl.adapt.prior.samples import DriftSamples
 from hexctl.adapt.space import GaitSpace

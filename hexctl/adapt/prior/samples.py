@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.adapt.drift import half_steady_s
 from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.prior.drift import half_steady_s
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Outcomes, Prior, ScorePrior
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
