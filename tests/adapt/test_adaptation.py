@@ -18,9 +18,7 @@ from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.runner import (
     LegFailedError,
     NotBegunError,
-    RobotStoppedError,
     TrialRunner,
-    WalkedTrial,
 )
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
@@ -33,8 +31,8 @@ from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, k
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.types import RobotState
-from tests.adapt.walking import Landscape, result_of
-from tests.cli.adaptkits import Blind, EStopped
+from tests.adapt.walking import Landscape
+from tests.cli.adaptkits import Blind
 from tests.cli.kits import Kit
 from tests.robots import shipped
 
@@ -235,25 +233,6 @@ def test_a_warning_that_a_robot_has_from_the_beginning_is_noted_once() -> None:
     assert told == ["2 femur (id 5)", "5 femur (id 14)"]
 
 
-def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
-    with pytest.raises(RobotStoppedError, match="estop"):
-        adapt(
-            5,
-            budget=3,
-            duration_s=1.0,
-            self_rotation="none",
-            backend="tests.cli.adaptkits:EStopped",
-            prior="none",
-            trim="off",
-            record=False,
-            baseline=False,
-        )
-    (session,) = list_sessions()
-    assert len(session.trials) == 1
-    result = Adaptation.resume(session.name, record=False, servos=EStopped(shipped())).run()
-    assert (result.ended, result.walked) == ("budget", 2)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", ["stop", "glide"])
 def test_a_trial_in_which_another_leg_fails_does_not_count(policy: str, tmp_path: Path) -> None:
@@ -289,13 +268,6 @@ def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
     assert new_spec(failed_leg=5, trim="off", uncertainty_m=0).worth_m == pytest.approx(0.001)
     assert new_spec(failed_leg=5, worth_m=0.01).worth_m == 0.01
     assert new_spec(failed_leg=5, trim="off", prior="none").worth_m is None
-
-
-def test_a_search_without_a_valid_trial_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(TrialRunner, "walk", lambda *_: WalkedTrial(result=result_of(0.1, "fell")))
-    result = adapt(5, budget=2, record=False)
-    assert (result.best, result.to_dict()["found"]) == (None, False)
-    assert "no valid trial" in repr(result)
 
 
 @pytest.mark.usefixtures("landscape")
@@ -369,13 +341,6 @@ def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.Mo
     result = adapt(5, budget=2, prior="none", note=notes.append)
     assert (result.ended, result.overview) == ("budget", None)
     assert "no picture" in notes[-1]
-
-
-def test_a_prior_is_for_the_hold_it_was_built_with() -> None:
-    notes: list[str] = []
-    spec = new_spec(failed_leg=5, hold="line", note=notes.append)
-    assert (spec.optimizer, spec.prior, spec.hold, len(notes)) == ("random", None, "line", 1)
-    assert new_spec(failed_leg=5).hold == "none"
 
 
 def test_an_uncertainty_that_is_not_known_is_one_note_with_its_command(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.baselines import RandomSearch
 from hexctl.adapt.optimizers.bayes import SURE, Bayes
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
@@ -26,7 +26,6 @@ from tests.adapt.priors import (
     MadeUpModel,
     made_up_bayes,
     path_of,
-    shown_of,
     standing_samples,
     tell,
 )
@@ -184,28 +183,6 @@ def test_a_gait_that_fell_once_is_not_settled_on_though_it_walked_before() -> No
     assert not optimizer.finished
     assert optimizer.recommended() is None
     assert optimizer.predict(8).chance == 0.0
-
-
-def test_a_restored_search_believes_the_same_to_the_last_bit() -> None:
-    world = worlds(1)[0]
-    original, restored = made_up_bayes(SAMPLES), made_up_bayes(SAMPLES)
-    for status in ("ok", "fell", "ok", "cut_short", "no_progress", "ok"):
-        (code,) = original.ask()
-        shown = shown_of(world[code - 1], status)
-        if status == "cut_short":
-            shown = Observation(path_m=shown.path_m[:5], duration_s=15.0, yaw_change_rad=None, status=status)
-        original.tell([code], [0.2 if status == "ok" else 1e6], [shown])
-    original.ask()
-    tell(restored, restored.ask()[0], worlds(2)[1][3])
-    restored.restore(travelled(original.state()))
-    for name in ("mean_m", "covariance_m2", "distance_m", "distance_sd_m", "noise_m", "widened"):
-        np.testing.assert_array_equal(getattr(restored.forecast(), name), getattr(original.forecast(), name))
-    assert restored.state() == original.state()
-    code = travelled(original.state())["asked"][0]
-    for one in (original, restored):
-        tell(one, code, world[code - 1])
-    assert adapt(restored, world, 5) == adapt(original, world, 5)
-    assert restored.state() == original.state()
 
 
 def stood(trials: int = 0) -> Bayes:

@@ -17,7 +17,7 @@ from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
 from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
-from hexctl.adapt.runner import RobotStoppedError, TrialRequest, TrialRunner, WalkedTrial
+from hexctl.adapt.runner import RobotStoppedError, TrialRequest, TrialRunner
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Setting
 from hexctl.adapt.space import GaitSpace
@@ -306,17 +306,6 @@ def test_after_a_trial_silence_is_no_failure() -> None:
         servos.time.sleep(60.0)
         guard.read()
         assert guard.stopped is None
-
-
-def test_new_warnings_of_a_trial_are_noted(monkeypatch: pytest.MonkeyPatch) -> None:
-    notes: list[str] = []
-    with Guard(PosedMock(ROBOT)) as guard:
-        runner = replace(runner_of(guard, PLAN), note=notes.append)
-        result = replace(result_of(0.0), warnings=("mute: leg 5 coxa (id 13)",))
-        monkeypatch.setattr(ResetFreeRunner, "_walk", lambda *_: WalkedTrial(result=result))
-        for index in (1, 2):
-            runner.walk(request_of(index, 17))
-    assert notes == ["servos: mute: leg 5 coxa (id 13)"]
 
 
 class HeatedMock(PosedMock):

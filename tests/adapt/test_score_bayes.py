@@ -1,6 +1,5 @@
 """The belief over scores of steered walks, and the search with it."""
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -91,15 +90,6 @@ def test_the_search_is_over_when_the_trials_left_are_not_worth_it() -> None:
     assert best is not None
     assert scores[best - 1] / scores.min() < 1.03
     assert search(worth=0.0).worthwhile
-
-
-def test_a_state_goes_on_to_the_last_bit() -> None:
-    one, scores = search(), unseen()
-    walk(one, scores, 7)
-    other = search()
-    other.restore(json.loads(json.dumps(one.state())))
-    assert walk(other, scores, 9) == walk(one, scores, 9)
-    assert other.state() == one.state()
 
 
 def test_a_trial_is_believed_and_moves_the_others_with_it() -> None:

@@ -10,7 +10,6 @@ import pytest
 
 import hexctl
 from hexctl.adapt.adapt_options import AdaptOptions
-from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.comparison import check_comparable, draw_comparison
@@ -20,7 +19,6 @@ from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, LAST_COLUMNS, fl
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
 from hexctl.cli.main import exit_code
 from hexctl.control.assessment.top_speed import STRIDE
-from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from tests.adapt.test_recommendation import trial
@@ -188,15 +186,3 @@ def test_json_has_leg_and_kind_and_degrees() -> None:
     assert (values["failed_leg"], values["failure"]) == (3, "weak:0.5")
     assert values["heading_deg"] == pytest.approx(28.6478897565)
     assert "heading_rad" not in values
-
-
-def test_the_pareto_front_is_of_valid_trials_that_no_other_beats() -> None:
-    def walked(off_m: float, cost: float, status: str = "ok") -> TrialResult:
-        return replace(result_of(off_m, status), cost_of_transport=cost)
-
-    results = [walked(0.3, 0.1), walked(0.1, 0.5), walked(0.2, 0.6), walked(0.01, 0.01, "fell")]
-    trials = [record(index, result) for index, result in enumerate(results, start=1)]
-    session = Session(name="s", spec=SPEC, created="2026-01-01", trials=trials)
-    front = session.pareto([OBJECTIVES["final"], OBJECTIVES["cost"]])
-    assert [trial.index for trial, _ in front] == [2, 1]
-    assert front[0][1] == pytest.approx([0.1, 0.5])

@@ -5,9 +5,8 @@ import json
 import math
 import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -120,30 +119,6 @@ def test_a_new_session_is_held_before_another_process_can_find_it(
     monkeypatch.undo()
     assert load_session(session.name, tmp_path) == session
     delete_session(session.name, tmp_path)
-
-
-def test_of_two_writers_at_one_moment_neither_cuts_off_the_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (name,) = make_sessions(tmp_path, sessions=1)
-    first, second = load_session(name, tmp_path), load_session(name, tmp_path)
-    pread = os.pread
-    trouble: list[StoreError] = []
-
-    def pread_and_let_another_write(file: int, size: int, at: int) -> bytes:
-        found = pread(file, size, at)
-        monkeypatch.undo()
-        try:
-            SessionStore(tmp_path).add(second, record(4), {"after": "second"})
-        except StoreError as error:
-            trouble.append(error)
-        return found
-
-    monkeypatch.setattr(os, "pread", pread_and_let_another_write)
-    SessionStore(tmp_path).add(first, record(4), {"after": "first"})
-    assert len(trouble) == 1
-    assert len(second.trials) == 3
-    assert load_session(name, tmp_path) == first
 
 
 def test_a_session_that_is_held_takes_nothing_once_its_file_is_another(tmp_path: Path) -> None:
@@ -402,44 +377,6 @@ def test_a_write_that_fails_leaves_the_session_as_it_was(
     assert session.trials == load_session(session.name, tmp_path).trials == []
     store.add(session, record(1), {"after": 1})
     assert load_session(session.name, tmp_path) == session
-
-
-#: A user without the rights of root, who may read what all may.
-NOBODY = 65534
-
-
-@contextmanager
-def read_only_folder() -> Iterator[tuple[Path, str]]:
-    """A folder in which this process may write nothing, and the name of its session."""
-    with tempfile.TemporaryDirectory() as place:
-        runs = Path(place, "runs")
-        (name,) = make_sessions(runs, sessions=1, trials=1)
-        (runs / name / FILE_NAME).chmod(0o444)
-        (runs / name).chmod(0o555)
-        runs.chmod(0o555)
-        Path(place).chmod(0o755)
-        root = os.geteuid() == 0
-        if root:
-            os.seteuid(NOBODY)
-        try:
-            yield runs, name
-        finally:
-            if root:
-                os.seteuid(0)
-            runs.chmod(0o755)
-            (runs / name).chmod(0o755)
-
-
-def test_sessions_that_may_not_be_written_are_listed_and_shown() -> None:
-    with read_only_folder() as (runs, name):
-        with pytest.raises(PermissionError):
-            (runs / "new").touch()
-        (session,) = list_sessions(runs)
-        assert session.name == name
-        assert len(load_session(name, runs).trials) == 1
-        with pytest.raises(StoreError, match="cannot be"):
-            delete_session(name, runs)
-        assert stored_names(runs) == [name]
 
 
 @pytest.fixture
