@@ -48,7 +48,7 @@ from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.control.trial_result import path_axes
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
-from hexctl.gait.gait import AUTO
+from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.options import check_names
 from hexctl.recording.live import LiveView
 from hexctl.waiting import StopRequested, never
@@ -340,6 +340,9 @@ class Adaptation:
                 note=self._note,
                 seen=self._seen,
             ).walk
+        usual_slots = dict(NAMED_SLOTS)
+        if AUTO in spec.baseline_gaits and not session.trials:
+            usual_slots[AUTO] = stable_slots_of(setting.robot, setting.plan)
         loop = AdaptLoop(
             session,
             store,
@@ -348,9 +351,7 @@ class Adaptation:
             objective=self._objective,
             stop_requested=runner.stop_requested,
             on_stored=on_stored,
-            stable_slots=stable_slots_of(setting.robot, setting.plan)
-            if AUTO in spec.baseline_gaits and not session.trials
-            else None,
+            usual_slots=usual_slots,
             margin_m_of=partial(margin_m_of, setting.robot, setting.plan),
             repeats_exactly=setting.world is not None and setting.world.repeats,
             walk_finely=None if servos is not None else at_finer_step(runner).walk,

@@ -8,7 +8,7 @@ from typing import Any
 
 from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
-from hexctl.adapt.sessions.unfinished import note_created, unfinished
+from hexctl.adapt.sessions.unfinished import unfinished
 from hexctl.adapt.setting import Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
@@ -210,7 +210,6 @@ class TrialRunner:
         except InputError as error:
             raise _unwritable(path, error) from error
         stack.callback(recording.close)
-        note_created(path)
         return recording
 
     def _facts(self, request: TrialRequest) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from hexctl.adapt.sessions.store import (
     load_session,
     stored_names,
 )
-from hexctl.adapt.sessions.unfinished import NOTE, note_created, remove_unfinished, unfinished
+from hexctl.adapt.sessions.unfinished import NOTE, remove_unfinished, unfinished
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.main import exit_code
 from hexctl.errors import HexctlError, InputError
@@ -385,48 +385,31 @@ def session(tmp_path: Path) -> Session:
     return store.create(SPEC)
 
 
-def killed_while_recording(path: Path, *, created: bool = True) -> None:
+def killed_while_recording(path: Path) -> None:
     """Let a process end without any farewell while it writes a recording."""
     child = os.fork()
     if child == 0:
         with unfinished(path):
             path.write_bytes(b"half a walk")
-            if created:
-                note_created(path)
             os._exit(9)
     os.waitpid(child, 0)
 
 
-@pytest.mark.parametrize("created", [True, False])
 @pytest.mark.parametrize("name", ["trial-002.rrd", "trial-002-2.rrd", "baseline-demo.rrd"])
-def test_the_recording_of_a_killed_trial_is_removed(
-    name: str, created: bool, session: Session, tmp_path: Path
-) -> None:
-    killed_while_recording(tmp_path / name, created=created)
+def test_the_recording_of_a_killed_trial_is_removed(name: str, session: Session, tmp_path: Path) -> None:
+    killed_while_recording(tmp_path / name)
     assert remove_unfinished(tmp_path, session) == tmp_path / name
     assert not (tmp_path / name).exists()
     assert not (tmp_path / NOTE).exists()
     assert remove_unfinished(tmp_path, session) is None
 
 
-def replaced(path: Path) -> None:
-    path.with_name("mine").write_bytes(b"mine")
-    path.with_name("mine").rename(path)
-
-
-def linked(path: Path) -> None:
+def test_a_link_that_a_user_put_there_is_kept(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / "trial-002.rrd"
+    killed_while_recording(path)
     path.with_name("mine").write_bytes(b"mine")
     path.unlink()
     path.symlink_to("mine")
-
-
-@pytest.mark.parametrize("change", [replaced, linked])
-def test_a_file_that_a_user_put_there_is_kept(
-    change: Callable[[Path], None], session: Session, tmp_path: Path
-) -> None:
-    path = tmp_path / "trial-002.rrd"
-    killed_while_recording(path)
-    change(path)
     assert remove_unfinished(tmp_path, session) is None
     assert path.read_bytes() == b"mine"
 
