@@ -221,12 +221,8 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
 
 def _of_optimizer(spec: SessionSpec) -> Iterator[tuple[bool, str, str]]:
     """Contradictions of the optimizer and other options."""
-    trims, strides, named, held = (
-        spec.optimizer == TRIM,
-        spec.optimizer == STRIDES,
-        argument("objective"),
-        argument("hold"),
-    )
+    trims, strides = spec.optimizer == TRIM, spec.optimizer == STRIDES
+    named, held = argument("objective"), argument("hold")
     got = f"{argument('optimizer')}: got {spec.optimizer} with"
     yield trims and spec.trim == "off", f"{got} {argument('trim')} off", "without"
     # First, as it may be what chose the hold.

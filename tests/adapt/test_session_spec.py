@@ -21,8 +21,7 @@ from hexctl.cli.main import exit_code
 from hexctl.control.assessment.top_speed import STRIDE
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from tests.adapt.test_recommendation import trial
-from tests.adapt.walking import SPEC, Landscape, record, result_of, stored_session, tripod_record
+from tests.adapt.walking import SPEC, Landscape, baseline_record, record, result_of, stored_session
 
 
 def test_every_option_of_a_search_is_stored_and_comes_back(tmp_path: Path) -> None:
@@ -75,7 +74,7 @@ def test_a_session_imports_no_code_without_trust(field: str) -> None:
 
 
 def session(*offs_m: float, name: str = "a", **spec: str) -> Session:
-    trials = [trial(index, off_m) for index, off_m in enumerate(offs_m, start=1)]
+    trials = [record(index, off_m) for index, off_m in enumerate(offs_m, start=1)]
     return Session(name=name, spec=SessionSpec(failed_leg=5, **spec), created="2026-01-01", trials=trials)  # type: ignore[arg-type]
 
 
@@ -166,7 +165,7 @@ def test_every_trial_of_all_sessions_is_a_row_with_pandas_and_without(
 def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns() -> None:
     session = Session(name="s", spec=SPEC, created="2026-01-01", trials=[record(1), record(2)])
     without = flat_rows(session)
-    session.baseline.append(tripod_record(result_of(0.0, "no_progress")))
+    session.baseline.append(baseline_record("tripod", result_of(0.0, "no_progress")))
     rows = flat_rows(session)
     assert [row["index"] for row in rows] == [1, 2]
     columns = list(rows[0])

@@ -24,7 +24,7 @@ from hexctl.errors import InputError
 from hexctl.recording.sessions.session_overview import make_table
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, MadeUpWorld
-from tests.adapt.walking import SPEC, Landscape, record, result_of, tripod_record
+from tests.adapt.walking import SPEC, Landscape, baseline_record, record, result_of
 
 
 def make_session(*results: TrialResult) -> Session:
@@ -167,7 +167,7 @@ def test_the_facts_have_the_simulations_own_uncertainty_once_and_every_objective
 def test_the_baseline_is_shown_before_the_trials_and_is_never_the_best() -> None:
     session = make_session(result_of(-0.3))
     session.trials.append(record(2, result_of(-0.3), confirms=True))
-    session.baseline.append(tripod_record(result_of(0.01)))
+    session.baseline.append(baseline_record("tripod", result_of(0.01)))
     overview = make_overview(session)
     assert overview.best is overview.trials[0]
     assert overview.trials[1].status == "ok (repeat)"
