@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
 from hexctl.adapt.space import GaitSpace
-from hexctl.types import JOINTS_PER_LEG, FloatArray
+from hexctl.types import BoolArray, FloatArray, leg_slice
 
 #: Variance of an observation's noise, relative to that between the worlds along each principal direction.
 NOISE = 0.1
@@ -129,12 +129,16 @@ _END_FIRST = np.array([FINAL, *(feature for feature in range(N_FEATURES) if feat
 
 
 class _Seen(NamedTuple):
-    """Observed numbers of trials, one entry each."""
+    """Observed numbers of trials, one entry each: N_FEATURES times the row of a gait, plus the feature."""
 
     trial: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-    gait: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-    feature: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    number: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
     value: FloatArray = np.zeros(0)
+
+    @property
+    def ends(self) -> BoolArray:
+        """Entries that are ends of walks."""
+        return np.asarray(self.number % N_FEATURES == FINAL)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +195,9 @@ class Belief:
         self._noise_m = noise_m
         self._seen = _Seen()
         if sag_rad is not None and samples.sag_rad is not None:
-            told_rad = sag_rad if samples.failed_leg_tells else _of_walking_legs(sag_rad, samples.leg)
+            told_rad = np.array(sag_rad, dtype=float)
+            if not samples.failed_leg_tells:
+                told_rad[leg_slice(samples.leg)] = np.nan
             shift, shrink = narrowed(samples.sag_rad, told_rad)
             self._mean = self._mean + (shift @ self._root).reshape(self._mean.shape)
             self._root = shrink @ self._root
@@ -200,8 +206,8 @@ class Belief:
         """Add a trial of a gait by its features, (N_FEATURES,), NaN for unknown ones."""
         # The end first: its surprise is then separate from that of the course.
         known = _END_FIRST[np.isfinite(features[_END_FIRST])]
-        trial, gait = np.full(known.size, len(self._seen.trial)), np.full(known.size, code - 1)
-        self._seen = _Seen(*map(np.append, self._seen, (trial, gait, known, features[known])))
+        trial, numbers = np.full(known.size, len(self._seen.trial)), N_FEATURES * (code - 1) + known
+        self._seen = _Seen(*map(np.append, self._seen, (trial, numbers, features[known])))
 
     def forecast(self) -> Forecast:
         """Current forecast of all gaits."""
@@ -221,53 +227,43 @@ class Belief:
     def course_of(self, code: int) -> Course:
         """Belief about one walk of a gait, its own noise included."""
         noise_m = self._noise_now_m()
-        features = np.arange(N_FEATURES)
-        gaits = np.full(N_FEATURES, code - 1)
-        mean, covariance = self._conditioned(self._weighed(noise_m), gaits, features)
-        noise = self._noise(noise_m, features)
+        numbers = N_FEATURES * (code - 1) + np.arange(N_FEATURES)
+        mean, covariance = self._conditioned(self._weighed(noise_m), numbers)
+        noise = self._noise(noise_m, numbers)
         return Course(mean=mean, covariance=covariance + noise, blur=BLUR * np.diagonal(self._shape))
 
     def _of_all_gaits(self, evidence: _Evidence, feature: int) -> tuple[FloatArray, FloatArray]:
         """Mean (gaits,) and covariance (gaits, gaits) of one feature of all gaits."""
-        gaits = np.arange(len(self._mean))
-        return self._conditioned(evidence, gaits, np.full(gaits.size, feature))
+        return self._conditioned(evidence, N_FEATURES * np.arange(len(self._mean)) + feature)
 
-    def _conditioned(
-        self, evidence: _Evidence, gaits: NDArray[np.int64], features: NDArray[np.int64]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Mean (n,) and covariance (n, n) of n numbers, each a feature of a gait."""
+    def _conditioned(self, evidence: _Evidence, numbers: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        """Mean (n,) and covariance (n, n) of n numbers."""
         from scipy.linalg import solve_triangular
 
         seen, widened = self._seen, evidence.widened
-        mean = self._mean[gaits, features]
-        covariance = widened * self._covariance(gaits, features, gaits, features)
+        mean = self._mean.ravel()[numbers]
+        covariance = widened * self._covariance(numbers, numbers)
         if not seen.value.size:
             return mean, covariance
-        across = widened * self._covariance(seen.gait, seen.feature, gaits, features)
+        across = widened * self._covariance(seen.number, numbers)
         explained = solve_triangular(evidence.root, across, lower=True)
         return mean + explained.T @ evidence.surprise, covariance - explained.T @ explained
 
-    def _covariance(
-        self,
-        gaits: NDArray[np.int64],
-        features: NDArray[np.int64],
-        other_gaits: NDArray[np.int64],
-        other_features: NDArray[np.int64],
-    ) -> FloatArray:
+    def _covariance(self, numbers: NDArray[np.int64], others: NDArray[np.int64]) -> FloatArray:
         """Prior covariance of n numbers with m others, (n, m)."""
-        ours = self._root[:, gaits * N_FEATURES + features]
-        theirs = self._root[:, other_gaits * N_FEATURES + other_features]
-        shape = self._shape[np.ix_(features, other_features)]
-        return np.asarray(ours.T @ theirs + self._alike[np.ix_(gaits, other_gaits)] * shape)
+        shape = self._shape[np.ix_(numbers % N_FEATURES, others % N_FEATURES)]
+        alike = self._alike[np.ix_(numbers // N_FEATURES, others // N_FEATURES)]
+        return np.asarray(self._root[:, numbers].T @ self._root[:, others] + alike * shape)
 
-    def _noise(self, noise_m: float, features: NDArray[np.int64]) -> FloatArray:
+    def _noise(self, noise_m: float, numbers: NDArray[np.int64]) -> FloatArray:
         """Covariance of a trial's noise; it has the shape over a walk that all deviations have."""
+        features = numbers % N_FEATURES
         shape = self._shape[np.ix_(features, features)]
         return np.asarray(shape * (noise_m**2 / self._shape[FINAL, FINAL]))
 
     def _weighed(self, noise_m: float) -> _Evidence:
         """Evidence, with the prior as wide as the ends of the walks require, 1 at least."""
-        evidence, ends = self._decomposed(noise_m, 1.0), self._seen.feature == FINAL
+        evidence, ends = self._decomposed(noise_m, 1.0), self._seen.ends
         # Whitened in the order of the trials: each end against the belief just before it.
         squares = float((evidence.surprise[ends] ** 2).sum())
         widened = (TRUST_TRIALS + squares) / (TRUST_TRIALS + int(ends.sum()))
@@ -277,12 +273,12 @@ class Belief:
         from scipy.linalg import cholesky, solve_triangular
 
         seen = self._seen
-        covariance = widened * self._covariance(seen.gait, seen.feature, seen.gait, seen.feature)
+        covariance = widened * self._covariance(seen.number, seen.number)
         together = seen.trial[:, np.newaxis] == seen.trial
-        covariance += np.where(together, self._noise(noise_m, seen.feature), 0.0)
-        blur = np.where(seen.feature == FINAL, 0.0, BLUR * np.diagonal(self._shape)[seen.feature])
+        covariance += np.where(together, self._noise(noise_m, seen.number), 0.0)
+        blur = np.where(seen.ends, 0.0, BLUR * np.diagonal(self._shape)[seen.number % N_FEATURES])
         covariance[np.diag_indices_from(covariance)] += blur + 1e-9 * np.diagonal(covariance) + 1e-12
-        surprise = seen.value - self._mean[seen.gait, seen.feature]
+        surprise = seen.value - self._mean.ravel()[seen.number]
         if not seen.value.size:
             return _Evidence(covariance, surprise, widened)
         root = cholesky(covariance, lower=True)
@@ -290,20 +286,13 @@ class Belief:
 
     def _noise_now_m(self) -> float:
         """Noise of a trial: the assumed one, corrected by the differences between repeats of a gait."""
-        final = self._seen.feature == FINAL
-        gaits, values = self._seen.gait[final], self._seen.value[final]
+        numbers, values = self._seen.number[self._seen.ends], self._seen.value[self._seen.ends]
         squares, repeats = NOISE_WEIGHT * self._noise_m**2, NOISE_WEIGHT
-        for gait in np.unique(gaits):
-            again = values[gaits == gait]
+        for number in np.unique(numbers):
+            again = values[numbers == number]
             squares += float(((again - again.mean()) ** 2).sum())
             repeats += again.size - 1
         return float(np.sqrt(squares / repeats))
-
-
-def _of_walking_legs(sag_rad: FloatArray, failed_leg: int) -> FloatArray:
-    known = np.array(sag_rad, dtype=float)
-    known[JOINTS_PER_LEG * (failed_leg - 1) : JOINTS_PER_LEG * failed_leg] = np.nan
-    return known
 
 
 def likeness(leg: int, common: float, alike: float) -> FloatArray:
