@@ -92,9 +92,7 @@ def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> Best
         )
     robot, failure = as_robot(spec.robot), spec.failures[0]
     if session:
-        known = load_session(session, folder)
-        found, trim = _of_session(spec, robot, failure, known)
-        return _with_trim(found, trim) if trimmed else found
+        return _of_session(spec, robot, failure, load_session(session, folder), trimmed=trimmed)
     return _of_prior(spec, robot, failure, Path(folder))
 
 
@@ -137,8 +135,8 @@ def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
 
 
 def _of_session(
-    spec: RunSpec, robot: Robot, failure: Failure, session: Session
-) -> tuple[BestGait, TrialResult]:
+    spec: RunSpec, robot: Robot, failure: Failure, session: Session, *, trimmed: bool
+) -> BestGait:
     own, best, what = session.spec, session.best_walk, f"{argument('gait')}: got best:{session.name}"
     if own.robot_fingerprint != robot.fingerprint:
         raise InputError(f"{what}, a session of {own.robot}; allowed: of {robot.name} as it is described now")
@@ -161,7 +159,8 @@ def _of_session(
     if best.stride is not None:
         walk = _with_stride(walk, robot, best.stride, failure)
         source += f", at {best.stride.pace_hz:g} Hz"
-    return BestGait(spec=walk, source=source), best.result
+    found = BestGait(spec=walk, source=source)
+    return _with_trim(found, best.result) if trimmed else found
 
 
 def _with_stride(spec: RunSpec, robot: Robot, stride: Stride, failure: Failure) -> RunSpec:

@@ -153,14 +153,7 @@ class TrimSearch(Optimizer):
             return
         self._promises_m.clear()
         self._walked[code] = course_trim_rad, turn_trim_rad_s
-        self._belief.observe(
-            TrimmedWalk(
-                code=code,
-                course_trim_rad=course_trim_rad,
-                half_turn_trim_rad=turn_trim_rad_s * self._half_s,
-                drift=drift,
-            )
-        )
+        self._belief.observe(TrimmedWalk(code, course_trim_rad, turn_trim_rad_s * self._half_s, drift))
 
     def _forget(self) -> None:
         leg, gaits = self.space.failed_legs[0], self.space.size

@@ -51,7 +51,7 @@ HALF_TURN_SD_RAD, BESIDE_SD_RAD = math.radians(15.0), math.radians(2.0)
 PASSES = 4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class TrimmedWalk:
     """A walk of a gait, with the trim of its course and of half its turn."""
 
