@@ -18,9 +18,6 @@ from hexctl.adapt.sessions.walk_records import (
     WalkRecord,
 )
 
-#: Scores in m; reports name the first trial within each.
-MILESTONES_M = (0.10, 0.025)
-
 
 def trials_text(count: int) -> str:
     """Number of trials in words: `1 trial`, `2 trials`."""
@@ -88,7 +85,7 @@ class Session:
         front = [(valid[row], scores[row].tolist()) for row in np.flatnonzero(undominated(scores)).tolist()]
         return sorted(front, key=lambda pair: pair[1])
 
-    def trials_to(self, milestone_m: float) -> int | None:
+    def _trials_to(self, milestone_m: float) -> int | None:
         """Index of the first trial with a score within a milestone; None without one, or a score in m."""
         if self.spec.objective_unit != "m":
             return None
@@ -144,6 +141,6 @@ class Session:
             "confirmations": [walk.as_json() for walk in self.confirmations],
             "recommended": self._recommended_json(),
             "ended": self.ended,
-            "trials_to_0.10_m": self.trials_to(0.10),
-            "trials_to_0.025_m": self.trials_to(0.025),
+            "trials_to_0.10_m": self._trials_to(0.10),
+            "trials_to_0.025_m": self._trials_to(0.025),
         }

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from urllib.parse import quote
 
-from hexctl.adapt.sessions.search_session import MILESTONES_M, Session, trials_text
+from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.search_steps import search_steps
 from hexctl.adapt.sessions.store import StoreError, load_session, stored_names
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, TrialRecord, WalkRecord
@@ -113,11 +113,6 @@ def _facts(session: Session) -> list[str]:
             for walk in session.baseline
         ]
         lines.append(f"without a search: {', '.join(walks)}")
-    for milestone_m in MILESTONES_M if spec.objective_unit == "m" else ():
-        reached = session.trials_to(milestone_m)
-        lines.append(
-            f"within {100 * milestone_m:g} cm " + (f"after {trials_text(reached)}" if reached else "not yet")
-        )
     if spec.uncertainty_text:
         lines.append(f"the simulation knows the end of a walk to ± {spec.uncertainty_text}")
     return lines
