@@ -92,11 +92,6 @@ class AdaptationResult:
         """Walks with the robot's usual gaits, before the first trial."""
         return self.session.baseline
 
-    @property
-    def uncertainty_m(self) -> float | None:
-        """The simulation's own standard uncertainty of each end; None on a real robot, or if unknown."""
-        return self.session.spec.uncertainty_m or None
-
     def to_dict(self) -> dict[str, Any]:
         """The result as `hexctl adapt --json` prints it."""
         return {**self.session.as_json(), "ended": self.ended, "wall_s": round(self.wall_s, 3)}

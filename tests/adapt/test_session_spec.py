@@ -1,7 +1,7 @@
 """The spec of a session, its table of trials, and sessions compared by their best score so far."""
 
-import builtins
 import json
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -126,17 +126,6 @@ def test_the_command_prints_a_column_each(
     assert exit_code(["sessions", "compare", names[0], "nobody"]) == 2
 
 
-def without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
-    load = builtins.__import__
-
-    def refuse(name: str, *arguments: Any, **more: Any) -> Any:
-        if name == "pandas":
-            raise ModuleNotFoundError("no pandas", name="pandas")
-        return load(name, *arguments, **more)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
-
-
 def test_every_trial_of_all_sessions_is_a_row_with_pandas_and_without(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,7 +144,7 @@ def test_every_trial_of_all_sessions_is_a_row_with_pandas_and_without(
         trial = sessions[row["session"]].trials[row["index"] - 1]
         assert row["slots"] == " ".join(map(str, trial.slots))
         assert (row["score"], row["status"]) == (trial.score, trial.as_json()["status"])
-    without_pandas(monkeypatch)
+    monkeypatch.setitem(sys.modules, "pandas", None)
     rows = hexctl.sessions(tmp_path)
     assert isinstance(rows, list)
     assert list(rows[0]) == list(table.columns)

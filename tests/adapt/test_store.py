@@ -457,21 +457,6 @@ def test_a_session_that_was_killed_is_resumed_with_one_recording_of_each_trial(
     assert not (folder / NOTE).exists()
 
 
-def test_a_session_larger_than_is_read_is_refused_and_costs_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    large, good = make_sessions(tmp_path)
-    path = tmp_path / large / FILE_NAME
-    monkeypatch.setattr("hexctl.adapt.sessions.store.MOST_BYTES", path.stat().st_size)
-    assert load_session(large, tmp_path).name == large
-    path.write_bytes(path.read_bytes() + b"\n")
-    told: list[HexctlError] = []
-    assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
-    (error,) = told
-    assert large in str(error)
-    assert "larger" in str(error)
-
-
 #: Specs that are none, by what is wrong with them; None is an option that is missing.
 BAD_SPECS: dict[str, dict[str, Any] | None] = {
     "a missing option": None,
