@@ -1,7 +1,6 @@
 """`hexctl.adapt` and `Adaptation`: a search in Python, its settings, and its progress bar."""
 
 import math
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.store import StoreError, list_sessions, load_session
+from hexctl.adapt.sessions.store import list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
@@ -268,18 +267,6 @@ def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
     assert new_spec(failed_leg=5, trim="off", uncertainty_m=0).worth_m == pytest.approx(0.001)
     assert new_spec(failed_leg=5, worth_m=0.01).worth_m == 0.01
     assert new_spec(failed_leg=5, trim="off", prior="none").worth_m is None
-
-
-@pytest.mark.usefixtures("landscape")
-def test_a_session_whose_folder_is_deleted_ends_with_one_error(tmp_path: Path) -> None:
-    def delete(_: Session, walk: Walk) -> None:
-        if isinstance(walk, TrialRecord) and walk.index == 2:
-            shutil.rmtree(tmp_path / "runs")
-
-    adaptation = Adaptation(new_spec(failed_leg=5, prior="none", budget=6), record=False)
-    with pytest.raises(StoreError, match="was deleted"):
-        adaptation.run(on_stored=delete)
-    assert list_sessions(tmp_path / "runs") == []
 
 
 FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=40.0)
