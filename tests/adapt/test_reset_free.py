@@ -21,7 +21,7 @@ from hexctl.adapt.runner import RobotStoppedError, TrialRequest, TrialRunner
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Setting
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad, stance_deflection_rad
+from hexctl.adapt.stance import simulated_deflection_rad, stance_deflection_rad
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
@@ -73,7 +73,7 @@ def test_a_robot_that_stays_says_what_a_simulation_says(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with Guard(StayingSim(ROBOT)) as servos:
-        here = connected_deflection_rad(servos, STANCE_PLAN)
+        here = stance_deflection_rad(servos, STANCE_PLAN)
     assert here is not None
     np.testing.assert_allclose(here, sag(StayingSim.world), atol=1e-4)
 
@@ -87,7 +87,7 @@ def test_a_robot_that_only_echoes_says_nothing_and_does_not_move() -> None:
 
 def test_a_robot_that_is_stopped_meanwhile_waits_for_a_person() -> None:
     with FallsAfter(PosedMock(ROBOT), 0.5) as guard, pytest.raises(RobotStoppedError, match="stopped: fell"):
-        connected_deflection_rad(guard, STANCE_PLAN)
+        stance_deflection_rad(guard, STANCE_PLAN)
 
 
 class Slow(PosedMock):
@@ -153,7 +153,7 @@ def test_afterwards_silence_is_no_failure() -> None:
     servos = PosedMock(ROBOT)
     servos.joints_rad = ROBOT.stance_angles_rad - SAG_RAD
     with Guard(servos) as guard:
-        assert connected_deflection_rad(guard, STANCE_PLAN) is not None
+        assert stance_deflection_rad(guard, STANCE_PLAN) is not None
         servos.time.sleep(60.0)
         guard.read()
         assert guard.stopped is None

@@ -17,7 +17,7 @@ from hexctl.backends.sim.world import DomainRandomization, World, load_randomiza
 from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.guard import Guard
 from hexctl.control.trial_plan import SelfRotation, TrialPlan
-from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.files import write_trouble
 from hexctl.gait.gait import make_gait
 from hexctl.options import options_of
@@ -213,7 +213,7 @@ def deflection_of(spec: LandscapeSpec) -> FloatArray:
     try:
         with Guard(trial.servos()) as servos:
             deflection_rad = stance_deflection_rad(servos, trial.plan)
-    except (EStopError, SimulationDivergedError):
+    except RobotFaultError:
         deflection_rad = None
     return np.full(N_JOINTS, np.nan) if deflection_rad is None else deflection_rad
 
