@@ -65,24 +65,21 @@ def show(
 
 
 def _priors(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
-    from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
+    from hexctl.adapt.prior.prior import KIND
+    from hexctl.adapt.prior.prior_files import describe_prior, list_priors
 
     if file is None:
         return list_priors(runs_folder(), on_damage=left_out.name)
-    path = named_prior(file, prior_folders(runs_folder()))
+    path = KIND.named(file, KIND.folders(runs_folder()))
     return [{"prior": str(path), **describe_prior(path)}]
 
 
 def _repertoires(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
-    from hexctl.control.monitor.repertoire_store import (
-        describe_repertoire,
-        list_repertoires,
-        named_repertoire,
-    )
+    from hexctl.control.monitor.repertoire_store import KIND, describe_repertoire, list_repertoires
 
     if file is None:
         return list_repertoires(runs_folder(), on_damage=left_out.name)
-    path = named_repertoire(file, runs_folder())
+    path = KIND.named(file, KIND.folders(runs_folder()))
     return [{"repertoire": str(path), **describe_repertoire(path)}]
 
 
