@@ -107,19 +107,14 @@ class ResetFreeRunner:
         return self._walk_and_ask(operator, request, plan) if again else walked
 
     def _walk_inside(self, arena: Arena, request: TrialRequest, plan: TrialPlan) -> WalkedTrial:
-        hindered = self._come_to_start(arena)
-        if hindered is not None:
-            return WalkedTrial(result=hindered)
+        self._come_to_start(arena)
         state = await_ready(self.servos)
         here = aimed(plan, self.runner.setting.robot, state, arena)
         fence = Geofence(arena, stop_when(request.should_stop))
         return self.runner.walk_on(self.servos, here, request, fence)
 
-    def _come_to_start(self, arena: Arena) -> TrialResult | None:
-        """Walk away from the middle, with the gait of self-rotations, until there is room.
-
-        None or what failed.
-        """
+    def _come_to_start(self, arena: Arena) -> None:
+        """Walk away from the middle, with the gait of self-rotations, until there is room."""
         robot = self.runner.setting.robot
         plan = self.runner.setting.plan_for(turn_gait(robot).slots, None, None)
         speed_m_s = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
@@ -129,7 +124,7 @@ class ResetFreeRunner:
             state = await_ready(self.servos)
             position = state.base_position_world
             if position is None or not arena.too_near(position, reach_m):
-                return None
+                return
             missing_m = start.radius_m - start.distance_m(position)
             timeout_s = APPROACH_TIMEOUT * (RAMP_DURATION_S + missing_m / speed_m_s)
             there = replace(aimed(plan, robot, state, arena, outward=True), duration_s=timeout_s)
@@ -139,12 +134,9 @@ class ResetFreeRunner:
                 stop_requested=self.runner.stop_requested,
                 should_stop=Geofence(start),
             )
-            if result.status == "fell":
-                # The gait of the trial is not at fault: nothing is stored.
-                return replace(result, status="aborted", stopped="fell")
+            check_not_stopped(self.servos)  # the gait of the trial is not at fault: nothing is stored
             if result.status == "aborted":
-                return result
-        return None
+                raise InterruptedTrialError
 
 
 def cool_down(servos: Guard, below_c: float, stop_requested: StopRequested, note: Note) -> None:
