@@ -1,12 +1,12 @@
 """`bayes`: search with a prior of simulated worlds; trials show which of them resemble the robot's."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.optimizer import Observation, Prediction, TaughtOptimizer
 from hexctl.adapt.prior.acquisition import (
     WORST_M,
     chance_above,
@@ -52,7 +52,7 @@ class Choice:
     why: str
 
 
-class Bayes(Optimizer):
+class Bayes(TaughtOptimizer):
     """Walks the gait with the maximum expected improvement, given the prior and all trials so far.
 
     It learns from the course of trials; a score without observations only marks the gait as tried.
@@ -136,10 +136,6 @@ class Bayes(Optimizer):
             target_m=self._target_m,
         )
 
-    def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Learn from a walk without an ask."""
-        self._learn_observed([code], [score], [observation])
-
     def early_stopping(self, code: int) -> Enough:
         """Predicate that ends a walk of a gait whose path leaves no hope of a good end."""
         bound_m = max(self._target_m, min(self._best_m(), WORST_M))
@@ -190,23 +186,13 @@ class Bayes(Optimizer):
         sizes_m = expected_size_m(forecast.mean_m, forecast.sd_m)
         return float(sizes_m[known].min(initial=np.inf))
 
-    def _learn(self, codes: list[int], scores: list[float]) -> None:
-        self._learn_observed(codes, scores, [None] * len(codes))
+    def _facts(self, score: float, observation: Observation | None) -> list[Any]:
+        if observation is None:
+            return [score, "unknown", [None] * N_FEATURES]
+        features = features_of(observation, self._duration_s).tolist()
+        return [score, observation.status, [None if np.isnan(one) else one for one in features]]
 
-    def _learn_observed(
-        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
-    ) -> None:
-        for code, score, one in zip(codes, scores, observations, strict=True):
-            nothing = np.full(N_FEATURES, np.nan)
-            features = nothing if one is None else features_of(one, self._duration_s)
-            status = "unknown" if one is None else one.status
-            self._take([code, score, status, [None if np.isnan(x) else float(x) for x in features]])
-
-    def _take(self, trial: list[Any]) -> None:
-        code, score, status, numbers = int(trial[0]), *trial[1:]
-        if not 1 <= code <= self.space.size:
-            raise ValueError(f"a trial of code {code}")
-        self._trials.append([code, float(score), str(status), list(numbers)])
+    def _observe(self, code: int, score: float, status: str, numbers: list[float | None]) -> None:
         features = np.array([np.nan if number is None else float(number) for number in numbers])
         if features.shape != (N_FEATURES,):
             raise ValueError(f"a trial with {features.size} numbers")
@@ -214,8 +200,8 @@ class Bayes(Optimizer):
         self._known = None
 
     def _forget(self) -> None:
+        super()._forget()
         self._belief = Belief(self._samples, noise_m=self._noise_m, sag_rad=self._sag_rad)
-        self._trials: list[list[Any]] = []
         self._known = None
 
     def forecast(self) -> Forecast:
@@ -252,12 +238,3 @@ class Bayes(Optimizer):
         rows = np.zeros(self.space.size, dtype=bool)
         rows[[code - 1 for code, _, status, _ in self._trials if wanted(status)]] = True
         return rows
-
-    def _search_state(self) -> dict[str, Any]:
-        return {"trials": [[*trial[:3], list(trial[3])] for trial in self._trials]}
-
-    def _restore_search(self, state: dict[str, Any]) -> None:
-        trials = list(state["trials"])
-        self._forget()
-        for trial in trials:
-            self._take(trial)

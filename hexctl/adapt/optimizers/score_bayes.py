@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizer import Observation, TaughtOptimizer
 from hexctl.adapt.prior.acquisition import expected_excess
 from hexctl.adapt.prior.belief import TRUST_TRIALS, likeness
 from hexctl.adapt.prior.samples import ScoreSamples, chance_of
@@ -79,7 +79,7 @@ class ScoreBelief:
         return self._mean + weights.T @ surprise, widened * self._covariance - across.T @ weights
 
 
-class ScoreBayes(Optimizer):
+class ScoreBayes(TaughtOptimizer):
     """Walks the gait with the maximum expected improvement of the log score, given the prior and all trials.
 
     It uses no random numbers, and shares the name `bayes` with the search for straight walks.
@@ -122,10 +122,6 @@ class ScoreBayes(Optimizer):
             return None
         return int(np.argmin(np.where(self._good, self._forecast[0], np.inf))) + 1
 
-    def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Learn from a walk without an ask."""
-        self._take(code, score)
-
     def _suggest(self, count: int) -> list[int]:
         """One gait for any count: the next choice needs its outcome."""
         best = self.recommended()
@@ -154,29 +150,15 @@ class ScoreBayes(Optimizer):
         rows[[code - 1 for code in codes]] = True
         return rows
 
-    def _learn(self, codes: list[int], scores: list[float]) -> None:
-        for code, score in zip(codes, scores, strict=True):
-            self._take(code, score)
+    def _facts(self, score: float, observation: Observation | None) -> list[Any]:
+        return [score]
 
-    def _take(self, code: int, score: float) -> None:
-        """Learn from one trial; raises ValueError for a code that is not in the space."""
-        if not 1 <= code <= self.space.size:
-            raise ValueError(f"a trial of code {code}")
-        self._trials.append((code, score))
+    def _observe(self, code: int, score: float) -> None:
         if score < INVALID_SCORE:
             self._belief.observe(code, float(np.log(max(score, LEAST_SCORE))))
             self._forecast = self._belief.forecast()
 
     def _forget(self) -> None:
+        super()._forget()
         self._belief = ScoreBelief(self._samples, noise=self._noise)
         self._forecast = self._belief.forecast()
-        self._trials: list[tuple[int, float]] = []
-
-    def _search_state(self) -> dict[str, Any]:
-        return {"trials": [list(trial) for trial in self._trials]}
-
-    def _restore_search(self, state: dict[str, Any]) -> None:
-        trials = [(int(code), float(score)) for code, score in state["trials"]]
-        self._forget()
-        for code, score in trials:
-            self._take(code, score)
