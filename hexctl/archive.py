@@ -13,10 +13,6 @@ from numpy.typing import NDArray
 
 from hexctl.errors import HexctlError, InputError, argument, check_type
 from hexctl.files import ARCHIVE_DAMAGE, OnDamage, atomic_write, damage_reason, open_archive
-from hexctl.robot.configs import config_root
-
-#: Ending of an archive.
-SUFFIX = ".npz"
 
 #: Name of the head among the arrays of a file.
 _HEAD = "head"
@@ -105,32 +101,12 @@ class ArchiveKind:
             )
         return self.load(path, make)
 
-    @property
-    def folder(self) -> str:
-        """Name of the folder of such files, among the shipped ones and in the folder of sessions."""
-        return f"{self.name}s"
-
-    def folders(self, runs: Path | str) -> list[Path]:
-        """Folders of files in the order of search: that of the custom ones comes first."""
-        return [Path(runs) / self.folder, config_root() / self.folder]
-
-    def files(self, folders: Iterable[Path]) -> list[Path]:
-        """Possible files in some folders, in the order of search."""
-        return [path for folder in folders if folder.is_dir() for path in sorted(folder.glob(f"*{SUFFIX}"))]
-
-    def named(self, text: str, folders: Iterable[Path]) -> Path:
-        """Path of a file: the text itself, or a file of this name in some folders."""
-        if Path(text).is_file():
-            return Path(text)
-        found = (path for path in self.files(folders) if text in (path.name, path.stem))
-        return next(found, Path(text))
-
     def described(
-        self, runs: Path | str, describe: Callable[[Path], dict[str, Any]], on_damage: OnDamage
+        self, paths: Iterable[Path], describe: Callable[[Path], dict[str, Any]], on_damage: OnDamage
     ) -> list[dict[str, Any]]:
         """Descriptions of files, with their paths by the name of the kind; damaged files are left out."""
         found = []
-        for path in self.files(self.folders(runs)):
+        for path in paths:
             try:
                 found.append({self.name: str(path), **describe(path)})
             except InputError as error:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
-from hexctl.adapt.prior.prior import KIND, open_prior
-from hexctl.adapt.prior.prior_files import find_prior
+from hexctl.adapt.prior.prior import open_prior
+from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
@@ -111,7 +111,7 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
     )
     if spec.body_raise is None:
         plan = in_posture(robot, plan, usual_posture(spec.hold))
-    found = find_prior(robot, plan, KIND.folders(folder), any_duration=True)
+    found = find_prior(robot, plan, prior_folders(folder), any_duration=True)
     session = _newest_session(robot, failure, folder)
     if found.path is None:
         raise InputError(

@@ -12,8 +12,8 @@ from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.optimizers.optimizer_registry import BAYES, NAMES, STRIDES, TRIM, make_optimizer, name_of
-from hexctl.adapt.prior.prior import KIND
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
+from hexctl.adapt.prior.prior_files import prior_folders
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
 from hexctl.adapt.sessions.store import RUNS
@@ -78,7 +78,7 @@ def new_spec(
             )
         return spec
     return choose_prior(
-        spec, setting, prior, free=free, folders=KIND.folders(folder), note=note, advice=advice
+        spec, setting, prior, free=free, folders=prior_folders(folder), note=note, advice=advice
     )
 
 

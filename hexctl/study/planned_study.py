@@ -7,7 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.prior.prior import KIND, Prior, load_prior
+from hexctl.adapt.prior.prior import Prior, load_prior
+from hexctl.adapt.prior.prior_files import prior_folders
 from hexctl.backends.sim.world import DEFAULT_WORLD, DomainRandomization, load_randomization, load_world
 from hexctl.errors import InputError, argument, check_type
 from hexctl.options import listed
@@ -69,7 +70,7 @@ def _prior(options: StudyOptions, robot: Robot, runs: Path) -> Prior:
     if options.prior not in (None, "auto"):
         return load_prior(Path(str(options.prior)))
     legs, failure = tuple(options.legs), options.failure or "locked"
-    return find_transfer_prior(robot, legs, options.duration_s, KIND.folders(runs), failure=failure)
+    return find_transfer_prior(robot, legs, options.duration_s, prior_folders(runs), failure=failure)
 
 
 def _matrix(options: StudyOptions, _runs: Path) -> MatrixPlan:

@@ -11,7 +11,6 @@ from zlib import crc32
 
 import numpy as np
 
-from hexctl.archive import SUFFIX
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.assessment.crawl import crawl_on, gait_without
 from hexctl.control.assessment.static_stability import STAND_UP, slots_by_stability
@@ -27,7 +26,7 @@ from hexctl.control.monitor.repertoire import (
     moved_parts,
     parts_of,
 )
-from hexctl.control.monitor.repertoire_store import save_repertoire
+from hexctl.control.monitor.repertoire_store import SUFFIX, save_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import LimitError, ReachError

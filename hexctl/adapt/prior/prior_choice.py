@@ -7,7 +7,7 @@ from pathlib import Path
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.optimizers.optimizer_registry import BAYES, TRIM
 from hexctl.adapt.prior.prior import KIND, SCORES
-from hexctl.adapt.prior.prior_files import check_prior, find_prior
+from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.errors import InputError, argument
@@ -52,7 +52,7 @@ def choose_prior(
     robot, plan = setting.robot, setting.plan
     reason = "" if spec.optimizer == TRIM and spec.hold == "none" else _other_objective(spec)
     if not reason and named:
-        path = KIND.named(str(wanted), folders)
+        path = named_prior(str(wanted), folders)
         check_prior(path, robot, plan)
         return _with_prior(spec, path)
     if not reason:

@@ -13,6 +13,11 @@ from hexctl.files import OnDamage, log_damage
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 
+SUFFIX = ".npz"
+
+#: Folder of the priors that were built, in the folder of sessions and recordings.
+PRIORS = "priors"
+
 
 @dataclass(frozen=True)
 class Found:
@@ -24,7 +29,21 @@ class Found:
 
 def shipped_priors() -> Path:
     """Folder of the shipped priors."""
-    return config_root() / KIND.folder
+    return config_root() / "priors"
+
+
+def prior_folders(folder: Path) -> list[Path]:
+    """Folders of priors in the order of search: custom ones below a folder come first."""
+    return [folder / PRIORS, shipped_priors()]
+
+
+def named_prior(text: str, folders: Iterable[Path]) -> Path:
+    """Path of a prior: the text itself, or a file of this name in some folders."""
+    path = Path(text)
+    if path.exists() or path.name != text:
+        return path
+    name = text if path.suffix == SUFFIX else f"{text}{SUFFIX}"
+    return next((found for found in prior_files(folders) if found.name == name), path)
 
 
 def find_prior(
@@ -35,7 +54,7 @@ def find_prior(
     `any_duration` allows other durations, if only the order of the gaits counts. Damaged files are skipped.
     """
     nearest: tuple[int, str] | None = None
-    for path in KIND.files(folders):
+    for path in prior_files(folders):
         try:
             differences = _differences(path, robot, plan, any_duration=any_duration)
         except InputError:
@@ -70,6 +89,11 @@ def _differences(path: Path, robot: Robot, plan: TrialPlan, *, any_duration: boo
         ) from error
 
 
+def prior_files(folders: Iterable[Path]) -> list[Path]:
+    """Possible prior files in some folders, in the order of search."""
+    return [path for folder in folders if folder.is_dir() for path in sorted(folder.glob(f"*{SUFFIX}"))]
+
+
 def describe_prior(path: Path) -> dict[str, Any]:
     """Key and content of a prior, as JSON values; raises InputError for a damaged file."""
     prior = open_prior(path)
@@ -88,4 +112,4 @@ def describe_prior(path: Path) -> dict[str, Any]:
 
 def list_priors(folder: Path | str = "runs", *, on_damage: OnDamage = log_damage) -> list[dict[str, Any]]:
     """Describe the priors that `hexctl adapt` searches, with paths as `prior`, without damaged ones."""
-    return KIND.described(folder, describe_prior, on_damage)
+    return KIND.described(prior_files(prior_folders(Path(folder))), describe_prior, on_damage)

@@ -65,21 +65,24 @@ def show(
 
 
 def _priors(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
-    from hexctl.adapt.prior.prior import KIND
-    from hexctl.adapt.prior.prior_files import describe_prior, list_priors
+    from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
 
     if file is None:
         return list_priors(runs_folder(), on_damage=left_out.name)
-    path = KIND.named(file, KIND.folders(runs_folder()))
+    path = named_prior(file, prior_folders(runs_folder()))
     return [{"prior": str(path), **describe_prior(path)}]
 
 
 def _repertoires(file: str | None, left_out: LeftOut) -> list[dict[str, Any]]:
-    from hexctl.control.monitor.repertoire_store import KIND, describe_repertoire, list_repertoires
+    from hexctl.control.monitor.repertoire_store import (
+        describe_repertoire,
+        list_repertoires,
+        named_repertoire,
+    )
 
     if file is None:
         return list_repertoires(runs_folder(), on_damage=left_out.name)
-    path = KIND.named(file, KIND.folders(runs_folder()))
+    path = named_repertoire(file, runs_folder())
     return [{"repertoire": str(path), **describe_repertoire(path)}]
 
 

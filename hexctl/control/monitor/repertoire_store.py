@@ -14,11 +14,17 @@ from hexctl.control.monitor.repertoire import PLAIN, Candidate, Repertoire, Situ
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.files import OnDamage, log_damage
+from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 
 VERSION = 1
 
 KIND = ArchiveKind(name="repertoire", versions=(VERSION,), command="hexctl prior build --repertoire")
+
+SUFFIX = ".npz"
+
+#: Folder of custom repertoires in the folder of sessions, and of shipped ones.
+REPERTOIRES = "repertoires"
 
 
 def save_repertoire(repertoire: Repertoire, path: Path) -> None:
@@ -74,16 +80,30 @@ def describe_repertoire(path: Path | str) -> dict[str, Any]:
     }
 
 
+def repertoire_files(folder: Path | str = "runs") -> list[Path]:
+    """Candidate files in the order of the search: custom ones, then shipped ones."""
+    folders = [Path(folder) / REPERTOIRES, config_root() / REPERTOIRES]
+    return [path for one in folders if one.is_dir() for path in sorted(one.glob(f"*{SUFFIX}"))]
+
+
+def named_repertoire(text: str, folder: Path | str = "runs") -> Path:
+    """Path of a repertoire: the path itself, or that of a file of this name among `repertoire_files`."""
+    if Path(text).is_file():
+        return Path(text)
+    named = (path for path in repertoire_files(folder) if text in (path.name, path.stem))
+    return next(named, Path(text))
+
+
 def list_repertoires(
     folder: Path | str = "runs", *, on_damage: OnDamage = log_damage
 ) -> list[dict[str, Any]]:
     """Describe the repertoires of a walk's search, with paths as `repertoire`, without damaged ones."""
-    return KIND.described(folder, describe_repertoire, on_damage)
+    return KIND.described(repertoire_files(folder), describe_repertoire, on_damage)
 
 
 def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") -> Repertoire | None:
     """The first readable repertoire that covers the walks of a plan, or None."""
-    for path in KIND.files(KIND.folders(folder)):
+    for path in repertoire_files(folder):
         try:
             found = _loaded(path, path.stat().st_mtime_ns)
         except (InputError, OSError):

@@ -3,11 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.prior.prior import KIND
-from hexctl.adapt.prior.prior_files import describe_prior
+from hexctl.adapt.prior.prior_files import PRIORS, describe_prior
 from hexctl.backends.sim.world import load_randomization
-from hexctl.control.monitor.repertoire_store import KIND as REPERTOIRE
-from hexctl.control.monitor.repertoire_store import describe_repertoire
+from hexctl.control.monitor.repertoire_store import REPERTOIRES, describe_repertoire
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import check_type
 from hexctl.options import listed
@@ -47,7 +45,7 @@ def _prior(options: PriorOptions, runs: Path) -> Planned:
         hold=options.hold,
         duration_s=options.duration_s,
     )
-    path = options.out or runs / KIND.folder / prior_file_name(plan, family)
+    path = options.out or runs / PRIORS / prior_file_name(plan, family)
 
     def begin(work: Work) -> dict[str, Any]:
         build_prior(plan, path, work)
@@ -67,7 +65,7 @@ def _repertoire(options: PriorOptions, runs: Path) -> Planned:
         **{name: value for name, value in asked.items() if value is not None},
     )
     plan.check()
-    path = options.out or runs / REPERTOIRE.folder / repertoire_file_name(plan)
+    path = options.out or runs / REPERTOIRES / repertoire_file_name(plan)
 
     def begin(work: Work) -> dict[str, Any]:
         build_repertoire(plan, path, work)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior, save_prior
+from hexctl.adapt.prior.prior_files import SUFFIX
 from hexctl.adapt.stance import stance_deflection_rad
-from hexctl.archive import SUFFIX, ArchiveFileError
+from hexctl.archive import ArchiveFileError
 from hexctl.backends.sim.distribution import Distribution
 from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
 from hexctl.control.assessment.static_stability import usual_posture

@@ -13,10 +13,10 @@ from hexctl.archive import ArchiveFileError
 from hexctl.control.body_symmetry import IDENTITY
 from hexctl.control.monitor.repertoire import Candidate, Situation
 from hexctl.control.monitor.repertoire_store import (
-    KIND,
     describe_repertoire,
     find_repertoire,
     load_repertoire,
+    repertoire_files,
     save_repertoire,
 )
 from hexctl.gait.posture import Posture
@@ -211,7 +211,7 @@ def test_shipped_repertoires_are_small_and_of_the_robots_that_are_shipped(path: 
     repertoire = load_repertoire(path)
     assert path.stat().st_size < 200_000
     assert repertoire.covers(robot, TrialPlan(gait=make_gait(robot, "tripod"), hold="line"))
-    assert path in KIND.files(KIND.folders("runs"))
+    assert path in repertoire_files()
     described = describe_repertoire(path)
     assert described["walks"] >= 4
     assert {"locked", "limp", "missing", "stuck:coxa", "limp:tibia"} <= set(described["legs"])
