@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.optimizers.optimizer_registry import TRIM
+from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.runner import (
     InterruptedTrialError,
     TrialRequest,

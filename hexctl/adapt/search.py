@@ -11,7 +11,8 @@ from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
-from hexctl.adapt.optimizers.optimizer_registry import BAYES, NAMES, STRIDES, TRIM, make_optimizer, name_of
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer, name_of
+from hexctl.adapt.optimizers.shipped import BAYES, NAMES, STRIDES, TRIM
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
 from hexctl.adapt.prior.prior_files import prior_folders
 from hexctl.adapt.sessions.search_session import Session

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.optimizer import Trim
-from hexctl.adapt.optimizers.optimizer_registry import BAYES, STRIDES, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, STRIDES, TRIM
 from hexctl.adapt.prior.prior import Prior, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_files import check_prior
 from hexctl.adapt.sessions.session_spec import SessionSpec

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.adapt.optimizers.optimizer_registry import BAYES
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.runner import check_not_stopped
 from hexctl.adapt.sessions.session_spec import SessionSpec

@@ -73,7 +73,7 @@ def _backends() -> Iterable[str]:
 
 
 def _optimizers() -> Iterable[str]:
-    from hexctl.adapt.optimizers.optimizer_registry import NAMES
+    from hexctl.adapt.optimizers.shipped import NAMES
 
     return NAMES
 

@@ -37,16 +37,6 @@ def load_named(name: str, part: str) -> Any:
     return getattr(module, attribute)
 
 
-def load_own(name: str, part: str, allowed: str) -> Any:
-    """The object that `package.module:name` names; raises InputError if it cannot be loaded."""
-    try:
-        return load_named(name, part)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(
-            f"{argument(part)}: {name!r} cannot be loaded ({error}); allowed: {allowed}"
-        ) from error
-
-
 def made_of(name: str, named: Mapping[str, Callable[[], MadeT]], kind: type[MadeT], part: str) -> MadeT:
     """An object of a name in `named`, or of `package.module:Class`, of a kind; raises InputError."""
     if name in named:

@@ -10,7 +10,8 @@ import pytest
 
 from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedError
-from hexctl.adapt.optimizers.optimizer_registry import OPTIMIZERS, make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
 from hexctl.testing.optimizer_conformance import ONE_FAILED, search, slope
 

@@ -11,7 +11,8 @@ import pytest
 from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.baselines import ExhaustiveSearch, RandomSearch
 from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.optimizer_registry import OPTIMIZERS, make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.trial_result import STATUSES
 from hexctl.errors import InputError

@@ -8,7 +8,8 @@ import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.optimizers.optimizer_registry import OPTIMIZERS, TRIM, make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS, TRIM
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions import search_steps as module
 from hexctl.adapt.sessions.search_session import Session

@@ -9,7 +9,8 @@ import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.optimizer_registry import OPTIMIZERS, make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.backends.sim.world import World
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.study.data_frames import where

@@ -1,38 +1,16 @@
-"""The registry of optimizers: the names that come with hexctl load nothing, for the Tab key."""
+"""The registry of optimizers."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
+from hexctl.adapt.objectives import load_own
+from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
+from hexctl.adapt.optimizers.shipped import BAYES, NAMES, OF_SESSIONS, OPTIMIZERS, STRIDES, TRIM
+from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, argument, check_type
-from hexctl.robot.plugins import load_own
 from hexctl.typed_names import nearest
 
-if TYPE_CHECKING:
-    from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-    from hexctl.adapt.space import GaitSpace
 
-#: The optimizers that come with hexctl and need no prior: the classes of their names, in this package.
-OPTIMIZERS = {
-    "pso": "population:Pso",
-    "psosp": "population:Psosp",
-    "dps": "population:Dps",
-    "debest": "population:DeBest",
-    "derand": "population:DeRand",
-    "random": "baselines:RandomSearch",
-    "exhaustive": "baselines:ExhaustiveSearch",
-}
-
-#: Those that only `hexctl.adapt.sessions.session_optimizer` makes: they need a prior, the strides that the
-#: servos of a robot hold, or its ranked gaits.
-BAYES, STRIDES, TRIM = "bayes", "strides", "trim"
-
-_OF_SESSIONS = {BAYES: "bayes:Bayes", STRIDES: "strides:StrideSearch", TRIM: "trim:TrimSearch"}
-
-#: Names of all optimizers that come with hexctl.
-NAMES = (*_OF_SESSIONS, *OPTIMIZERS)
-
-
-def name_of(optimizer: "OptimizerChoice") -> str:
+def name_of(optimizer: OptimizerChoice) -> str:
     """Name of an optimizer in sessions."""
     if isinstance(optimizer, str):
         return optimizer
@@ -41,11 +19,11 @@ def name_of(optimizer: "OptimizerChoice") -> str:
             f"{argument('optimizer')}: got {optimizer!r}; allowed: a name, or a subclass of Optimizer"
         )
     address = f"{optimizer.__module__}:{optimizer.__qualname__}"
-    shipped = {f"{__package__}.{place}": name for name, place in (_OF_SESSIONS | OPTIMIZERS).items()}
+    shipped = {f"{__package__}.{place}": name for name, place in (OF_SESSIONS | OPTIMIZERS).items()}
     return shipped.get(address, address)
 
 
-def make_optimizer(name: "OptimizerChoice | OptimizerClass", space: "GaitSpace", seed: int) -> "Optimizer":
+def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, seed: int) -> Optimizer:
     """Fresh optimizer of a name in `OPTIMIZERS`, of `package.module:Class`, or of a class.
 
     Raises InputError for an unknown name, with the known ones.
@@ -58,7 +36,7 @@ def make_optimizer(name: "OptimizerChoice | OptimizerClass", space: "GaitSpace",
         module, _, kind = OPTIMIZERS[name].partition(":")
         made: Optimizer = getattr(import_module(f"{__package__}.{module}"), kind)(space, seed)
         return made
-    if name in _OF_SESSIONS:
+    if name in OF_SESSIONS:
         commands = "hexctl adapt and hexctl study --transfer" if name == BAYES else "hexctl adapt"
         raise InputError(
             f"{argument('optimizer')}: got {name} outside of a session; allowed: {known} "
@@ -73,7 +51,7 @@ def make_optimizer(name: "OptimizerChoice | OptimizerClass", space: "GaitSpace",
     )
 
 
-def _own(name: str) -> "type[Optimizer]":
+def _own(name: str) -> type[Optimizer]:
     found = load_own(name, "optimizer", "an Optimizer class in a file that can be imported")
     if not _is_optimizer(found):
         raise InputError(f"{argument('optimizer')}: {name!r} is {found!r}; allowed: a subclass of Optimizer")
@@ -82,6 +60,4 @@ def _own(name: str) -> "type[Optimizer]":
 
 
 def _is_optimizer(value: object) -> bool:
-    from hexctl.adapt.optimizer import Optimizer
-
     return isinstance(value, type) and issubclass(value, Optimizer)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
-from hexctl.adapt.optimizers.optimizer_registry import BAYES, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.prior.prior import KIND, SCORES
 from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
 from hexctl.adapt.sessions.session_spec import SessionSpec

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import Objective, undominated
-from hexctl.adapt.optimizers.optimizer_registry import TRIM
+from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.sessions.recommendation import recommended
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from hexctl.adapt.optimizer import NINETY_PERCENT
 from hexctl.adapt.optimizers.bayes import Bayes, Choice
-from hexctl.adapt.optimizers.optimizer_registry import BAYES, OPTIMIZERS, STRIDES, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_lines import DAMAGE
 from hexctl.adapt.sessions.session_optimizer import make_search

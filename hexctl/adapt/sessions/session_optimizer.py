@@ -7,8 +7,9 @@ import numpy as np
 from hexctl.adapt.optimizer import Optimizer, OptimizerClass
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.optimizer_registry import STRIDES, TRIM, make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.score_bayes import REAL_NOISE, SIMULATED_NOISE, WORTH, ScoreBayes
+from hexctl.adapt.optimizers.shipped import STRIDES, TRIM
 from hexctl.adapt.optimizers.strides import StrideSearch
 from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.prior.prior import Prior, ScorePrior

@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from hexctl.adapt.optimizers.bayes import SURE
-from hexctl.adapt.optimizers.optimizer_registry import TRIM
+from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.sessions.comparison import scores_without_search
 from hexctl.adapt.sessions.recommendation import Contender, contenders, recommended, straightest_baseline
 from hexctl.adapt.sessions.search_session import Session, trials_text

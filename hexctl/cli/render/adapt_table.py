@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from hexctl.adapt.objectives import Objective
-from hexctl.adapt.optimizers.optimizer_registry import STRIDES, TRIM
+from hexctl.adapt.optimizers.shipped import STRIDES, TRIM
 from hexctl.adapt.search_progress import CONFIRMATION_WALKS, SearchBar
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_lines import Walk

@@ -55,7 +55,7 @@ class StudySettings(LandscapePlan):
     """Settings of one study; the defaults are the paper's.
 
     Attributes:
-        optimizers: names as in `hexctl.adapt.optimizers.optimizer_registry`.
+        optimizers: names as in `hexctl.adapt.optimizers.shipped`.
         runs: seeded runs of each optimizer on each leg.
         failure: of each leg, as `parse_kind` reads it, such as `limp` or `weak:0.5`.
         self_rotation: before the walks that the optimizers search.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from hexctl.adapt.optimizers.optimizer_registry import BAYES
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.study.data_frames import json_value, where
 from hexctl.study.experiment import Drawing, Experiment, plain
 from hexctl.study.figure_style import draw_curves, finish_curves, grid_of, new_figure

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from hexctl.adapt.optimizers.optimizer_registry import BAYES, make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.prior_files import find_prior
 from hexctl.adapt.prior.samples import covers
@@ -44,7 +45,7 @@ class TransferSettings(LandscapePlan):
 
     Attributes:
         family: held-out worlds, never those of a prior.
-        optimizers: names as in `hexctl.adapt.optimizers.optimizer_registry`, `bayes` and `bayes-early`.
+        optimizers: names as in `hexctl.adapt.optimizers.shipped`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
         target_m: deviation that `bayes` aims at.
         failure: of each leg, as `parse_kind` reads it; with `unknown` each world draws what breaks, and the

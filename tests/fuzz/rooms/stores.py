@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizers.optimizer_registry import OPTIMIZERS, make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.prior.prior import open_prior
 from hexctl.adapt.sessions.store import FILE_NAME, load_session
 from hexctl.adapt.space import GaitSpace
