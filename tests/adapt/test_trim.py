@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hexctl.adapt.adaptation import Adaptation, adapt
-from hexctl.adapt.adaptation_result import AdaptationResult
-from hexctl.adapt.drift import drift_of
+from hexctl.adapt.adaptation import Adaptation, AdaptationResult, adapt
 from hexctl.adapt.measurement import Answer, measured
 from hexctl.adapt.optimizer import Observation, Trim
 from hexctl.adapt.optimizers.trim import TrimSearch
+from hexctl.adapt.prior.drift import drift_of
 from hexctl.adapt.prior.drift_belief import COUPLED, GAIN
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
