@@ -9,12 +9,14 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hexctl.adapt.adapt_options import AdaptOptions
-from hexctl.adapt.adaptation_result import AdaptationResult
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
@@ -22,11 +24,12 @@ from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connecte
 from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted
 from hexctl.adapt.search import check_parts, extended, new_spec
 from hexctl.adapt.search_progress import SearchBar
-from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
 from hexctl.adapt.sessions.unfinished import remove_unfinished
+from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.setting import (
     Note,
     Setting,
@@ -43,13 +46,79 @@ from hexctl.control.assessment.static_stability import margin_m_of, stable_slots
 from hexctl.control.guard import Guard
 from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trial import STOP_REQUESTED
+from hexctl.control.trial_result import path_axes
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
-from hexctl.gait.gait import AUTO
+from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.options import check_names
 from hexctl.recording.live import LiveView
 from hexctl.waiting import StopRequested, never
 
 OnBegin = Callable[[Session], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class AdaptationResult:
+    """Result of a run of an adaptation.
+
+    Attributes:
+        session: with all its trials.
+        ended: why the search ended: `budget`, `target`, `confirmed`, `exhausted` or
+            `not worth another trial`; `interrupted` by a requested stop; `stopped` by `trouble`.
+        trouble: of the robot or the recordings; the session can be resumed after it.
+        walked: number of trials and confirmations of this run.
+        wall_s: duration of the run.
+        overview: the recording that shows all trials, or None.
+    """
+
+    session: Session
+    ended: str
+    trouble: RobotFaultError | RecordingError | None
+    walked: int
+    wall_s: float
+    overview: Path | None = None
+
+    @property
+    def best(self) -> TrialRecord | None:
+        """The valid trial with the lowest score; None without one, as when a usual gait meets the target."""
+        return self.session.best
+
+    @property
+    def trials(self) -> list[TrialRecord]:
+        """All trials of the session, in the order in which they were walked."""
+        return self.session.trials
+
+    @property
+    def baseline(self) -> list[BaselineRecord]:
+        """Walks with the robot's usual gaits, before the first trial."""
+        return self.session.baseline
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as `hexctl adapt --json` prints it."""
+        return {**self.session.as_json(), "ended": self.ended, "wall_s": round(self.wall_s, 3)}
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the paths of all trials seen from above; the result is the axes.
+
+        Invalid trials are dotted, the best one bold, the baseline in another colour. `ax` are matplotlib
+        axes, or None for a new figure. Raises MissingExtraError without matplotlib.
+        """
+        ax, best = path_axes(ax), self.best
+        for trial in self.trials:
+            path_m = np.array(trial.path_m, dtype=float).reshape(-1, 2)
+            look = {"color": "C0", "linewidth": 3.0, "zorder": 3} if trial is best else {"color": "0.5"}
+            style = "-" if trial.valid else ":"
+            ax.plot(path_m[:, 0], path_m[:, 1], style, **look, label=f"code {trial.code}: {trial.score:g}")
+        for walk in self.baseline:
+            path_m = np.array(walk.path_m, dtype=float).reshape(-1, 2)
+            style, label = "-" if walk.valid else ":", f"{walk.gait}: {walk.score:g}"
+            ax.plot(path_m[:, 0], path_m[:, 1], style, color="C1", label=label)
+        return ax
+
+    def __repr__(self) -> str:
+        best = self.best
+        found = "no valid trial" if best is None else f"best code {best.code}, score {best.score:.3f}"
+        after = trials_text(len(self.trials))
+        return f"AdaptationResult({self.session.name}: {self.ended} after {after}, {found})"
 
 
 class Adaptation:
@@ -177,8 +246,15 @@ class Adaptation:
             if on_begin is not None:
                 on_begin(session)
             with self._view(servos) as live:
-                runner = self._runner(session, store, setting, stop_requested, live)
-                ended, trouble = self._search(session, store, setting, runner, servos, on_stored)
+                folder = store.folder_of(session.name) if self._record else None
+                runner = TrialRunner(
+                    spec=session.spec,
+                    setting=setting,
+                    folder=folder,
+                    stop_requested=stop_requested,
+                    live=live,
+                )
+                ended, trouble = self._search(session, store, runner, servos, on_stored)
         return AdaptationResult(
             session=session,
             ended=ended,
@@ -196,25 +272,6 @@ class Adaptation:
             yield live
             if live is not None and live.lost is not None:
                 self._note(f"{live.lost}; the trials are not affected")
-
-    def _runner(
-        self,
-        session: Session,
-        store: SessionStore,
-        setting: Setting,
-        stop_requested: StopRequested,
-        live: LiveView | None,
-    ) -> TrialRunner:
-        return TrialRunner(
-            spec=session.spec,
-            robot=setting.robot,
-            world=setting.world,
-            plan_for=setting.plan_for,
-            folder=store.folder_of(session.name) if self._record else None,
-            stop_requested=stop_requested,
-            live=live,
-            meshes=setting.robot_file.meshes if self._record else {},
-        )
 
     def _begin(
         self, store: SessionStore, stack: ExitStack, stop_requested: StopRequested, checked: Setting | None
@@ -263,14 +320,12 @@ class Adaptation:
         self,
         session: Session,
         store: SessionStore,
-        setting: Setting,
         runner: TrialRunner,
         servos: Guard | None,
         on_stored: OnStored | None,
     ) -> tuple[str, RobotFaultError | RecordingError | None]:
         """Why the search ended, and trouble with the robot or the recordings."""
-        spec = session.spec
-        walk = runner.walk
+        spec, setting, walk = session.spec, runner.setting, runner.walk
         if servos is not None:
             walk = ResetFreeRunner(
                 runner=runner,
@@ -280,6 +335,9 @@ class Adaptation:
                 note=self._note,
                 seen=self._seen,
             ).walk
+        usual_slots = dict(NAMED_SLOTS)
+        if AUTO in spec.baseline_gaits and not session.trials:
+            usual_slots[AUTO] = stable_slots_of(setting.robot, setting.plan)
         loop = AdaptLoop(
             session,
             store,
@@ -288,9 +346,7 @@ class Adaptation:
             objective=self._objective,
             stop_requested=runner.stop_requested,
             on_stored=on_stored,
-            stable_slots=stable_slots_of(setting.robot, setting.plan)
-            if AUTO in spec.baseline_gaits and not session.trials
-            else None,
+            usual_slots=usual_slots,
             margin_m_of=partial(margin_m_of, setting.robot, setting.plan),
             repeats_exactly=setting.world is not None and setting.world.repeats,
             walk_finely=None if servos is not None else at_finer_step(runner).walk,

@@ -41,13 +41,6 @@ class Arena:
         x, y = self._from_home(position)
         return math.atan2(-y, -x) if math.hypot(x, y) > AT_HOME_M else otherwise_rad
 
-    def room_m(self, position: FloatArray, heading_rad: float) -> float:
-        """Length of a straight walk until it leaves the arena, 0 if it never enters."""
-        x, y = self._from_home(position)
-        along = x * math.cos(heading_rad) + y * math.sin(heading_rad)
-        inside = along**2 - x**2 - y**2 + self.radius_m**2
-        return max(0.0, math.sqrt(inside) - along) if inside > 0 else 0.0
-
     def leaves(self, position: FloatArray, ahead: FloatArray) -> bool:
         """Whether a robot leaves the arena towards a position ahead; not if it returns from outside."""
         away_m = self.distance_m(ahead)

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
-from hexctl.adapt.prior.prior import PriorKey, open_prior
+from hexctl.adapt.prior.prior import open_prior
 from hexctl.adapt.prior.prior_files import find_prior, prior_folders
-from hexctl.adapt.prior.samples import covering, ranked_codes
+from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.store import RUNS, StoreError, list_sessions, load_session
+from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
@@ -92,9 +92,7 @@ def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> Best
         )
     robot, failure = as_robot(spec.robot), spec.failures[0]
     if session:
-        known = load_session(session, folder)
-        found, trim = _of_session(spec, robot, failure, known)
-        return _with_trim(found, trim) if trimmed else found
+        return _of_session(spec, robot, failure, load_session(session, folder), trimmed=trimmed)
     return _of_prior(spec, robot, failure, Path(folder))
 
 
@@ -113,9 +111,7 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
     )
     if spec.body_raise is None:
         plan = in_posture(robot, plan, usual_posture(spec.hold))
-    found = find_prior(
-        PriorKey.of(robot, plan), prior_folders(folder), covers=covering(robot, plan), any_duration=True
-    )
+    found = find_prior(robot, plan, prior_folders(folder), any_duration=True)
     session = _newest_session(robot, failure, folder)
     if found.path is None:
         raise InputError(
@@ -131,11 +127,7 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
 
 
 def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
-    try:
-        sessions = list_sessions(folder, on_damage=lambda _: None)
-    except StoreError:  # a session is only a hint, and the gait is that of a prior
-        return None
-    for session in reversed(sessions):
+    for session in reversed(list_sessions(folder, on_damage=lambda _: None)):
         fits = (session.spec.robot_fingerprint, session.spec.broken) == (robot.fingerprint, failure)
         if fits and session.best_walk is not None:
             return session.name
@@ -143,8 +135,8 @@ def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
 
 
 def _of_session(
-    spec: RunSpec, robot: Robot, failure: Failure, session: Session
-) -> tuple[BestGait, TrialResult]:
+    spec: RunSpec, robot: Robot, failure: Failure, session: Session, *, trimmed: bool
+) -> BestGait:
     own, best, what = session.spec, session.best_walk, f"{argument('gait')}: got best:{session.name}"
     if own.robot_fingerprint != robot.fingerprint:
         raise InputError(f"{what}, a session of {own.robot}; allowed: of {robot.name} as it is described now")
@@ -167,7 +159,8 @@ def _of_session(
     if best.stride is not None:
         walk = _with_stride(walk, robot, best.stride, failure)
         source += f", at {best.stride.pace_hz:g} Hz"
-    return BestGait(spec=walk, source=source), best.result
+    found = BestGait(spec=walk, source=source)
+    return _with_trim(found, best.result) if trimmed else found
 
 
 def _with_stride(spec: RunSpec, robot: Robot, stride: Stride, failure: Failure) -> RunSpec:

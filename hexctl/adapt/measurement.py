@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.assessment.score import progress_floor_m, score
+from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.walk_quality import cost_of_transport
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import Deviation, TrialResult
@@ -71,11 +71,6 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
         deviation=Deviation(abs(signed_m), math.nan, math.nan, signed_m),
         path_m=_path(result, *answer.before_m, (distance_m, signed_m)),
     )
-
-
-def not_walked(robot: Robot, plan: TrialPlan) -> TrialResult:
-    """Result of a trial that an operator did not start."""
-    return score(robot, plan, status="aborted", stopped="requested")
 
 
 def _path(result: TrialResult, *points_m: tuple[float, float]) -> FloatArray:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -153,7 +154,8 @@ def make_objective(name: str) -> Objective:
     if name in OBJECTIVES:
         return OBJECTIVES[name]
     if ":" in name:
-        return as_objective(_load(name), name)
+        allowed = "an Objective or a function of a TrialResult in a file that can be imported"
+        return as_objective(load_own(name, "objective", allowed), name)
     raise InputError(
         f"{argument('objective')}: got {name!r}; allowed: {', '.join(OBJECTIVES)}, "
         "or package.module:name for your own function of a TrialResult"
@@ -195,11 +197,11 @@ def undominated(scores: FloatArray) -> BoolArray:
     return ~np.array(beaten, dtype=bool)
 
 
-def _load(name: str) -> object:
+def load_own(name: str, part: str, allowed: str) -> Any:
+    """The object that `package.module:name` names; raises InputError if it cannot be loaded."""
     try:
-        return load_named(name, "objective")
+        return load_named(name, part)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
-            f"{argument('objective')}: {name!r} cannot be loaded ({error}); allowed: an Objective or a "
-            "function of a TrialResult, as package.module:name in a file that can be imported"
+            f"{argument(part)}: {name!r} cannot be loaded ({error}); allowed: {allowed}"
         ) from error

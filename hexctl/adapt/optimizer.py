@@ -3,9 +3,10 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -298,6 +299,54 @@ class Optimizer(ABC):
     @abstractmethod
     def _restore_search(self, state: dict[str, Any]) -> None:
         """Restore the result of `_search_state`."""
+
+
+class TaughtOptimizer(Optimizer):
+    """An optimizer whose state is what it was told of each walk: it is restored by learning that again."""
+
+    #: Name of the walks in the state.
+    walks_named: ClassVar[str] = "trials"
+
+    def repeat(self, code: int, score: float, observation: Observation) -> None:
+        """Learn from a walk without an ask."""
+        self._take([code, *self._facts(score, observation)])
+
+    def _learn(self, codes: list[int], scores: list[float]) -> None:
+        self._learn_observed(codes, scores, [None] * len(codes))
+
+    def _learn_observed(
+        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
+    ) -> None:
+        for code, score, one in zip(codes, scores, observations, strict=True):
+            self._take([code, *self._facts(score, one)])
+
+    def _take(self, trial: list[Any]) -> None:
+        code, facts = int(trial[0]), trial[1:]
+        if not 1 <= code <= self.space.size:
+            raise ValueError(f"a walk of code {code}")
+        self._trials.append([code, *facts])
+        self._observe(code, *facts)
+
+    def _forget(self) -> None:
+        """Believe what was believed before any walk; a subclass adds its own belief."""
+        self._trials: list[list[Any]] = []
+
+    @abstractmethod
+    def _facts(self, score: float, observation: Observation | None) -> list[Any]:
+        """What is to be kept of a walk, as JSON values."""
+
+    @abstractmethod
+    def _observe(self, code: int, *facts: Any) -> None:
+        """Learn from the facts of a walk; raises ValueError or TypeError for damaged ones."""
+
+    def _search_state(self) -> dict[str, Any]:
+        return {self.walks_named: deepcopy(self._trials)}
+
+    def _restore_search(self, state: dict[str, Any]) -> None:
+        trials = deepcopy(list(state[self.walks_named]))
+        self._forget()
+        for trial in trials:
+            self._take(trial)
 
 
 #: Makes a fresh optimizer from a space and a seed; an `Optimizer` class is one.

@@ -1,15 +1,20 @@
 """A robot that stays connected between trials: preparation, cooling, and walks from its position."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
-from hexctl.adapt.measurement import Operator, measured, not_walked
+from hexctl.adapt.measurement import Operator, measured
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.shipped import TRIM
-from hexctl.adapt.runner import TrialRequest, TrialRunner, WalkedTrial, check_not_stopped
+from hexctl.adapt.runner import (
+    InterruptedTrialError,
+    TrialRequest,
+    TrialRunner,
+    WalkedTrial,
+    check_not_stopped,
+)
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
@@ -25,7 +30,7 @@ from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import drawn_failure, untold_note
-from hexctl.types import RobotState, ServoReadings, joint_in_words
+from hexctl.types import RobotState, joint_in_words
 from hexctl.waiting import StopRequested, comes_true
 
 #: How long a robot that has connected may take to tell its yaw.
@@ -65,7 +70,7 @@ class ResetFreeRunner:
         """Run one trial from the robot's position; its new warnings are noted.
 
         Raises RobotStoppedError if the robot is stopped before the start, RobotFaultError for one that is
-        lost or without a position.
+        lost or without a position, InterruptedTrialError if the operator ends instead.
         """
         walked = self._walk(request)
         for text in self.seen.take(walked.result.warnings):
@@ -73,18 +78,18 @@ class ResetFreeRunner:
         return walked
 
     def _walk(self, request: TrialRequest) -> WalkedTrial:
-        plan = self.runner.plan_for(request.slots, request.trim, request.stride)
+        plan = self.runner.setting.plan_for(request.slots, request.trim, request.stride)
         if self.runner.spec.cool_down_c is not None:
             cool_down(self.servos, self.runner.spec.cool_down_c, self.runner.stop_requested, self.note)
         if self.operator is not None:
-            return self._walk_and_ask(self.operator, request, as_placed(plan, self.runner.robot))
+            return self._walk_and_ask(self.operator, request, as_placed(plan, self.runner.setting.robot))
         if self.arena is not None:
             return self._walk_inside(self.arena, request, plan)
         await_ready(self.servos)
         return self.runner.walk_on(self.servos, plan, request, stop_when(request.should_stop))
 
     def _walk_and_ask(self, operator: Operator, request: TrialRequest, plan: TrialPlan) -> WalkedTrial:
-        robot, again = self.runner.robot, False
+        robot, again = self.runner.setting.robot, False
 
         def completed(result: TrialResult) -> TrialResult:
             nonlocal again
@@ -96,27 +101,22 @@ class ResetFreeRunner:
 
         check_not_stopped(self.servos)
         if not operator.place(request.index, request.code):
-            return WalkedTrial(result=not_walked(robot, plan))
+            raise InterruptedTrialError
         await_ready(self.servos, needs_pose=False)
         walked = self.runner.walk_on(self.servos, plan, request, completed=completed)
         return self._walk_and_ask(operator, request, plan) if again else walked
 
     def _walk_inside(self, arena: Arena, request: TrialRequest, plan: TrialPlan) -> WalkedTrial:
-        hindered = self._come_to_start(arena)
-        if hindered is not None:
-            return WalkedTrial(result=hindered)
+        self._come_to_start(arena)
         state = await_ready(self.servos)
-        here = aimed(plan, self.runner.robot, state, arena)
+        here = aimed(plan, self.runner.setting.robot, state, arena)
         fence = Geofence(arena, stop_when(request.should_stop))
         return self.runner.walk_on(self.servos, here, request, fence)
 
-    def _come_to_start(self, arena: Arena) -> TrialResult | None:
-        """Walk away from the middle, with the gait of self-rotations, until there is room.
-
-        None or what failed.
-        """
-        robot = self.runner.robot
-        plan = self.runner.plan_for(turn_gait(robot).slots, None, None)
+    def _come_to_start(self, arena: Arena) -> None:
+        """Walk away from the middle, with the gait of self-rotations, until there is room."""
+        robot = self.runner.setting.robot
+        plan = self.runner.setting.plan_for(turn_gait(robot).slots, None, None)
         speed_m_s = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
         reach_m = speed_m_s * plan.duration_s
         start = arena.start(reach_m)
@@ -124,7 +124,7 @@ class ResetFreeRunner:
             state = await_ready(self.servos)
             position = state.base_position_world
             if position is None or not arena.too_near(position, reach_m):
-                return None
+                return
             missing_m = start.radius_m - start.distance_m(position)
             timeout_s = APPROACH_TIMEOUT * (RAMP_DURATION_S + missing_m / speed_m_s)
             there = replace(aimed(plan, robot, state, arena, outward=True), duration_s=timeout_s)
@@ -134,12 +134,9 @@ class ResetFreeRunner:
                 stop_requested=self.runner.stop_requested,
                 should_stop=Geofence(start),
             )
-            if result.status == "fell":
-                # The gait of the trial is not at fault: nothing is stored.
-                return replace(result, status="aborted", stopped="fell")
+            check_not_stopped(self.servos)  # the gait of the trial is not at fault: nothing is stored
             if result.status == "aborted":
-                return result
-        return None
+                raise InterruptedTrialError
 
 
 def cool_down(servos: Guard, below_c: float, stop_requested: StopRequested, note: Note) -> None:
@@ -147,22 +144,22 @@ def cool_down(servos: Guard, below_c: float, stop_requested: StopRequested, note
 
     Raises InputError for servos without temperatures, RobotFaultError if they stay hot.
     """
-    readings = _temperatures(servos.peek())
-    if _hottest_c(readings) < below_c:
+    hottest_c, hottest = _hottest(servos.peek())
+    if hottest_c < below_c:
         return
-    note(f"cooling down below {below_c:g} C: {_hottest(readings)}")
+    note(f"cooling down below {below_c:g} C: {hottest}")
     _sit_down(servos, stop_requested)
     began_s = noted_s = servos.clock.now_s
-    while _hottest_c(readings) >= below_c and not stop_requested():
+    while hottest_c >= below_c and not stop_requested():
         servos.clock.tick()
-        readings = _temperatures(servos.read())
+        hottest_c, hottest = _hottest(servos.read())
         check_not_stopped(servos)
         if servos.clock.now_s - noted_s > COOLING_NOTE_S:
             noted_s = servos.clock.now_s
-            note(f"still cooling down: {_hottest(readings)}")
+            note(f"still cooling down: {hottest}")
         if servos.clock.now_s - began_s > COOLING_TIMEOUT_S:
             minutes = COOLING_TIMEOUT_S / 60
-            raise RobotFaultError(f"not below {below_c:g} C after {minutes:g} min: {_hottest(readings)}")
+            raise RobotFaultError(f"not below {below_c:g} C after {minutes:g} min: {hottest}")
 
 
 def _sit_down(servos: Guard, stop_requested: StopRequested) -> None:
@@ -179,25 +176,16 @@ def _sit_down(servos: Guard, stop_requested: StopRequested) -> None:
         servos.disable_torque()
 
 
-def _temperatures(state: RobotState) -> ServoReadings:
-    """Servo readings; raises InputError without a temperature."""
+def _hottest(state: RobotState) -> tuple[float, str]:
+    """Temperature of the hottest joint in degrees Celsius, and in words; raises InputError without one."""
     readings = state.servos
-    if readings is None or readings.hottest_joint is None:
+    if readings is None or (joint := readings.hottest_joint) is None:
         raise InputError(
             f"{argument('cool_down_c')}: used with a robot that measures no temperatures; allowed: with "
             "servos on a bus, here or behind hexctl serve"
         )
-    return readings
-
-
-def _hottest_c(readings: ServoReadings) -> float:
-    joint = readings.hottest_joint
-    return -math.inf if joint is None else float(readings.temperatures_c[joint])
-
-
-def _hottest(readings: ServoReadings) -> str:
-    joint = readings.hottest_joint
-    return "none" if joint is None else f"{joint_in_words(joint)} {readings.temperatures_c[joint]:.0f} C"
+    hottest_c = float(readings.temperatures_c[joint])
+    return hottest_c, f"{joint_in_words(joint)} {hottest_c:.0f} C"
 
 
 def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:

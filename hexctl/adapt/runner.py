@@ -2,17 +2,16 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
-from hexctl.adapt.sessions.unfinished import note_created, unfinished
-from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
+from hexctl.adapt.sessions.unfinished import unfinished
+from hexctl.adapt.setting import Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
-from hexctl.backends.sim.world import World
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.controllers import Controller
@@ -28,13 +27,14 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.recording.live import LiveView
 from hexctl.recording.recording import Recording
 from hexctl.robot.failure import NoticedFailure, in_words, loses_leg
-from hexctl.robot.meshes import Meshes
-from hexctl.robot.model import Robot
 from hexctl.waiting import StopRequested, never
+
+
+class InterruptedTrialError(Exception):
+    """A stop was requested before a trial, or during it."""
 
 
 class NotBegunError(HexctlError, RuntimeError):
@@ -80,6 +80,7 @@ class TrialRequest:
     Attributes:
         index: of the trial; `BASELINE_INDEX` for a walk of the baseline.
         code: of the gait; 0 if its slots have none.
+        usual: name of the gait of a walk of the baseline.
         trim: correction of the walk, or None.
         stride: in place of the robot's, or None.
         should_stop: ends the walk once its path shows enough, or None.
@@ -91,12 +92,12 @@ class TrialRequest:
     trim: Trim | None = None
     stride: Stride | None = None
     should_stop: Enough | None = None
+    usual: str = ""
 
-    def title(self, plan: TrialPlan) -> str:
+    @property
+    def title(self) -> str:
         """Title of the trial, or of the walk of the baseline."""
-        if self.index == BASELINE_INDEX:
-            return f"baseline: gait {_name_of(plan)}"
-        return f"trial {self.index}: gait {self.code}"
+        return f"baseline: gait {self.usual}" if self.usual else f"trial {self.index}: gait {self.code}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,25 +117,22 @@ WalkTrial = Callable[[TrialRequest], WalkedTrial]
 class TrialRunner:
     """Walks the gaits of one session in simulation, each from the same start.
 
-    `world` is None on a real robot, `folder` without recordings, `live` without a view.
+    `folder` is None without recordings, `live` without a view.
     """
 
     spec: SessionSpec
-    robot: Robot
-    world: World | None
-    plan_for: Callable[[Slots, Trim | None, Stride | None], TrialPlan]
+    setting: Setting
     folder: Path | None
     stop_requested: StopRequested = never
     live: LiveView | None = None
-    meshes: Meshes = field(default_factory=dict)
 
     def walk(self, request: TrialRequest) -> WalkedTrial:
         """Run one trial in its own simulation."""
-        plan = self.plan_for(request.slots, request.trim, request.stride)
+        setting, plan = self.setting, self.setting.plan_for(request.slots, request.trim, request.stride)
         # The simulated failure; the plan has the one that the controller knows.
         broken = self.spec.broken
         options = BackendOptions.of(
-            self.spec, robot=self.robot, world=self.world, failure=broken, trial=request.index
+            self.spec, robot=setting.robot, world=setting.world, failure=broken, trial=request.index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
             return self.walk_on(servos, plan, request, stop_when(request.should_stop))
@@ -153,7 +151,7 @@ class TrialRunner:
         """
         with ExitStack() as stack:
             recording = self._open_recording(stack, request, plan)
-            recorders = self._recorders(recording, plan, request.title(plan))
+            recorders = self._recorders(recording, plan, request.title)
             result = run_trial(
                 servos,
                 plan,
@@ -180,7 +178,7 @@ class TrialRunner:
     def _recorders(self, recording: Recording | None, plan: TrialPlan, title: str) -> Recorders:
         if self.live is not None:
             self.live.begin(
-                self.robot,
+                self.setting.robot,
                 plan,
                 title=title,
                 looks=self.spec.robot,
@@ -194,26 +192,24 @@ class TrialRunner:
         """Recording of a trial, or None; raises RecordingError if it cannot be written."""
         if self.folder is None:
             return None
-        floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
-        baseline = request.index == BASELINE_INDEX
-        stem = f"baseline-{_name_of(plan)}" if baseline else f"trial-{request.index:03d}"
+        world = self.setting.world
+        stem = f"baseline-{request.usual}" if request.usual else f"trial-{request.index:03d}"
         path = _new_path(self.folder, stem)
         stack.enter_context(unfinished(path))
         try:
             recording = Recording(
                 path,
-                self.robot,
+                self.setting.robot,
                 plan,
-                title=request.title(plan),
-                floor=floor,
-                meshes=self.meshes,
+                title=request.title,
+                floor=None if world is None else make_floor(world, self.spec.seed),
+                meshes=self.setting.robot_file.meshes,
                 watched=self._watched,
                 servos=not self.spec.simulated,
             )
         except InputError as error:
             raise _unwritable(path, error) from error
         stack.callback(recording.close)
-        note_created(path)
         return recording
 
     def _facts(self, request: TrialRequest) -> dict[str, Any]:
@@ -240,9 +236,9 @@ def _unwritable(path: Path, error: InputError) -> RecordingError:
 
 def at_finer_step(runner: TrialRunner) -> TrialRunner:
     """Runner in the same world at the time step `CONFIRM_STEP_S`, without recordings."""
-    world = runner.world
+    world = runner.setting.world
     finer = None if world is None else world.model_copy(update={"time_step_s": CONFIRM_STEP_S})
-    return replace(runner, world=finer, folder=None, live=None)
+    return replace(runner, setting=replace(runner.setting, world=finer), folder=None, live=None)
 
 
 def without_count(result: TrialResult) -> TrialResult:
@@ -270,13 +266,6 @@ def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) 
     except Exception as error:  # noqa: BLE001  the walk is done, whether or not its recording is whole
         return error
     return None
-
-
-def _name_of(plan: TrialPlan) -> str:
-    """Name of a plan's gait in a baseline; a nameless one is `auto`."""
-    slots = tuple(plan.gait.slots)
-    named = (name for name, own in NAMED_SLOTS.items() if own == slots)
-    return next(named, AUTO)
 
 
 def _new_path(folder: Path, stem: str) -> Path:

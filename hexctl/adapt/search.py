@@ -24,17 +24,17 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import with_step
-from hexctl.control.assessment.static_stability import usual_posture
+from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.monitor.recovery import make_policy
-from hexctl.control.trial_plan import AUTO_ROTATION, SelfRotation, suited_rotation
+from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import InputError, UnusedError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.loader import load_robot
 
-#: Objectives for which strides are searched.
-OF_STRIDES = ("speed", "cost")
+#: Objectives for which strides are searched, and holds of walks that are trimmed.
+OF_STRIDES, OF_TRIM = ("speed", "cost"), ("heading", "none")
 
 #: Packages that decide how trials end.
 PACKAGES = ("hexctl", "mujoco", "numpy")
@@ -58,10 +58,13 @@ def new_spec(
     """
     options = AdaptOptions(**asked)
     measure, free = as_objective(options.objective), options.optimizer is None
-    spec = _with_trim(_with_target(_spec_of(options, measure), options.target), free=free)
-    spec = _with_strides(spec, free=free and options.prior is None)
-    check_numbers(spec)
+    spec = _with_target(_spec_of(options, measure), options.target)
+    if free:
+        spec = replace(spec, optimizer=_usual_optimizer(spec, strides=options.prior is None))
+    _check_confirm(spec)
     _check_options(spec, measure)
+    if spec.optimizer == TRIM:
+        spec = _for_trim(spec)
     if spec.optimizer not in (BAYES, STRIDES, TRIM):
         make_optimizer(options.optimizer or spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
     spec, setting = _in_its_setting(spec, options.body_raise)
@@ -80,12 +83,6 @@ def new_spec(
     )
 
 
-def _rotation_of(asked: SelfRotation | None, hold: str, *, asking: bool) -> SelfRotation:
-    # An operator's robot does not know where it is.
-    held = "heading" if asking and hold == "auto" else hold
-    return suited_rotation(asked or AUTO_ROTATION, held, chosen_gait=True)
-
-
 def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[SessionSpec, Setting]:
     """Spec with target and posture for its robot, and its loaded setting."""
     setting = load_setting(spec)
@@ -93,13 +90,16 @@ def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[Sessio
     if spec.target_m is None and spec.target_share is not None:
         spec = replace(spec, target_m=spec.target_share * setting.ideal_m)
     if body_raise is None:
-        setting = setting.in_posture("auto" if spec.optimizer == TRIM else usual_posture(spec.hold))
+        posture = "auto" if spec.optimizer == TRIM else usual_posture(spec.hold)
+        setting = replace(setting, plan=in_posture(setting.robot, setting.plan, posture))
         spec = replace(spec, body_raise=setting.plan.gait.posture.body_raise)
     return spec, setting
 
 
 def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
     hold, credentials, home_m = options.hold or measure.hold, options.credentials, options.home_m
+    # An operator's robot does not know where it is.
+    held = "heading" if options.ask and hold == "auto" else hold
     robot = _named("robot", options.robot)
     world = None if options.world is None else _named("world", options.world)
     asked = {field.name: getattr(options, field.name) for field in fields(options)}
@@ -115,7 +115,7 @@ def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
             "objective_label": "" if measure.name in OBJECTIVES else measure.label,
             "objective_unit": measure.unit,
             "hold": hold,
-            "self_rotation": _rotation_of(options.self_rotation, hold, asking=options.ask),
+            "self_rotation": suited_rotation(options.self_rotation or AUTO_ROTATION, held, chosen_gait=True),
             "body_raise": options.body_raise or 0.0,
             "uncertainty_m": options.uncertainty_m or 0.0,
             "home_m": None if home_m is None else [float(value) for value in home_m],
@@ -152,20 +152,14 @@ def extended(session: Session, budget: int) -> SessionSpec:
             f"{argument('budget')}: got {budget}, of which {walked} are walked; allowed: more than {walked}"
         )
     spec = replace(session.spec, budget=budget)
-    check_numbers(spec)
+    _check_confirm(spec)
     return spec
 
 
-def check_numbers(spec: SessionSpec) -> None:
-    """Raise InputError for an invalid number of a spec."""
+def _check_confirm(spec: SessionSpec) -> None:
     if not 0 <= spec.confirm < spec.budget:
         raise InputError(
             f"{argument('confirm')}: got {spec.confirm}; allowed: 0 to less than the budget of {spec.budget}"
-        )
-    if spec.uncertainty_m and not spec.simulated:
-        raise InputError(
-            f"uncertainty_m: got {spec.uncertainty_m} with {argument('backend')} {spec.backend}; allowed: "
-            "with sim, whose own it is"
         )
 
 
@@ -193,47 +187,26 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
     return spec
 
 
-def _with_trim(spec: SessionSpec, *, free: bool) -> SessionSpec:
-    """Spec of a search that trims, the default for straight walks without a held line."""
-    of_codes = spec.trim == "off" or spec.early_stop or spec.count_repeats or spec.worth_m is not None
-    ends = spec.objective in ("final", "progress") and spec.hold in ("none", "heading")
-    if free and ends and not of_codes:
-        spec = replace(spec, optimizer=TRIM)
-    if spec.optimizer != TRIM:
-        return spec
-    got = f"{argument('optimizer')}: got {TRIM} with"
-    if spec.trim == "off":
-        raise InputError(f"{got} {argument('trim')} off; allowed: without")
-    if spec.objective_unit != "m":  # first, as it may be what chose the hold
-        raise InputError(
-            f"{got} {argument('objective')} {spec.objective}; allowed: with one in metres, such as final"
-        )
-    if spec.hold not in ("heading", "none"):
-        raise InputError(
-            f"{got} {argument('hold')} {spec.hold}; allowed: with heading, or none for a robot without a yaw"
-        )
-    for name in ("count_repeats", "early_stop", "worth_m"):
-        if (value := getattr(spec, name)) is not None and value is not False:  # 0 is given, too
-            raise InputError(f"{got} {argument(name)}; allowed: without")
+def _usual_optimizer(spec: SessionSpec, *, strides: bool) -> str:
+    """Trim for straight walks without a held line, strides for fast or cheap walks along one, else codes."""
+    if _is_of_codes(spec):
+        return spec.optimizer
+    if spec.trim != "off" and spec.objective in ("final", "progress") and spec.hold in OF_TRIM:
+        return TRIM
+    return STRIDES if strides and spec.objective in OF_STRIDES and spec.hold != "none" else spec.optimizer
+
+
+def _is_of_codes(spec: SessionSpec) -> bool:
+    """Whether an option is given that only searches of codes have."""
+    return spec.early_stop or spec.count_repeats or spec.worth_m is not None
+
+
+def _for_trim(spec: SessionSpec) -> SessionSpec:
+    """Spec of a search that trims, with a fine time step and a target."""
     if spec.world is not None:
         spec = replace(spec, world=with_step(spec.world, CONFIRM_STEP_S))
     known = spec.target_m is not None or spec.target_share is not None
     return spec if known else replace(spec, target_m=DEFAULT_TARGET_M)
-
-
-def _with_strides(spec: SessionSpec, *, free: bool) -> SessionSpec:
-    """Spec of a search of strides, the default for fast or cheap walks along a held line."""
-    of_codes = spec.early_stop or spec.count_repeats or spec.worth_m is not None
-    steered = spec.objective in OF_STRIDES and spec.hold != "none"
-    if free and steered and not of_codes:
-        return replace(spec, optimizer=STRIDES)
-    if spec.optimizer == STRIDES and (of_codes or not steered):
-        raise InputError(
-            f"{argument('optimizer')}: got {STRIDES} with {argument('objective')} {spec.objective} and "
-            f"{argument('hold')} {spec.hold}; allowed: with {' or '.join(OF_STRIDES)} along a held line, "
-            f"without {argument('early_stop')}, {argument('count_repeats')} and {argument('worth_m')}"
-        )
-    return spec
 
 
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
@@ -241,9 +214,28 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
     linked = option_values(spec, but=("robot", "world", "failure", "seed"))
     if ":" not in spec.backend or any(linked.values()):
         check_options(spec.backend, **linked)
-    for contradicts, got, allowed in _contradictions(spec, objective):
+    for contradicts, got, allowed in (*_of_optimizer(spec), *_contradictions(spec, objective)):
         if contradicts:
             raise InputError(f"{got}; allowed: {allowed}")
+
+
+def _of_optimizer(spec: SessionSpec) -> Iterator[tuple[bool, str, str]]:
+    """Contradictions of the optimizer and other options."""
+    trims, strides = spec.optimizer == TRIM, spec.optimizer == STRIDES
+    named, held = argument("objective"), argument("hold")
+    got = f"{argument('optimizer')}: got {spec.optimizer} with"
+    yield trims and spec.trim == "off", f"{got} {argument('trim')} off", "without"
+    # First, as it may be what chose the hold.
+    metres = "with one in metres, such as final"
+    yield trims and spec.objective_unit != "m", f"{got} {named} {spec.objective}", metres
+    yaw = "with heading, or none for a robot without a yaw"
+    yield trims and spec.hold not in OF_TRIM, f"{got} {held} {spec.hold}", yaw
+    steered = spec.objective in OF_STRIDES and spec.hold != "none"
+    along = f"with {' or '.join(OF_STRIDES)} along a held line"
+    yield strides and not steered, f"{got} {named} {spec.objective} and {held} {spec.hold}", along
+    for name in ("count_repeats", "early_stop", "worth_m"):
+        given = getattr(spec, name) is not None and getattr(spec, name) is not False  # 0 is given, too
+        yield (trims or strides) and given, f"{got} {argument(name)}", "without"
 
 
 def _contradictions(spec: SessionSpec, objective: Objective) -> Iterator[tuple[bool, str, str]]:
@@ -251,6 +243,8 @@ def _contradictions(spec: SessionSpec, objective: Objective) -> Iterator[tuple[b
     named, sim, ask = argument("objective"), f"{argument('backend')} sim", argument("ask")
     staying = ask if spec.ask else argument("arena_m")
     stays = spec.arena_m is not None or spec.ask
+    got = f"uncertainty_m: got {spec.uncertainty_m} with {argument('backend')} {spec.backend}"
+    yield bool(spec.uncertainty_m) and not spec.simulated, got, "with sim, whose own it is"
     uncertain = bool(spec.uncertainty_m) and spec.objective != "final"
     got = f"uncertainty_m: got {spec.uncertainty_m} with {named} {spec.objective}"
     yield uncertain, got, "with final, whose end of a walk it is of"

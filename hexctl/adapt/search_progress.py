@@ -1,11 +1,12 @@
 """The progress bar of a search."""
 
+import math
 import sys
 from types import TracebackType
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from hexctl.adapt.sessions.search_session import Session
@@ -19,17 +20,6 @@ CONFIRMATION_WALKS = 4
 _HELP = "Ctrl-C stops, --resume continues"
 
 
-class _TimeLeft(ProgressColumn):
-    """Maximum remaining time, by the mean duration of the walks so far."""
-
-    def render(self, task: Task) -> Text:
-        walked = task.completed - task.fields["before"]
-        if not walked or task.elapsed is None or task.total is None:
-            return Text("-:--", style="progress.remaining")
-        left_s = max(0, round(task.elapsed / walked * (task.total - task.completed)))
-        return Text(f"at most {left_s // 60}:{left_s % 60:02d}", style="progress.remaining")
-
-
 class SearchBar:
     """A temporary bar on stderr that counts the walks of a session."""
 
@@ -38,9 +28,10 @@ class SearchBar:
             TextColumn("{task.description}"),
             BarColumn(bar_width=16),
             TextColumn("{task.completed:.0f}/{task.total:.0f} walks"),
-            _TimeLeft(),
+            TimeRemainingColumn(),
             console=Console(stderr=True),
             transient=True,
+            speed_estimate_period=math.inf,
             disable=hidden or not sys.stderr.isatty(),
         )
 
@@ -55,7 +46,7 @@ class SearchBar:
         baseline = len(session.baseline if session.trials else spec.baseline_gaits)
         confirming = CONFIRMATION_WALKS if spec.confirmed_uncertainty_m else 0
         total = max(baseline + spec.budget + confirming, done)
-        self._task = self._progress.add_task(_HELP, total=total, completed=done, before=done)
+        self._task = self._progress.add_task(_HELP, total=total, completed=done)
         self._progress.start()
 
     def advance(self, session: Session, _walk: WalkRecord | None = None) -> None:

@@ -9,14 +9,12 @@ from pathlib import Path
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.optimizers.shipped import BAYES, STRIDES, TRIM
-from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
+from hexctl.adapt.prior.prior import Prior, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_files import check_prior
-from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world, without_step
-from hexctl.control.assessment.score import progress_floor_m
-from hexctl.control.assessment.static_stability import in_posture
+from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.assessment.uncertainty_store import (
     COMPUTATION,
@@ -28,7 +26,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import ideal_speed_m_s, make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
@@ -74,25 +72,10 @@ class Setting:
         turn_rad_s = trim.turn_rad_s if plan.hold == "none" else None
         return replace(plan, trim_rad=trim.course_rad, turn_trim_rad_s=turn_rad_s)
 
-    def in_posture(self, posture: str) -> "Setting":
-        """Setting with gaits in one of `hexctl.control.assessment.static_stability.POSTURES`."""
-        return replace(self, plan=in_posture(self.robot, self.plan, posture))
-
     @property
     def ideal_m(self) -> float:
         """Distance of a walk without slip."""
-        speed_m_s = ideal_speed_m_s(self.robot, self.plan.gait, self.plan.motion(0.0))
-        return speed_m_s * self.plan.duration_s
-
-    @property
-    def floor_m(self) -> float:
-        """Minimum distance of a valid walk."""
-        return progress_floor_m(self.robot, self.plan, self.plan.duration_s)
-
-    @property
-    def prior_key(self) -> PriorKey:
-        """Key of the priors for these trials."""
-        return PriorKey.of(self.robot, self.plan)
+        return ideal_distance_m(self.robot, self.plan, self.plan.duration_s)
 
 
 def load_setting(spec: SessionSpec) -> Setting:
@@ -126,7 +109,7 @@ def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScoreP
     if spec.prior is None:
         return None
     path = Path(spec.prior)
-    check_prior(path, PriorKey.of(robot, plan), covers=covering(robot, plan))
+    check_prior(path, robot, plan)
     prior = load_prior(path) if spec.hold == "none" else load_score_prior(path)
     if spec.prior_digest and prior.digest != spec.prior_digest:
         raise InputError(
@@ -138,7 +121,8 @@ def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScoreP
 def start_note(spec: SessionSpec, setting: Setting) -> str | None:
     """Note for an operator before the robot moves, or None; raises InputError for a too small arena."""
     if spec.arena_m is not None:
-        return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=setting.floor_m)
+        least_m = progress_floor_m(setting.robot, setting.plan, spec.duration_s)
+        return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=least_m)
     if spec.simulated or spec.ask:
         return None
     return (

@@ -17,7 +17,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.preparation import prepare, ticks_of
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError
+from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
@@ -42,7 +42,7 @@ def with_stance(
     command, after the choice of the first gait. Without `servos` it is simulated; `note` is called if it
     cannot be measured.
 
-    Raises the errors of `connected_deflection_rad`.
+    Raises the errors of `stance_deflection_rad`.
     """
     if spec.ask or spec.optimizer != BAYES:
         return spec
@@ -51,7 +51,7 @@ def with_stance(
     if servos is None:
         sag_rad = simulated_deflection_rad(setting.robot, setting.world, setting.plan, spec.seed, spec.broken)
     else:
-        sag_rad = connected_deflection_rad(servos, setting.plan, stop_requested)
+        sag_rad = stance_deflection_rad(servos, setting.plan, stop_requested)
     if sag_rad is None:
         if not stop_requested():
             note("how the robot stands is not known (joints not measured, or not at rest)")
@@ -68,7 +68,8 @@ def stance_deflection_rad(
         Angle sent minus angle measured, the mean at rest, (18,); NaN for a joint that only echoes. None if no
         joint is measured or a stop is requested, both without a move, or if the robot does not come to rest.
 
-    Raises what `drive` raises, but not for a command that was refused once.
+    Raises RobotStoppedError if the robot is stopped meanwhile, and what `drive` raises, but not for a command
+    that was refused once.
     """
     if not servos.read().measured:
         return None
@@ -88,6 +89,9 @@ def _stand(servos: Guard, plan: TrialPlan, log: TickLog) -> None:
     servos.pause_watchdog()
     try:
         prepare(servos, replace(plan, self_rotation="none"), (log,))
+    except EStopError:
+        check_not_stopped(servos)
+        raise
     finally:
         # What comes now takes its time, and silence must not be taken for a failure.
         servos.pause_watchdog()
@@ -105,20 +109,6 @@ def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
     return None if echoed.all() else np.where(echoed, np.nan, sags_rad.mean(axis=0))
 
 
-def connected_deflection_rad(
-    servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never
-) -> FloatArray | None:
-    """Static deflection of a connected robot in its pose; None if it cannot be measured.
-
-    Raises RobotStoppedError if the robot is stopped meanwhile, RobotFaultError for a lost one.
-    """
-    try:
-        return stance_deflection_rad(servos, plan, stop_requested)
-    except EStopError:
-        check_not_stopped(servos)
-        raise
-
-
 def simulated_deflection_rad(
     robot: Robot, world: World | None, plan: TrialPlan, seed: int, failure: Failure | None
 ) -> FloatArray | None:
@@ -127,5 +117,5 @@ def simulated_deflection_rad(
     try:
         with Guard(make_servos("sim", options)) as servos:
             return stance_deflection_rad(servos, plan)
-    except (EStopError, SimulationDivergedError):
+    except RobotFaultError:
         return None

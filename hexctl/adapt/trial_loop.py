@@ -1,14 +1,16 @@
 """The loop of trials: ask for a gait, walk it, tell the score, store the trial."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass, field
 from itertools import takewhile
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.objectives import Objective, make_objective
+from hexctl.adapt.objectives import OBJECTIVES, Objective
 from hexctl.adapt.optimizer import Observation, Optimizer, Trim
 from hexctl.adapt.runner import (
+    InterruptedTrialError,
     LegFailedError,
     RobotStoppedError,
     TrialRequest,
@@ -27,7 +29,7 @@ from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import AUTO, NAMED_SLOTS
+from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.waiting import StopRequested, never
 
 #: Ticks between two stored points of a path: 5 Hz.
@@ -41,45 +43,35 @@ NOT_WORTH = "not worth another trial"
 OnStored = Callable[[Session, Walk], None]
 
 
+@dataclass(slots=True)
 class AdaptLoop:
     """Continues a session until its budget is spent, its target reached, or a stop requested.
 
     Each trial is stored with the optimizer's state before the next one starts: an interrupted session
     continues to the same end.
+
+    Attributes:
+        usual_slots: of the gaits of a baseline, by name.
+        repeats_exactly: whether a second walk would end as the first one.
+        walk_finely: walks at the time step `CONFIRM_STEP_S`; None on a real robot.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        store: SessionStore,
-        optimizer: Optimizer,
-        walk: WalkTrial,
-        *,
-        objective: Objective | None = None,
-        stop_requested: StopRequested = never,
-        on_stored: OnStored | None = None,
-        stable_slots: Slots | None = None,
-        margin_m_of: Callable[[Slots], float] | None = None,
-        walk_finely: WalkTrial | None = None,
-        repeats_exactly: bool = False,
-    ) -> None:
-        """Prepare to continue a session.
+    session: Session
+    store: SessionStore
+    optimizer: Optimizer
+    walk: WalkTrial
+    _: KW_ONLY
+    objective: Objective = OBJECTIVES["final"]
+    stop_requested: StopRequested = never
+    on_stored: OnStored | None = None
+    usual_slots: Mapping[str, Slots] = field(default_factory=lambda: NAMED_SLOTS)
+    margin_m_of: Callable[[Slots], float] | None = None
+    walk_finely: WalkTrial | None = None
+    repeats_exactly: bool = False
 
-        Args:
-            objective: by default the one in its spec.
-            stable_slots: of the gait `auto`, if the baseline has it.
-            repeats_exactly: whether a second walk would end as the first one.
-            walk_finely: walks at the time step `CONFIRM_STEP_S`; None on a real robot.
-        """
-        self._session, self._store, self._optimizer = session, store, optimizer
-        self._walk = walk
-        self._baseline_slots = NAMED_SLOTS if stable_slots is None else {**NAMED_SLOTS, AUTO: stable_slots}
-        self._margin_m_of, self._walk_finely = margin_m_of, walk_finely
-        self._repeats_exactly = repeats_exactly
-        self._objective = make_objective(session.spec.objective) if objective is None else objective
-        self._stop_requested, self._on_stored = stop_requested, on_stored
-        if session.optimizer_state is not None:
-            optimizer.restore(session.optimizer_state)
+    def __post_init__(self) -> None:
+        if self.session.optimizer_state is not None:
+            self.optimizer.restore(self.session.optimizer_state)
 
     def run(self) -> str:
         """Run trials and return why the search ended.
@@ -89,40 +81,40 @@ class AdaptLoop:
         RobotStoppedError when the robot stopped; RecordingError after a trial with an incomplete recording:
         the trial is stored, unless it was interrupted.
         """
-        self._session.settled_on = None
+        self.session.settled_on = None
         self._store_end(None)
-        ended = self._search() if self._walk_baseline() else "interrupted"
-        if ended != "interrupted" and not (self._confirm() and self._confirm_finely()):
+        try:
+            self._walk_baseline()
+            ended = self._search()
+            self._confirm()
+            self._confirm_finely()
+        except InterruptedTrialError:
             ended = "interrupted"
         self._note_settled()
         self._store_end(None if ended == "interrupted" else ended)
         return ended
 
-    @property
-    def _index(self) -> int:
-        trials = self._session.trials
-        return trials[-1].index + 1 if trials else 1
-
     def _store_end(self, ended: str | None) -> None:
-        self._session.ended = ended
-        self._store.keep(self._session)
+        self.session.ended = ended
+        self.store.keep(self.session)
 
-    def _walk_baseline(self) -> bool:
-        """Walk the missing gaits of the baseline; False when interrupted."""
-        session, optimizer = self._session, self._optimizer
+    def _check_stop(self) -> None:
+        if self.stop_requested():
+            raise InterruptedTrialError
+
+    def _walk_baseline(self) -> None:
+        """Walk the missing gaits of the baseline."""
+        session, optimizer = self.session, self.optimizer
         walked = {walk.gait for walk in session.baseline}
         for name in [] if session.trials else session.spec.baseline_gaits:
             if name in walked:
                 continue
-            if self._stop_requested():
-                return False
-            slots = self._baseline_slots[name]
+            self._check_stop()
+            slots = self.usual_slots[name]
             code = _code_of(optimizer.space, slots)
             what = f"the baseline {name}"
-            request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots)
-            one = self._checked(self._walk(request), what)
-            if _interrupted(one, what):
-                return False
+            request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots, usual=name)
+            one = _counted(self.walk(request), what)
             record = BaselineRecord(
                 gait=name,
                 code=code,
@@ -134,44 +126,40 @@ class AdaptLoop:
             if learns := optimizer.trims and code is not None:
                 optimizer.repeat(code, record.score, Observation.of(one.result))
             self._keep(record, one, optimizer.state() if learns else None)
-        return True
 
     def _search(self) -> str:
-        spec = self._session.spec
-        while len(self._session.trials) < spec.budget - spec.confirm:
+        spec = self.session.spec
+        while len(self.session.trials) < spec.budget - spec.confirm:
             if self._reached():
                 return "target"
-            if self._optimizer.finished:
+            if self.optimizer.finished:
                 return "confirmed"
-            if not self._optimizer.worthwhile:
+            if not self.optimizer.worthwhile:
                 return NOT_WORTH
-            if self._optimizer.exhausted:
+            if self.optimizer.exhausted:
                 return "exhausted"
-            if self._stop_requested():
-                return "interrupted"
+            self._check_stop()
             if (last := self._to_confirm()) is not None:
-                walked = self._try(last.code, trim=last.trim, confirms=True)
+                self._try(last.code, trim=last.trim, confirms=True)
             else:
-                (code,) = self._optimizer.ask(1)
-                should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
-                walked = self._try(code, should_stop)
-            if not walked:
-                return "interrupted"
-        if self._optimizer.finished:
+                (code,) = self.optimizer.ask(1)
+                should_stop = self.optimizer.early_stopping(code) if spec.early_stop else None
+                self._try(code, should_stop)
+        if self.optimizer.finished:
             return "confirmed"
         return "target" if self._reached() else "budget"
 
     def _note_settled(self) -> None:
-        code = self._optimizer.recommended()
-        predicted = self._optimizer.predict(code) if code is not None else None
-        self._session.settled_on = None if predicted is None else {"code": code, **predicted.as_json()}
+        code = self.optimizer.recommended()
+        predicted = self.optimizer.predict(code) if code is not None else None
+        self.session.settled_on = None if predicted is None else {"code": code, **predicted.as_json()}
 
     def _reached(self) -> bool:
         """Whether the best trial so far is within the target, unless the optimizer judges that.
 
         Trimmed walks are within it once one repeats.
         """
-        session, optimizer, target_m = self._session, self._optimizer, self._session.spec.target_m
+        session, optimizer, target_m = self.session, self.optimizer, self.session.spec.target_m
         if optimizer.judges_target or target_m is None:
             return False
         if optimizer.trims:
@@ -179,41 +167,39 @@ class AdaptLoop:
         return session.best is not None and session.best.score <= target_m
 
     def _is_confirmed(self, trial: TrialRecord) -> bool:
-        return self._repeats_exactly or trial.confirms
+        return self.repeats_exactly or trial.confirms
 
     def _to_confirm(self) -> TrialRecord | None:
         """The last trial, if it was trimmed to within the target and has to repeat that."""
-        trials, target_m = self._session.trials, self._session.spec.target_m
-        if not (self._optimizer.trims and trials) or target_m is None:
+        trials, target_m = self.session.trials, self.session.spec.target_m
+        if not (self.optimizer.trims and trials) or target_m is None:
             return None
         return trials[-1] if trials[-1].score <= target_m and not self._is_confirmed(trials[-1]) else None
 
-    def _confirm(self) -> bool:
-        """Repeat the best gait as often as asked; return False when interrupted."""
-        session, spec = self._session, self._session.spec
-        while self._repeats() < spec.confirm and len(session.trials) < spec.budget:
+    def _confirm(self) -> None:
+        """Repeat the best gait as often as asked."""
+        session, spec = self.session, self.session.spec
+        while len(session.trials) < spec.budget:
+            repeats = takewhile(lambda trial: trial.confirms, reversed(session.trials))
+            if len(list(repeats)) >= spec.confirm:
+                return
             best = session.best
-            code = self._optimizer.recommended() or (best.code if best else None)
+            code = self.optimizer.recommended() or (best.code if best else None)
             if code is None:
-                break
-            trim = best.trim if best and self._optimizer.trims else None
-            if not self._try(code, trim=trim, confirms=True):
-                return False
-        return True
+                return
+            trim = best.trim if best and self.optimizer.trims else None
+            self._try(code, trim=trim, confirms=True)
 
-    def _confirm_finely(self) -> bool:
-        while self._walk_finely is not None and (found := next_to_confirm(self._session)) is not None:
-            if self._stop_requested() or not self._confirmed(found.walk, self._walk_finely):
-                return False
-        return True
+    def _confirm_finely(self) -> None:
+        while self.walk_finely is not None and (found := next_to_confirm(self.session)) is not None:
+            self._check_stop()
+            self._walk_again(found.walk, self.walk_finely)
 
-    def _confirmed(self, found: TrialRecord | BaselineRecord, walk: WalkTrial) -> bool:
-        """Walk a gait again at a finer time step, and store it; False when interrupted."""
+    def _walk_again(self, found: TrialRecord | BaselineRecord, walk: WalkTrial) -> None:
+        """Walk a gait again at a finer time step, and store it."""
         index = found.index if isinstance(found, TrialRecord) else BASELINE_INDEX
         code, slots, what = found.code, found.slots, f"the confirmation of gait {found.code}"
-        one = self._checked(walk(TrialRequest(index=index, code=code or 0, slots=slots)), what)
-        if _interrupted(one, what):
-            return False
+        one = _counted(walk(TrialRequest(index=index, code=code or 0, slots=slots)), what)
         record = ConfirmationRecord(
             code=code,
             slots=slots,
@@ -223,10 +209,6 @@ class AdaptLoop:
             **_stored(one),
         )
         self._keep(record, one)
-        return True
-
-    def _repeats(self) -> int:
-        return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
 
     def _try(
         self,
@@ -235,12 +217,13 @@ class AdaptLoop:
         *,
         trim: Trim | None = None,
         confirms: bool = False,
-    ) -> bool:
-        """Walk a code as the next trial, learn from it and store it; return False when interrupted.
+    ) -> None:
+        """Walk a code as the next trial, learn from it and store it.
 
         The trim is the optimizer's by default.
         """
-        optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
+        optimizer, trials, slots = self.optimizer, self.session.trials, self.optimizer.space.slots_of(code)
+        index = trials[-1].index + 1 if trials else 1
         predicted, what = optimizer.predict(code), f"trial {index}"
         request = TrialRequest(
             index=index,
@@ -250,9 +233,7 @@ class AdaptLoop:
             stride=optimizer.stride(code),
             should_stop=should_stop,
         )
-        walked = self._checked(self._walk(request), what)
-        if _interrupted(walked, what):
-            return False
+        walked = _counted(self.walk(request), what)
         score, seen = self._scored(walked, f"{what}, gait {code}"), Observation.of(walked.result)
         if confirms:
             optimizer.repeat(code, score, seen)
@@ -270,38 +251,27 @@ class AdaptLoop:
             expected=None if predicted is None else predicted.as_json(),
         )
         self._keep(trial, walked, optimizer.state())
-        return True
-
-    def _checked(self, walked: WalkedTrial, what: str) -> WalkedTrial:
-        """A walk; raises RobotStoppedError when the robot, not the operator, stopped it, or a leg failed."""
-        result = walked.result
-        if result.status == "aborted" and result.stopped != "requested":
-            reason = result.stopped or "for no known reason"
-            if legs := tuple(one.failure.leg for one in noticed_legs(result)):
-                raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
-            raise RobotStoppedError(f"{what}: the robot was stopped: {reason_in_words(reason)}", reason)
-        return walked
 
     def _margin_m(self, slots: Slots) -> float | None:
-        return None if self._margin_m_of is None else self._margin_m_of(slots)
+        return None if self.margin_m_of is None else self.margin_m_of(slots)
 
     def _scored(self, walked: WalkedTrial, what: str) -> float:
         """Score of a walk; raises InputError when the objective fails: the walk can be repeated."""
         try:
-            return self._objective(walked.result)
+            return self.objective(walked.result)
         except Exception as error:
             reason = str(error) if isinstance(error, HexctlError) else f"{type(error).__name__}: {error}"
             raise InputError(
-                f"objective {self._objective.name}: failed on {what} "
+                f"objective {self.objective.name}: failed on {what} "
                 f"({' '.join(reason.split())}); the trials before it are stored: once that is corrected, "
-                f"{argument('resume')} {self._session.name} walks it again"
+                f"{argument('resume')} {self.session.name} walks it again"
             ) from error
 
     def _keep(self, record: Walk, walked: WalkedTrial, state: dict[str, Any] | None = None) -> None:
         """Store a walk and report it; raises RecordingError if its recording is incomplete."""
-        self._store.add(self._session, record, state)
-        if self._on_stored is not None:
-            self._on_stored(self._session, record)
+        self.store.add(self.session, record, state)
+        if self.on_stored is not None:
+            self.on_stored(self.session, record)
         _check_recording(walked, f"{record.name} is done")
 
 
@@ -312,11 +282,22 @@ def _code_of(space: GaitSpace, slots: Slots) -> int | None:
         return None
 
 
-def _interrupted(walked: WalkedTrial, what: str) -> bool:
-    """Whether a walk was interrupted; raises RecordingError if its recording is incomplete then."""
-    if walked.result.status == "aborted":
-        _check_recording(walked, f"{what} was interrupted")
-    return walked.result.status == "aborted"
+def _counted(walked: WalkedTrial, what: str) -> WalkedTrial:
+    """A walk that was not interrupted.
+
+    Raises RobotStoppedError when the robot, not the operator, stopped it, or a leg failed; RecordingError if
+    the recording of an interrupted one is incomplete.
+    """
+    result = walked.result
+    if result.status != "aborted":
+        return walked
+    if result.stopped != "requested":
+        reason = result.stopped or "for no known reason"
+        if legs := tuple(one.failure.leg for one in noticed_legs(result)):
+            raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
+        raise RobotStoppedError(f"{what}: the robot was stopped: {reason_in_words(reason)}", reason)
+    _check_recording(walked, f"{what} was interrupted")
+    raise InterruptedTrialError
 
 
 def _check_recording(walked: WalkedTrial, done: str) -> None:

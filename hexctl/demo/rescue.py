@@ -16,8 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.adaptation import Adaptation, OnBegin
-from hexctl.adapt.adaptation_result import AdaptationResult
+from hexctl.adapt.adaptation import Adaptation, AdaptationResult, OnBegin
 from hexctl.adapt.runner import NotBegunError
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.store import RUNS

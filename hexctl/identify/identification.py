@@ -19,7 +19,6 @@ from hexctl.identify.fit import Fit, OnStage, Replay, fit_values, mean_errors_ra
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
 from hexctl.identify.robot_log import OF_JOINTS, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
-from hexctl.identify.starts import starts_of
 from hexctl.options import check_names
 from hexctl.robot.model import Robot
 from hexctl.runs.run import Run, RunResult
@@ -35,6 +34,21 @@ BEST_STARTS = 3
 
 #: Error at which no other start can be better.
 CLEAR_RAD = np.radians(0.1)
+
+#: Least friction of a start, as a share of the torque: the effect of none cannot be measured.
+LEAST_FRICTION = 0.02
+
+#: Ranges of multiples of the robot file's values. Motions do not show a torque limit that is too large.
+RANGES = {
+    "stiffness_nm_per_rad": (0.6, 2.0),
+    "damping_nm_s_per_rad": (0.5, 3.0),
+    "rotor_inertia_kg_m2": (0.5, 5.0),
+    "dry_friction_nm": (1.0, 5.0),
+    "max_torque_nm": (0.2, 1.0),
+}
+
+#: Largest addition to the dead time, and number of drawn starts.
+MOST_MORE_S, STARTS = 0.04, 63
 
 #: Least number of bench runs of which every other one is kept to judge the result.
 ENOUGH_TO_JUDGE = 4
@@ -123,7 +137,7 @@ def _fit_robot(replays: Sequence[RobotLog], on_step: OnStage) -> Fit[RobotValues
     coarse = [one.coarse() for one in replays]
     ranked = [one for one in coarse if one.on_stand] or coarse
     near: list[tuple[float, RobotValues]] = []
-    starts = sorted(starts_of(replays[0].robot), key=partial(_error_rad, ranked))[:BEST_STARTS]
+    starts = sorted(_starts_of(replays[0].robot), key=partial(_error_rad, ranked))[:BEST_STARTS]
     for number, start in enumerate(starts, 1):
         stage = f"fastest part, start {number} of up to {BEST_STARTS}"
         near.append(near_values(coarse, start, OF_JOINTS, partial(on_step, stage)))
@@ -135,6 +149,24 @@ def _fit_robot(replays: Sequence[RobotLog], on_step: OnStage) -> Fit[RobotValues
     fine = partial(on_step, "complete logs, fine")
     found = fit_values(replays, best, searched, enough_gain=ROBOT_GAIN, on_step=fine)
     return replace(found, before_rad=mean_errors_rad(replays, RobotValues.of(replays[0].robot)))
+
+
+def _starts_of(robot: Robot) -> list[RobotValues]:
+    """Values of a robot file, with some friction, and drawn ones: a search ends near its start."""
+    file = RobotValues.of(robot)
+    friction_nm = max(file.dry_friction_nm, LEAST_FRICTION * file.max_torque_nm)
+    file = replace(file, dry_friction_nm=friction_nm)
+    low, high = np.array(list(RANGES.values())).T
+    shares = np.random.default_rng(0).uniform(size=(STARTS, len(RANGES) + 1))
+    factors = low * (high / low) ** shares[:, :-1]
+    return [file] + [
+        replace(
+            file,
+            dead_time_s=min(file.dead_time_s + MOST_MORE_S * late, PARAMETERS["dead_time_s"].high),
+            **{name: factor * getattr(file, name) for name, factor in zip(RANGES, row, strict=True)},
+        )
+        for row, late in zip(factors.tolist(), shares[:, -1].tolist(), strict=True)
+    ]
 
 
 def _error_rad(replays: Sequence[RobotLog], values: RobotValues) -> float:

@@ -1,6 +1,6 @@
 """Picture of an identification: measured and simulated angles, and the errors before and after."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from hexctl.errors import MissingExtraError
 from hexctl.identify.identification import Identification
 from hexctl.identify.parameters import ServoValues
-from hexctl.types import JOINT_NAMES, N_JOINTS, ArrayFields, FloatArray
+from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
 
 #: Maximum number of shown logs, a row each.
 MOST_ROWS = 3
@@ -26,56 +26,43 @@ def draw_identification(found: Identification, before: ServoValues | None, path:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError("the picture of an identification", "study") from error
-    rows = [_Row.of(replay, found.fit.values, before) for replay in found.replays[-MOST_ROWS:]]
-    figure = Figure(figsize=(11, 0.6 + 2.8 * len(rows)), layout="constrained")
-    for row, (angles, errors) in zip(rows, figure.subplots(len(rows), 2, squeeze=False), strict=True):
-        row.draw(angles, errors)
+    replays = found.replays[-MOST_ROWS:]
+    values = {NOW: found.fit.values} if before is None else {BEFORE: before, NOW: found.fit.values}
+    figure = Figure(figsize=(11, 0.6 + 2.8 * len(replays)), layout="constrained")
+    for replay, (angles, left) in zip(replays, figure.subplots(len(replays), 2, squeeze=False), strict=True):
+        _draw_part(replay, values, angles, left)
     handles, labels = angles.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     figure.savefig(path, dpi=120)
 
 
-@dataclass(frozen=True, eq=False)
-class _Row(ArrayFields):
-    """The shown part of a log: a joint, its angles, and errors (simulated less measured) by label."""
+def _draw_part(replay: Any, values: Mapping[tuple[str, str], ServoValues], angles: Any, left: Any) -> None:
+    """Draw the part and the joint of a log with the largest error, of the first values."""
+    errors_rad = {label: _columns(replay.errors_rad(one)) for label, one in values.items()}
+    part, joint = _worst(np.abs(next(iter(errors_rad.values()))), replay.time_s)
+    time_s = (replay.time_s - replay.time_s[0])[part]
+    measured_deg = np.degrees(_columns(replay.measured_rad)[part, joint])
+    name, color = MEASURED
+    angles.plot(time_s, measured_deg, color=color, linewidth=2.5, label=name)
+    for (name, color), found_rad in errors_rad.items():
+        error_deg = np.degrees(found_rad[part, joint])
+        angles.plot(time_s, measured_deg + error_deg, color=color, linewidth=1.3, label=name)
+        left.plot(time_s, error_deg, color=color, linewidth=1.3)
+    means = " -> ".join(f"{np.degrees(np.abs(one).mean()):.2f}" for one in errors_rad.values())
+    of_robot = next(iter(errors_rad.values())).shape[1] == N_JOINTS
+    title = f"{replay.name}, {JOINT_NAMES[joint] if of_robot else 'joint'}; mean error of the log {means} deg"
+    angles.set_title(title, fontsize="medium", loc="left")
+    left.set_title("simulated less measured", fontsize="medium", loc="left")
+    for axes, what in ((angles, "angle"), (left, "error")):
+        axes.set(xlabel="time in s", ylabel=f"{what} in deg")
 
-    title: str
-    time_s: FloatArray
-    measured_rad: FloatArray
-    errors_rad: dict[tuple[str, str], FloatArray]
 
-    @classmethod
-    def of(cls, replay: Any, now: ServoValues, before: ServoValues | None) -> "_Row":
-        """Part and joint with the largest error, before if that is known."""
-        values = {BEFORE: before, NOW: now} if before is not None else {NOW: now}
-        errors = {label: _columns(replay.errors_rad(one)) for label, one in values.items()}
-        measured, time_s = _columns(replay.measured_rad), replay.time_s - replay.time_s[0]
-        largest = np.abs(next(iter(errors.values())))
-        count = min(len(time_s), round(SHOWN_S / float(np.diff(time_s).mean())))
-        sums = np.cumsum(np.vstack([np.zeros(largest.shape[1]), largest]), axis=0)
-        first, joint = np.unravel_index(np.argmax(sums[count:] - sums[:-count]), sums[count:].shape)
-        part = slice(int(first), int(first) + count)
-        means = [f"{np.degrees(np.abs(one).mean()):.2f}" for one in errors.values()]
-        name = JOINT_NAMES[joint] if largest.shape[1] == N_JOINTS else "joint"
-        return cls(
-            f"{replay.name}, {name}; mean error of the log {' -> '.join(means)} deg",
-            time_s[part],
-            measured[part, joint],
-            {label: one[part, joint] for label, one in errors.items()},
-        )
-
-    def draw(self, angles: Any, left: Any) -> None:
-        """Draw the angles and the errors."""
-        name, color = MEASURED
-        angles.plot(self.time_s, np.degrees(self.measured_rad), color=color, linewidth=2.5, label=name)
-        for (name, color), errors_rad in self.errors_rad.items():
-            simulated = np.degrees(self.measured_rad + errors_rad)
-            angles.plot(self.time_s, simulated, color=color, linewidth=1.3, label=name)
-            left.plot(self.time_s, np.degrees(errors_rad), color=color, linewidth=1.3)
-        angles.set_title(self.title, fontsize="medium", loc="left")
-        left.set_title("simulated less measured", fontsize="medium", loc="left")
-        for axes, what in ((angles, "angle"), (left, "error")):
-            axes.set(xlabel="time in s", ylabel=f"{what} in deg")
+def _worst(sizes_rad: FloatArray, time_s: FloatArray) -> tuple[slice, int]:
+    """Rows of the shown part, and the joint, with the largest sum of errors, (T, joints)."""
+    count = min(len(time_s), round(SHOWN_S / float(np.diff(time_s).mean())))
+    sums = np.cumsum(np.vstack([np.zeros(sizes_rad.shape[1]), sizes_rad]), axis=0)
+    first, joint = np.unravel_index(np.argmax(sums[count:] - sums[:-count]), sums[count:].shape)
+    return slice(int(first), int(first) + count), int(joint)
 
 
 def _columns(values: FloatArray) -> FloatArray:

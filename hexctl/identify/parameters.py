@@ -1,7 +1,7 @@
 """The parameters of servos and trunk that an identification may change."""
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -107,9 +107,20 @@ class ServoValues:
     dead_time_s: float
 
     @classmethod
-    def of(cls, robot: Robot) -> Self:
+    def of(cls, robot: Robot) -> "ServoValues":
         """Values of a robot file; those of single joint kinds by their means."""
-        return cls(**servo_values(robot))
+        speeds, servo = robot.joint_no_load_speed_rad_s, robot.servo
+        return ServoValues(
+            stiffness_nm_per_rad=float(robot.stiffness_nm_per_rad.mean()),
+            damping_nm_s_per_rad=servo.damping_nm_s_per_rad,
+            rotor_inertia_kg_m2=servo.rotor_inertia_kg_m2,
+            dry_friction_nm=float(robot.dry_friction_nm.mean()),
+            load_friction=servo.load_friction,
+            gear_damping_nm_s_per_rad=servo.gear_damping_nm_s_per_rad,
+            max_torque_nm=float(robot.joint_max_torque_nm.mean()),
+            no_load_speed_rad_s=np.inf if speeds is None else float(speeds.mean()),
+            dead_time_s=servo.dead_time_s,
+        )
 
     @property
     def back_emf_nm_s_per_rad(self) -> float:
@@ -134,12 +145,12 @@ class RobotValues(ServoValues):
     trunk_com_y_m: float
 
     @classmethod
-    def of(cls, robot: Robot) -> Self:
+    def of(cls, robot: Robot) -> "RobotValues":
         """Values of a robot file."""
         com_x_m, com_y_m, _ = robot.body.com_m
         coxa, femur, tibia = robot.stiffness_nm_per_rad[:JOINTS_PER_LEG].tolist()
-        return cls(
-            **servo_values(robot),
+        return RobotValues(
+            **asdict(ServoValues.of(robot)),
             coxa_stiffness_ratio=coxa / tibia,
             femur_stiffness_ratio=femur / tibia,
             play_deg=float(np.degrees(robot.play_rad.mean())),
@@ -155,22 +166,6 @@ class RobotValues(ServoValues):
         tibia = JOINTS_PER_LEG * self.stiffness_nm_per_rad / sum(ratios)
         coxa, femur, _ = (tibia * ratio for ratio in ratios)
         return coxa, femur, tibia
-
-
-def servo_values(robot: Robot) -> dict[str, float]:
-    """Fields of `ServoValues` of a robot file."""
-    speeds = robot.joint_no_load_speed_rad_s
-    return {
-        "stiffness_nm_per_rad": float(robot.stiffness_nm_per_rad.mean()),
-        "damping_nm_s_per_rad": robot.servo.damping_nm_s_per_rad,
-        "rotor_inertia_kg_m2": robot.servo.rotor_inertia_kg_m2,
-        "dry_friction_nm": float(robot.dry_friction_nm.mean()),
-        "load_friction": robot.servo.load_friction,
-        "gear_damping_nm_s_per_rad": robot.servo.gear_damping_nm_s_per_rad,
-        "max_torque_nm": float(robot.joint_max_torque_nm.mean()),
-        "no_load_speed_rad_s": np.inf if speeds is None else float(speeds.mean()),
-        "dead_time_s": robot.servo.dead_time_s,
-    }
 
 
 def play_shares(robot: Robot) -> FloatArray:

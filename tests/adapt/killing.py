@@ -33,9 +33,8 @@ def optimizer_of(spec: SessionSpec) -> Optimizer:
     if spec.optimizer == "trim":
         return TrimSearch(GaitSpace((spec.broken.leg,)), spec.seed)
     if spec.optimizer == "bayes":
-        search = made_up_bayes(standing_samples(MadeUpModel(), 12), target_m=1e-6)
-        search.observe_stance(np.array(spec.sag_rad))
-        return search
+        samples = standing_samples(MadeUpModel(), 12)
+        return made_up_bayes(samples, target_m=1e-6, sag_rad=np.array(spec.sag_rad))
     inner = make_optimizer(spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
     return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
 

@@ -1,7 +1,6 @@
 """`hexctl.adapt` and `Adaptation`: a search in Python, its settings, and its progress bar."""
 
 import math
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -18,23 +17,21 @@ from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.runner import (
     LegFailedError,
     NotBegunError,
-    RobotStoppedError,
     TrialRunner,
-    WalkedTrial,
 )
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.store import StoreError, list_sessions, load_session
+from hexctl.adapt.sessions.store import list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.types import RobotState
-from tests.adapt.walking import Landscape, result_of
-from tests.cli.adaptkits import Blind, EStopped
+from tests.adapt.walking import Landscape
+from tests.cli.adaptkits import Blind
 from tests.cli.kits import Kit
 from tests.robots import shipped
 
@@ -235,25 +232,6 @@ def test_a_warning_that_a_robot_has_from_the_beginning_is_noted_once() -> None:
     assert told == ["2 femur (id 5)", "5 femur (id 14)"]
 
 
-def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
-    with pytest.raises(RobotStoppedError, match="estop"):
-        adapt(
-            5,
-            budget=3,
-            duration_s=1.0,
-            self_rotation="none",
-            backend="tests.cli.adaptkits:EStopped",
-            prior="none",
-            trim="off",
-            record=False,
-            baseline=False,
-        )
-    (session,) = list_sessions()
-    assert len(session.trials) == 1
-    result = Adaptation.resume(session.name, record=False, servos=EStopped(shipped())).run()
-    assert (result.ended, result.walked) == ("budget", 2)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", ["stop", "glide"])
 def test_a_trial_in_which_another_leg_fails_does_not_count(policy: str, tmp_path: Path) -> None:
@@ -289,25 +267,6 @@ def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
     assert new_spec(failed_leg=5, trim="off", uncertainty_m=0).worth_m == pytest.approx(0.001)
     assert new_spec(failed_leg=5, worth_m=0.01).worth_m == 0.01
     assert new_spec(failed_leg=5, trim="off", prior="none").worth_m is None
-
-
-def test_a_search_without_a_valid_trial_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(TrialRunner, "walk", lambda *_: WalkedTrial(result=result_of(0.1, "fell")))
-    result = adapt(5, budget=2, record=False)
-    assert (result.best, result.to_dict()["found"]) == (None, False)
-    assert "no valid trial" in repr(result)
-
-
-@pytest.mark.usefixtures("landscape")
-def test_a_session_whose_folder_is_deleted_ends_with_one_error(tmp_path: Path) -> None:
-    def delete(_: Session, walk: Walk) -> None:
-        if isinstance(walk, TrialRecord) and walk.index == 2:
-            shutil.rmtree(tmp_path / "runs")
-
-    adaptation = Adaptation(new_spec(failed_leg=5, prior="none", budget=6), record=False)
-    with pytest.raises(StoreError, match="was deleted"):
-        adaptation.run(on_stored=delete)
-    assert list_sessions(tmp_path / "runs") == []
 
 
 FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=40.0)
@@ -371,13 +330,6 @@ def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.Mo
     result = adapt(5, budget=2, prior="none", note=notes.append)
     assert (result.ended, result.overview) == ("budget", None)
     assert "no picture" in notes[-1]
-
-
-def test_a_prior_is_for_the_hold_it_was_built_with() -> None:
-    notes: list[str] = []
-    spec = new_spec(failed_leg=5, hold="line", note=notes.append)
-    assert (spec.optimizer, spec.prior, spec.hold, len(notes)) == ("random", None, "line", 1)
-    assert new_spec(failed_leg=5).hold == "none"
 
 
 def test_an_uncertainty_that_is_not_known_is_one_note_with_its_command(tmp_path: Path) -> None:

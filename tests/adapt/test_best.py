@@ -1,8 +1,6 @@
 """The best gait that is known for a walk."""
 
-import errno
 import math
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -59,20 +57,6 @@ def test_by_a_prior_it_is_the_fastest_of_its_worlds_whatever_the_duration(built:
         assert replace(found.spec, gait="best", chosen_gait=False, body_raise=None) == spec(
             duration_s=duration_s
         )
-
-
-def test_by_a_prior_it_is_found_although_the_sessions_cannot_be_listed(
-    built: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    listdir = os.listdir
-
-    def listdir_elsewhere(folder: Path) -> list[str]:
-        if Path(folder) == built:
-            raise PermissionError(errno.EACCES, "Permission denied")
-        return listdir(folder)
-
-    monkeypatch.setattr(os, "listdir", listdir_elsewhere)
-    assert best_gait(spec(), built).source.endswith("the best by the prior line.npz")
 
 
 def test_without_a_hold_it_is_the_straightest(built: Path) -> None:

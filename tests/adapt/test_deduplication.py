@@ -1,20 +1,19 @@
 """Deduplication: every code is walked once, and the search inside is unaffected."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import count, repeat
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
 
-from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
+from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedError
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
-from hexctl.control.assessment.top_speed import Stride
 from hexctl.errors import InputError
 from hexctl.testing.optimizer_conformance import ONE_FAILED, search, slope
-from hexctl.types import FloatArray
 
 
 class Scripted(Optimizer):
@@ -85,81 +84,34 @@ def test_help_goes_on_after_a_restore(stop: int) -> None:
 
 SEEN = Observation(path_m=np.zeros((3, 2)), duration_s=1.0, yaw_change_rad=0.0, status="ok")
 
-TRIM = Trim(0.01, 0.02)
-
-STRIDE = Stride(pace_hz=1.0, amplitude=0.3, swing_share=0.4)
-
-FORECAST = Prediction(signed_m=0.1, sd_m=0.2, trial_sd_m=0.3, chance=0.4, target_m=0.05)
-
-
-def never_stop(_path_m: FloatArray) -> bool:
-    return False
-
-
-class Outspoken(Scripted):
-    """Answers everything that the interface of optimizers asks otherwise than the default."""
-
-    judges_target = True
-    exhausted = True
-    finished = True
-    worthwhile = False
-
-    def __init__(self) -> None:
-        super().__init__(count(1))
-        self.repeated: list[tuple[int, float, Observation]] = []
-        self.seen: list[Observation | None] = []
-
-    def recommended(self) -> int | None:
-        return 17
-
-    def trim(self, code: int) -> Trim | None:
-        return TRIM
-
-    def stride(self, code: int) -> Stride | None:
-        return STRIDE
-
-    def predict(self, code: int) -> Prediction | None:
-        return FORECAST
-
-    def early_stopping(self, code: int) -> Callable[[FloatArray], bool]:
-        return never_stop
-
-    def repeat(self, code: int, score: float, observation: Observation) -> None:
-        self.repeated.append((code, score, observation))
-
-    def _learn_observed(
-        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
-    ) -> None:
-        self.seen += observations
+#: Calls that are passed to the search, with arguments.
+CALLS: dict[str, tuple[Any, ...]] = {
+    "recommended": (),
+    "predict": (3,),
+    "trim": (3,),
+    "stride": (3,),
+    "early_stopping": (3,),
+    "repeat": (5, 0.5, SEEN),
+}
 
 
 @pytest.mark.parametrize("paper_count", [False, True])
 def test_everything_that_the_search_says_passes_through(paper_count: bool) -> None:
-    inner = Outspoken()
+    told = {"judges_target": True, "trims": True, "exhausted": True, "finished": True, "worthwhile": False}
+    inner = mock.create_autospec(Scripted(count(1)), space=ONE_FAILED, **told)
+    inner.name = "outspoken"
     optimizer = Deduplication(inner, 0, paper_count=paper_count)
-    optimizer.repeat(5, 0.5, SEEN)
-    assert inner.repeated == [(5, 0.5, SEEN)]
+    for name, arguments in CALLS.items():
+        given = getattr(optimizer, name)(*arguments)
+        getattr(inner, name).assert_called_once_with(*arguments)
+        assert name == "repeat" or given is getattr(inner, name).return_value
+    inner.ask.return_value = [1, 2]
     optimizer.tell(optimizer.ask(2), [0.1, 0.2], [SEEN, None])
-    assert inner.seen == [SEEN, None]
-    fields = ("judges_target", "trims", "exhausted", "finished", "worthwhile", "space", "name")
+    inner.tell.assert_called_once_with([1, 2], [0.1, 0.2], [SEEN, None])
+    fields = ("space", "name", *told)
     assert [getattr(optimizer, name) for name in fields] == [getattr(inner, name) for name in fields]
-    assert (optimizer.recommended(), optimizer.predict(3), optimizer.trim(3)) == (17, FORECAST, TRIM)
-    assert optimizer.stride(3) is STRIDE
-    assert optimizer.early_stopping(3) is never_stop
     public = {name for name in {*vars(Optimizer), *Optimizer.__annotations__} if not name.startswith("_")}
-    methods = {
-        "recommended",
-        "predict",
-        "early_stopping",
-        "ask",
-        "tell",
-        "state",
-        "restore",
-        "repeat",
-        "trim",
-        "stride",
-    }
-    assert public | {"space"} == {*fields, *methods}, "is it passed through?"
+    assert public | {"space"} == {*fields, *CALLS, "ask", "tell", "state", "restore"}, "is it passed through?"
 
 
 @pytest.mark.parametrize("options", [{"paper_count": True}, {"patience": 7}, None], ids=str)
@@ -171,9 +123,3 @@ def test_states_of_other_rules_and_of_bare_searches_are_refused(options: dict[st
     assert optimizer.state() == before
     with pytest.raises(InputError):
         bare.restore(before)
-
-
-def test_a_patience_below_one_is_refused() -> None:
-    with pytest.raises(InputError, match="patience"):
-        fresh("pso", patience=0)
-    fresh("pso", patience=1)

@@ -12,7 +12,6 @@ from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.baselines import ExhaustiveSearch, RandomSearch
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
-from hexctl.adapt.optimizers.population import PopulationOptimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.trial_result import STATUSES
@@ -81,9 +80,7 @@ def found_best(make: Callable[[GaitSpace, int], Optimizer], trials: int, best: i
     )
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, kind in OPTIMIZERS.items() if issubclass(kind, PopulationOptimizer)]
-)
+@pytest.mark.parametrize("name", ["pso", "psosp", "dps", "debest", "derand"])
 @pytest.mark.parametrize("best", [12, 77])
 def test_searches_find_the_best_of_a_smooth_landscape_far_sooner_than_chance(name: str, best: int) -> None:
     # 60 of 120 codes contain the best one with probability 1/2: 27 or more of 30 have probability 4e-6.
@@ -100,11 +97,6 @@ def test_only_walks_of_their_whole_time_are_finished(status: str) -> None:
     assert shown(status=status).finished == (status in ("ok", "no_progress"))
 
 
-def test_a_path_without_points_shows_nothing() -> None:
-    nothing = Observation(path_m=np.zeros((0, 2)), duration_s=0.0, yaw_change_rad=None, status="fell")
-    assert np.isnan(nothing.at(np.array([0.0, 1.0]))).all()
-
-
 ALL = {space.size: list(range(1, space.size + 1)) for space in (ONE_FAILED, TWO_FAILED, THREE_FAILED)}
 
 
@@ -115,13 +107,6 @@ def test_random_goes_through_all_codes_in_another_order_each_round(space: GaitSp
     rounds = [codes[start : start + space.size] for start in range(0, len(codes), space.size)]
     assert [sorted(one) for one in rounds] == [ALL[space.size]] * 3
     assert rounds[0] != rounds[1] != rounds[2]
-
-
-def test_random_gives_every_code_the_same_chance_to_be_first() -> None:
-    first = np.bincount([RandomSearch(THREE_FAILED, seed).ask()[0] for seed in range(6000)])[1:]
-    # 1000 each; the standard deviation is 29.
-    assert first.sum() == 6000
-    assert np.abs(first - 1000).max() < 4 * 29
 
 
 @pytest.mark.parametrize("batch", [1, 7, 64])
@@ -146,18 +131,6 @@ class TestNearby(OptimizerConformance):
     @pytest.fixture
     def make(self, nearby: Make) -> Make:
         return nearby
-
-
-def test_it_tries_all_codes_and_uses_the_distance(nearby: Make) -> None:
-    best = 30
-    away = ONE_FAILED.phase_distance[best - 1]
-    trials = [
-        search(nearby(ONE_FAILED, seed), 120, landscape=lambda code: float(away[code - 1]))
-        for seed in range(20)
-    ]
-    assert all(sorted(codes) == list(range(1, 121)) for codes in trials)
-    # By chance the best one would be found after 60 trials in the mean, with a standard error of 8.
-    assert sum(codes.index(best) for codes in trials) / 20 < 30
 
 
 @pytest.mark.parametrize(

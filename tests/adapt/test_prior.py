@@ -14,7 +14,6 @@ from hexctl.adapt.prior.prior import (
     Prior,
     PriorKey,
     ScorePrior,
-    check_place,
     load_prior,
     load_score_prior,
     open_prior,
@@ -26,7 +25,7 @@ from hexctl.adapt.prior.prior_files import (
     find_prior,
     shipped_priors,
 )
-from hexctl.adapt.prior.samples import covering, samples_of, score_samples_of
+from hexctl.adapt.prior.samples import samples_of, score_samples_of
 from hexctl.archive import ArchiveFileError
 from hexctl.errors import HexctlError, InputError
 from hexctl.robot.failure import Failure
@@ -189,11 +188,10 @@ def test_no_byte_can_be_changed_unnoticed(tmp_path: Path) -> None:
     assert failed == []
 
 
-@pytest.mark.parametrize("write_there", [check_place, lambda path: save_prior(small_prior(), path)])
-def test_a_place_that_is_none_is_refused_in_one_line(write_there: Any, tmp_path: Path) -> None:
+def test_a_place_that_is_none_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "a-file").touch()
     with pytest.raises(ArchiveFileError) as refused:
-        write_there(tmp_path / "a-file" / "new.npz")
+        save_prior(small_prior(), tmp_path / "a-file" / "new.npz")
     assert isinstance(refused.value, HexctlError)
     assert "cannot be written" in str(refused.value)
     assert "\n" not in str(refused.value)
@@ -236,16 +234,16 @@ def test_files_that_are_no_priors_are_passed_over(tmp_path: Path) -> None:
     cut.write_bytes(cut.read_bytes()[:-200])
     (tmp_path / "f.npz").symlink_to(tmp_path / "gone")
     fits = save(tmp_path, "g.npz", key_of())
-    assert find_prior(key_of(), [tmp_path]).path == fits
+    assert find_prior(shipped(), plan_of(shipped()), [tmp_path]).path == fits
     fits.unlink()
-    assert find_prior(key_of(), [tmp_path]).path is None
+    assert find_prior(shipped(), plan_of(shipped()), [tmp_path]).path is None
 
 
 def test_the_reason_names_the_nearest(tmp_path: Path) -> None:
     save(tmp_path, "a.npz", key_of(shipped("phantomx"), duration_s=12.0))
     save(tmp_path, "b.npz", key_of(duration_s=12.0))
     save(tmp_path, "c.npz", key_of(duration_s=12.0, self_rotation="none"))
-    found = find_prior(key_of(), [tmp_path])
+    found = find_prior(shipped(), plan_of(shipped()), [tmp_path])
     assert found.path is None
     assert found.reason == "b.npz is for duration 12 s, not 30 s"
 
@@ -254,13 +252,13 @@ def test_a_prior_of_other_legs_is_passed_over_and_named(tmp_path: Path) -> None:
     robot = shipped("pexod")
     question = key_of(robot, failure=Failure(leg=2))
     save_prior(made_up_prior(question, legs=(1, 6), worlds=1), tmp_path / "a.npz")
-    covers = covering(robot, plan_of(robot, failure=Failure(leg=2)))
-    found = find_prior(question, [tmp_path], covers=covers)
+    plan = plan_of(robot, failure=Failure(leg=2))
+    found = find_prior(robot, plan, [tmp_path])
     assert (found.path, found.reason) == (None, "a.npz is for failed leg 1, 6")
     with pytest.raises(InputError, match="is for failed leg 1, 6; allowed: a prior for the same trials"):
-        check_prior(tmp_path / "a.npz", question, covers=covers)
+        check_prior(tmp_path / "a.npz", robot, plan)
     save_prior(made_up_prior(question, legs=(5,), worlds=1), tmp_path / "b.npz")
-    assert find_prior(question, [tmp_path], covers=covers).path == tmp_path / "b.npz"
+    assert find_prior(robot, plan, [tmp_path]).path == tmp_path / "b.npz"
 
 
 def test_a_prior_of_a_question_with_other_parts_is_damaged(tmp_path: Path) -> None:
@@ -274,8 +272,8 @@ def test_a_prior_of_a_question_with_other_parts_is_damaged(tmp_path: Path) -> No
 
     save_prior(replace(prior, key=Odd(**prior.key.as_json())), path)
     with pytest.raises(InputError, match="it is damaged"):
-        check_prior(path, key_of())
-    assert find_prior(key_of(), [tmp_path]).path is None
+        check_prior(path, shipped(), plan_of(shipped()))
+    assert find_prior(shipped(), plan_of(shipped()), [tmp_path]).path is None
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)

@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 
 from hexctl.adapt.adaptation import Adaptation
-from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
-from hexctl.adapt.runner import TrialRequest, WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial, WalkTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
@@ -22,25 +21,8 @@ from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.errors import HexctlError
-from tests.adapt.walking import result_of
-
-
-def stored(off_m: float, margin_m: float | None = None) -> dict[str, Any]:
-    return {
-        "score": abs(off_m),
-        "outcome": result_of(off_m).to_dict(),
-        "path_m": [],
-        "recording": None,
-        "margin_m": margin_m,
-    }
-
-
-def trial(index: int, off_m: float, margin_m: float | None = None) -> TrialRecord:
-    return TrialRecord(index=index, code=index, slots=(1, 2, 3, 4, 5, 6), **stored(off_m, margin_m))
-
-
-def walk(gait: str, off_m: float, margin_m: float | None = None) -> BaselineRecord:
-    return BaselineRecord(gait=gait, code=None, slots=(1, 4, 1, 4, 1, 4), **stored(off_m, margin_m))
+from tests.adapt.walking import baseline_record as usual
+from tests.adapt.walking import cut_off, record, result_of
 
 
 def recommended(
@@ -58,28 +40,37 @@ def recommended(
     return None if best is None else best.gait if isinstance(best, BaselineRecord) else best.index
 
 
-NEAR = (walk("auto", 0.03, 0.04), walk("demo", 0.001, -0.01), walk("tripod", 0.02, 0.02))
-TRIPOD = (walk("tripod", 0.001),)
+NEAR = (
+    usual("auto", 0.03, 0.04),
+    usual("demo", 0.001, -0.01),
+    usual("tripod", 0.02, 0.02),
+)
+TRIPOD = (usual("tripod", 0.001),)
 
 
 @pytest.mark.parametrize(
     ("baseline", "trials", "uncertainty_m", "best"),
     [
         # Without a search, if the best trial is not resolved from it.
-        (TRIPOD, (trial(1, 0.0), trial(2, 0.2)), 0.025, "tripod"),
-        (TRIPOD, (trial(1, 0.06), trial(2, 0.2)), 0.025, "tripod"),
+        (TRIPOD, (record(1, 0.0), record(2, 0.2)), 0.025, "tripod"),
+        (TRIPOD, (record(1, 0.06), record(2, 0.2)), 0.025, "tripod"),
         # A trial that is resolved from all others.
-        ((walk("auto", 0.3), walk("demo", 0.5)), (trial(1, 0.2), trial(2, 0.01)), 0.025, 2),
-        ((walk("tripod", INVALID_SCORE),), (trial(1, 0.2),), 0.025, 1),
+        (
+            (usual("auto", 0.3), usual("demo", 0.5)),
+            (record(1, 0.2), record(2, 0.01)),
+            0.025,
+            2,
+        ),
+        ((usual("tripod", result_of(0.1, "fell")),), (record(1, 0.2),), 0.025, 1),
         # The largest margin among those that need no search; without margins the straightest.
-        (NEAR, (trial(1, 0.0, 0.1),), 0.025, "auto"),
-        (NEAR, (trial(1, 0.0),), 0.0001, 1),
-        (NEAR, (trial(1, 0.1),), 0.001, "demo"),
-        ((walk("auto", 0.03), walk("demo", 0.001)), (trial(1, 0.0),), 0.025, "demo"),
+        (NEAR, (record(1, 0.0, 0.1),), 0.025, "auto"),
+        (NEAR, (record(1, 0.0),), 0.0001, 1),
+        (NEAR, (record(1, 0.1),), 0.001, "demo"),
+        ((usual("auto", 0.03), usual("demo", 0.001)), (record(1, 0.0),), 0.025, "demo"),
         # The straightest, if nothing is known of the resolution; not by less than half a millimetre.
-        (TRIPOD, (trial(1, 0.0006),), 0.0, "tripod"),
-        (TRIPOD, (trial(1, 0.0),), 0.0, 1),
-        (TRIPOD, (trial(1, 0.001),), 0.0, "tripod"),
+        (TRIPOD, (record(1, 0.0006),), 0.0, "tripod"),
+        (TRIPOD, (record(1, 0.0),), 0.0, 1),
+        (TRIPOD, (record(1, 0.001),), 0.0, "tripod"),
         (TRIPOD, (), 0.025, None),
     ],
 )
@@ -109,20 +100,18 @@ ENDS = {0: 0.5, 1: 0.30, 2: 0.01, 3: -0.02, 4: 0.04, 5: 0.20}
 class Ends:
     """Walks gaits to given ends; NaN is a fall."""
 
-    def __init__(self, ends: Mapping[int, float], *, aborted: bool = False) -> None:
-        self.ends, self.aborted = ends, aborted
+    def __init__(self, ends: Mapping[int, float]) -> None:
+        self.ends = ends
         self.walked: list[int] = []
 
     def __call__(self, request: TrialRequest) -> WalkedTrial:
-        if self.aborted:
-            return WalkedTrial(result=result_of(0.0, "aborted"))
         code = request.code
         self.walked.append(code)
         fell = math.isnan(self.ends[code])
         return WalkedTrial(result=result_of(0.0 if fell else self.ends[code], "fell" if fell else "ok"))
 
 
-def search(store: SessionStore, finely: Ends, *, name: str | None = None, **spec: float) -> Session:
+def search(store: SessionStore, finely: WalkTrial, *, name: str | None = None, **spec: float) -> Session:
     """A session, new or continued, of trials with the ends `ENDS`, confirmed by walks with other ends."""
     session = store.create(replace(SPEC, **spec)) if name is None else load_session(name, store.folder)  # type: ignore[arg-type]
     optimizer = make_optimizer("exhaustive", GaitSpace((5,)), 0)
@@ -193,7 +182,7 @@ def test_ends_at_the_finer_step_decide(
 
 
 def test_an_interrupted_confirmation_loses_nothing(store: SessionStore) -> None:
-    cut = search(store, Ends({}, aborted=True), target_m=NEVER_M)
+    cut = search(store, cut_off(Ends({}), 0), target_m=NEVER_M)
     assert (cut.ended, len(cut.trials), cut.confirmations) == (None, 5, [])
     finely = Ends({2: 0.01})
     whole = search(store, finely, name=cut.name)

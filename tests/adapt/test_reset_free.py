@@ -12,15 +12,16 @@ import pytest
 
 from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
-from hexctl.adapt.measurement import Answer, measured, not_walked
+from hexctl.adapt.measurement import Answer, measured
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
 from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
-from hexctl.adapt.runner import RobotStoppedError, TrialRequest, TrialRunner, WalkedTrial
+from hexctl.adapt.runner import RobotStoppedError, TrialRequest, TrialRunner
 from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.setting import Setting
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad, stance_deflection_rad
+from hexctl.adapt.stance import simulated_deflection_rad, stance_deflection_rad
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
@@ -31,9 +32,9 @@ from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import CommandRefusedError, RobotFaultError
-from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import FloatArray, JointTargets, RobotState, ServoReadings
 from tests.adapt.priors import plan_of
@@ -72,7 +73,7 @@ def test_a_robot_that_stays_says_what_a_simulation_says(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with Guard(StayingSim(ROBOT)) as servos:
-        here = connected_deflection_rad(servos, STANCE_PLAN)
+        here = stance_deflection_rad(servos, STANCE_PLAN)
     assert here is not None
     np.testing.assert_allclose(here, sag(StayingSim.world), atol=1e-4)
 
@@ -86,7 +87,7 @@ def test_a_robot_that_only_echoes_says_nothing_and_does_not_move() -> None:
 
 def test_a_robot_that_is_stopped_meanwhile_waits_for_a_person() -> None:
     with FallsAfter(PosedMock(ROBOT), 0.5) as guard, pytest.raises(RobotStoppedError, match="stopped: fell"):
-        connected_deflection_rad(guard, STANCE_PLAN)
+        stance_deflection_rad(guard, STANCE_PLAN)
 
 
 class Slow(PosedMock):
@@ -152,7 +153,7 @@ def test_afterwards_silence_is_no_failure() -> None:
     servos = PosedMock(ROBOT)
     servos.joints_rad = ROBOT.stance_angles_rad - SAG_RAD
     with Guard(servos) as guard:
-        assert connected_deflection_rad(guard, STANCE_PLAN) is not None
+        assert stance_deflection_rad(guard, STANCE_PLAN) is not None
         servos.time.sleep(60.0)
         guard.read()
         assert guard.stopped is None
@@ -175,23 +176,13 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(StayingSim, "farthest_m", 0.0)
 
 
-def plan_for(slots: Slots, *_changes: object) -> TrialPlan:
-    return replace(PLAN, gait=replace(PLAN.gait, slots=slots))
-
-
 def request_of(index: int, code: int) -> TrialRequest:
     return TrialRequest(index=index, code=code, slots=SPACE.slots_of(code))
 
 
 def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRunner:
     spec = SessionSpec(failed_leg=5, backend="tests.adapt.staying:StayingSim", duration_s=plan.duration_s)
-    runner = TrialRunner(
-        spec=spec,
-        robot=ROBOT,
-        world=None,
-        plan_for=lambda slots, *_changes: replace(plan, gait=replace(plan.gait, slots=slots)),
-        folder=None,
-    )
+    runner = TrialRunner(spec=spec, setting=Setting(load_robot_file("ant"), None, plan), folder=None)
     return ResetFreeRunner(runner=runner, servos=servos, **more)
 
 
@@ -288,9 +279,8 @@ def test_a_robot_that_lies_on_its_side_is_not_walked_and_not_scored() -> None:
 
 def test_a_fall_on_the_way_to_the_start_is_not_the_gaits_fault() -> None:
     servos = PosedMock(ROBOT)
-    with FallsAfter(servos, 3.0) as guard:
-        walked = runner_of(guard, arena=ARENA).walk(request_of(1, 17))
-    assert (walked.result.status, walked.result.stopped, walked.recording) == ("aborted", "fell", None)
+    with FallsAfter(servos, 3.0) as guard, pytest.raises(RobotStoppedError, match="stopped: fell"):
+        runner_of(guard, arena=ARENA).walk(request_of(1, 17))
 
 
 def test_a_robot_that_sat_down_between_trials_is_stood_up_from_there() -> None:
@@ -315,17 +305,6 @@ def test_after_a_trial_silence_is_no_failure() -> None:
         servos.time.sleep(60.0)
         guard.read()
         assert guard.stopped is None
-
-
-def test_new_warnings_of_a_trial_are_noted(monkeypatch: pytest.MonkeyPatch) -> None:
-    notes: list[str] = []
-    with Guard(PosedMock(ROBOT)) as guard:
-        runner = replace(runner_of(guard, PLAN), note=notes.append)
-        result = replace(not_walked(ROBOT, PLAN), warnings=("mute: leg 5 coxa (id 13)",))
-        monkeypatch.setattr(ResetFreeRunner, "_walk", lambda *_: WalkedTrial(result=result))
-        for index in (1, 2):
-            runner.walk(request_of(index, 17))
-    assert notes == ["servos: mute: leg 5 coxa (id 13)"]
 
 
 class HeatedMock(PosedMock):
@@ -446,6 +425,6 @@ def test_what_counts_for_nothing(result: TrialResult, status: str, stopped: str 
     features_of(Observation.of(result), 30.0)
 
 
-@pytest.mark.parametrize("result", [told("quit"), not_walked(ROBOT, MEASURED_PLAN)])
-def test_what_is_not_kept(result: TrialResult) -> None:
+def test_a_walk_after_which_the_operator_quits_is_not_kept() -> None:
+    result = told("quit")
     assert (result.status, result.stopped) == ("aborted", "requested")

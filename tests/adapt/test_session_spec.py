@@ -1,7 +1,7 @@
 """The spec of a session, its table of trials, and sessions compared by their best score so far."""
 
-import builtins
 import json
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,6 @@ import pytest
 
 import hexctl
 from hexctl.adapt.adapt_options import AdaptOptions
-from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.comparison import check_comparable, draw_comparison
@@ -20,11 +19,9 @@ from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, LAST_COLUMNS, fl
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
 from hexctl.cli.main import exit_code
 from hexctl.control.assessment.top_speed import STRIDE
-from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from tests.adapt.test_recommendation import trial
-from tests.adapt.walking import SPEC, Landscape, record, result_of, stored_session, tripod_record
+from tests.adapt.walking import SPEC, Landscape, baseline_record, record, result_of, stored_session
 
 
 def test_every_option_of_a_search_is_stored_and_comes_back(tmp_path: Path) -> None:
@@ -77,7 +74,7 @@ def test_a_session_imports_no_code_without_trust(field: str) -> None:
 
 
 def session(*offs_m: float, name: str = "a", **spec: str) -> Session:
-    trials = [trial(index, off_m) for index, off_m in enumerate(offs_m, start=1)]
+    trials = [record(index, off_m) for index, off_m in enumerate(offs_m, start=1)]
     return Session(name=name, spec=SessionSpec(failed_leg=5, **spec), created="2026-01-01", trials=trials)  # type: ignore[arg-type]
 
 
@@ -129,17 +126,6 @@ def test_the_command_prints_a_column_each(
     assert exit_code(["sessions", "compare", names[0], "nobody"]) == 2
 
 
-def without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
-    load = builtins.__import__
-
-    def refuse(name: str, *arguments: Any, **more: Any) -> Any:
-        if name == "pandas":
-            raise ModuleNotFoundError("no pandas", name="pandas")
-        return load(name, *arguments, **more)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
-
-
 def test_every_trial_of_all_sessions_is_a_row_with_pandas_and_without(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,7 +144,7 @@ def test_every_trial_of_all_sessions_is_a_row_with_pandas_and_without(
         trial = sessions[row["session"]].trials[row["index"] - 1]
         assert row["slots"] == " ".join(map(str, trial.slots))
         assert (row["score"], row["status"]) == (trial.score, trial.as_json()["status"])
-    without_pandas(monkeypatch)
+    monkeypatch.setitem(sys.modules, "pandas", None)
     rows = hexctl.sessions(tmp_path)
     assert isinstance(rows, list)
     assert list(rows[0]) == list(table.columns)
@@ -168,7 +154,7 @@ def test_every_trial_of_all_sessions_is_a_row_with_pandas_and_without(
 def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns() -> None:
     session = Session(name="s", spec=SPEC, created="2026-01-01", trials=[record(1), record(2)])
     without = flat_rows(session)
-    session.baseline.append(tripod_record(result_of(0.0, "no_progress")))
+    session.baseline.append(baseline_record("tripod", result_of(0.0, "no_progress")))
     rows = flat_rows(session)
     assert [row["index"] for row in rows] == [1, 2]
     columns = list(rows[0])
@@ -188,15 +174,3 @@ def test_json_has_leg_and_kind_and_degrees() -> None:
     assert (values["failed_leg"], values["failure"]) == (3, "weak:0.5")
     assert values["heading_deg"] == pytest.approx(28.6478897565)
     assert "heading_rad" not in values
-
-
-def test_the_pareto_front_is_of_valid_trials_that_no_other_beats() -> None:
-    def walked(off_m: float, cost: float, status: str = "ok") -> TrialResult:
-        return replace(result_of(off_m, status), cost_of_transport=cost)
-
-    results = [walked(0.3, 0.1), walked(0.1, 0.5), walked(0.2, 0.6), walked(0.01, 0.01, "fell")]
-    trials = [record(index, result) for index, result in enumerate(results, start=1)]
-    session = Session(name="s", spec=SPEC, created="2026-01-01", trials=trials)
-    front = session.pareto([OBJECTIVES["final"], OBJECTIVES["cost"]])
-    assert [trial.index for trial, _ in front] == [2, 1]
-    assert front[0][1] == pytest.approx([0.1, 0.5])

@@ -48,14 +48,6 @@ def test_other_failed_legs_are_refused(failed: tuple[int, ...]) -> None:
         GaitSpace(failed)
 
 
-def test_codes_and_slots_of_other_spaces_are_refused() -> None:
-    for code in (0, 25):
-        with pytest.raises(InputError, match=f"got {code}; allowed: 1..24"):
-            TWO_FAILED.slots_of(code)
-    with pytest.raises(InputError, match="failed leg 5"):
-        ONE_FAILED.code_of((1, 2, 3, 5, 4, 6))
-
-
 def slow_phase(one: Slots, other: Slots) -> float:
     apart = []
     for first, second in itertools.combinations(range(6), 2):

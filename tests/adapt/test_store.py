@@ -5,9 +5,8 @@ import json
 import math
 import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ from hexctl.adapt.sessions.store import (
     load_session,
     stored_names,
 )
-from hexctl.adapt.sessions.unfinished import NOTE, note_created, remove_unfinished, unfinished
+from hexctl.adapt.sessions.unfinished import NOTE, remove_unfinished, unfinished
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.main import exit_code
 from hexctl.errors import HexctlError, InputError
@@ -120,30 +119,6 @@ def test_a_new_session_is_held_before_another_process_can_find_it(
     monkeypatch.undo()
     assert load_session(session.name, tmp_path) == session
     delete_session(session.name, tmp_path)
-
-
-def test_of_two_writers_at_one_moment_neither_cuts_off_the_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (name,) = make_sessions(tmp_path, sessions=1)
-    first, second = load_session(name, tmp_path), load_session(name, tmp_path)
-    pread = os.pread
-    trouble: list[StoreError] = []
-
-    def pread_and_let_another_write(file: int, size: int, at: int) -> bytes:
-        found = pread(file, size, at)
-        monkeypatch.undo()
-        try:
-            SessionStore(tmp_path).add(second, record(4), {"after": "second"})
-        except StoreError as error:
-            trouble.append(error)
-        return found
-
-    monkeypatch.setattr(os, "pread", pread_and_let_another_write)
-    SessionStore(tmp_path).add(first, record(4), {"after": "first"})
-    assert len(trouble) == 1
-    assert len(second.trials) == 3
-    assert load_session(name, tmp_path) == first
 
 
 def test_a_session_that_is_held_takes_nothing_once_its_file_is_another(tmp_path: Path) -> None:
@@ -371,7 +346,7 @@ def test_a_name_leads_nowhere_else(name: str, tmp_path: Path) -> None:
     make_sessions(runs)
     evil.mkdir()
     shutil.copy(runs / stored_names(runs)[0] / FILE_NAME, evil)
-    for act in (load_session, delete_session, lambda name, runs: SessionStore(runs).folder_of(name)):
+    for act in (load_session, delete_session):
         with pytest.raises(InputError):
             act(name, runs)
     assert (evil / FILE_NAME).is_file()
@@ -404,121 +379,37 @@ def test_a_write_that_fails_leaves_the_session_as_it_was(
     assert load_session(session.name, tmp_path) == session
 
 
-def test_a_disk_that_fails_twice_is_named_by_the_next_write_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A complete line that can neither be synced nor removed is none of another process."""
-    store = SessionStore(tmp_path)
-    session = store.create(SPEC)
-    ftruncate, failing = os.ftruncate, iter([False, True])
-
-    def failing_sync(_file: int) -> None:
-        raise OSError(errno.EIO, "no answer")
-
-    def failing_ftruncate(file: int, size: int) -> None:
-        if next(failing):
-            raise OSError(errno.EIO, "no answer")
-        ftruncate(file, size)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", failing_sync)
-        patched.setattr(os, "ftruncate", failing_ftruncate)
-        with pytest.raises(StoreError, match="no answer"):
-            store.add(session, record(1), {"after": 1})
-    with pytest.raises(StoreError, match="the disk failed") as refused:
-        store.keep(session)
-    assert "another process" not in str(refused.value)
-    resumed = load_session(session.name, tmp_path)
-    assert resumed.trials == [record(1)]
-    SessionStore(tmp_path).add(resumed, record(2), {"after": 2})
-
-
-#: A user without the rights of root, who may read what all may.
-NOBODY = 65534
-
-
-@contextmanager
-def read_only_folder() -> Iterator[tuple[Path, str]]:
-    """A folder in which this process may write nothing, and the name of its session."""
-    with tempfile.TemporaryDirectory() as place:
-        runs = Path(place, "runs")
-        (name,) = make_sessions(runs, sessions=1, trials=1)
-        (runs / name / FILE_NAME).chmod(0o444)
-        (runs / name).chmod(0o555)
-        runs.chmod(0o555)
-        Path(place).chmod(0o755)
-        root = os.geteuid() == 0
-        if root:
-            os.seteuid(NOBODY)
-        try:
-            yield runs, name
-        finally:
-            if root:
-                os.seteuid(0)
-            runs.chmod(0o755)
-            (runs / name).chmod(0o755)
-
-
-def test_sessions_that_may_not_be_written_are_listed_and_shown() -> None:
-    with read_only_folder() as (runs, name):
-        with pytest.raises(PermissionError):
-            (runs / "new").touch()
-        (session,) = list_sessions(runs)
-        assert session.name == name
-        assert len(load_session(name, runs).trials) == 1
-        with pytest.raises(StoreError, match="cannot be"):
-            delete_session(name, runs)
-        assert stored_names(runs) == [name]
-
-
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
     store = SessionStore(tmp_path / "runs")
     return store.create(SPEC)
 
 
-def killed_while_recording(path: Path, *, created: bool = True) -> None:
+def killed_while_recording(path: Path) -> None:
     """Let a process end without any farewell while it writes a recording."""
     child = os.fork()
     if child == 0:
         with unfinished(path):
             path.write_bytes(b"half a walk")
-            if created:
-                note_created(path)
             os._exit(9)
     os.waitpid(child, 0)
 
 
-@pytest.mark.parametrize("created", [True, False])
 @pytest.mark.parametrize("name", ["trial-002.rrd", "trial-002-2.rrd", "baseline-demo.rrd"])
-def test_the_recording_of_a_killed_trial_is_removed(
-    name: str, created: bool, session: Session, tmp_path: Path
-) -> None:
-    killed_while_recording(tmp_path / name, created=created)
+def test_the_recording_of_a_killed_trial_is_removed(name: str, session: Session, tmp_path: Path) -> None:
+    killed_while_recording(tmp_path / name)
     assert remove_unfinished(tmp_path, session) == tmp_path / name
     assert not (tmp_path / name).exists()
     assert not (tmp_path / NOTE).exists()
     assert remove_unfinished(tmp_path, session) is None
 
 
-def replaced(path: Path) -> None:
-    path.with_name("mine").write_bytes(b"mine")
-    path.with_name("mine").rename(path)
-
-
-def linked(path: Path) -> None:
+def test_a_link_that_a_user_put_there_is_kept(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / "trial-002.rrd"
+    killed_while_recording(path)
     path.with_name("mine").write_bytes(b"mine")
     path.unlink()
     path.symlink_to("mine")
-
-
-@pytest.mark.parametrize("change", [replaced, linked])
-def test_a_file_that_a_user_put_there_is_kept(
-    change: Callable[[Path], None], session: Session, tmp_path: Path
-) -> None:
-    path = tmp_path / "trial-002.rrd"
-    killed_while_recording(path)
-    change(path)
     assert remove_unfinished(tmp_path, session) is None
     assert path.read_bytes() == b"mine"
 
@@ -564,21 +455,6 @@ def test_a_session_that_was_killed_is_resumed_with_one_recording_of_each_trial(
     assert (folder / "trial-002.rrd").stat().st_size > 10_000
     assert any("trial-002.rrd" in note for note in notes)
     assert not (folder / NOTE).exists()
-
-
-def test_a_session_larger_than_is_read_is_refused_and_costs_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    large, good = make_sessions(tmp_path)
-    path = tmp_path / large / FILE_NAME
-    monkeypatch.setattr("hexctl.adapt.sessions.store.MOST_BYTES", path.stat().st_size)
-    assert load_session(large, tmp_path).name == large
-    path.write_bytes(path.read_bytes() + b"\n")
-    told: list[HexctlError] = []
-    assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
-    (error,) = told
-    assert large in str(error)
-    assert "larger" in str(error)
 
 
 #: Specs that are none, by what is wrong with them; None is an option that is missing.

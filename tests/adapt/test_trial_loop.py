@@ -10,7 +10,7 @@ import pytest
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, as_objective
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, Bayes
 from hexctl.adapt.prior.samples import FINAL
-from hexctl.adapt.runner import TrialRequest, WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial, WalkTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
@@ -20,7 +20,7 @@ from hexctl.errors import InputError, RecordingError
 from hexctl.types import FloatArray
 from tests.adapt.killing import optimizer_of
 from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes
-from tests.adapt.walking import SPEC, Landscape, result_of
+from tests.adapt.walking import SPEC, Landscape, cut_off
 
 MODEL = MadeUpModel()
 
@@ -34,7 +34,7 @@ KIND, HARD = _WORLDS[np.flatnonzero(_BEST_M < 0.01)[3]], _WORLDS[np.flatnonzero(
 NAMES = ("pso", "psosp", "dps", "debest", "derand", "random", "exhaustive")
 
 
-def run(store: SessionStore, spec: SessionSpec, walk: Landscape | None = None) -> tuple[Session, str]:
+def run(store: SessionStore, spec: SessionSpec, walk: WalkTrial | None = None) -> tuple[Session, str]:
     session = store.create(spec)
     ended = AdaptLoop(session, store, optimizer_of(spec), walk or Landscape()).run()
     return session, ended
@@ -100,7 +100,7 @@ def test_the_best_is_repeated_within_the_budget(store: SessionStore) -> None:
 def test_a_session_that_was_cut_ends_as_if_it_had_not_been(name: str, cut: int, store: SessionStore) -> None:
     spec = replace(SPEC, optimizer=name, budget=14, confirm=1)
     whole, _ = run(store, spec)
-    session, ended = run(store, spec, Landscape(cut_after=cut))
+    session, ended = run(store, spec, cut_off(Landscape(), cut))
     assert ended == "interrupted"
     assert len(session.trials) == cut
     resumed = load_session(session.name, store.folder)
@@ -123,19 +123,6 @@ def test_a_greater_budget_has_the_best_confirmed_again(store: SessionStore) -> N
     assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
     assert [trial.index for trial in longer.trials if trial.confirms] == [5, 6, 13, 14]
     assert {trial.code for trial in longer.trials[-2:]} == {longer.best.code if longer.best else None}
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_session_that_gets_a_greater_budget_ends_as_if_it_had_had_it(
-    name: str, store: SessionStore
-) -> None:
-    spec = replace(SPEC, optimizer=name, budget=14)
-    whole, _ = run(store, spec)
-    session, _ = run(store, replace(spec, budget=6))
-    longer = with_budget(session, 14, store)
-    assert longer.spec == spec
-    assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
-    assert longer.trials == whole.trials
 
 
 def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_path: Path) -> None:
@@ -223,19 +210,6 @@ def test_repeats_are_of_the_gait_that_it_settles_on_and_are_learned_from(store: 
     assert session.settled_on["chance"] > alone.settled_on["chance"]
 
 
-class CutOff(MadeUpWorld):
-    """Is interrupted after a number of trials."""
-
-    def __init__(self, features: FloatArray, after: int) -> None:
-        super().__init__(features)
-        self._after = after
-
-    def __call__(self, request: TrialRequest) -> WalkedTrial:
-        if len(self.walked) >= self._after:
-            return WalkedTrial(result=result_of(0.0, "aborted"))
-        return super().__call__(request)
-
-
 @pytest.mark.parametrize("early_stop", [False, True])
 @pytest.mark.parametrize("cut", [0, 1, 9])
 def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
@@ -244,7 +218,7 @@ def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
     spec = replace(BAYES_SPEC, early_stop=early_stop, budget=10, confirm=1)
     whole, ended = walked_by_bayes(store, MadeUpWorld(HARD), spec)
     session = store.create(spec)
-    assert AdaptLoop(session, store, believing(), CutOff(HARD, cut)).run() == "interrupted"
+    assert AdaptLoop(session, store, believing(), cut_off(MadeUpWorld(HARD), cut)).run() == "interrupted"
     resumed = load_session(session.name, store.folder)
     assert len(resumed.trials) == cut
     assert AdaptLoop(resumed, store, believing(), MadeUpWorld(HARD)).run() == ended
@@ -255,8 +229,8 @@ def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
 class NoRoom(Landscape):
     """The recording of one trial is not whole."""
 
-    def __init__(self, full_at: int, *, cut_after: int | None = None) -> None:
-        super().__init__(cut_after=cut_after)
+    def __init__(self, full_at: int) -> None:
+        super().__init__()
         self._full_at = full_at
 
     def __call__(self, request: TrialRequest) -> WalkedTrial:
@@ -292,7 +266,7 @@ def test_a_baseline_is_walked_once_whenever_the_session_was_cut_off(store: Sessi
     session = store.create(BASELINE_SPEC)
     for cut, gaits in ((1, ["demo"]), (1, ["demo", "tripod"]), (3, ["demo", "tripod"])):
         session = load_session(session.name, store.folder)
-        loop = AdaptLoop(session, store, optimizer_of(session.spec), Landscape(cut_after=cut))
+        loop = AdaptLoop(session, store, optimizer_of(session.spec), cut_off(Landscape(), cut))
         assert loop.run() == "interrupted"
         assert [one.gait for one in session.baseline] == gaits
     assert len(session.trials) == 3

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hexctl.adapt.adaptation import Adaptation, adapt
-from hexctl.adapt.adaptation_result import AdaptationResult
-from hexctl.adapt.drift import drift_of
+from hexctl.adapt.adaptation import Adaptation, AdaptationResult, adapt
 from hexctl.adapt.measurement import Answer, measured
 from hexctl.adapt.optimizer import Observation, Trim
 from hexctl.adapt.optimizers.trim import TrimSearch
+from hexctl.adapt.prior.drift import drift_of
 from hexctl.adapt.prior.drift_belief import COUPLED, GAIN
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
@@ -302,9 +301,9 @@ def test_a_trimmed_walk_keeps_its_line_and_is_refused_elsewhere() -> None:
     assert motion.heading_rad == pytest.approx(plan.motion(0.3).heading_rad + 0.1)
     assert replace(plan, turn_trim_rad_s=0.0).motion(0.3) == plan.motion(0.3)
     for wrong in ({"hold": "heading"}, {"turn_rate_rad_s": 0.1}, {"travel": 0.0}):
-        with pytest.raises(InputError, match="turn trim"):
+        with pytest.raises(InputError, match="turn.trim"):
             replace(trimmed, **wrong)
-    with pytest.raises(InputError, match="turn trim"):
+    with pytest.raises(InputError, match="turn.trim"):
         replace(plan, turn_trim_rad_s=0.1)
 
 

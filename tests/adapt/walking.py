@@ -1,5 +1,6 @@
 """Trials without a robot: a made-up landscape that the loop walks."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizer import Trim
-from hexctl.adapt.runner import TrialRequest, WalkedTrial
+from hexctl.adapt.runner import TrialRequest, WalkedTrial, WalkTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore
@@ -61,33 +62,30 @@ def arc_of(drift: Trim, trim: Trim, *, gain: float = 1.0, status: str = "ok") ->
     )
 
 
-def record(index: int, walked: float | TrialResult = 0.2, *, confirms: bool = False) -> TrialRecord:
+def walked(result: float | TrialResult, margin_m: float | None = None) -> dict[str, Any]:
+    """Fields of a stored walk by its result, or by how far to the left it ends."""
+    result = result if isinstance(result, TrialResult) else result_of(result)
+    return {
+        "score": OBJECTIVES["final"](result),
+        "outcome": result.to_dict(),
+        "path_m": result.path_m[::10].tolist(),
+        "recording": None,
+        "margin_m": margin_m,
+    }
+
+
+def record(
+    index: int, result: float | TrialResult = 0.2, margin_m: float | None = None, *, confirms: bool = False
+) -> TrialRecord:
     """A trial of `SPEC`, by its result or by how far to the left it ends."""
-    result = walked if isinstance(walked, TrialResult) else result_of(walked)
     code = (index - 1) % 120 + 1
-    return TrialRecord(
-        index=index,
-        code=code,
-        slots=GaitSpace((SPEC.broken.leg,)).slots_of(code),
-        score=OBJECTIVES["final"](result),
-        outcome=result.to_dict(),
-        path_m=result.path_m[::10].tolist(),
-        recording=None,
-        confirms=confirms,
-    )
+    slots = GaitSpace((SPEC.broken.leg,)).slots_of(code)
+    return TrialRecord(index=index, code=code, slots=slots, confirms=confirms, **walked(result, margin_m))
 
 
-def tripod_record(result: TrialResult) -> BaselineRecord:
-    """A walk of the baseline with the gait `tripod`."""
-    return BaselineRecord(
-        gait="tripod",
-        code=None,
-        slots=(1, 4, 1, 4, 1, 4),
-        score=OBJECTIVES["final"](result),
-        outcome=result.to_dict(),
-        path_m=result.path_m[::10].tolist(),
-        recording=None,
-    )
+def baseline_record(gait: str, result: float | TrialResult, margin_m: float | None = None) -> BaselineRecord:
+    """A walk of the baseline; whatever its name, the gait is the tripod."""
+    return BaselineRecord(gait=gait, code=None, slots=(1, 4, 1, 4, 1, 4), **walked(result, margin_m))
 
 
 def stored_session(folder: Path, trial_m: float, optimizer: str = "random", /, **baseline_m: float) -> str:
@@ -97,16 +95,6 @@ def stored_session(folder: Path, trial_m: float, optimizer: str = "random", /, *
     """
     space = GaitSpace((2,))
     spec = SessionSpec(failed_leg=2, optimizer=optimizer, robot_fingerprint=shipped().fingerprint)
-
-    def walked(off_m: float) -> dict[str, Any]:
-        result = result_of(off_m)
-        return {
-            "score": OBJECTIVES["final"](result),
-            "outcome": result.to_dict(),
-            "path_m": result.path_m[::10].tolist(),
-            "recording": None,
-        }
-
     store = SessionStore(folder)
     session = store.create(spec)
     for gait, off_m in baseline_m.items():
@@ -119,21 +107,24 @@ def stored_session(folder: Path, trial_m: float, optimizer: str = "random", /, *
 
 
 class Landscape:
-    """Walks gaits by a formula, and can be cut off after a number of trials."""
+    """Walks gaits by a formula, and keeps their codes."""
 
-    def __init__(self, *, cut_after: int | None = None) -> None:
+    def __init__(self) -> None:
         self.walked: list[int] = []
-        self._cut_after = cut_after
 
     def __call__(self, request: TrialRequest) -> WalkedTrial:
-        if self._cut_after is not None and len(self.walked) >= self._cut_after:
-            return WalkedTrial(result=result_of(0.0, "aborted"))
         code = request.code
         self.walked.append(code)
         status = "no_progress" if code % 7 == 0 else "ok"
         return WalkedTrial(
             result=result_of((code - 60.3) / 40, status), recording=Path(f"trial-{request.index:03d}.rrd")
         )
+
+
+def cut_off(walk: WalkTrial, after: int) -> WalkTrial:
+    """Walks that are interrupted after a number of trials."""
+    left = itertools.count(after, -1)
+    return lambda request: walk(request) if next(left) > 0 else WalkedTrial(result=result_of(0.0, "aborted"))
 
 
 def closing_lines(session: Session, ended: str | None) -> str:

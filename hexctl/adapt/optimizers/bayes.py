@@ -1,12 +1,12 @@
 """`bayes`: search with a prior of simulated worlds; trials show which of them resemble the robot's."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.optimizer import Observation, Prediction, TaughtOptimizer
 from hexctl.adapt.prior.acquisition import (
     WORST_M,
     chance_above,
@@ -21,8 +21,7 @@ from hexctl.adapt.prior.samples import N_FEATURES, Samples, chance_of, features_
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import Enough
-from hexctl.errors import InputError
-from hexctl.types import N_JOINTS, BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 #: A gait is confirmed when it is within the target with this probability.
 SURE = 0.9
@@ -53,22 +52,19 @@ class Choice:
     why: str
 
 
-class Bayes(Optimizer):
+class Bayes(TaughtOptimizer):
     """Walks the gait with the maximum expected improvement, given the prior and all trials so far.
 
     It learns from the course of trials; a score without observations only marks the gait as tried.
 
     Args:
-        seed: part of the interface; has no effect.
-        samples: the prior's worlds for this leg.
-        target_m: deviation that is good enough.
-        duration_s: of a trial.
-        floor_m: minimum distance of a valid trial.
         noise_m: standard deviation of trials of the same gait, assumed before any repeat.
         uncertainty_m: standard uncertainty that repeats do not reduce, such as the simulation's own. It
             counts only for the confirmation of a gait.
         worth_m: minimum expected gain of all remaining trials to continue; 0 continues always.
-        budget: maximum number of trials; None to count the gain of a single one.
+        budget: maximum number of trials; with 1 the gain of a single one counts.
+        sag_rad: static deflection of the joints in the stance before the first trial, (18,), NaN for an
+            unmeasured one; None if unknown.
     """
 
     name = "bayes"
@@ -86,29 +82,16 @@ class Bayes(Optimizer):
         noise_m: float = SIMULATED_NOISE_M,
         uncertainty_m: float = 0.0,
         worth_m: float = 0.0,
-        budget: int | None = None,
+        budget: int = 1,
+        sag_rad: FloatArray | None = None,
     ) -> None:
         super().__init__(space, seed)
-        if space.failed_legs != (samples.leg,):
-            raise InputError(f"prior: got failed legs {space.failed_legs}; allowed: {(samples.leg,)}")
-        if not (np.isfinite(uncertainty_m) and uncertainty_m >= 0):
-            raise InputError(f"uncertainty_m: got {uncertainty_m}; allowed: 0 m or more")
         self._samples, self._target_m, self._uncertainty_m = samples, target_m, uncertainty_m
         self._duration_s, self._noise_m = duration_s, noise_m
         self._floor_m, self._worth_m, self._budget = floor_m, worth_m, budget
+        self._sag_rad = sag_rad
         self._known: Forecast | None = None
-        self._sag_rad: FloatArray | None = None
         self._forget()
-
-    def observe_stance(self, sag_rad: FloatArray) -> None:
-        """Condition on the static deflection of the joints in the stance before the first trial, (18,)."""
-        sag_rad = np.asarray(sag_rad, dtype=float)
-        if sag_rad.shape != (N_JOINTS,):
-            raise InputError(f"{self.name}: got a sag of shape {sag_rad.shape}; allowed: ({N_JOINTS},)")
-        trials, self._sag_rad = self._trials, sag_rad
-        self._forget()
-        for trial in trials:
-            self._take(trial)
 
     @property
     def finished(self) -> bool:
@@ -127,7 +110,7 @@ class Bayes(Optimizer):
             return True
         forecast, best_m = self.forecast(), min(self._best_m(), WORST_M)
         gain_m = expected_gain_m(forecast.mean_m, forecast.sd_m, best_m) * self._chance_valid()
-        left = 1 if self._budget is None else max(1, self._budget - len(self._trials))
+        left = max(1, self._budget - len(self._trials))
         greatest_m = np.sort(gain_m[~self._tried()])[-left:]
         return min(best_m, float(greatest_m.sum())) >= self._worth_m
 
@@ -152,10 +135,6 @@ class Bayes(Optimizer):
             chance=float(self._chances()[row]),
             target_m=self._target_m,
         )
-
-    def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Learn from a walk without an ask."""
-        self._learn_observed([code], [score], [observation])
 
     def early_stopping(self, code: int) -> Enough:
         """Predicate that ends a walk of a gait whose path leaves no hope of a good end."""
@@ -207,25 +186,13 @@ class Bayes(Optimizer):
         sizes_m = expected_size_m(forecast.mean_m, forecast.sd_m)
         return float(sizes_m[known].min(initial=np.inf))
 
-    def _learn(self, codes: list[int], scores: list[float]) -> None:
-        self._learn_observed(codes, scores, [None] * len(codes))
+    def _facts(self, score: float, observation: Observation | None) -> list[Any]:
+        if observation is None:
+            return [score, "unknown", [None] * N_FEATURES]
+        features = features_of(observation, self._duration_s).tolist()
+        return [score, observation.status, [None if np.isnan(one) else one for one in features]]
 
-    def _learn_observed(
-        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
-    ) -> None:
-        for code, score, one in zip(codes, scores, observations, strict=True):
-            nothing = np.full(N_FEATURES, np.nan)
-            features = nothing if one is None else features_of(one, self._duration_s)
-            status = "unknown" if one is None else one.status
-            self._take([code, score, status, [None if np.isnan(x) else float(x) for x in features]])
-
-    def _take(self, trial: list[Any]) -> None:
-        if len(trial) != 4:
-            raise ValueError(f"a trial of {len(trial)} parts")
-        code, score, status, numbers = int(trial[0]), float(trial[1]), str(trial[2]), trial[3]
-        if not 1 <= code <= self.space.size:
-            raise ValueError(f"a trial of code {code}")
-        self._trials.append([code, score, status, list(numbers)])
+    def _observe(self, code: int, score: float, status: str, numbers: list[float | None]) -> None:
         features = np.array([np.nan if number is None else float(number) for number in numbers])
         if features.shape != (N_FEATURES,):
             raise ValueError(f"a trial with {features.size} numbers")
@@ -233,8 +200,8 @@ class Bayes(Optimizer):
         self._known = None
 
     def _forget(self) -> None:
+        super()._forget()
         self._belief = Belief(self._samples, noise_m=self._noise_m, sag_rad=self._sag_rad)
-        self._trials: list[list[Any]] = []
         self._known = None
 
     def forecast(self) -> Forecast:
@@ -271,18 +238,3 @@ class Bayes(Optimizer):
         rows = np.zeros(self.space.size, dtype=bool)
         rows[[code - 1 for code, _, status, _ in self._trials if wanted(status)]] = True
         return rows
-
-    def _search_state(self) -> dict[str, Any]:
-        sag = None if self._sag_rad is None else [None if np.isnan(x) else float(x) for x in self._sag_rad]
-        return {"trials": [[*trial[:3], list(trial[3])] for trial in self._trials], "sag_rad": sag}
-
-    def _restore_search(self, state: dict[str, Any]) -> None:
-        trials, sag = list(state["trials"]), state["sag_rad"]
-        if sag is not None:
-            sag = np.array([np.nan if number is None else float(number) for number in sag])
-            if sag.shape != (N_JOINTS,):
-                raise ValueError(f"a sag of {sag.size} joints")
-        self._sag_rad = sag
-        self._forget()
-        for trial in trials:
-            self._take(trial)

@@ -21,13 +21,12 @@ class SpaceExhaustedError(HexctlError, RuntimeError):
 class Deduplication(Optimizer):
     """Hands out only untried codes of another optimizer.
 
-    1. A repeated code is answered from memory, does not count, and the search is asked again. 2. After
-    `patience` repeated codes in a row the search is stuck, as a converged population repeats itself. Then
-       random untried codes are handed out, until the search has its own new code; it is asked before
+    1. A repeated code is answered from memory, does not count, and the search is asked again.
+    2. After `patience` repeated codes in a row the search is stuck, as a converged population repeats itself.
+       Then random untried codes are handed out, until the search has its own new code; it is asked before
        each.
     3. The search gets only scores of codes that it asked for, in its order: others would corrupt a
-    population. The
-       scores of random codes are remembered for later.
+       population. The scores of random codes are remembered for later.
     4. When every code has been tried, `exhausted` is True and `ask` raises SpaceExhaustedError.
 
     With `paper_count` repetitions are handed out and cost an evaluation each, as in the paper's convergence
@@ -43,8 +42,6 @@ class Deduplication(Optimizer):
         paper_count: bool = False,
     ) -> None:
         super().__init__(inner.space, seed)
-        if patience < 1:
-            raise InputError(f"patience: got {patience}; allowed: 1 or more")
         # The substitutes must differ from the codes that the same seed gives the search.
         self._random = np.random.default_rng(seed).spawn(1)[0]
         self.name, self.judges_target, self.trims = inner.name, inner.judges_target, inner.trims

@@ -23,7 +23,6 @@ class StrideSearch(Optimizer):
     """Walks a table of strides, then codes with the best of them.
 
     Args:
-        seed: not used.
         gaits: of the table, each at the pace that the servos hold; without any, only codes walk.
         ranked: slots of all gaits in the order in which they walk last; None is ascending codes.
     """

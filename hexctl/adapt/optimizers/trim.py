@@ -19,14 +19,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hexctl.adapt.drift import Drift, drift_of, half_steady_s
-from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
+from hexctl.adapt.optimizer import Observation, Prediction, TaughtOptimizer, Trim
 from hexctl.adapt.prior.acquisition import chance_within
+from hexctl.adapt.prior.drift import Drift, drift_of, half_steady_s
 from hexctl.adapt.prior.drift_belief import GAIN_SD, LEAST_GAIN, DriftBelief, TrimmedWalk
 from hexctl.adapt.prior.samples import DriftSamples
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.trial_plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
-from hexctl.errors import InputError
 
 #: How much nearer another gait has to end to be worth the walks that teach its trim.
 PRICE = 1.5
@@ -36,16 +35,12 @@ PRICE = 1.5
 SMALL_TURN_RAD = math.radians(2.5)
 
 
-class TrimSearch(Optimizer):
+class TrimSearch(TaughtOptimizer):
     """Walks the gait that promises most with a trim; `exhausted` when every gait has failed.
 
     Args:
-        seed: not used.
         codes: of all gaits, the one with the best static margin first; None is ascending order.
         samples: drifts in the worlds of a prior; None without a prior.
-        target_m: accepted deviation.
-        duration_s: of a walk.
-        cycle_s: of a gait.
         floor_m: minimum distance of a valid walk.
         way_m: distance of a walk of any gait, without a prior.
         turns: whether walks turn with a trim; False if they hold their heading.
@@ -53,6 +48,7 @@ class TrimSearch(Optimizer):
 
     name = "trim"
     trims = True
+    walks_named = "walks"
     belief: ClassVar[type[DriftBelief]] = DriftBelief
 
     def __init__(
@@ -71,8 +67,6 @@ class TrimSearch(Optimizer):
     ) -> None:
         super().__init__(space, seed)
         self._codes = list(range(1, space.size + 1) if codes is None else codes)
-        if sorted(self._codes) != list(range(1, space.size + 1)):
-            raise InputError(f"trim: got {len(self._codes)} codes; allowed: each of 1..{space.size} once")
         self._samples, self._target_m, self._turns = samples, target_m, turns
         self._floor_m = floor_m
         self._cycle_s, self._half_s = cycle_s, half_steady_s(duration_s)
@@ -98,10 +92,6 @@ class TrimSearch(Optimizer):
         return Prediction(
             signed_m=mean_m, sd_m=sd_m, trial_sd_m=trial_sd_m, chance=chance, target_m=self._target_m
         )
-
-    def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Learn from a walk without an ask."""
-        self._learn_observed([code], [score], [observation])
 
     def promise_m(self, code: int) -> float:
         """How far off its line a trimmed gait is expected to end."""
@@ -135,23 +125,21 @@ class TrimSearch(Optimizer):
             self._promises_m.update((each, self.promise_m(each)) for each in self._codes)
         return [min(left, key=self._promises_m.__getitem__)]
 
-    def _learn(self, codes: list[int], scores: list[float]) -> None:
-        self._learn_observed(codes, scores, [None] * len(codes))
+    def _facts(self, score: float, observation: Observation | None) -> list[Any]:
+        if observation is None:
+            return ["unknown", 0.0, 0.0, None]
+        drift = drift_of(observation, self._cycle_s) if observation.finished else None
+        numbers = None if drift is None else [drift.course_rad, drift.half_turn_rad, drift.way_m]
+        return [observation.status, observation.trim.course_rad, observation.trim.turn_rad_s, numbers]
 
-    def _learn_observed(
-        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
+    def _observe(
+        self,
+        code: int,
+        status: str,
+        course_trim_rad: float,
+        turn_trim_rad_s: float,
+        numbers: list[float] | None,
     ) -> None:
-        for code, one in zip(codes, observations, strict=True):
-            drift = drift_of(one, self._cycle_s) if one is not None and one.finished else None
-            trim, status = (Trim(), "unknown") if one is None else (one.trim, one.status)
-            numbers = None if drift is None else [drift.course_rad, drift.half_turn_rad, drift.way_m]
-            self._take([code, status, trim.course_rad, trim.turn_rad_s, numbers])
-
-    def _take(self, walk: list[Any]) -> None:
-        code, status, course_trim_rad, turn_trim_rad_s, numbers = walk
-        if not 1 <= code <= self.space.size:
-            raise ValueError(f"a walk of code {code}")
-        self._walks.append(walk)
         drift = None if numbers is None else Drift(**dict(zip(Drift.__slots__, numbers, strict=True)))
         slow = status == "no_progress" and (drift is None or drift.walked_m < self._floor_m)
         if slow or status not in ("ok", "unknown", "no_progress"):
@@ -160,33 +148,15 @@ class TrimSearch(Optimizer):
             return
         self._promises_m.clear()
         self._walked[code] = course_trim_rad, turn_trim_rad_s
-        self._belief.observe(
-            TrimmedWalk(
-                code=code,
-                course_trim_rad=course_trim_rad,
-                half_turn_trim_rad=turn_trim_rad_s * self._half_s,
-                drift=drift,
-            )
-        )
+        self._belief.observe(TrimmedWalk(code, course_trim_rad, turn_trim_rad_s * self._half_s, drift))
 
     def _forget(self) -> None:
+        super()._forget()
         leg, gaits = self.space.failed_legs[0], self.space.size
         self._belief = self.belief(leg, gaits, self._samples, turns=self._turns)
         self._promises_m: dict[int, float] = {}  # of all codes, until a walk teaches
-        self._walks: list[list[Any]] = []
         self._walked: dict[int, tuple[float, float]] = {}  # the last trim of each code
         self._failed: set[int] = set()
-
-    def _search_state(self) -> dict[str, Any]:
-        return {"codes": list(self._codes), "walks": [list(walk) for walk in self._walks]}
-
-    def _restore_search(self, state: dict[str, Any]) -> None:
-        codes = [int(code) for code in state["codes"]]
-        walks = [list(walk) for walk in state["walks"]]
-        self._codes = codes
-        self._forget()
-        for walk in walks:
-            self._take(walk)
 
 
 def _limited(angle_rad: float, most_rad: float) -> float:

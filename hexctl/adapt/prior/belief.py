@@ -12,14 +12,15 @@ conditioned on them in the coordinates of the worlds.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
 from hexctl.adapt.space import GaitSpace
-from hexctl.types import JOINTS_PER_LEG, FloatArray
+from hexctl.types import BoolArray, FloatArray, leg_slice
 
 #: Variance of an observation's noise, relative to that between the worlds along each principal direction.
 NOISE = 0.1
@@ -127,25 +128,17 @@ class Forecast:
 _END_FIRST = np.array([FINAL, *(feature for feature in range(N_FEATURES) if feature != FINAL)])
 
 
-@dataclass(eq=False)
-class _Seen:
-    """Observed numbers of trials, one entry each."""
+class _Seen(NamedTuple):
+    """Observed numbers of trials, one entry each: N_FEATURES times the row of a gait, plus the feature."""
 
-    trial: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    gait: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    feature: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    value: FloatArray = field(default_factory=lambda: np.zeros(0))
+    trial: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    number: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    value: FloatArray = np.zeros(0)
 
-    def plus(self, gait: int, features: FloatArray) -> "_Seen":
-        # The end first: its surprise is then separate from that of the course.
-        known = _END_FIRST[np.isfinite(features[_END_FIRST])]
-        trial = int(self.trial[-1]) + 1 if self.trial.size else 0
-        return _Seen(
-            np.append(self.trial, np.full(known.size, trial)),
-            np.append(self.gait, np.full(known.size, gait)),
-            np.append(self.feature, known),
-            np.append(self.value, features[known]),
-        )
+    @property
+    def ends(self) -> BoolArray:
+        """Entries that are ends of walks."""
+        return np.asarray(self.number % N_FEATURES == FINAL)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +168,6 @@ class Course:
 class _Evidence:
     """Root of the observations' covariance, whitened surprise, and factor of the prior's variance."""
 
-    seen: _Seen
     root: FloatArray
     surprise: FloatArray
     widened: float
@@ -198,23 +190,29 @@ class Belief:
         # Square root of the worlds' covariance: columns are gait-major, as all flat arrays here.
         self._root = apart.reshape(worlds, -1) / np.sqrt(max(worlds - 1, 1))
         self._shape = UNEXPLAINED * np.einsum("mgi,mgj->ij", apart, apart) / (worlds * len(self._mean))
-        self._alike = likeness(samples.leg, COMMON_SHARE, ALIKE_SHARE) * _outer(spread_of(apart[..., FINAL]))
+        spread = spread_of(apart[..., FINAL])
+        self._alike = likeness(samples.leg, COMMON_SHARE, ALIKE_SHARE) * np.outer(spread, spread)
         self._noise_m = noise_m
         self._seen = _Seen()
         if sag_rad is not None and samples.sag_rad is not None:
-            told_rad = sag_rad if samples.failed_leg_tells else _of_walking_legs(sag_rad, samples.leg)
+            told_rad = np.array(sag_rad, dtype=float)
+            if not samples.failed_leg_tells:
+                told_rad[leg_slice(samples.leg)] = np.nan
             shift, shrink = narrowed(samples.sag_rad, told_rad)
             self._mean = self._mean + (shift @ self._root).reshape(self._mean.shape)
             self._root = shrink @ self._root
 
     def observe(self, code: int, features: FloatArray) -> None:
         """Add a trial of a gait by its features, (N_FEATURES,), NaN for unknown ones."""
-        self._seen = self._seen.plus(code - 1, features)
+        # The end first: its surprise is then separate from that of the course.
+        known = _END_FIRST[np.isfinite(features[_END_FIRST])]
+        trial, numbers = np.full(known.size, len(self._seen.trial)), N_FEATURES * (code - 1) + known
+        self._seen = _Seen(*map(np.append, self._seen, (trial, numbers, features[known])))
 
     def forecast(self) -> Forecast:
         """Current forecast of all gaits."""
         noise_m = self._noise_now_m()
-        evidence = self._weighed(self._seen, noise_m)
+        evidence = self._weighed(noise_m)
         mean_m, covariance = self._of_all_gaits(evidence, FINAL)
         distance_m, distance_covariance = self._of_all_gaits(evidence, DISTANCE)
         return Forecast(
@@ -229,89 +227,72 @@ class Belief:
     def course_of(self, code: int) -> Course:
         """Belief about one walk of a gait, its own noise included."""
         noise_m = self._noise_now_m()
-        features = np.arange(N_FEATURES)
-        gaits = np.full(N_FEATURES, code - 1)
-        mean, covariance = self._conditioned(self._weighed(self._seen, noise_m), gaits, features)
-        noise = self._noise(noise_m, features)
+        numbers = N_FEATURES * (code - 1) + np.arange(N_FEATURES)
+        mean, covariance = self._conditioned(self._weighed(noise_m), numbers)
+        noise = self._noise(noise_m, numbers)
         return Course(mean=mean, covariance=covariance + noise, blur=BLUR * np.diagonal(self._shape))
 
     def _of_all_gaits(self, evidence: _Evidence, feature: int) -> tuple[FloatArray, FloatArray]:
         """Mean (gaits,) and covariance (gaits, gaits) of one feature of all gaits."""
-        gaits = np.arange(len(self._mean))
-        return self._conditioned(evidence, gaits, np.full(gaits.size, feature))
+        return self._conditioned(evidence, N_FEATURES * np.arange(len(self._mean)) + feature)
 
-    def _conditioned(
-        self, evidence: _Evidence, gaits: NDArray[np.int64], features: NDArray[np.int64]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Mean (n,) and covariance (n, n) of n numbers, each a feature of a gait."""
+    def _conditioned(self, evidence: _Evidence, numbers: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        """Mean (n,) and covariance (n, n) of n numbers."""
         from scipy.linalg import solve_triangular
 
-        seen, widened = evidence.seen, evidence.widened
-        mean = self._mean[gaits, features]
-        covariance = widened * self._covariance(gaits, features, gaits, features)
+        seen, widened = self._seen, evidence.widened
+        mean = self._mean.ravel()[numbers]
+        covariance = widened * self._covariance(numbers, numbers)
         if not seen.value.size:
             return mean, covariance
-        across = widened * self._covariance(seen.gait, seen.feature, gaits, features)
+        across = widened * self._covariance(seen.number, numbers)
         explained = solve_triangular(evidence.root, across, lower=True)
         return mean + explained.T @ evidence.surprise, covariance - explained.T @ explained
 
-    def _covariance(
-        self,
-        gaits: NDArray[np.int64],
-        features: NDArray[np.int64],
-        other_gaits: NDArray[np.int64],
-        other_features: NDArray[np.int64],
-    ) -> FloatArray:
+    def _covariance(self, numbers: NDArray[np.int64], others: NDArray[np.int64]) -> FloatArray:
         """Prior covariance of n numbers with m others, (n, m)."""
-        ours = self._root[:, gaits * N_FEATURES + features]
-        theirs = self._root[:, other_gaits * N_FEATURES + other_features]
-        shape = self._shape[np.ix_(features, other_features)]
-        return np.asarray(ours.T @ theirs + self._alike[np.ix_(gaits, other_gaits)] * shape)
+        shape = self._shape[np.ix_(numbers % N_FEATURES, others % N_FEATURES)]
+        alike = self._alike[np.ix_(numbers // N_FEATURES, others // N_FEATURES)]
+        return np.asarray(self._root[:, numbers].T @ self._root[:, others] + alike * shape)
 
-    def _noise(self, noise_m: float, features: NDArray[np.int64]) -> FloatArray:
+    def _noise(self, noise_m: float, numbers: NDArray[np.int64]) -> FloatArray:
         """Covariance of a trial's noise; it has the shape over a walk that all deviations have."""
+        features = numbers % N_FEATURES
         shape = self._shape[np.ix_(features, features)]
         return np.asarray(shape * (noise_m**2 / self._shape[FINAL, FINAL]))
 
-    def _weighed(self, seen: _Seen, noise_m: float) -> _Evidence:
+    def _weighed(self, noise_m: float) -> _Evidence:
         """Evidence, with the prior as wide as the ends of the walks require, 1 at least."""
-        evidence = self._decomposed(seen, noise_m, 1.0)
-        ends = seen.feature == FINAL
+        evidence, ends = self._decomposed(noise_m, 1.0), self._seen.ends
         # Whitened in the order of the trials: each end against the belief just before it.
         squares = float((evidence.surprise[ends] ** 2).sum())
         widened = (TRUST_TRIALS + squares) / (TRUST_TRIALS + int(ends.sum()))
-        return evidence if widened <= 1 else self._decomposed(seen, noise_m, widened)
+        return evidence if widened <= 1 else self._decomposed(noise_m, widened)
 
-    def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> _Evidence:
+    def _decomposed(self, noise_m: float, widened: float) -> _Evidence:
         from scipy.linalg import cholesky, solve_triangular
 
-        covariance = widened * self._covariance(seen.gait, seen.feature, seen.gait, seen.feature)
+        seen = self._seen
+        covariance = widened * self._covariance(seen.number, seen.number)
         together = seen.trial[:, np.newaxis] == seen.trial
-        covariance += np.where(together, self._noise(noise_m, seen.feature), 0.0)
-        blur = np.where(seen.feature == FINAL, 0.0, BLUR * np.diagonal(self._shape)[seen.feature])
+        covariance += np.where(together, self._noise(noise_m, seen.number), 0.0)
+        blur = np.where(seen.ends, 0.0, BLUR * np.diagonal(self._shape)[seen.number % N_FEATURES])
         covariance[np.diag_indices_from(covariance)] += blur + 1e-9 * np.diagonal(covariance) + 1e-12
-        surprise = seen.value - self._mean[seen.gait, seen.feature]
+        surprise = seen.value - self._mean.ravel()[seen.number]
         if not seen.value.size:
-            return _Evidence(seen, covariance, surprise, widened)
+            return _Evidence(covariance, surprise, widened)
         root = cholesky(covariance, lower=True)
-        return _Evidence(seen, root, solve_triangular(root, surprise, lower=True), widened)
+        return _Evidence(root, solve_triangular(root, surprise, lower=True), widened)
 
     def _noise_now_m(self) -> float:
         """Noise of a trial: the assumed one, corrected by the differences between repeats of a gait."""
-        final = self._seen.feature == FINAL
-        gaits, values = self._seen.gait[final], self._seen.value[final]
+        numbers, values = self._seen.number[self._seen.ends], self._seen.value[self._seen.ends]
         squares, repeats = NOISE_WEIGHT * self._noise_m**2, NOISE_WEIGHT
-        for gait in np.unique(gaits):
-            again = values[gaits == gait]
+        for number in np.unique(numbers):
+            again = values[numbers == number]
             squares += float(((again - again.mean()) ** 2).sum())
             repeats += again.size - 1
         return float(np.sqrt(squares / repeats))
-
-
-def _of_walking_legs(sag_rad: FloatArray, failed_leg: int) -> FloatArray:
-    known = np.array(sag_rad, dtype=float)
-    known[JOINTS_PER_LEG * (failed_leg - 1) : JOINTS_PER_LEG * failed_leg] = np.nan
-    return known
 
 
 def likeness(leg: int, common: float, alike: float) -> FloatArray:
@@ -333,7 +314,3 @@ def spread_of(apart: FloatArray) -> FloatArray:
     # A gait that always fell has no known spread, which is not a spread of zero.
     spread = np.maximum(spread, max(float(np.median(spread)) / 2, 1e-3))
     return np.asarray(spread / np.sqrt((spread**2).mean()))
-
-
-def _outer(values: FloatArray) -> FloatArray:
-    return np.asarray(values[:, np.newaxis] * values)

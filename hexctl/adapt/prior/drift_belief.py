@@ -1,7 +1,7 @@
 """Belief about the drift of all gaits, and about what a trim does to it: one joint normal.
 
 A walk i of the gait c, with the trim of its course h and of its turn w (as half a turn, w T / 2), has by
-`hexctl.adapt.drift` the course and the half turn
+`hexctl.adapt.prior.drift` the course and the half turn
 
     course_i    = a_c + g w_i + (1 + q) h_i + noise    (a, b) ~ N(mean, covariance of the worlds of a prior)
     half turn_i = b_c + g w_i + q h_i       + noise    g ~ N(GAIN, GAIN_SD^2), q ~ N(COUPLED, COUPLED_SD^2)
@@ -22,8 +22,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.adapt.drift import Drift
 from hexctl.adapt.prior.belief import ALIKE_SHARE, COMMON_SHARE, UNEXPLAINED, likeness, spread_of
+from hexctl.adapt.prior.drift import Drift
 from hexctl.adapt.prior.samples import DriftSamples
 from hexctl.types import FloatArray
 
@@ -51,7 +51,7 @@ HALF_TURN_SD_RAD, BESIDE_SD_RAD = math.radians(15.0), math.radians(2.0)
 PASSES = 4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class TrimmedWalk:
     """A walk of a gait, with the trim of its course and of half its turn."""
 

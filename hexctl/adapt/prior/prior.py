@@ -1,7 +1,6 @@
 """A prior: the outcomes of all gaits of each failed leg in many simulated worlds."""
 
 import math
-import os
 from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.space import GaitSpace
-from hexctl.archive import ArchiveFileError, ArchiveKind, content_digest
+from hexctl.archive import ArchiveKind, content_digest
 from hexctl.control.assessment.static_stability import stood_up
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.posture import STANCE
@@ -226,17 +225,6 @@ KIND = ArchiveKind(name="prior", versions=(Prior.version, ScorePrior.version), c
 def save_prior(prior: Outcomes, path: Path) -> None:
     """Write a prior atomically; raises ArchiveFileError when the disk refuses."""
     KIND.save(path, prior.version, prior.head, prior.arrays)
-
-
-def check_place(path: Path) -> None:
-    """Raise ArchiveFileError, before hours are spent, unless a prior can be written there."""
-    probe = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise ArchiveFileError(f"prior: {path} cannot be written: {error.strerror}") from error
 
 
 def load_prior(path: Path | str) -> Prior:

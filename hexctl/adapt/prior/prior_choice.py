@@ -8,7 +8,6 @@ from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.prior.prior import KIND, SCORES
 from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
-from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.errors import InputError, argument
@@ -50,14 +49,14 @@ def choose_prior(
     named = wanted not in (None, "auto")
     if not _wants_prior(spec, wanted, free):
         return spec
-    key, covered = setting.prior_key, covering(setting.robot, setting.plan)
+    robot, plan = setting.robot, setting.plan
     reason = "" if spec.optimizer == TRIM and spec.hold == "none" else _other_objective(spec)
     if not reason and named:
         path = named_prior(str(wanted), folders)
-        check_prior(path, key, covers=covered)
+        check_prior(path, robot, plan)
         return _with_prior(spec, path)
     if not reason:
-        found = find_prior(key, folders, covers=covered)
+        found = find_prior(robot, plan, folders)
         if found.path is not None:
             return _with_prior(spec, found.path)
         reason = found.reason

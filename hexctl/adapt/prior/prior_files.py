@@ -1,14 +1,17 @@
 """Find, list and describe the priors of sessions: by path, custom or shipped."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.prior.prior import KIND, SCORES, PriorKey, ScorePrior, open_prior
+from hexctl.adapt.prior.samples import covers
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.files import OnDamage, log_damage
 from hexctl.robot.configs import config_root
+from hexctl.robot.model import Robot
 
 SUFFIX = ".npz"
 
@@ -43,27 +46,17 @@ def named_prior(text: str, folders: Iterable[Path]) -> Path:
     return next((found for found in prior_files(folders) if found.name == name), path)
 
 
-#: Whether a prior of some failed legs says anything about those of a session.
-Covers = Callable[[tuple[int, ...]], bool]
-
-
-def any_legs(_legs: tuple[int, ...]) -> bool:
-    """True: the legs of a prior do not matter."""
-    return True
-
-
 def find_prior(
-    key: PriorKey, folders: Iterable[Path], *, covers: Covers = any_legs, any_duration: bool = False
+    robot: Robot, plan: TrialPlan, folders: Iterable[Path], *, any_duration: bool = False
 ) -> Found:
-    """Find the first prior in some folders for a key, or why there is none.
+    """Find the first prior in some folders for the trials of a plan, or why there is none.
 
-    `covers` checks the legs of a prior; `any_duration` allows other durations, if only the order of the gaits
-    counts. Unreadable files are skipped.
+    `any_duration` allows other durations, if only the order of the gaits counts. Damaged files are skipped.
     """
     nearest: tuple[int, str] | None = None
     for path in prior_files(folders):
         try:
-            differences = _differences(path, key, covers, any_duration=any_duration)
+            differences = _differences(path, robot, plan, any_duration=any_duration)
         except InputError:
             continue
         if not differences:
@@ -73,22 +66,21 @@ def find_prior(
     return Found(None, nearest[1] if nearest else "none has been built")
 
 
-def check_prior(path: Path, key: PriorKey, *, covers: Covers = any_legs) -> None:
-    """Raise InputError unless the prior of a file is for a key."""
-    differences = _differences(path, key, covers)
+def check_prior(path: Path, robot: Robot, plan: TrialPlan) -> None:
+    """Raise InputError unless the prior of a file is for the trials of a plan."""
+    differences = _differences(path, robot, plan)
     if differences:
         raise InputError(
             f"prior {path}: is for {', '.join(differences)}; allowed: a prior for the same trials"
         )
 
 
-def _differences(path: Path, key: PriorKey, covers: Covers, *, any_duration: bool = False) -> list[str]:
-    head = KIND.read_head(path)
+def _differences(path: Path, robot: Robot, plan: TrialPlan, *, any_duration: bool = False) -> list[str]:
+    head, key = KIND.read_head(path), PriorKey.of(robot, plan)
     try:
-        own = PriorKey(**head["question"])
+        own, legs = PriorKey(**head["question"]), tuple(int(leg) for leg in head["legs"])
         differences = own.differences(replace(key, duration_s=own.duration_s) if any_duration else key)
-        legs = tuple(int(leg) for leg in head["legs"])
-        if not covers(legs):
+        if not covers(robot, plan.self_rotation, legs, plan.failed_legs[0]):
             differences.append(f"failed leg {', '.join(str(leg) for leg in legs)}")
         return differences
     except (KeyError, TypeError) as error:

@@ -1,17 +1,16 @@
 """The worlds of a prior as samples for one failed leg, with those of symmetric legs."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.adapt.drift import half_steady_s
 from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.prior.drift import half_steady_s
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Outcomes, Prior, ScorePrior
-from hexctl.adapt.prior.prior_files import Covers
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.model import Robot
@@ -52,18 +51,20 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
     A turned or mirrored gait begins at another phase: it is a plausible walk of this leg, not the same one.
     Raises InputError if the prior has neither.
     """
-    sources = _sources_in(prior, robot, leg)
-    features = np.concatenate([_moved_worlds(prior, symmetry, source) for symmetry, source in sources])
-    if not np.isfinite(features[..., FINAL]).any():
-        raise InputError(
-            f"prior: leg {leg} fell with every gait in every world; nothing can be told from that"
-        )
-    finished = np.isfinite(features[..., FINAL]).mean(axis=0)
+    moved, sags_rad = [], []
+    for symmetry, row, order in _moves(prior, robot, leg):
+        progress_m, yaw_rad = prior.progress_m[row][..., PROGRESS_AT], prior.yaw_rad[row][..., np.newaxis]
+        worlds = np.concatenate([prior.signed_m[row], progress_m, yaw_rad], axis=-1)[:, order]
+        moved.append(worlds * MIRRORED if symmetry.mirrored else worlds)
+        if prior.sag_rad is not None:
+            sags_rad.append(symmetry.joints(prior.sag_rad[row]))
+    features = np.concatenate(moved)
+    _check_known(features[..., FINAL], leg)
     return Samples(
         leg=leg,
         features=_filled(features),
-        finished=finished,
-        sag_rad=_moved_sags(prior, sources),
+        finished=np.isfinite(features[..., FINAL]).mean(axis=0),
+        sag_rad=np.concatenate(sags_rad) if sags_rad else None,
         failed_leg_tells=prior.key.failure == UNKNOWN,
     )
 
@@ -89,14 +90,12 @@ def score_samples_of(prior: ScorePrior, robot: Robot, leg: int, objective: str) 
     if objective not in SCORES:
         raise InputError(f"objective: got {objective} with a prior; allowed: {', '.join(SCORES)}")
     column, scores, valid = SCORES.index(objective), [], []
-    for symmetry, source in _sources_in(prior, robot, leg):
-        order, row = np.argsort(moved_codes(symmetry, source)), prior.legs.index(source)
+    for _, row, order in _moves(prior, robot, leg):
         scores.append(prior.log_scores[row, :, order, column].T)
         valid.append(prior.valid[row][:, order])
     known = np.concatenate(scores)
+    _check_known(known, leg)
     never = ~np.isfinite(known).any(axis=0)
-    if never.all():
-        raise InputError(f"prior: leg {leg} walked with no gait in any world; nothing can be told from that")
     filled = _filled(known)
     filled[:, never] = filled[:, ~never].mean(axis=0).max()
     return ScoreSamples(leg=leg, log_scores=filled, valid=np.concatenate(valid).mean(axis=0))
@@ -119,17 +118,13 @@ class DriftSamples:
 def drift_samples_of(prior: Prior, robot: Robot, leg: int) -> DriftSamples:
     """Drifts of a prior's worlds for one failed leg; raises InputError as `samples_of` does."""
     drifts, ways = [], []
-    for symmetry, source in _sources_in(prior, robot, leg):
-        order, row = np.argsort(moved_codes(symmetry, source)), prior.legs.index(source)
+    for symmetry, row, order in _moves(prior, robot, leg):
         path_m = np.stack([prior.progress_m[row], prior.signed_m[row]], axis=-1)[:, order]
         sign = -1.0 if symmetry.mirrored else 1.0
         drifts.append(sign * _drifts_rad(path_m, prior.key.duration_s))
         ways.append(np.hypot(*np.moveaxis(path_m[:, :, -1], -1, 0)))
     known = np.concatenate(drifts)
-    if not np.isfinite(known).any():
-        raise InputError(
-            f"prior: leg {leg} fell with every gait in every world; nothing can be told from that"
-        )
+    _check_known(known, leg)
     way_m = _filled(np.concatenate(ways)).mean(axis=0)
     return DriftSamples(leg=leg, drifts_rad=_filled(known), way_m=way_m)
 
@@ -171,12 +166,6 @@ def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) ->
     return bool(_sources(robot, self_rotation, legs, leg))
 
 
-def covering(robot: Robot, plan: TrialPlan) -> Covers:
-    """Predicate for `find_prior`: whether a prior of some legs covers the failed leg of a plan."""
-    (leg,) = plan.failed_legs
-    return lambda legs: covers(robot, plan.self_rotation, legs, leg)
-
-
 def _sources(
     robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int
 ) -> list[tuple[BodySymmetry, int]]:
@@ -189,13 +178,24 @@ def _sources(
     ]
 
 
-def _sources_in(prior: Outcomes, robot: Robot, leg: int) -> list[tuple[BodySymmetry, int]]:
-    """Sources of a leg in a prior; raises InputError if there is none."""
+def _moves(prior: Outcomes, robot: Robot, leg: int) -> Iterator[tuple[BodySymmetry, int, NDArray[np.int64]]]:
+    """Symmetries that move legs of a prior to one: the row of the leg, and the order of its moved gaits.
+
+    Raises InputError if there is none.
+    """
     sources = _sources(robot, prior.key.self_rotation, prior.legs, leg)
     if not sources:
         legs = ", ".join(str(known) for known in prior.legs)
         raise InputError(f"prior: got failed leg {leg}; allowed: {legs}")
-    return sources
+    for symmetry, source in sources:
+        yield symmetry, prior.legs.index(source), np.argsort(moved_codes(symmetry, source))
+
+
+def _check_known(values: FloatArray, leg: int) -> None:
+    if not np.isfinite(values).any():
+        raise InputError(
+            f"prior: leg {leg} fell with every gait in every world; nothing can be told from that"
+        )
 
 
 def moved_codes(symmetry: BodySymmetry, leg: int) -> NDArray[np.int64]:
@@ -219,26 +219,6 @@ def features_of(observation: Observation, duration_s: float) -> FloatArray:
     rows = observation.at(times_s)
     yaw_rad = observation.yaw_change_rad if observation.finished else None
     return np.concatenate([rows[:, 1], rows[PROGRESS_AT, 0], [np.nan if yaw_rad is None else yaw_rad]])
-
-
-def _moved_worlds(prior: Prior, symmetry: BodySymmetry, source: int) -> FloatArray:
-    """Worlds of a leg, moved by a symmetry, (worlds, gaits, N_FEATURES)."""
-    row = prior.legs.index(source)
-    progress = prior.progress_m[row][..., PROGRESS_AT]
-    features = np.concatenate([prior.signed_m[row], progress, prior.yaw_rad[row][..., np.newaxis]], axis=-1)
-    if symmetry.mirrored:
-        features = features * MIRRORED
-    moved = np.empty_like(features)
-    moved[:, moved_codes(symmetry, source) - 1] = features
-    return moved
-
-
-def _moved_sags(prior: Prior, sources: list[tuple[BodySymmetry, int]]) -> FloatArray | None:
-    """Deflections in the worlds of some legs, moved by symmetries, (worlds, 18)."""
-    if prior.sag_rad is None:
-        return None
-    rows = [symmetry.joints(prior.sag_rad[prior.legs.index(source)]) for symmetry, source in sources]
-    return np.concatenate(rows)
 
 
 def _filled(features: FloatArray) -> FloatArray:

@@ -7,12 +7,14 @@ a trimmed trial. Walks of the baseline need no search.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.control.assessment.uncertainty_store import DISTINCT
+
+if TYPE_CHECKING:
+    from hexctl.adapt.sessions.search_session import Session
 
 #: Walks that may be recommended.
 Walk = TrialRecord | BaselineRecord
@@ -22,18 +24,6 @@ LEAST_DIFFERENCE = 0.0005
 
 #: Most trials of a session whose ends are confirmed; each confirmation takes some seconds.
 MOST_CONFIRMED = 3
-
-
-class Walks(Protocol):
-    """The walks of a session."""
-
-    spec: SessionSpec
-    trials: list[TrialRecord]
-    ended: str | None
-    baseline: list[BaselineRecord]
-
-    def confirmation_of(self, found: Walk) -> ConfirmationRecord | TrialRecord | None:
-        """The walk that confirms the gait of another walk with its trim, or None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +57,7 @@ def resolution_m(one: Contender, other: Contender) -> float:
     return max(known_m, LEAST_DIFFERENCE)
 
 
-def recommended(session: Walks) -> Contender | None:
+def recommended(session: "Session") -> Contender | None:
     """The walk to recommend; None before the first valid trial and baseline.
 
     Among the straightest, unresolved walks, those without a search come first, then the maximum static
@@ -76,7 +66,7 @@ def recommended(session: Walks) -> Contender | None:
     return min(_unresolved(session), key=lambda one: one.preference, default=None)
 
 
-def next_to_confirm(session: Walks) -> Contender | None:
+def next_to_confirm(session: "Session") -> Contender | None:
     """The straightest candidate without a confirmation; None if all are confirmed.
 
     At a coarse time step a walk of the baseline may end elsewhere by more than was measured on the flat
@@ -91,7 +81,7 @@ def _unconfirmed(found: Iterable[Contender]) -> Contender | None:
     return _straightest(one for one in found if one.confirmation is None)
 
 
-def _baseline_to_beat(session: Walks) -> list[Contender]:
+def _baseline_to_beat(session: "Session") -> list[Contender]:
     """Walks of the baseline, if one may be straighter than the recommendation; else none."""
     found = recommended(session)
     if found is None or not found.uncertainty_m or found.score <= resolution_m(found, found):
@@ -99,12 +89,12 @@ def _baseline_to_beat(session: Walks) -> list[Contender]:
     return [one for one in contenders(session) if not one.searched]
 
 
-def straightest_baseline(session: Walks) -> Contender | None:
+def straightest_baseline(session: "Session") -> Contender | None:
     """The straightest walk of the baseline; None without a valid one."""
     return _straightest(one for one in contenders(session) if not one.searched)
 
 
-def contenders(session: Walks) -> list[Contender]:
+def contenders(session: "Session") -> list[Contender]:
     """Valid walks of the baseline, and the straightest trial; none before a trial, if there is one."""
     if not session.trials and session.ended != "target":
         return []
@@ -113,7 +103,7 @@ def contenders(session: Walks) -> list[Contender]:
     return baseline if best is None else [*baseline, best]
 
 
-def _trials(session: Walks) -> list[Contender]:
+def _trials(session: "Session") -> list[Contender]:
     """Valid trials; only the confirmed ones once there are enough."""
     trials = _valid(_contender(session, trial, searched=True) for trial in session.trials)
     confirmed = [trial for trial in trials if trial.confirmation is not None]
@@ -121,13 +111,13 @@ def _trials(session: Walks) -> list[Contender]:
     return confirmed if len(known) >= MOST_CONFIRMED else trials
 
 
-def _unresolved(session: Walks) -> list[Contender]:
+def _unresolved(session: "Session") -> list[Contender]:
     found = contenders(session)
     lowest = _straightest(found)
     return [one for one in found if lowest is not None and not one.resolved_from(lowest)]
 
 
-def _contender(session: Walks, walk: Walk, *, searched: bool) -> Contender:
+def _contender(session: "Session", walk: Walk, *, searched: bool) -> Contender:
     spec, confirmation = session.spec, session.confirmation_of(walk)
     finer = isinstance(confirmation, ConfirmationRecord)
     uncertainty_m = spec.confirmed_uncertainty_m if finer else spec.uncertainty_m

@@ -18,9 +18,6 @@ from hexctl.adapt.sessions.walk_records import (
     WalkRecord,
 )
 
-#: Scores in m; reports name the first trial within each.
-MILESTONES_M = (0.10, 0.025)
-
 
 def trials_text(count: int) -> str:
     """Number of trials in words: `1 trial`, `2 trials`."""
@@ -88,7 +85,7 @@ class Session:
         front = [(valid[row], scores[row].tolist()) for row in np.flatnonzero(undominated(scores)).tolist()]
         return sorted(front, key=lambda pair: pair[1])
 
-    def trials_to(self, milestone_m: float) -> int | None:
+    def _trials_to(self, milestone_m: float) -> int | None:
         """Index of the first trial with a score within a milestone; None without one, or a score in m."""
         if self.spec.objective_unit != "m":
             return None
@@ -112,9 +109,10 @@ class Session:
         return 0.5 * (math.erf(below) + math.erf(above))
 
     def _recommended_json(self) -> dict[str, Any] | None:
-        found, walk = recommended(self), self.best_walk
-        if found is None or walk is None:
+        found = recommended(self)
+        if found is None:
             return None
+        walk = found.walk
         return {
             "gait": walk.gait if isinstance(walk, BaselineRecord) else None,
             "code": walk.code,
@@ -143,11 +141,6 @@ class Session:
             "confirmations": [walk.as_json() for walk in self.confirmations],
             "recommended": self._recommended_json(),
             "ended": self.ended,
-            **{
-                f"trials_to_{milestone:.{digits}f}_m": self.trials_to(milestone)
-                for milestone, digits in _DIGITS
-            },
+            "trials_to_0.10_m": self._trials_to(0.10),
+            "trials_to_0.025_m": self._trials_to(0.025),
         }
-
-
-_DIGITS = tuple(zip(MILESTONES_M, (2, 3), strict=True))

@@ -1,18 +1,16 @@
 """Steps of a session's search: its forecasts after each trial, and the reasons for the next gait.
 
-Sessions do not store beliefs. Those of `bayes` are computed again from its prior and trials, and shown only
-if they reproduce all stored predictions. Other optimizers have none; custom optimizers are not imported to
-view a session, which may come from another person.
+Sessions do not store beliefs. Those of `bayes` are computed again from its prior and trials. Other optimizers
+have none; custom optimizers are not imported to view a session, which may come from another person.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import NINETY_PERCENT, Prediction
-from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizer import NINETY_PERCENT
+from hexctl.adapt.optimizers.bayes import Bayes, Choice
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_lines import DAMAGE
@@ -21,32 +19,19 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.setting import load_setting
 from hexctl.errors import HexctlError, InputError
-from hexctl.recording.sessions.session_overview import GaitBeliefs, SearchStep, deviation_text, mark_text
-
-#: How far a prediction that is computed again may be off: other processors round otherwise.
-SAME_M = 1e-4
+from hexctl.recording.sessions.session_overview import GaitBeliefs, SearchStep, deviation_text
 
 #: Maximum number of trials with beliefs: computing them takes 2 s and grows with the third power; `bayes`
 #: rarely walks 20.
 MOST_TRIALS = 60
 
-#: Rows of the table of the gaits that are likeliest to be within the target.
-LIKELIEST = 5
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """Knowledge of a search after some trials: gaits most likely within the target, and the next gait."""
-
-    beliefs: GaitBeliefs
-    likeliest: list[tuple[int, Prediction]]
-    code: int
-    why: str
+#: What a search expects of all gaits after some trials, and its next choice.
+Known = tuple[GaitBeliefs, Choice]
 
 
 def search_steps(session: Session) -> tuple[SearchStep, ...]:
     """Steps from before the first trial to after the last one."""
-    known: list[_Known] = []
+    known: list[Known] = []
     missing = _without(session.spec)
     try:
         if (search := _search_of(session)) is not None:
@@ -82,39 +67,28 @@ def _search_of(session: Session) -> Bayes | None:
     return search if isinstance(search, Bayes) else None
 
 
-def _replayed(session: Session, search: Bayes) -> Iterator[_Known]:
-    """Knowledge after 0, 1, … `MOST_TRIALS` trials; raises InputError if it differs from the session's."""
+def _replayed(session: Session, search: Bayes) -> Iterator[Known]:
+    """Knowledge after 0, 1, … `MOST_TRIALS` trials; raises InputError if the session has others."""
     state = session.optimizer_state or search.state()
     told = state["search"]["trials"]
     if [trial[0] for trial in told] != [trial.code for trial in session.trials]:
         raise InputError("steps: the optimizer was told of other trials than the session has")
     for done in range(min(len(told), MOST_TRIALS) + 1):
         search.restore({**state, "asked": None, "search": {**state["search"], "trials": told[:done]}})
-        if done < len(told):
-            _check(session.trials[done], search)
         yield _known(search, session.spec.uncertainty_m)
 
 
-def _check(trial: TrialRecord, search: Bayes) -> None:
-    stored, now = trial.expected or {}, search.predict(trial.code).as_json()
-    names = ("signed_m", "low_m", "high_m")
-    if not all(name in stored and abs(stored[name] - now[name]) <= SAME_M for name in names):
-        raise InputError(f"steps: trial {trial.index} was expected to end elsewhere, by another version")
-
-
-def _known(search: Bayes, uncertainty_m: float) -> _Known:
-    """Current knowledge of a search; intervals and chances include the simulation's uncertainty."""
-    forecast, choice = search.forecast(), search.choice()
+def _known(search: Bayes, uncertainty_m: float) -> Known:
+    """Current knowledge of a search; intervals include the simulation's uncertainty."""
+    forecast = search.forecast()
     reach_m = NINETY_PERCENT * np.hypot(np.hypot(forecast.sd_m, forecast.noise_m), uncertainty_m)
     beliefs = GaitBeliefs(
         signed_m=forecast.mean_m, low_m=forecast.mean_m - reach_m, high_m=forecast.mean_m + reach_m
     )
-    predicted = [(code, search.predict(code)) for code in range(1, len(forecast.mean_m) + 1)]
-    likeliest = sorted(predicted, key=lambda one: -one[1].chance)[:LIKELIEST]
-    return _Known(beliefs, likeliest, choice.code, choice.why)
+    return beliefs, search.choice()
 
 
-def _step(session: Session, done: int, known: _Known | None, missing: str) -> SearchStep:
+def _step(session: Session, done: int, known: Known | None, missing: str) -> SearchStep:
     following = session.trials[done] if done < len(session.trials) else None
     lines = [f"### {f'After {trials_text(done)}' if done else 'Before the first trial'}", ""]
     if done:
@@ -125,13 +99,11 @@ def _step(session: Session, done: int, known: _Known | None, missing: str) -> Se
     if session.baseline and session.spec.optimizer != TRIM:
         gaits = ", ".join(walk.gait for walk in session.baseline)
         lines += [f"- the search does not see the baseline walks: {gaits}"]
-    if known is not None:
-        lines += ["", *_table(known)]
     return SearchStep(
         trials=done,
         note="\n".join(lines) + "\n",
         next_code=None if following is None else following.code,
-        beliefs=None if known is None else known.beliefs,
+        beliefs=None if known is None else known[0],
     )
 
 
@@ -142,14 +114,14 @@ def _ended(trial: TrialRecord, uncertainty_m: float) -> str:
     return text if trial.expected is None else f"{text}; expected {_expected(trial.expected, uncertainty_m)}"
 
 
-def _next(session: Session, following: TrialRecord | None, known: _Known | None) -> str:
+def _next(session: Session, following: TrialRecord | None, known: Known | None) -> str:
     if following is None:
         return "the session goes on" if session.ended is None else f"the search ended: {session.ended}"
     text = f"**next: gait {following.code}**"
     if following.confirms:
         return f"{text}, a repeat of the best gait after the search"
-    if known is not None and known.code == following.code:
-        text += f", {known.why}"
+    if known is not None and known[1].code == following.code:
+        text += f", {known[1].why}"
     if following.expected is None:
         return text
     return f"{text}; expected {_expected(following.expected, session.spec.uncertainty_m)}"
@@ -161,12 +133,3 @@ def _expected(expected: dict[str, Any], uncertainty_m: float) -> str:
     reach_m = np.hypot(expected["high_m"] - middle_m, NINETY_PERCENT * uncertainty_m)
     ends = " to ".join(map(deviation_text, (middle_m - reach_m, middle_m + reach_m)))
     return f"{deviation_text(middle_m)}, 90 % interval {ends}"
-
-
-def _table(known: _Known) -> Iterator[str]:
-    target_m, beliefs = known.likeliest[0][1].target_m, known.beliefs
-    yield f"| gait | expected | 90 % interval | within {mark_text(float(f'{target_m:.3g}'))} |"
-    yield "|--:|--:|---|--:|"
-    for code, one in known.likeliest:
-        low, high = (deviation_text(float(ends_m[code - 1])) for ends_m in (beliefs.low_m, beliefs.high_m))
-        yield f"| {code} | {deviation_text(one.signed_m)} | {low} to {high} | {100 * one.chance:.0f} % |"

@@ -138,7 +138,6 @@ def take_in(session: Session, walk: Walk, optimizer_state: dict[str, Any] | None
             session.optimizer_state = optimizer_state or session.optimizer_state
         case ConfirmationRecord():
             session.confirmations.append(walk)
-            session.optimizer_state = optimizer_state or session.optimizer_state
 
 
 def damage_text(error: BaseException) -> str:

@@ -80,7 +80,7 @@ def _score_search(spec: SessionSpec, robot: Robot, space: GaitSpace, prior: Scor
 def _end_search(
     spec: SessionSpec, robot: Robot, plan: TrialPlan, space: GaitSpace, prior: Prior
 ) -> Optimizer:
-    search = Bayes(
+    return Bayes(
         space,
         spec.seed,
         samples=samples_of(prior, robot, spec.broken.leg),
@@ -91,7 +91,5 @@ def _end_search(
         uncertainty_m=spec.uncertainty_m,
         worth_m=spec.worth_m or 0.0,
         budget=spec.budget - spec.confirm,
+        sag_rad=None if spec.sag_rad is None else np.array(spec.sag_rad, dtype=float),  # None becomes NaN
     )
-    if spec.sag_rad is not None:
-        search.observe_stance(np.array(spec.sag_rad, dtype=float))  # None becomes NaN
-    return search

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 from urllib.parse import quote
 
-from hexctl.adapt.sessions.search_session import MILESTONES_M, Session, trials_text
+from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.search_steps import search_steps
 from hexctl.adapt.sessions.store import StoreError, load_session, stored_names
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, TrialRecord, WalkRecord
@@ -91,8 +90,8 @@ def make_overview(
         objective=session.spec.score_label,
         unit=session.spec.objective_unit,
         course_m=max(ideals_m, default=0.0) or 1.0,
-        trials=tuple(_trial(trial, addresses.get(trial.index)) for trial in session.trials),
-        baseline=tuple(_baseline(walk, addresses.get(walk.gait)) for walk in session.baseline),
+        trials=tuple(_shown(trial, addresses.get(trial.index)) for trial in session.trials),
+        baseline=tuple(_shown(walk, addresses.get(walk.gait)) for walk in session.baseline),
         steps=steps,
     )
 
@@ -114,36 +113,25 @@ def _facts(session: Session) -> list[str]:
             for walk in session.baseline
         ]
         lines.append(f"without a search: {', '.join(walks)}")
-    for milestone_m in MILESTONES_M if spec.objective_unit == "m" else ():
-        reached = session.trials_to(milestone_m)
-        lines.append(
-            f"within {100 * milestone_m:g} cm " + (f"after {trials_text(reached)}" if reached else "not yet")
-        )
     if spec.uncertainty_text:
         lines.append(f"the simulation knows the end of a walk to ± {spec.uncertainty_text}")
     return lines
 
 
-def _trial(trial: TrialRecord, address: str | None) -> OverviewTrial:
-    note = " (repeat)" if trial.confirms else ""
-    return _walk(trial, index=trial.index, code=trial.code, address=address, note=note)
-
-
-def _baseline(walk: BaselineRecord, address: str | None) -> OverviewTrial:
-    return _walk(walk, index=BASELINE_INDEX, code=walk.code or 0, address=address, gait=walk.gait)
-
-
-def _walk(walk: WalkRecord, *, note: str = "", **named: Any) -> OverviewTrial:
-    result = walk.result
+def _shown(walk: TrialRecord | BaselineRecord, address: str | None) -> OverviewTrial:
+    result, trial = walk.result, walk if isinstance(walk, TrialRecord) else None
     cause = "" if result.cause is None else f" ({result.cause})"
     return OverviewTrial(
+        index=BASELINE_INDEX if trial is None else trial.index,
+        code=walk.code or 0,
+        gait=walk.gait if isinstance(walk, BaselineRecord) else None,
         slots=walk.slots,
         score_m=walk.score if walk.valid else None,
         deviation_m=None if result.deviation is None else result.deviation.signed,
         distance_m=result.distance_m,
-        status=f"{result.status}{cause}{note}",
+        status=f"{result.status}{cause}{' (repeat)' if trial is not None and trial.confirms else ''}",
         path_m=drawable(result.path_m),
-        **named,
+        address=address,
     )
 
 
@@ -295,12 +283,8 @@ def _current_overview(
     session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
 ) -> Path:
     """Rewrite the overview, which may be old or missing; in the spare folder if the other is read-only."""
-    found = recordings_of(session, folder)
-    sound = _sound_ones(found, on_damage)
+    sound = _sound_ones(recordings_of(session, folder), on_damage)
     try:
         return write_overview(session, folder, recordings=sound, several=several)
     except (HexctlError, OSError):
-        # An old one may lead to what is damaged.
-        if len(sound) == len(found) and (folder / FILE_NAME).is_file():
-            return folder / FILE_NAME
         return write_overview(session, folder, into=spare, recordings=sound, several=several)

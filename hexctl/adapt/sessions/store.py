@@ -54,13 +54,6 @@ MOST_BYTES = 1_000_000_000
 #: Ends the message for a session that another process holds.
 _HELD = "another process is running it; wait for it or stop it"
 
-#: Longest name of a folder, in bytes.
-MOST_NAME_BYTES = 255
-
-#: Bytes of a file that hold when its session was created.
-_HEAD_BYTES = 100
-_CREATED = re.compile(rb'\{"session": \{"created": "([^"]+)"')
-
 #: Names that `SessionStore.create` gives. Only of those a deletion removes everything in the folder.
 _MADE = re.compile(r"\d{8}-\d{6}-leg[1-6]-[\w.-]+")
 
@@ -76,7 +69,6 @@ class SessionStore:
         """Open or make a folder; raises InputError for one that cannot be used."""
         self.folder = folder
         self._locks: dict[str, int] = {}
-        self._failures: dict[str, str] = {}
         check_writable(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -146,11 +138,7 @@ class SessionStore:
         self._append(session, "its end", standing_line(session))
 
     def folder_of(self, name: str) -> Path:
-        """Folder of a session and its recordings; raises InputError for a name that leads elsewhere."""
-        if not is_folder_name(name):
-            raise InputError(
-                f"{argument('session')}: got {name!r}; allowed: the name of a folder in {self.folder}/"
-            )
+        """Folder of a session and its recordings."""
         return self.folder / name
 
     def check_there(self, session: Session) -> None:
@@ -179,9 +167,9 @@ class SessionStore:
                 os.ftruncate(file, session.stored_bytes)
                 _write(file, line)
             except OSError as error:
-                self._take_back(session, file)
+                with suppress(OSError):
+                    os.ftruncate(file, session.stored_bytes)
                 raise StoreError(f"session {name}: {what} cannot be stored: {error.strerror}") from error
-        self._failures.pop(name, None)
         session.stored_bytes += len(line)
 
     def _check_held(self, name: str, file: int) -> None:
@@ -199,20 +187,12 @@ class SessionStore:
             raise _moved(name)
         rest = os.pread(file, size - session.stored_bytes, session.stored_bytes)
         if b"\n" in rest:
-            reason = self._failures.get(name, "another process has added to it")
-            raise StoreError(f"session {name}: {what} cannot be stored: {reason}")
+            raise StoreError(
+                f"session {name}: {what} cannot be stored: another process has added to it, or the disk "
+                "failed before; check the disk, then resume the session"
+            )
         if rest:
             _LOG.warning("session %s: its last line was cut off and is replaced", name)
-
-    def _take_back(self, session: Session, file: int) -> None:
-        """Remove a line that was not stored; remember if that fails too, since the line may be complete."""
-        try:
-            os.ftruncate(file, session.stored_bytes)
-        except OSError as error:
-            self._failures[session.name] = (
-                f"the disk failed, and what it wrote last cannot be removed ({error.strerror}); check the "
-                "disk, then resume the session"
-            )
 
 
 def _write(file: int, data: bytes) -> None:
@@ -260,8 +240,7 @@ def _made(path: Path, content: bytes) -> Iterator[int]:
 
 def is_folder_name(name: str) -> bool:
     """Whether a name is that of a single folder, without a path."""
-    one = name not in ("", ".", "..") and not set("/\\") & set(name) and printable(name) == name
-    return one and len(name.encode("utf-8")) <= MOST_NAME_BYTES
+    return name not in ("", ".", "..") and not set("/\\") & set(name) and printable(name) == name
 
 
 def stored_names(folder: Path) -> list[str]:
@@ -280,25 +259,12 @@ def _found(folder: Path) -> list[str]:
     except OSError as error:
         raise StoreError(f"sessions: {folder}/ cannot be read ({error.strerror})") from error
     found = [name for name in names if os.path.lexists(folder / name / FILE_NAME)]
-    return sorted(found, key=lambda name: _age(folder, name))
+    return sorted(found, key=_order)
 
 
-def _age(folder: Path, name: str) -> tuple[str, list[str | int]]:
-    """Order of sessions: by creation, then by name, with numbers as such."""
-    try:
-        head = _CREATED.match(_first_bytes(folder / name / FILE_NAME))
-    except OSError:
-        head = None
-    parts = [int(part) if number % 2 else part for number, part in enumerate(re.split("([0-9]+)", name))]
-    return "" if head is None else head[1].decode("ascii", "replace"), parts
-
-
-def _first_bytes(path: Path) -> bytes:
-    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    try:
-        return os.read(file, _HEAD_BYTES)
-    finally:
-        os.close(file)
+def _order(name: str) -> list[str | int]:
+    """Order of sessions: by name, which begins with their time, with numbers as such."""
+    return [int(part) if number % 2 else part for number, part in enumerate(re.split("([0-9]+)", name))]
 
 
 @contextmanager

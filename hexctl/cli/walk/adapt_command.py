@@ -38,8 +38,7 @@ from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 
 if TYPE_CHECKING:
-    from hexctl.adapt.adaptation import Adaptation
-    from hexctl.adapt.adaptation_result import AdaptationResult
+    from hexctl.adapt.adaptation import Adaptation, AdaptationResult
     from hexctl.adapt.sessions.search_session import Session
     from hexctl.adapt.sessions.session_spec import SessionSpec
     from hexctl.robot.failure import Failure

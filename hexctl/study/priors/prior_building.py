@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior, check_place, save_prior
+from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior, save_prior
 from hexctl.adapt.prior.prior_files import SUFFIX
 from hexctl.adapt.stance import stance_deflection_rad
+from hexctl.archive import ArchiveFileError
 from hexctl.backends.sim.draws import Distribution
 from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
 from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.guard import Guard
 from hexctl.control.trial_plan import SelfRotation, TrialPlan
-from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.files import write_trouble
 from hexctl.gait.gait import make_gait
 from hexctl.options import options_of
 from hexctl.robot.failure import UNKNOWN
@@ -139,14 +141,15 @@ def coarse_world(family: DomainRandomization, number: int, world: World) -> Worl
 def begin_build(plan: Plan, path: Path, suffix: str, work: Work) -> None:
     """Check everything that can be checked before the simulation of walks for a file.
 
-    Raises InputError for a plan or a path that cannot be used, CacheError and errors of `check_place` if the
+    Raises InputError for a plan or a path that cannot be used, CacheError and ArchiveFileError if the
     disk refuses a file.
     """
     plan.check()
     if path.suffix != suffix or path.is_dir():
         raise InputError(f"{argument('out')}: got {path}; allowed: a file whose name ends in {suffix}")
     work.cache.probe()
-    check_place(path)
+    if (trouble := write_trouble(path.parent)) is not None:
+        raise ArchiveFileError(f"prior: {trouble}")
 
 
 def build_prior(plan: PriorPlan, path: Path, work: Work | None = None) -> Prior | ScorePrior:
@@ -199,7 +202,7 @@ def deflection_of(spec: LandscapeSpec) -> FloatArray:
     try:
         with Guard(trial.servos()) as servos:
             deflection_rad = stance_deflection_rad(servos, trial.plan)
-    except (EStopError, SimulationDivergedError):
+    except RobotFaultError:
         deflection_rad = None
     return np.full(N_JOINTS, np.nan) if deflection_rad is None else deflection_rad
 

@@ -16,7 +16,7 @@ from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
 from hexctl.adapt.prior.prior_files import find_prior
-from hexctl.adapt.prior.samples import Samples, covering, covers, samples_of
+from hexctl.adapt.prior.samples import Samples, covers, samples_of
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.world import DomainRandomization
@@ -241,7 +241,7 @@ def find_transfer_prior(
         raise InputError(f"{argument('legs')}: got none; allowed: one or more of 1..6")
     belief = parse_kind(legs[0], failure)
     plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=belief)
-    found = find_prior(PriorKey.of(robot, plan), folders, covers=covering(robot, plan))
+    found = find_prior(robot, plan, folders)
     if found.path is None:
         raise InputError(
             f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"
@@ -298,17 +298,15 @@ def make_search(
     if optimizer not in PRIORED:
         return Deduplication(make_optimizer(optimizer, spec.space, seed), seed)
     # No `uncertainty_m`: the simulated world stands for the robot here, and its walks are the truth.
-    search = Bayes(
+    return Bayes(
         spec.space,
         seed,
+        sag_rad=deflection_rad,
         samples=samples,
         target_m=DEFAULT_TARGET_M,
         duration_s=plan.duration_s,
         floor_m=progress_floor_m(plan.robot, spec.trial(1).plan, plan.duration_s),
     )
-    if deflection_rad is not None:
-        search.observe_stance(deflection_rad)
-    return search
 
 
 def run_course(
