@@ -76,7 +76,7 @@ def _rendered(part: "RenderableType") -> str:
     written = io.StringIO()
     width = None if terminal else PIPE_COLUMNS
     console = Console(file=written, force_terminal=terminal, width=width, markup=False, emoji=False)
-    console.print(part)
+    console.print(part, crop=False)
     return "\n".join(line.rstrip() for line in written.getvalue().splitlines())
 
 

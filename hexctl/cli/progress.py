@@ -1,6 +1,7 @@
 """Progress and interruption of long work, such as studies, priors and scans of a bus."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Self
 
@@ -98,11 +99,9 @@ class StudyProgress(WithBar):
         print_above(self._bar, text, err=True)
 
 
-def finish(planned: "PlannedWork[ResultT]", notes: Iterable[str] = ()) -> "ResultT":
-    """Run planned work with its progress on stderr, after `notes`.
-
-    All signals that end a process end it with exit code 130 and a line on the saved walks.
-    """
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let all signals that end a process raise KeyboardInterrupt: once, except for those that quit."""
     interrupted = False
 
     def interrupt(number: int, _frame: FrameType | None) -> None:
@@ -111,8 +110,17 @@ def finish(planned: "PlannedWork[ResultT]", notes: Iterable[str] = ()) -> "Resul
         if first or number in QUITS:  # SIGXCPU comes every second, and SIGHUP twice
             raise KeyboardInterrupt
 
+    with handled_by(interrupt):
+        yield
+
+
+def finish(planned: "PlannedWork[ResultT]", notes: Iterable[str] = ()) -> "ResultT":
+    """Run planned work with its progress on stderr, after `notes`.
+
+    All signals that end a process end it with exit code 130 and a line on the saved walks.
+    """
     try:
-        with handled_by(interrupt), StudyProgress(notes) as progress:
+        with interruptible(), StudyProgress(notes) as progress:
             return planned.run(progress=progress)
     except KeyboardInterrupt:
         from hexctl.study.walk_cache import WalkCache

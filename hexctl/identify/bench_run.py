@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -11,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
-from hexctl.identify.fit import ROUGH_GAIN, Fit, OnStep, fit_values
+from hexctl.identify.fit import ROUGH_GAIN, Fit, OnStage, fit_values
 from hexctl.identify.parameters import OF_SERVO, PARAMETERS, ServoValues
 from hexctl.identify.powered_servos import PoweredServos
 from hexctl.robot.formats.mjcf import STICTION
@@ -168,13 +169,25 @@ def plain_start(runs: Sequence[BenchRun]) -> ServoValues:
     )
 
 
-def fit_bench(runs: Sequence[BenchRun], on_step: OnStep = lambda _step, _error_rad: None) -> Fit[ServoValues]:
+def fit_bench(
+    runs: Sequence[BenchRun], on_step: OnStage = lambda _stage, _step, _error_rad: None
+) -> Fit[ServoValues]:
     """Values of a servo that explain runs; its friction grows with the load only where they show it."""
-    without = [name for name in OF_SERVO if name != LOAD_FRICTION]
-    rough = [fit_values(runs, one, without, enough_gain=ROUGH_GAIN, on_step=on_step) for one in _starts(runs)]
-    plain = fit_values(runs, min(rough, key=_error_rad).values, without, on_step=on_step)
+    without, starts = [name for name in OF_SERVO if name != LOAD_FRICTION], _starts(runs)
+    rough = [
+        fit_values(
+            runs,
+            start,
+            without,
+            enough_gain=ROUGH_GAIN,
+            on_step=partial(on_step, f"start {number} of {len(starts)}"),
+        )
+        for number, start in enumerate(starts, 1)
+    ]
+    best = min(rough, key=_error_rad).values
+    plain = fit_values(runs, best, without, on_step=partial(on_step, "best start"))
     start = replace(plain.values, load_friction=FIRST_SHARE)
-    loaded = fit_values(runs, start, OF_SERVO, on_step=on_step)
+    loaded = fit_values(runs, start, OF_SERVO, on_step=partial(on_step, "with friction under load"))
     if _error_rad(loaded) < (1 - LEAST_GAIN) * _error_rad(plain):
         return replace(loaded, before_rad=rough[0].before_rad)
     none = PARAMETERS[LOAD_FRICTION].estimate(0.0, loaded.estimates[LOAD_FRICTION].deviation)

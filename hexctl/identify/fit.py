@@ -38,6 +38,9 @@ ENOUGH_GAIN, ROUGH_GAIN, NEAR_GAIN, SMALL_RAD = 1e-3, 5e-2, 2e-2, np.radians(0.0
 #: Called with the number of a step and the error in rad, a root of the mean robust square.
 OnStep = Callable[[int, float], None]
 
+#: The same, with the stage of a search first: errors of different stages are of different logs.
+OnStage = Callable[[str, int, float], None]
+
 
 class Replay(Protocol[ReplayedT]):
     """A measured motion that can be simulated with other values."""
@@ -129,6 +132,8 @@ def near_values(
     damping, slopes, fresh = FIRST_DAMPING, search.slopes(at, one_sided=True), True
     for step in range(MOST_STEPS):
         on_step(step, at.root_mean_rad)
+        if at.root_mean_rad < SMALL_RAD:
+            break
         better, damping = search.step(at, slopes, damping, careful=True)
         gain = 0.0 if better is None else 1 - better.cost / at.cost
         if fresh and gain < NEAR_GAIN:

@@ -15,7 +15,7 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, argument
 from hexctl.identify.bench_run import BenchRun, fit_bench, read_bench_run
-from hexctl.identify.fit import Fit, OnStep, Replay, fit_values, mean_errors_rad, near_values
+from hexctl.identify.fit import Fit, OnStage, Replay, fit_values, mean_errors_rad, near_values
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, SCALE, Estimate, RobotValues
 from hexctl.identify.robot_log import OF_JOINTS, RobotLog, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
@@ -106,7 +106,7 @@ def identify(
     *,
     robot: Robot | None = None,
     p_gain: float | None = None,
-    on_step: OnStep = lambda _step, _error_rad: None,
+    on_step: OnStage = lambda _stage, _step, _error_rad: None,
 ) -> Identification:
     """Servos that explain logs: recordings (.rrd) of a robot, or runs (.json) of one servo on a bench.
 
@@ -132,19 +132,22 @@ def identify(
     return Identification(_fit_robot(replays, on_step), {}, replays)
 
 
-def _fit_robot(replays: Sequence[RobotLog], on_step: OnStep) -> Fit[RobotValues]:
+def _fit_robot(replays: Sequence[RobotLog], on_step: OnStage) -> Fit[RobotValues]:
     """Values of servos and trunk: roughly those of the servos first, from several starts."""
     coarse = [one.coarse() for one in replays]
     ranked = [one for one in coarse if one.on_stand] or coarse
     near: list[tuple[float, RobotValues]] = []
-    for start in sorted(_starts_of(replays[0].robot), key=partial(_error_rad, ranked))[:BEST_STARTS]:
-        near.append(near_values(coarse, start, OF_JOINTS, on_step))
+    starts = sorted(_starts_of(replays[0].robot), key=partial(_error_rad, ranked))[:BEST_STARTS]
+    for number, start in enumerate(starts, 1):
+        stage = f"fastest part, start {number} of up to {BEST_STARTS}"
+        near.append(near_values(coarse, start, OF_JOINTS, partial(on_step, stage)))
         if near[-1][0] < CLEAR_RAD:
             break
     _, best = min(near, key=itemgetter(0))
     searched = [name for name in PARAMETERS if any(name in one.parameters for one in replays)]
-    _, best = near_values(replays, best, searched, on_step)
-    found = fit_values(replays, best, searched, enough_gain=ROBOT_GAIN, on_step=on_step)
+    _, best = near_values(replays, best, searched, partial(on_step, "complete logs"))
+    fine = partial(on_step, "complete logs, fine")
+    found = fit_values(replays, best, searched, enough_gain=ROBOT_GAIN, on_step=fine)
     return replace(found, before_rad=mean_errors_rad(replays, RobotValues.of(replays[0].robot)))
 
 
@@ -170,7 +173,7 @@ def _error_rad(replays: Sequence[RobotLog], values: RobotValues) -> float:
     return sum(mean_errors_rad(replays, values).values())
 
 
-def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStep) -> Identification:
+def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStage) -> Identification:
     fitted, judged = (runs[::2], runs[1::2]) if len(runs) >= ENOUGH_TO_JUDGE else (runs, [])
     fit = fit_bench(fitted, on_step)
     gain = max(run.p_gain for run in runs) if p_gain is None else p_gain

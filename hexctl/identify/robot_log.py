@@ -41,6 +41,15 @@ SAME_SHAPE = 0.05
 #: A link is slow if it repeats its readings for longer than this after commands moved by this much.
 STALE_S, STALE_RAD = 0.1, np.radians(5.0)
 
+#: A joint moves if readings change by more than this; it cannot stop for a few of them in between.
+MOVING_RAD, FEW_READINGS = np.radians(1.0), 5
+
+#: Counts of servos are larger. Recorded angles have an error far below this share of a count.
+LEAST_COUNT_RAD, COUNT_SHARE = 1e-4, 0.05
+
+#: Least number of different readings that show counts.
+ENOUGH_COUNTS = 10
+
 #: Least length of a log.
 LEAST_S = 5.0
 
@@ -53,7 +62,7 @@ class RobotLog(ArrayFields):
         robot: as assumed: all but its servos is right.
         on_stand: whether the trunk was held and no foot touched anything.
         time_s: (T,).
-        commanded_rad: sent at each time, (T, 18).
+        commanded_rad: sent at each time, (T, 18), rounded to counts as servos with counts do.
         measured_rad: read before the command of the same row, (T, 18).
     """
 
@@ -131,6 +140,25 @@ class RobotLog(ArrayFields):
         stood_s = float(rows * np.diff(self.time_s).mean())
         return stood_s if stood_s > STALE_S else 0.0
 
+    @property
+    def repeated_share(self) -> float:
+        """Share of the readings of moving joints that repeat the last one."""
+        moved = np.diff(self.measured_rad, axis=0)
+        repeated, of = 0, 1
+        for count in range(FEW_READINGS):
+            before, after = moved[: -count - 1], moved[count + 1 :]
+            seen = (np.minimum(np.abs(before), np.abs(after)) > MOVING_RAD) & (before * after > 0)
+            for row in range(1, count + 1):
+                seen &= moved[row : len(seen) + row] == 0
+            repeated, of = repeated + count * int(seen.sum()), of + (count + 1) * int(seen.sum())
+        return repeated / of
+
+    @property
+    def skipped_share(self) -> float:
+        """Share of the ticks without a reading."""
+        between_s = np.diff(self.time_s)
+        return float(1 - len(between_s) * np.median(between_s) / between_s.sum())
+
     def coarse(self) -> Self:
         """The part with the fastest commands, simulated with larger steps, for a first search."""
         rows = round(COARSE_LOG_S / float(np.diff(self.time_s).mean()))
@@ -177,14 +205,36 @@ def read_robot_log(path: Path, robot: Robot | None = None) -> RobotLog:
     lasted_s = float(time_s[-1] - time_s[0]) if len(time_s) else 0.0
     if lasted_s < LEAST_S:
         raise InputError(f"{path}: got {lasted_s:.1f} s with joint angles; allowed: at least {LEAST_S:g} s")
-    return RobotLog(
-        path.name,
-        robot,
-        trial.on_stand,
-        time_s,
-        trial.commanded_rad[measured],
-        trial.measured_rad[measured],
-    )
+    measured_rad = trial.measured_rad[measured]
+    commanded_rad = in_counts(trial.commanded_rad[measured], measured_rad)
+    return RobotLog(path.name, robot, trial.on_stand, time_s, commanded_rad, measured_rad)
+
+
+def in_counts(commanded_rad: FloatArray, measured_rad: FloatArray) -> FloatArray:
+    """Commands rounded to the counts of the readings, (T, 18); those of joints without counts are kept.
+
+    Legs bend by few counts under their weight: commands that are not rounded change all torques by a tenth.
+    """
+    rounded_rad = commanded_rad.copy()
+    for joint, angles_rad in enumerate(measured_rad.T):
+        if (counts := _counts_of(angles_rad)) is not None:
+            count_rad, zero_rad = counts
+            numbers = np.rint((commanded_rad[:, joint] - zero_rad) / count_rad)
+            rounded_rad[:, joint] = zero_rad + count_rad * numbers
+    return rounded_rad
+
+
+def _counts_of(angles_rad: FloatArray) -> tuple[float, float] | None:
+    """Size of a count and the angle of one; None for readings that are no counts."""
+    values_rad = np.unique(angles_rad)
+    steps_rad = np.diff(values_rad)
+    if np.count_nonzero(steps_rad > LEAST_COUNT_RAD) < ENOUGH_COUNTS:
+        return None
+    steps = np.rint(steps_rad / steps_rad[steps_rad > LEAST_COUNT_RAD].min())
+    numbers = np.concatenate([[0.0], np.cumsum(steps)])
+    count_rad, zero_rad = np.polyfit(numbers, values_rad, 1)
+    off_rad = np.abs(values_rad - zero_rad - count_rad * numbers).max()
+    return (float(count_rad), float(zero_rad)) if off_rad < COUNT_SHARE * count_rad else None
 
 
 def _check_shape(path: Path, recorded: Robot, robot: Robot) -> None:

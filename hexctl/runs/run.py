@@ -195,7 +195,7 @@ class Run:
         stop_requested: StopRequested = never,
         should_stop: ShouldStop | None = None,
     ) -> RunResult:
-        """Walk as specified; arguments as in `run`. A stop before the first command leaves no recording.
+        """Walk as specified; arguments as in `run`. An end before the first command leaves no recording.
 
         Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is
         part of the result.
@@ -211,12 +211,14 @@ class Run:
         )
         began_s = time.perf_counter()
         walk = watched_walk(self._policy) if self._controller is None else self._controller
-        trial = run_trial(
-            self._guard, self.plan, walk, kept, stop_requested=stop_requested, should_stop=should_stop
-        )
-        if trial.stopped == "requested" and not len(log) and recording is not None:
-            recording.discard()
-            recording = self._recording = None
+        try:
+            trial = run_trial(
+                self._guard, self.plan, walk, kept, stop_requested=stop_requested, should_stop=should_stop
+            )
+        finally:
+            if recording is not None and not len(log):
+                recording.discard()
+                recording = self._recording = None
         outcome = self._outcome(trial, log, time.perf_counter() - began_s)
         error = kept.error_of(recording)
         if recording is not None and error is None:

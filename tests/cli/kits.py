@@ -46,26 +46,27 @@ class Lost(Kit):
 
 
 class _Breaking(Kit):
-    """Its link breaks two seconds after the start."""
+    """Its link breaks some time after the start."""
 
     error: Exception
+    after_s = 2.0
 
     def write(self, targets: JointTargets) -> JointTargets:
-        if self.clock.now_s >= 2.0:
+        if self.clock.now_s >= self.after_s:
             self.fail_with(self.error)
         return super().write(targets)
-
-
-class PipeBreaks(_Breaking):
-    """A program at the other end of a pipe dies."""
-
-    error = BrokenPipeError(32, "Broken pipe")
 
 
 class PortBreaks(_Breaking):
     """A serial port is pulled out."""
 
     error = OSError(5, "Input/output error")
+
+
+class BreaksAtOnce(PortBreaks):
+    """It is pulled out before the first command."""
+
+    after_s = 0.0
 
 
 class Interrupting(Kit):

@@ -1,5 +1,6 @@
 """Ctrl-C, hangups and other signals, and what is printed on a terminal and in a pipe."""
 
+import io
 import json
 import os
 import re
@@ -11,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from hexctl.cli.console import StopOnInterrupt, print_result
 from hexctl.cli.interrupts import NOT_CONFIRMED
@@ -263,6 +265,15 @@ def test_lines_of_a_table_are_not_wrapped_in_a_pipe(capsys: pytest.CaptureFixtur
         "status     " + ("word " * 40).strip(),
         "after [bold]not markup[/]",
     ]
+
+
+def test_a_narrow_terminal_cuts_no_number_and_wraps_remarks() -> None:
+    table = plain_table("parameter", "value", "")
+    table.add_row("stiffness_nm_per_rad", "35.25", "the file keeps its value")
+    text = io.StringIO()
+    Console(file=text, width=30).print(table, crop=False)
+    lines = [line.rstrip() for line in text.getvalue().splitlines()]
+    assert lines[1:] == ["stiffness_nm_per_rad  35.25  the file keeps its", " " * 29 + "value"]
 
 
 def test_a_status_is_rewritten_on_a_terminal_and_a_line_each_elsewhere(

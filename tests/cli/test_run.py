@@ -15,6 +15,7 @@ import pytest
 from hexctl.cli.main import exit_code
 from hexctl.cli.render.run_output import summary
 from hexctl.recording import recording
+from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.rrd import ROOM_BYTES
 from tests.cli.kits import Kit
 from tests.cli.terminals import OnTerminal, wait_until_it_grows
@@ -199,18 +200,26 @@ def test_a_fall_is_an_abort(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_json(capsys, *SHORT, "--world", "top_heavy.yaml", code=4)["status"] == "fell"
 
 
-@pytest.mark.parametrize(("kit", "more"), [("PipeBreaks", []), ("PortBreaks", ["--no-record", "--json"])])
-def test_a_link_that_breaks_in_the_walk_is_one_line(
-    kit: str, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("record", [["--record", "walk.rrd"], ["--no-record", "--json"]])
+def test_a_link_that_breaks_in_the_walk_is_a_line_after_that_of_the_recording(
+    record: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _run(kit, *more) == 3
+    assert _run("PortBreaks", *record) == 3
     printed = capsys.readouterr()
     assert "status" not in printed.out, "there is no result"
-    _one_line(printed.err)
     assert [made.closed for made in Kit.made] == [1]
-    if not more:
-        (path,) = (tmp_path / "runs").iterdir()
-        assert path.stat().st_size > 10_000, "what was walked is kept"
+    assert len(printed.err.splitlines()) == (2 if "--record" in record else 1)
+    if "--record" in record:
+        assert "recorded until then: walk.rrd; another --record begins again" in printed.err
+        assert len(read_trial("walk.rrd")) > 50
+
+
+def test_a_link_that_breaks_before_the_first_command_leaves_no_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run("BreaksAtOnce", "--record", "walk.rrd") == 3
+    _one_line(capsys.readouterr().err)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.realtime

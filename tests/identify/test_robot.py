@@ -1,6 +1,8 @@
 """Identification of a robot: motions on the stand, the replay of logs, and the file that is written."""
 
 import itertools
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,13 +14,13 @@ import pytest
 from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from hexctl.identify.fit import Fit, OnStep, fit_values
+from hexctl.identify.fit import SMALL_RAD, Fit, OnStage, fit_values, near_values
 from hexctl.identify.identification import Identification, IdentificationRun, move_on_stand
 from hexctl.identify.identification_picture import SHOWN_S, draw_identification
 from hexctl.identify.identified_file import write_identified
 from hexctl.identify.options import IdentifyOptions
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
-from hexctl.identify.robot_log import RobotLog, read_robot_log
+from hexctl.identify.robot_log import RobotLog, in_counts, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.robot.configs import config_names, find_config
 from hexctl.robot.loader import load_robot, load_robot_file
@@ -48,21 +50,34 @@ def test_motions_keep_angles_and_speeds_of_every_robot(name: str) -> None:
     assert motions.done(steps, state)
 
 
-def test_an_interrupted_search_names_its_step_and_the_command_that_continues(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_search_names_its_stages_and_the_command_that_continues(
+    number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: object, on_step: OnStep, **__: object) -> None:
-        for step in (0, 1, 0):  # of two parts of the search
-            on_step(step, 0.01)
-        raise KeyboardInterrupt
+    def interrupted(*_: object, on_step: OnStage, **__: object) -> None:
+        for stage, step in (("fast", 0), ("fast", 1), ("complete", 0)):
+            on_step(stage, step, 0.01)
+        os.kill(os.getpid(), number)
 
     monkeypatch.setattr("hexctl.identify.identification.identify", interrupted)
     assert exit_code(["identify", "a b.rrd", "--robot", "ant", "-o", "new.yaml"]) == 130
     said = capsys.readouterr().err.splitlines()
-    assert [line.partition(": ")[2] for line in said[:3]] == [
-        f"step {step}, error 0.573 deg" for step in (1, 2, 3)
+    assert said[1:4] == [
+        f"search, {stage}, error 0.573 deg" for stage in ("fast: step 1", "fast: step 2", "complete: step 1")
     ]
-    assert said[3].endswith("continue with: hexctl identify 'a b.rrd' --robot ant -o new.yaml")
+    assert said[4].endswith("continue with: hexctl identify 'a b.rrd' --robot ant -o new.yaml")
+
+
+def test_a_search_ends_below_what_sensors_show() -> None:
+    log = Mock(spec=RobotLog, units=1, parameters=("play_deg",))
+    log.errors_rad = lambda values: np.full((8, 18), np.radians(values.play_deg))
+    steps: list[int] = []
+    for play_deg, most in ((1e-3, 1), (5.0, 10)):
+        start = replace(RobotValues.of(shipped()), play_deg=play_deg)
+        error_rad, _ = near_values([log], start, ["play_deg"], lambda step, _: steps.append(step))
+        assert error_rad < SMALL_RAD
+        assert steps.pop() < most
+        steps.clear()
 
 
 @pytest.mark.slow
@@ -276,15 +291,19 @@ def test_motions_that_did_not_end_and_recordings_of_others_are_refused(tmp_path:
 def test_a_poor_fit_is_noted_and_the_file_is_the_next_step(
     left_rad: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = found(stiffness_nm_per_rad=(20.0, 0.5), max_torque_nm=(3.0, 0.1), dead_time_s=(0.06, 0.001))
+    result = found(stiffness_nm_per_rad=(20.0, 0.5), max_torque_nm=(3.0, 0.1), dead_time_s=(0.0595, 0.001))
     log = Mock(spec=RobotLog, on_stand=True, stale_s=max(0.0, left_rad - 0.003))
+    log.repeated_share, log.skipped_share = left_rad, 0.0
     log.name = "log"
     result = replace(result, fit=replace(result.fit, after_rad={"log": left_rad}), replays=(log,))
     monkeypatch.setattr("hexctl.identify.identification.identify", lambda *_, **__: result)
     assert exit_code(["identify", "some.rrd"]) == 0
     said = capsys.readouterr()
     assert ("a poor fit" in said.err) == (left_rad > 0.01)
-    assert ("log: readings stood still for 0.017 s" in said.err) == (left_rad > 0.01)
+    late = (
+        "log: 2.0 % of the readings of moving joints repeat the last one and readings stood still for 0.017 s"
+    )
+    assert (late in said.err) == (left_rad > 0.01)
     assert "no_load_speed_deg_s changes" in said.out
     assert "at the limit of the search" in said.out
     assert "hexctl identify some.rrd --robot ROBOT -o FILE.yaml" in said.out.replace("\n", " ")
@@ -301,6 +320,34 @@ def test_readings_that_a_slow_link_repeats_are_found() -> None:
     at_rest = np.where(time_s < 3.0, 0.0, 1.0)[:, np.newaxis] * np.ones(18)
     late = np.where(time_s < 3.08, 0.0, 1.0)[:, np.newaxis] * np.ones(18)
     assert replace(stale, commanded_rad=at_rest, measured_rad=late).stale_s == 0.0
+
+
+def test_commands_are_rounded_to_the_counts_of_the_readings() -> None:
+    """Not those of joints whose readings are no counts, as of a simulation."""
+    count_rad, zero_rad, time_s = 2 * np.pi / 4096, 0.0007, np.arange(0.0, 20.0, 0.02)
+    commanded = 0.4 * np.sin(np.arange(1.0, 3.6, 0.15) * time_s[:, np.newaxis])
+    counts = zero_rad + count_rad * np.rint((commanded - zero_rad) / count_rad)
+    stored = 16e-6 * np.rint(counts / 16e-6)
+    stored[:, :9] = 16e-6 * np.rint(commanded[:, :9] / 16e-6)
+    rounded = in_counts(commanded, stored)
+    np.testing.assert_array_equal(rounded[:, :9], commanded[:, :9])
+    other = np.abs(rounded - counts)[:, 9:] > 1e-5
+    assert other.mean() < 1e-3, "those half-way between two counts"
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_readings_that_a_busy_computer_repeats_or_skips_are_counted(every: int) -> None:
+    """A joint that turns back, or pauses for long, repeats nothing."""
+    time_s = np.arange(0.0, 40.0, 0.02)
+    swung = np.where(time_s % 10.0 < 8.0, 0.5 * np.sin(5.0 * np.pi * time_s), 0.0)
+    measured = np.tile(swung[:, np.newaxis], 18)
+    log = RobotLog("walk", shipped(), False, time_s, measured, measured)
+    assert (log.repeated_share, log.skipped_share) == pytest.approx((0.0, 0.0))
+    again = measured[np.arange(len(measured)) // every * every]
+    assert replace(log, measured_rad=again).repeated_share == pytest.approx(1 - 1 / every, abs=0.02)
+    kept = np.arange(len(time_s)) % 20 > 0
+    parts = {name: getattr(log, name)[kept] for name in ("time_s", "commanded_rad", "measured_rad")}
+    assert replace(log, **parts).skipped_share == pytest.approx(0.05, abs=0.001)
 
 
 @pytest.mark.slow

@@ -73,13 +73,12 @@ ENVELOPE = (
 
 
 def _envelope_table(envelope: dict[str, Any]) -> "Table":
-    directions = envelope["directions_deg"]
-    table = plain_table("without leg", "turn deg/s", *(f"{direction:g} deg" for direction in directions))
-    for name, speeds in envelope["speeds_m_s"].items():
-        margins = envelope["static_margins_m"][name]
-        cells = [f"{speed:.3f} m/s {100 * m:+.1f} cm" for speed, m in zip(speeds, margins, strict=True)]
-        leg = "none" if name == "intact" else name
-        table.add_row(leg, f"{envelope['turn_rates_deg_s'][name]:.0f}", *cells)
+    speeds_m_s, margins_m = envelope["speeds_m_s"], envelope["static_margins_m"]
+    table = plain_table("without leg", *("none" if name == "intact" else name for name in speeds_m_s))
+    table.add_row("turn, deg/s", *(f"{envelope['turn_rates_deg_s'][name]:.0f}" for name in speeds_m_s))
+    for number, direction in enumerate(envelope["directions_deg"]):
+        table.add_row(f"{direction:g} deg, m/s", *(f"{row[number]:.3f}" for row in speeds_m_s.values()))
+        table.add_row("  margin, cm", *(f"{100 * margins_m[name][number]:+.1f}" for name in speeds_m_s))
     return table
 
 
@@ -117,6 +116,7 @@ def _joint_table(report: dict[str, Any]) -> "Table":
     table = plain_table(
         "joint", "needs (deg)", "range (deg)", "peak deg/s", "limit", "holds N m", "limit", ""
     )
+    table.padding = (0, 1, 0, 0)
     for name, row in report["joints"].items():
         peak, limit = row["peak_speed_deg_s"], row["max_speed_deg_s"]
         torque, most = row["static_torque_nm"], row["max_torque_nm"]

@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from rich.console import RenderableType
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -13,12 +14,28 @@ from hexctl.errors import printable
 LABEL_WIDTH = 9
 
 
+#: Least width of a column whose texts wrap.
+WRAPPED_WIDTH = 20
+
+
 class PlainTable(Table):
-    """A table of literal texts: no markup, no emoji, nothing unprintable."""
+    """A table of literal texts: no markup, no emoji, nothing unprintable.
+
+    Columns that do not wrap are never cut: on a narrow terminal lines are longer than it.
+    """
 
     def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
         """Add a row of texts or renderables."""
+        for column, cell in zip(self.columns, cells, strict=False):
+            if column.no_wrap and isinstance(cell, str):
+                column.min_width = max(column.min_width or 0, cell_len(printable(cell)))
         super().add_row(*(_shown(cell) if isinstance(cell, str) else cell for cell in cells), **options)
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Render at least as wide as its columns that are never cut."""
+        gap = self.padding[1] + self.padding[3]
+        least = sum((column.min_width or 1) + gap for column in self.columns)
+        return super().__rich_console__(console, options.update_width(max(options.max_width, least)))
 
 
 def _shown(text: str) -> Text:
@@ -26,12 +43,18 @@ def _shown(text: str) -> Text:
 
 
 def plain_table(*columns: str) -> PlainTable:
-    """Table without lines; the first column and unnamed ones are left-aligned, the others right-aligned."""
+    """Table without lines; the first column and unnamed ones are left-aligned, the others right-aligned.
+
+    Texts of unnamed columns wrap.
+    """
     table = PlainTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(columns))
     for number, column in enumerate(columns):
         left = number == 0 or not column
         table.add_column(
-            Text(printable(column), style="bold"), justify="left" if left else "right", no_wrap=True
+            Text(printable(column), style="bold"),
+            justify="left" if left else "right",
+            no_wrap=bool(column),
+            min_width=cell_len(column) or WRAPPED_WIDTH,
         )
     return table
 
@@ -72,8 +95,10 @@ def value_table(values: Mapping[str, Any]) -> PlainTable:
 
 
 def row_table(rows: Sequence[Mapping[str, Any]]) -> PlainTable:
-    """One or more rows under the names of their values."""
-    table = plain_table(*rows[0])
+    """One or more rows under the names of their values; names without any value are left out."""
+    names = [name for name in rows[0] if any(row[name] not in (None, "") for row in rows)]
+    table = plain_table(*names)
+    table.padding = (0, 1, 0, 0)
     for row in rows:
-        table.add_row(*("" if value is None else str(value) for value in row.values()))
+        table.add_row(*("" if row[name] is None else str(row[name]) for name in names))
     return table

@@ -1,6 +1,5 @@
 """`hexctl identify`: the servos and the trunk of a robot from its own motions."""
 
-import itertools
 import json
 import math
 import shlex
@@ -17,7 +16,7 @@ from hexctl.cli.console import (
     print_message,
     print_result,
 )
-from hexctl.cli.progress import StatusLine
+from hexctl.cli.progress import StatusLine, interruptible
 from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.shared_options import JsonOption
@@ -32,12 +31,16 @@ from hexctl.robot.loader import load_robot
 
 if TYPE_CHECKING:
     from hexctl.identify.identification import Identification
+    from hexctl.identify.robot_log import RobotLog
 
 #: Error of the result above that of the robot file from which a warning is printed.
 WORSE_DEG = 0.02
 
 #: Left error above which a warning is printed: free legs leave 0.1 to 0.2 degrees, feet on a floor 0.8.
 POOR_DEG = 0.5
+
+#: Shares of late readings that are printed, and that change values: with 10 % they change by up to 3 %.
+SEEN_SHARE, WRONG_SHARE = 0.005, 0.1
 
 CONSENT = (
     "The legs of a robot on a stand move for {:.0f} s, by up to {:.0f} degrees to either side, at up to 90 % "
@@ -82,6 +85,7 @@ def identify(
     own_robot = None
     if is_said(context, "robot") and paths[0].suffix == ".rrd":
         own_robot = load_robot(str(options.robot))
+    print_message("the search takes some minutes; Ctrl-C keeps the logs")
     try:
         found = _identified(paths, own_robot, options)
     except KeyboardInterrupt:
@@ -109,11 +113,8 @@ def _print_doubts(found: "Identification") -> None:
     from hexctl.identify.robot_log import RobotLog
 
     for log in found.replays:
-        if isinstance(log, RobotLog) and (stale_s := log.stale_s):
-            print_message(
-                f"{log.name}: readings stood still for {stale_s:.2g} s of the motion, which makes "
-                "values wrong; record it again with a faster link or a less busy computer"
-            )
+        if isinstance(log, RobotLog) and (late := _late_readings(log)):
+            print_message(f"{log.name}: {late}")
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         print_message("the result fits no better than the robot file: has a leg failed in these logs?")
@@ -122,6 +123,23 @@ def _print_doubts(found: "Identification") -> None:
             f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
             "foot may touch anything, and the robot file must have the right masses and lengths"
         )
+
+
+def _late_readings(log: "RobotLog") -> str:
+    """Figures of a log with late or missing readings, and their effect; empty for a good log."""
+    shares = {
+        "readings of moving joints repeat the last one": log.repeated_share,
+        "ticks have no reading": log.skipped_share,
+    }
+    parts = [f"{100 * share:.1f} % of the {what}" for what, share in shares.items() if share > SEEN_SHARE]
+    if log.stale_s:
+        parts.append(f"readings stood still for {log.stale_s:.2g} s of the motion")
+    if not parts:
+        return ""
+    effect = "values change little, but the picture shows jumps; if you want a better log, record it again"
+    if log.stale_s or max(shares.values()) > WRONG_SHARE:
+        effect = "values may be wrong; record it again"
+    return f"{' and '.join(parts)}: {effect}, with a faster link or a less busy computer"
 
 
 def _again(paths: list[Path], options: IdentifyOptions) -> str:
@@ -163,12 +181,10 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
 def _identified(paths: list[Path], robot: Any, options: IdentifyOptions) -> "Identification":
     from hexctl.identify.identification import identify as identify_servos
 
-    steps = itertools.count(1)  # the search has several parts, each of which counts its steps from 0
-    with StatusLine() as line:
+    with interruptible(), StatusLine() as line:
 
-        def show(_step: int, error_rad: float) -> None:
-            error = f"{math.degrees(error_rad):.3f} deg"
-            line.show(f"search, some minutes: step {next(steps)}, error {error}")
+        def show(stage: str, step: int, error_rad: float) -> None:
+            line.show(f"search, {stage}: step {step + 1}, error {math.degrees(error_rad):.3f} deg")
 
         return identify_servos(paths, robot=robot, p_gain=options.p_gain, on_step=show)
 
@@ -201,11 +217,15 @@ def _write(found: "Identification", options: IdentifyOptions, paths: list[Path])
 
 
 def _remark(found: "Identification", name: str) -> str:
-    """Limit of the search that a known value has, or the value of a robot file that changes with it."""
-    if found.fit.estimates[name].value >= PARAMETERS[name].high:
+    """Limit of the search that a known value has, or what else it depends on or changes."""
+    one, values = found.fit.estimates[name], found.fit.values
+    if one.value + one.deviation >= PARAMETERS[name].high:
         return "at the limit of the search"
-    robot = isinstance(found.fit.values, RobotValues) and math.isfinite(found.fit.values.no_load_speed_rad_s)
-    return "no_load_speed_deg_s changes by the same share" if robot and name == "max_torque_nm" else ""
+    if not isinstance(values, RobotValues):
+        return ""
+    if name == "max_torque_nm" and math.isfinite(values.no_load_speed_rad_s):
+        return "no_load_speed_deg_s changes by the same share"
+    return "includes the delay of the link" if name == "dead_time_s" else ""
 
 
 def _report(found: "Identification") -> list[Any]:
@@ -213,10 +233,10 @@ def _report(found: "Identification") -> list[Any]:
 
     table = plain_table("parameter", "value", "±", "unit", "")
     for name, one in found.estimates.items():
-        said = _remark(found, name) if one.known else "not determined by these logs; the file keeps its value"
+        said = _remark(found, name) if one.known else "not determined; the file keeps its value"
         table.add_row(name, f"{one.value:.4g}", f"{one.deviation:.2g}", one.unit, said)
     for name in found.not_seen:
-        table.add_row(name, "", "", "", "not determined without a log of a walk")
+        table.add_row(name, "", "", "", "needs a log of a walk")
     errors = found.to_dict()["error_deg"]
     rows = [("mean error before", f"{errors['before']:.2f} deg"), ("now", f"{errors['after']:.2f} deg")]
     if errors["judged"] is not None:

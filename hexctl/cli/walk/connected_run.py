@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def connected(run: "Run") -> Iterator[StopOnInterrupt]:
-    """Connect a run and print its notes; ends the command if it is interrupted before that."""
+    """Connect a run and print its notes; ends the command if it is interrupted before that.
+
+    If robot or link fail later, a message names the recording.
+    """
     with ExitStack() as stack:
         interrupt = stack.enter_context(StopOnInterrupt())
         try:
@@ -29,7 +32,13 @@ def connected(run: "Run") -> Iterator[StopOnInterrupt]:
             raise
         for note in run.notes:
             print_message(note)
-        yield interrupt
+        try:
+            yield interrupt
+        except RobotFaultError:
+            if run.recording_path is not None:
+                again = "" if run.spec.record is None else "; another --record begins again"
+                print_message(f"recorded until then: {run.recording_path}{again}")
+            raise
 
 
 def check_commanded(outcome: Mapping[str, Any]) -> None:
