@@ -301,9 +301,9 @@ def test_a_trimmed_walk_keeps_its_line_and_is_refused_elsewhere() -> None:
     assert motion.heading_rad == pytest.approx(plan.motion(0.3).heading_rad + 0.1)
     assert replace(plan, turn_trim_rad_s=0.0).motion(0.3) == plan.motion(0.3)
     for wrong in ({"hold": "heading"}, {"turn_rate_rad_s": 0.1}, {"travel": 0.0}):
-        with pytest.raises(InputError, match="turn.trim"):
+        with pytest.raises(InputError, match=r"turn.trim"):
             replace(trimmed, **wrong)
-    with pytest.raises(InputError, match="turn.trim"):
+    with pytest.raises(InputError, match=r"turn.trim"):
         replace(plan, turn_trim_rad_s=0.1)
 
 
