@@ -6,7 +6,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_140,
+    "": 2_170,
     "adapt": 8_450,
     "backends": 10_250,
     "cli": 6_990,
@@ -14,7 +14,7 @@ CEILINGS = {
     "control": 13_580,
     "demo": 270,
     "doctor": 570,
-    "export": 1_840,
+    "export": 1_855,
     "gait": 740,
     "identify": 1_590,
     "ik": 1_150,
