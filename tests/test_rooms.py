@@ -9,7 +9,7 @@ CEILINGS = {
     "": 2_170,
     "adapt": 8_450,
     "backends": 10_250,
-    "cli": 7_005,
+    "cli": 7_012,
     "client": 1_050,
     "control": 13_580,
     "demo": 270,
