@@ -14,7 +14,7 @@ import inspect
 import math
 import textwrap
 from collections.abc import Callable, Container, Iterable, Sequence
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields, replace
 from functools import cache, partial
 from itertools import pairwise
 from types import NoneType, UnionType
@@ -50,7 +50,7 @@ class Range:
         return self._text(to="..", unit="")
 
     def _text(self, *, to: str, unit: str) -> str:
-        low, high = f"{self.low:g}", f"{self.high:.15g}"
+        low, high = f"{self.low:g}", f"{self.high:{'.15' if float(self.high).is_integer() else ''}g}"
         if math.isinf(self.low):
             return "any finite number"
         if math.isinf(self.high):
@@ -81,6 +81,14 @@ class Range:
             check_type(value, number, what, f"{kind}, {self._allowed}")
         if value not in self:
             raise InputError(f"{what}: got {value:g}; allowed: {self._allowed}")
+
+    @property
+    def of_field(self) -> "Range":
+        """The range of the field: in radians for an option in degrees."""
+        if not self.degrees:
+            return self
+        low, high = math.radians(self.low), math.radians(self.high)
+        return replace(self, low=low, high=high, unit=self.unit.replace("deg", "rad"), degrees=False)
 
     def complete(self, incomplete: str) -> list[str]:
         """Completions of the shell: all of a short range of whole numbers, else none."""
@@ -239,8 +247,7 @@ def _check_value(what: str, value: Any, kind: Any, marks: Sequence[Any]) -> None
         raise InputError(f"{what}: got {value}; allowed: {', '.join(map(str, words))}")
     allowed = next((mark for mark in marks if isinstance(mark, Range)), None)
     if allowed is not None:
-        number = isinstance(value, float | int) and not isinstance(value, bool)
-        allowed.check(what, math.degrees(value) if allowed.degrees and number else value)
+        allowed.of_field.check(what, value)
     elif not words and Any not in kinds and all(isinstance(one, type) for one in kinds):
         check_type(value, kinds, what)
 

@@ -87,6 +87,11 @@ def test_values_that_the_types_allow_pass() -> None:
     check_fields(Thing(pace_hz=2, turn_rad=1.5, mode="none", connect=None))
 
 
+def test_a_caller_in_python_reads_its_number_in_radians() -> None:
+    with pytest.raises(InputError, match=r"^turn_rad: got 90; allowed: -1\.5708\.\.1\.5708$"):
+        check_fields(Thing(turn_rad=90.0))
+
+
 def test_an_option_that_nothing_uses_is_refused_unless_it_is_its_default() -> None:
     check_used(Thing(), ("pace_hz", "connect"), "with a robot")
     with pytest.raises(InputError, match=r"^pace_hz: got 2; allowed: with a robot$"):

@@ -80,6 +80,7 @@ def _best_to_change_to(spec: RunSpec, text: str, name: str, folder: Path | str) 
 
 def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> BestGait:
     session = str(spec.gait).partition(":")[2].strip()
+    known = load_session(session, folder) if session else None
     if not spec.failures:
         raise InputError(
             f"{argument('gait')}: got {spec.gait} with six good legs; allowed: with a failed leg; "
@@ -91,8 +92,8 @@ def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> Best
             f"{', '.join(str(one.leg) for one in spec.failures)}; allowed: with one; auto needs no prior"
         )
     robot, failure = as_robot(spec.robot), spec.failures[0]
-    if session:
-        return _of_session(spec, robot, failure, load_session(session, folder), trimmed=trimmed)
+    if known is not None:
+        return _of_session(spec, robot, failure, known, trimmed=trimmed)
     return _of_prior(spec, robot, failure, Path(folder))
 
 

@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from types import FrameType
+from typing import NoReturn
 
 INTERRUPTED = 130
 
@@ -13,6 +14,10 @@ NOT_CONFIRMED = "The robot is NOT confirmed stopped: use the switch of its servo
 
 #: Interval at which a deferred interrupt checks whether the import has ended.
 AGAIN_S = 0.02
+
+
+#: Deferred interrupts: the timer may have expired on a busy computer before the next one comes.
+_deferred: list[int] = []
 
 
 def not_begun(arguments: Sequence[str]) -> str:
@@ -34,14 +39,15 @@ def defer_in_imports() -> None:
 def raise_deferred() -> None:
     """Raise a deferred KeyboardInterrupt."""
     defers = signal.getsignal(signal.SIGALRM) is _interrupt
-    if defers and signal.setitimer(signal.ITIMER_REAL, 0)[0] > 0:
-        raise KeyboardInterrupt
+    if defers and _deferred:
+        _raise()
 
 
 def forget_deferred() -> None:
     """Drop a deferred KeyboardInterrupt: the command is over."""
     signal.setitimer(signal.ITIMER_REAL, 0)
     signal.signal(signal.SIGALRM, signal.SIG_IGN)
+    _deferred.clear()
 
 
 def importing(frame: FrameType | None) -> bool:
@@ -54,11 +60,16 @@ def importing(frame: FrameType | None) -> bool:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    waiting = signal.getitimer(signal.ITIMER_REAL)[0] > 0
     if not importing(frame):
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        raise KeyboardInterrupt
-    if number == signal.SIGINT and waiting:
+        _raise()
+    if number == signal.SIGINT and _deferred:
         os.write(sys.stderr.fileno(), b"hexctl: interrupted\n")
         os._exit(INTERRUPTED)
+    _deferred[:] = [number]
     signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+
+
+def _raise() -> NoReturn:
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    _deferred.clear()
+    raise KeyboardInterrupt

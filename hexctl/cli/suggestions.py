@@ -65,10 +65,22 @@ def _option_text(error: TyperException, flag: str, context: Any) -> str:
     if hasattr(error, "possibilities"):
         # The dashes do not count: all flags have them.
         near = nearest_name(flag.lstrip("-"), [each.lstrip("-") for each in error.possibilities or ()])
+        near = near or _of_words(flag, context)
         next_step = f"{listed} lists the options" if near is None else f"did you mean --{near}?"
         return f"{error.message}; {next_step}"
     wanted = "got no value" if "requires" in error.message else "got a value; allowed: without one"
     return f"{flag}: {wanted}; {listed} describes it"
+
+
+def _of_words(flag: str, context: Any) -> str | None:
+    """An option of a command with only words of a flag: `legs` for `--failed-leg`."""
+    asked = _words(flag)
+    flags = (flag for param in context.command.params if not param.hidden for flag in param.opts)
+    return next((each.lstrip("-") for each in flags if each[:2] == "--" and _words(each) <= asked), None)
+
+
+def _words(flag: str) -> set[str]:
+    return {word.removesuffix("s") for word in flag.strip("-").split("-")}
 
 
 def _as_option(context: Any, extra: str) -> str:

@@ -34,7 +34,7 @@ AUTO_ROTATION: Final = "auto"
 AskedRotation = Literal["auto", "rear", "front", "none"]
 
 #: A larger course error is not trimmed: the robot is not walking ahead.
-TRIM_DEG = Range(low=-45, high=45, degrees=True)
+TRIM_DEG = Range(low=-45, high=45, unit="deg", degrees=True)
 MAX_TRIM_RAD = math.radians(TRIM_DEG.high)
 
 #: A larger curve, 120 degrees in 30 s, is not trimmed either.

@@ -48,9 +48,9 @@ class TrialResult(ArrayFields):
     """The outcome of one trial; distances are None if the robot knows no pose or never started.
 
     Attributes:
-        status: one of `STATUSES`. `no_progress` is a straight walk, as long as the soft start or longer, with
-            less than half of its ideal distance after that, or a constant position: the robot stands, or its
-            sensor is dead.
+        status: one of `STATUSES`. `no_progress` is a straight walk, as long as the soft start (2 s) or
+            longer, with less than half of its ideal distance, not counting the first second, which the soft
+            start costs, or a constant position: the robot stands, or its sensor is dead.
         stopped: why it was aborted (`requested`, or the guard's reason) or cut short; None otherwise.
         duration_s: seconds walked.
         turned_rad: turn by the self-rotation before the walk.

@@ -1,6 +1,7 @@
 """Pictures of a recorded trial by MuJoCo without a screen, with EGL or OSMesa."""
 
 import os
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from itertools import pairwise
@@ -50,23 +51,39 @@ def open_context(width_px: int, height_px: int) -> Any:
     Raises NoRendererError with the packages to install, and MissingExtraError without MuJoCo.
     """
     try:
-        import mujoco  # noqa: F401
+        import hexctl.mujoco_import  # noqa: F401
     except ImportError as error:
         raise MissingExtraError("drawing", "pictures") from error
     wanted = os.environ.get("MUJOCO_GL", "").lower()
-    reasons = []
-    for name in (wanted,) if wanted in RENDERERS else RENDERERS:
+    tried, reasons = (wanted,) if wanted in RENDERERS else tuple(RENDERERS), []
+    for name in tried:
         try:
             context = import_module(f"mujoco.{name}").GLContext(width_px, height_px)
             context.make_current()
         except Exception as error:  # noqa: BLE001  missing or broken libraries raise anything
-            reasons.append(f"{name}: {' '.join(str(error).split())[:80]}")
+            reasons.append(f"{name}: {_reason(error)}")
+            _forget_opengl()
         else:
             return context
-    packages = ", or ".join(f"apt-get install {packages}" for packages in RENDERERS.values())
+    packages = ", or ".join(f"apt-get install {RENDERERS[name]}" for name in tried)
+    others = " or ".join(f"MUJOCO_GL={name}" for name in RENDERERS if name not in tried)
     raise NoRendererError(
         f"nothing here draws without a screen ({'; '.join(reasons)}); on Debian: {packages}"
+        f"{others and f', or set {others}'}"
     )
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, AttributeError):  # of PyOpenGL, whose library is None
+        return "its library is missing"
+    return " ".join(str(error).split())[:80]
+
+
+def _forget_opengl() -> None:
+    """PyOpenGL keeps the first library that it tried."""
+    os.environ.pop("PYOPENGL_PLATFORM", None)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "OpenGL"]:
+        del sys.modules[name]
 
 
 class Canvas:

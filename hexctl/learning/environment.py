@@ -113,9 +113,12 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         return self._episode.observation, self._episode.info
 
     def step(self, action: FloatArray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Send the targets of an action, and let one control period pass."""
+        """Send the targets of an action, (18,), and let one control period pass; raises InputError."""
         assert self._episode is not None, "call reset before step"  # noqa: S101  as Gymnasium's own
-        return self._episode.after(action)
+        sent = np.asarray(action, dtype=float)
+        if sent.shape != self.action_space.shape:
+            raise InputError(f"action: got shape {sent.shape}; allowed: {self.action_space.shape}")
+        return self._episode.after(sent)
 
     def close(self) -> None:
         """Free the simulation."""
@@ -185,7 +188,7 @@ class _Episode:
         return {"progress_m": float(self._path_m[0]), "deviation_m": float(self._path_m[1])}
 
     def after(self, action: FloatArray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        asked_rad = self._walk.act(self._step, self._state, np.asarray(action, dtype=float))
+        asked_rad = self._walk.act(self._step, self._state, action)
         sent = self._guard.write(JointTargets(asked_rad, self._time_s))
         self._effort.add(self._state, sent.joint_positions_rad)
         self._step += 1

@@ -56,10 +56,16 @@ def read_failures(asked: AskedFailures, failed_legs: AskedLegs = None) -> ReadFa
     """Failures of texts and values, such as `5:limp,2:locked@8`, and locked legs; raises InputError."""
     values = tuple(_each_value(asked))
     failures = [value for value in values if isinstance(value, Failure)]
-    legs = [one.leg for one in failures]
-    failures += [Failure(leg=leg) for leg in read_legs(failed_legs) if leg not in legs]
+    kinds = {one.leg: one.kind for one in failures}
+    for leg in read_legs(failed_legs):
+        if kinds.get(leg, "locked") != "locked":
+            raise InputError(
+                f"{argument('failed_leg')}: got {leg}, a locked leg, which {argument('failure')} makes "
+                f"{kinds[leg]}; allowed: one of the two for each leg"
+            )
+        failures += [] if leg in kinds else [Failure(leg=leg)]
     check_further(
-        failures[0] if failures else None, failures[1:], argument("failure" if legs else "failed_leg")
+        failures[0] if failures else None, failures[1:], argument("failure" if kinds else "failed_leg")
     )
     return ReadFailures(
         each_failure(failures), tuple(value for value in values if isinstance(value, FailureEvent))

@@ -47,6 +47,9 @@ ANGLE_STEP_RAD, SHIFT_STEP = math.radians(2), 0.01
 #: Maxima of a stick that moves the body.
 MOST_ANGLE_RAD, MOST_SHIFT = math.radians(15), 0.05
 
+#: Time for which devices show a message.
+SAID_S = 6.0
+
 #: Ticks between two reports to devices.
 REPORT_TICKS = 5
 
@@ -125,6 +128,7 @@ class DriveSession:
         self._asked: dict[str, None] = {}  # in their order
         self._quit: str | None = None
         self._noticed = 0
+        self._shown, self._shown_until_s = "", 0.0
         self._travel = Travel()
         self._warnings = SeenWarnings()
 
@@ -291,6 +295,11 @@ class DriveSession:
         if len(noticed) > self._noticed:
             self.said = str(noticed[-1])
         self._noticed = len(noticed)
+        now_s = self.drive.guard.clock.now_s
+        if self.said != self._shown:
+            self._shown, self._shown_until_s = self.said, now_s + SAID_S
+        elif now_s >= self._shown_until_s:
+            self.said = self._shown = ""
 
     def _do_requests(self) -> None:
         """Execute the oldest request. Only one per tick, because some take long."""

@@ -59,6 +59,9 @@ ASK_STATUS, STATUS = "\x1b[5n", re.compile(r"\x1b\[[03]n")
 #: A terminal without an answer for this long is silent, if it has answered before.
 SILENCE_S = 0.5
 
+#: Time to show an unknown key.
+UNKNOWN_S = 2.0
+
 #: Keys of more than one character, or their beginning; a space ends one, so that it always counts.
 _SEQUENCE = re.compile(r"\x1b(?:\[[0-9:;<=>?]*|O)[@-~]")
 _BEGUN = re.compile(r"\x1b(?:\[[0-9:;<=>?]*|O)?")
@@ -102,6 +105,7 @@ class Keyboard:
         self._pending, self._pending_ticks = "", 0
         self._answered_at_s: float | None = None
         self._stood = self._gone = False
+        self._unknown, self._unknown_at_s = "", 0.0
 
     def poll(self) -> None:
         """Take the keys since the last tick."""
@@ -143,11 +147,15 @@ class Keyboard:
         elif key in REST_KEYS:
             self._set = 0.0, 0.0, 0.0
             self._source.release()
+        known = key in REQUEST_KEYS or key in REST_KEYS or key in SPEED_KEYS
+        self._unknown, self._unknown_at_s = "" if known else key, self._now_s()
         if key in REQUEST_KEYS:
             self._ask(REQUEST_KEYS[key], "q" if key == "q" else "")
 
     def report(self, status: dict[str, Any]) -> None:
-        """Show a line."""
+        """Show a line, with an unknown key for some time."""
+        if self._unknown and self._now_s() - self._unknown_at_s < UNKNOWN_S:
+            status = {**status, "said": f"key {self._unknown!r} does nothing"}
         if not self._gone:
             stood = f" · stood still: the terminal was silent for {SILENCE_S:g} s" if self._stood else ""
             self._show(line_of(status) + stood)
@@ -183,7 +191,7 @@ class Keyboard:
 
 
 def line_of(status: dict[str, Any]) -> str:
-    """Status of a robot as a terminal line; messages replace the distance."""
+    """Status of a robot as a terminal line; a message replaces the distance."""
     battery, said = status["battery_v"], status["said"]
     parts = [
         _command_of(status["velocity"]),

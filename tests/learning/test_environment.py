@@ -10,6 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
+from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.learning.environment import HexapodEnvironment, Observation
 from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, LearnedWalk
@@ -115,6 +116,14 @@ def test_a_batch_of_learned_walks_equals_single_ones() -> None:
 def test_an_episode_that_cannot_be_drawn_is_refused(options: dict[str, Any], named: str) -> None:
     with pytest.raises(ValueError, match=named):
         HexapodEnvironment(**options)
+
+
+def test_an_action_of_another_shape_is_refused() -> None:
+    environment = HexapodEnvironment()
+    environment.reset(seed=0)
+    with pytest.raises(InputError, match=r"^action: got shape \(3,\); allowed: \(18,\)$"):
+        environment.step(np.zeros(3))
+    environment.close()
 
 
 def test_headings_may_be_an_array() -> None:

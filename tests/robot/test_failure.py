@@ -151,8 +151,8 @@ def test_times_are_given_where_they_belong_and_nothing_that_only_a_whole_walk_kn
         (None, None, [], []),
         ((), "5", ["5:locked"], []),
         ((), (5, 2), ["2:locked", "5:locked"], []),
-        ("5:limp", 5, ["5:limp"], []),
-        ("5:limp", "2,5", ["2:locked", "5:limp"], []),
+        ("5:limp", "2", ["2:locked", "5:limp"], []),
+        ("5:locked", "2,5", ["2:locked", "5:locked"], []),
         (["5:limp", "2"], 1, ["1:locked", "2:locked", "5:limp"], []),
         ("5:limp,2:missing@4", None, ["5:limp"], ["2:missing@4"]),
         ("5:limp@8", 5, ["5:locked"], ["5:limp@8"]),
@@ -179,6 +179,7 @@ def test_failures_of_texts_values_and_legs_are_put_together(
         (None, "7", "failed_leg"),
         (None, "two", "failed_leg"),
         ("5:limp,", None, "failure"),
+        ("5:limp", 5, "failed_leg: got 5, a locked leg, which failure makes limp"),
     ],
 )
 def test_failures_that_cannot_be_together_are_refused(asked: Any, legs: Any, option: str) -> None:

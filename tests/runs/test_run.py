@@ -99,14 +99,14 @@ def test_a_run_walks_only_while_connected() -> None:
 @pytest.mark.slow
 def test_a_failure_may_be_said_in_words() -> None:
     spec = RunSpec(failure=Failure(leg=5, kind="limp"), gait=57, duration_s=0.2)
-    assert run(failed_leg=5, failure="5:limp", gait=57, duration_s=0.2).trial == run(spec).trial
+    assert run(failure="5:limp", gait=57, duration_s=0.2).trial == run(spec).trial
     assert run(failed_leg=2, duration_s=0.2).outcome["failure"] == "locked"
     for options in ({"failed_leg": "2"}, {"failure": "2"}, {"failure": ["2:locked"]}):
         assert RunSpec(**options) == RunSpec(failed_leg=2)
 
 
 def test_an_option_sums_up_what_failed_before_and_what_fails_later() -> None:
-    spec = RunSpec(failed_leg=(2, 5), failure=["5:limp", "3:stuck:coxa@8"], heal=["3@9"])
+    spec = RunSpec(failed_leg=2, failure=["5:limp", "3:stuck:coxa@8"], heal=["3@9"])
     assert [str(one) for one in spec.failures] == ["locked", "limp"]
     assert [str(event) for event in spec.events] == ["3:stuck:coxa@8", "3@9"]
     assert replace(spec, seed=1).failures == spec.failures

@@ -195,9 +195,17 @@ class Cooking(SimServos):
 def test_a_new_warning_of_the_servos_is_said() -> None:
     with Drive(servos=Cooking("ant")) as drive:
         session = DriveSession(drive)
-        script = Script(session, {100: "quit"})
-        session.run([script])
-        assert script.told["said"] == "servos: warm, 62 degrees C: leg 2 femur (id 5)"
+        script = Script(session, {500: "quit"})
+        said: dict[int, str] = {}
+
+        class Watch(Script):
+            def poll(self) -> None:
+                super().poll()
+                said[self.tick] = session.said
+
+        session.run([script, Watch(session, {})])
+        assert said[100] == "servos: warm, 62 degrees C: leg 2 femur (id 5)"
+        assert said[500] == ""
         (warned,) = session.warned
         assert warned.endswith(": leg 2 femur (id 5)")
 

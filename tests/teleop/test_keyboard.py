@@ -19,13 +19,14 @@ class Typist:
         self.now_s = 0.0
         self.arbiter = Arbiter(lambda: self.now_s)
         self.asked: list[tuple[str, str]] = []
+        self.shown: list[str] = []
         reading, self.writing = os.pipe()
         self.keyboard = Keyboard(
             self.arbiter.source("keyboard"),
             Velocity,
             lambda request, why: self.asked.append((request, why)),
             reading,
-            lambda _: None,
+            self.shown.append,
             now_s=lambda: self.now_s,
         )
 
@@ -145,12 +146,26 @@ def test_a_terminal_that_has_gone_is_a_release_and_the_end(typist: Typist) -> No
     assert typist.arbiter.decide() == Decision()
 
 
+STATUS: dict[str, Any] = {
+    "velocity": [0.071, 0.0, -0.5], "gait": "tripod", "mode": "driving", "stopped": None,
+    "source": "keyboard", "battery_v": None, "said": "", "body_pose": 6 * [0.0],
+    "distance_m": 12.34, "speed_m_s": 0.071, "heading_deg": -12.4,
+}  # fmt: skip
+
+
+def test_an_unknown_key_is_shown_for_some_time(typist: Typist) -> None:
+    typist.type("we")
+    for _ in range(2):
+        typist.keyboard.report(STATUS)
+        typist.now_s += 2.0
+    first, later = typist.shown
+    assert "key 'e' does nothing" in first
+    assert "does nothing" not in later
+    assert "12.3 m" in later
+
+
 def test_the_line_has_what_the_robot_does_in_80_columns() -> None:
-    status: dict[str, Any] = {
-        "velocity": [0.071, 0.0, -0.5], "gait": "tripod", "mode": "driving", "stopped": None,
-        "source": "keyboard", "battery_v": None, "said": "", "body_pose": 6 * [0.0],
-        "distance_m": 12.34, "speed_m_s": 0.071, "heading_deg": -12.4,
-    }  # fmt: skip
+    status = STATUS
     assert line_of(status).startswith("forward +0.071 m/s turn -29°/s · tripod")
     line = line_of({**status, "velocity": [0.071, 0.0, 0.0]})
     assert "12.3 m at 0.07 m/s, yaw -12°" in line

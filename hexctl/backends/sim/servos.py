@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
-import mujoco
 import numpy as np
 
 from hexctl.backends.base import OwnServos, TruePose, check_connected, check_targets
@@ -17,6 +16,7 @@ from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, h
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation, waiting_commands
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
+from hexctl.mujoco_import import mujoco
 from hexctl.robot.failure import Failure, FailureEvent, check_further, drawn_failure, each_failure
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState

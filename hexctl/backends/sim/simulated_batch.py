@@ -4,7 +4,6 @@ import copy
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
@@ -13,6 +12,7 @@ from hexctl.backends.sim.sensing import JointTorques, SensorMemory
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, held_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, waiting_commands
+from hexctl.mujoco_import import mujoco
 from hexctl.types import FloatArray, RobotState
 
 

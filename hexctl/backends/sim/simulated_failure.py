@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from hexctl.errors import InputError
+from hexctl.mujoco_import import mujoco
 from hexctl.robot.failure import Failure, FailureEvent, Failures, each_failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, leg_slice

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from hexctl.backends.sim.servo_physics import GearFriction
@@ -15,6 +14,7 @@ from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailedLegs, check
 from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
+from hexctl.mujoco_import import import_undrawn, mujoco
 from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.link_masses import link_capsule, link_mass
 from hexctl.robot.formats.mjcf import STICTION
@@ -27,7 +27,7 @@ if "DISPLAY" not in os.environ:
     # Nothing here renders; without this, dm_control warns about the missing display at import.
     os.environ.setdefault("MUJOCO_GL", "disable")
 
-from dm_control import mjcf
+mjcf = import_undrawn("dm_control.mjcf")
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7

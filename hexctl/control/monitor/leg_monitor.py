@@ -52,6 +52,10 @@ MANY, TIMES_MANY, MANY_CYCLES = 3, 6.0, 3.0
 #: Consecutive ticks of an alarm, and cycles on uneven ground, which may block a leg for a step.
 ALARM_TICKS, UNEVEN_CYCLES = 3, 1.0
 
+#: In motions that change at will feet land at other times than usual. With echoed targets a leg then misses its
+#: load only after so many cycles without any contact; after fewer, healthy legs were accused.
+LIFTED_CYCLES = 2.0
+
 #: Ticks between updates of the usual evidence.
 LEARNING_TICKS = 4
 
@@ -162,6 +166,7 @@ class LegMonitor:
         self._most = _of_each(legs, np.inf, MOST_MISSING, np.inf)
         self._ticks, self._alarm_ticks = 0, np.zeros(legs, dtype=int)
         self._alarm, self._suspected = np.ones(legs), False
+        self._lifted_cycles: FloatArray = np.zeros(legs)
         self._cycles, self._motion = cycles, RecentMotion(shape, cycles)
         self._stiffness = JointStiffness(shape, robot.joint_max_torque_nm)
         self._all_heard, self.weakened = True, False
@@ -219,6 +224,9 @@ class LegMonitor:
             if state.joint_torques_nm is None:
                 # Feet hang in the air on a bumpy floor.
                 self._ratios[1] *= self._balance.even
+        elif not state.measured and state.foot_contacts is not None:
+            self._lifted_cycles = (self._lifted_cycles + self._cycles[..., np.newaxis]) * ~state.foot_contacts
+            self._ratios[1] *= self._lifted_cycles >= LIFTED_CYCLES
         self._dead.update(state, idle, self._following if self._ticks else None)
         np.maximum(self._effort_ratio, self._dead.idle, out=self._effort_ratio)
         self._ratios[_START] = self._dead.start

@@ -32,7 +32,7 @@ STANCES = ("stance", "stand", "home")
 def read_mjcf(path: Path) -> LinkTree:
     """Tree of an MJCF file; raises InputError for no valid MJCF, MissingExtraError without MuJoCo."""
     try:
-        import mujoco
+        from hexctl.mujoco_import import mujoco
     except ImportError as error:
         raise MissingExtraError("importing an MJCF", "sim") from error
     try:
