@@ -52,8 +52,8 @@ MANY, TIMES_MANY, MANY_CYCLES = 3, 6.0, 3.0
 #: Consecutive ticks of an alarm, and cycles on uneven ground, which may block a leg for a step.
 ALARM_TICKS, UNEVEN_CYCLES = 3, 1.0
 
-#: In motions that change at will feet land at other times than usual. With echoed targets a leg then misses its
-#: load only after so many cycles without any contact; after fewer, healthy legs were accused.
+#: In motions that change at will feet land at other times than usual. With echoed targets a leg then misses
+#: its load only after so many cycles without any contact; after fewer, healthy legs were accused.
 LIFTED_CYCLES = 2.0
 
 #: Ticks between updates of the usual evidence.

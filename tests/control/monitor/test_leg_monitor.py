@@ -164,6 +164,21 @@ def test_a_joint_at_its_target_needs_no_torque_and_echoed_targets_say_nothing() 
     assert _walk(_held((0, 1, 2), torque_nm=0.3), measured=False) == []
 
 
+@pytest.mark.parametrize(("always", "found_after"), [(True, (2.0, 2.5)), (False, None)])
+def test_with_echoed_targets_a_leg_without_any_contact_is_missed(
+    always: bool, found_after: tuple[float, float] | None
+) -> None:
+    ticks = iter(range(1000))
+
+    def lifts(_seen: FloatArray, torques: FloatArray) -> None:
+        if always or next(ticks) % 50 > 2:  # or it touches the floor once in a while
+            torques[leg_slice(3)] = 0.0
+
+    noticed = _walk(lifts, measured=False, efforts=False)
+    assert [suspicion.leg for _, suspicion in noticed] == [3] * (found_after is not None)
+    assert found_after is None or found_after[0] < noticed[0][0] < found_after[1]
+
+
 def test_what_a_joint_does_while_the_robot_stands_is_no_jump_when_it_walks_again() -> None:
     """A leg that is put down from its highest place by a halt was accused of a stuck joint."""
     monitor, accused = LegMonitor(shipped(), (), PERIOD_S, np.float64(PACE_HZ)), False  # type: ignore[arg-type]
