@@ -15,7 +15,6 @@ from hexctl.recording import paths
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.rrd import (
     check_name,
-    check_whole,
     create_file,
     disconnect,
     flush,
@@ -38,13 +37,9 @@ APPLICATION_ID = "hexctl"
 
 #: Number of rows per write: chunks cost time and space. A walk up to twice as fast as real time also writes
 #: after this much time, which bounds the loss in a crash.
-BLOCK_TICKS = 2000
+BLOCK_TICKS = 3000
 BLOCK_S = 2.0
 MOST_PACE = 2.0
-
-#: Longer walks have no index: Rerun keeps it in memory until the end, and it grows by 150 kB a second.
-#: `rerun rrd optimize` adds one.
-INDEXED_S = 120.0
 
 
 class Recording:
@@ -94,8 +89,8 @@ class Recording:
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor
         blueprint = make_blueprint(robot, plan.heading_rad, floor, watched=watched, servos=servos)
-        self._indexed = plan.duration_s <= INDEXED_S
-        save_stream(self._stream, path, blueprint, index=self._indexed)
+        # An index would take 300 kB, and memory until the end; `rerun rrd optimize` adds one.
+        save_stream(self._stream, path, blueprint, index=False)
         self._stream.send_recording_name(title)
         # It allows an export without the robot's file.
         values = rr.AnyValues(name=robot.name, model=robot_to_json(robot), on_stand=on_stand)
@@ -138,7 +133,7 @@ class Recording:
             send_outcome(self._last, result)
         flush(self._stream, self.path)
         self.close()
-        check_whole(self.path) if self._indexed else check_end(self.path, written)
+        check_end(self.path, written)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""

@@ -14,8 +14,10 @@ from hexctl.recording.rrd_reader import (
     CHUNK,
     HEAD_BYTES,
     MESSAGE_HEAD,
+    check_end,
     read_chunks,
 )
+from hexctl.recording.side_by_side import write_together
 from tests.recording.conftest import ReadBack, Trial, messages, write
 
 
@@ -24,10 +26,15 @@ def test_a_recording_without_its_end_is_not_whole(
     missing_bytes: int, trial_file: Path, tmp_path: Path
 ) -> None:
     path = Path(shutil.copy(trial_file, tmp_path / "trial.rrd"))
-    check_whole(path)
-    os.truncate(path, path.stat().st_size - missing_bytes - END_PADDING)
+    (indexed,) = write_together([trial_file], tmp_path)
+    check_end(path, HEAD_BYTES)
+    check_whole(indexed)
+    for one in (path, indexed):
+        os.truncate(one, one.stat().st_size - missing_bytes - END_PADDING)
     with pytest.raises(RecordingError):
-        check_whole(path)
+        check_end(path, HEAD_BYTES)
+    with pytest.raises(RecordingError):
+        check_whole(indexed)
     os.truncate(path, 0)
     with pytest.raises(RecordingError):
         check_whole(path)

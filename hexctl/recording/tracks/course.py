@@ -62,9 +62,10 @@ def send_ribbon(block: Block) -> None:
 
 
 def send_deviation(block: Block) -> None:
-    """Send the deviation during the walk, positive to the left."""
+    """Send the deviation during the walk at 10 Hz, positive to the left."""
     frame = block.log.frame
-    rows = np.flatnonzero(block.in_walk() & block.posed)
+    rows = block.sparse()
+    rows = rows[(block.in_walk() & block.posed)[rows]]
     if frame is not None and rows.size:
         deviation = frame.path(block.column("base_position_world")[rows])[:, 1]
         block.plot(DEVIATION, rows, deviation)
