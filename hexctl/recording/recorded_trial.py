@@ -56,7 +56,7 @@ class RecordedEvent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedTrial(ArrayFields):
-    """A trial in a recording. Joint angles have an error of at most 61 microradians.
+    """A trial in a recording. Joint angles have an error of at most 0.007 degrees.
 
     Attributes:
         properties: plan and result, named as by `hexctl run --json`; only `title` for a drive or a truncated

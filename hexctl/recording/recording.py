@@ -37,7 +37,7 @@ APPLICATION_ID = "hexctl"
 
 #: Number of rows per write: chunks cost time and space. A walk up to twice as fast as real time also writes
 #: after this much time, which bounds the loss in a crash.
-BLOCK_TICKS = 3000
+BLOCK_TICKS = 4000
 BLOCK_S = 2.0
 MOST_PACE = 2.0
 

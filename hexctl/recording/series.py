@@ -13,8 +13,8 @@ KEPT_BITS = 16
 #: Binary places of measured quantities: an error of 2 mN m at most.
 COARSE_BITS = 8
 
-#: Binary places of joint angles: an error of 0.0035 degrees at most, a fraction of what servos resolve.
-ANGLE_BITS = 13
+#: Binary places of joint angles: steps of 0.014 degrees, a sixth of what servos resolve.
+ANGLE_BITS = 12
 
 
 def rounded(values: FloatArray, bits: int) -> FloatArray:

@@ -168,8 +168,8 @@ def compact(points_m: FloatArray) -> NDArray[np.float32]:
 AXES = {"coxa": (0.0, 0.0, 1.0), "femur": (0.0, -1.0, 0.0), "tibia": (0.0, -1.0, 0.0)}
 
 
-#: Binary places of drawn angles: an error of a twentieth of a degree at most.
-DRAWN_BITS = 9
+#: Binary places of drawn angles: an error of a tenth of a degree at most, less than half a step of servos.
+DRAWN_BITS = 8
 
 #: Ticks between drawn angles: 25 pictures a second.
 DRAWN_TICKS = 2

@@ -25,7 +25,7 @@ def send_trail(block: Block) -> None:
     if at.size:
         positions = block.log.rows("base_position_world", first, block.stop)[:, :2]
         ends = (on_floor(positions[index], block.subject.floor) for index in (at - SPARSE_TICKS, at))
-        pieces = np.stack(list(ends), axis=1).astype(np.float32)
+        pieces = compact(np.stack(list(ends), axis=1))
         block.send(paths.TRAIL, at + first - block.start, load_rerun().LineStrips3D.columns(strips=pieces))
 
 

@@ -49,8 +49,8 @@ def _send_base(block: Block) -> None:
 
 
 def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: FloatArray) -> None:
-    turn = rounded(xyzw(quaternion), KEPT_BITS).astype(np.float32)
-    pose = load_rerun().Transform3D.columns(translation=position.astype(np.float32), quaternion=turn)
+    place, turn = (rounded(values, KEPT_BITS).astype(np.float32) for values in (position, xyzw(quaternion)))
+    pose = load_rerun().Transform3D.columns(translation=place, quaternion=turn)
     block.send(paths.ROBOT, rows, pose)
 
 
