@@ -19,7 +19,7 @@ CEILINGS = {
     "identify": 1_590,
     "ik": 1_150,
     "learning": 390,
-    "recording": 4_390,
+    "recording": 4_385,
     "robot": 6_400,
     "runs": 1_100,
     "server": 4_030,
