@@ -15,11 +15,13 @@ from hexctl.recording.series import (
     SUSPICION,
     TEMPERATURES,
     TORQUES,
+    VECTORS,
     VELOCITY,
     VOLTAGES,
     Series,
 )
 from hexctl.robot.model import Robot
+from hexctl.types import JOINT_NAMES
 
 #: The eye along the line of travel, in stance radii: behind, to the right, above.
 EYE = (-1.1, -2.1, 1.5)
@@ -56,7 +58,7 @@ def make_blueprint(
         plot_of(MARGIN, plot_legend=hidden),
         rrb.Tabs(
             *evidence,
-            *(plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
+            *map(_leg_view, paths.LEGS),
             plot_of(TORQUES, plot_legend=hidden),
             plot_of(VELOCITY),
             *reports,
@@ -148,6 +150,20 @@ def _lanes_view() -> Any:
         name="gait: light stance, dark swing, orange no contact, red drags",
         defaults=[lanes],
         time_view=_linked(),
+    )
+
+
+def _leg_view(leg: int) -> Any:
+    """View of the angles of a leg, which are among those of all joints."""
+    import rerun.blueprint as rrb
+
+    shown = [name.startswith(f"leg{leg}_") for name in JOINT_NAMES]
+    return plot(
+        "/",
+        f"leg {leg} (rad)",
+        contents=[f"+ {series.path}" for series in VECTORS],
+        defaults=[load_rerun().SeriesLines.from_fields(visible_series=shown)],
+        plot_legend=rrb.PlotLegend(visible=False),
     )
 
 

@@ -23,8 +23,8 @@ DEVIATION = "deviation"
 MARGIN = "stability_margin"
 #: 18 scalars at 10 Hz: the torque of each joint in N m.
 TORQUES = "joint_torques"
-#: 18 scalars each at every tick, the commanded and the measured angle of each joint in rad, rounded: the
-#: vectors that converters to LeRobot look for. The exact angles are those of the links.
+#: 18 scalars each at every tick, the commanded and the measured angle of each joint in rad: the
+#: vectors that converters to LeRobot look for.
 ACTION, OBSERVATION = "action", "observation/state"
 #: 18 scalars each, at 1 Hz: the servos' degrees Celsius, V and A, and ages of angles.
 TEMPERATURES, VOLTAGES, CURRENTS = "servos/temperatures", "servos/voltages", "servos/currents"
@@ -49,7 +49,7 @@ def leg_path(leg: int) -> str:
 
 
 def link_path(leg: int, kind: str) -> str:
-    """Entity of a link with its angles in rad, such as `world/robot/leg5/coxa/hip/femur`."""
+    """Entity of a link, such as `world/robot/leg5/coxa/hip/femur`."""
     joints = ("", "/hip", "/knee")
     links = zip(joints, JOINT_KINDS, strict=True)
     steps = [f"{joint}/{link}" for joint, link in links]

@@ -16,11 +16,11 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import check_name
 from hexctl.recording.rrd_reader import entity_of, read_chunks
-from hexctl.recording.series import SERVOS, SUSPICION, TORQUES, VELOCITY, Series
+from hexctl.recording.series import SERVOS, SUSPICION, TORQUES, VECTORS, VELOCITY, Series
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wxyz
-from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, BoolArray, FloatArray
+from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 
 Rows = NDArray[np.int64]
 
@@ -56,12 +56,12 @@ class RecordedEvent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedTrial(ArrayFields):
-    """A trial in a recording. Joint angles have an error of at most 8 microradians.
+    """A trial in a recording. Joint angles have an error of at most 0.007 degrees.
 
     Attributes:
         properties: plan and result, named as by `hexctl run --json`; only `title` for a drive or a truncated
             trial.
-        stamps_ns: time of each tick since 1970, (T,); their start is exact to half a second.
+        stamps_ns: time of each tick since 1970, (T,).
         time_s: time since the first tick, (T,).
         walk_s: time since the walk began, (T,); 0 before it.
         phases: index in `hexctl.control.trace.PHASES`, (T,).
@@ -150,8 +150,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         path=path,
         robot=robot or _robot(columns, path),
         properties=properties,
-        # The wall clock is rounded down to half a second.
-        stamps_ns=times_ns + (columns.ticks_ns(paths.WALL_TIMELINE) - times_ns).min(),
+        stamps_ns=columns.ticks_ns(paths.WALL_TIMELINE),
         time_s=times_ns / 1e9,
         walk_s=columns.ticks_ns(paths.WALK_TIMELINE) / 1e9,
         phases=at.held(*columns.texts(paths.PHASE, "StateChange:state"), PHASES),
@@ -175,19 +174,17 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
 def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
     """Times of the ticks in ns, (T,), and commanded and measured angles of the joints, (T, 2, 18).
 
-    Surplus ticks of single joints, as after a kill, are dropped here and in all other columns.
+    Later rows of other columns, as after a kill, are dropped.
     """
-    links = [paths.link_path(leg, kind) for leg in paths.LEGS for kind in JOINT_KINDS]
-    series = [columns.numbers(link, "Scalars:scalars", 2) for link in links]
+    series = [columns.numbers(one.path, "Scalars:scalars", len(one.names)) for one in VECTORS]
     ticks = min(len(times_ns) for times_ns, _ in series)
     if not ticks:
         raise InputError(f"recording: {path} holds no trial; allowed: a recording of a walk")
     times_ns = series[0][0][:ticks]
     if not all(np.array_equal(others_ns[:ticks], times_ns) for others_ns, _ in series):
         raise InputError(f"recording: {path} is damaged: its joints have different ticks")
-    if any(len(others_ns) > ticks for others_ns, _ in series):
-        columns.cut(int(times_ns[-1]))
-    return times_ns, np.stack([both_rad[:ticks] for _, both_rad in series], axis=-1)
+    columns.cut(int(times_ns[-1]))
+    return times_ns, np.stack([angles_rad[:ticks] for _, angles_rad in series], axis=1)
 
 
 class _Columns:
@@ -239,10 +236,10 @@ class _Columns:
         return np.array([1.0, 0.0, 0.0, 0.0])
 
     def ticks_ns(self, timeline: str) -> Rows:
-        """Times of all ticks on a timeline, as the first link has them."""
+        """Times of all ticks on a timeline, as the commanded angles have them."""
         parts = [
             (_times(batch, paths.TIMELINE), _times(batch, timeline))
-            for batch in self._batches(paths.link_path(1, JOINT_KINDS[0]), "Scalars:scalars")
+            for batch in self._batches(paths.ACTION, "Scalars:scalars")
         ]
         times_ns, others_ns = _joined(parts, np.empty(0, dtype=np.int64))
         return np.asarray(others_ns if self._end_ns is None else others_ns[times_ns <= self._end_ns])

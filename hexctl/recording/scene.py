@@ -14,7 +14,7 @@ from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.palette import TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.series import SERVOS, WALK
+from hexctl.recording.series import SERVOS, WALK, rounded
 from hexctl.recording.style import GROUND_COLOR
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
@@ -148,7 +148,7 @@ def _send_leg(stream: Any, subject: Subject, leg: int) -> None:
             stream.log(paths.joint_path(leg, kind), joint, static=True)
         mesh = subject.mesh_of(leg, kind)
         parts = [_capsule(robot, index)] if mesh is None else _asset(mesh, None)
-        stream.log(paths.link_path(leg, kind), *parts, _series(kind), static=True)
+        stream.log(paths.link_path(leg, kind), *parts, static=True)
         start = tuple(robot.link_vectors_m[index])
     place = [start[0], 0.0, start[1]]
     foot = rr.Points3D([place], radii=[1.3 * robot.foot_radius_m], show_labels=False)
@@ -187,17 +187,15 @@ def _asset(mesh: PartMesh, color: style.Color | None) -> list[Any]:
     return [rr.Asset3D(contents=mesh.content, media_type=mesh.media_type, **look), pose]
 
 
-def _series(kind: str) -> Any:
-    names = [f"{kind} commanded", f"{kind} measured"]
-    return load_rerun().SeriesLines(names=names, colors=style.SERIES[kind], widths=[3.0, 1.2])
-
-
 #: Margin of the floor around the planned path; an even one has only four corners.
-FLOOR_MARGIN_M = 2.0
+FLOOR_MARGIN_M = 1.5
 EVEN_MARGIN_M = 50.0
 
 #: More vertices than this are thinned out, to keep the file small.
-MAX_VERTICES = 40_000
+MAX_VERTICES = 10_000
+
+#: Binary places of normals, which shade the floor.
+NORMAL_BITS = 6
 
 #: An even floor lies this much below the feet, to keep lines on it visible.
 SUNK_M = 0.002
@@ -246,12 +244,10 @@ def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> FloorMesh:
     colors = np.array(GROUND_COLOR) * (1 + 0.35 * spread[..., np.newaxis])
     corner = np.arange(heights.size, dtype=np.uint32).reshape(heights.shape)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
-    triangles = np.concatenate(
-        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
-    )
+    triangles = np.stack([a, b, c, a, c, d], -1).reshape(-1, 3)  # neighbours compress well
     return FloorMesh(
         positions.reshape(-1, 3).astype(np.float32),
         triangles,
-        normals.reshape(-1, 3).astype(np.float32),
+        rounded(normals, NORMAL_BITS).reshape(-1, 3).astype(np.float32),
         colors.reshape(-1, 3).astype(np.uint8),
     )

@@ -2,14 +2,24 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from hexctl.recording import paths, style
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 #: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
 KEPT_BITS = 16
 
 #: Binary places of measured quantities: an error of 2 mN m at most.
 COARSE_BITS = 8
+
+#: Binary places of joint angles: steps of 0.014 degrees, a sixth of what servos resolve.
+ANGLE_BITS = 12
+
+
+def rounded(values: FloatArray, bits: int) -> FloatArray:
+    """Values rounded to a number of binary places: trailing zeros compress well."""
+    return np.asarray(np.round(values * 2.0**bits) / 2.0**bits)
 
 
 class Series(NamedTuple):
@@ -68,13 +78,19 @@ SUSPICION = Series(
 TEMPERATURES = _of_joints(paths.TEMPERATURES, "servos (°C)", "temperatures_c")
 VOLTAGES = _of_joints(paths.VOLTAGES, "servos (V)", "voltages_v")
 
-#: Binary places of joint angles in vectors: 0.014 degrees, a sixth of what servos resolve.
-ANGLE_BITS = 12
+
+def _angles(path: str, source: str, which: int, width: float) -> Series:
+    """Angles of all joints; the first colour of a joint is for its commanded angle."""
+    names = tuple(f"{name} {source.removesuffix('_rad')}" for name in JOINT_NAMES)
+    colors = tuple(style.SERIES[kind][which] for kind in JOINT_KINDS) * N_LEGS
+    widths = (width,) * len(names)
+    return Series(path, "joint angles (rad)", names, colors, ANGLE_BITS, widths, source)
+
 
 #: Series at every tick.
 VECTORS = (
-    _of_joints(paths.ACTION, "commanded angles (rad)", "commanded_rad")._replace(bits=ANGLE_BITS),
-    _of_joints(paths.OBSERVATION, "measured angles (rad)", "measured_rad")._replace(bits=ANGLE_BITS),
+    _angles(paths.ACTION, "commanded_rad", 0, 3.0),
+    _angles(paths.OBSERVATION, "measured_rad", 1, 1.2),
 )
 
 #: Series at 10 Hz of the log, if all of it is known.
@@ -89,4 +105,4 @@ SERVOS = (
 )
 
 #: Series of each walk, if known.
-WALK = (DEVIATION, MARGIN, SUSPICION, *SAMPLED)
+WALK = (DEVIATION, MARGIN, SUSPICION, *SAMPLED, *VECTORS)

@@ -41,10 +41,10 @@ def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
     assert read.time_s == pytest.approx(log["time_s"] - log["time_s"][0], abs=1e-9)
     assert read.walk_s[-1] == pytest.approx(log["time_s"][-1] - log["time_s"][log.walk_from], abs=1e-9)
     assert np.array_equal(read.phases, log["phase"])
-    assert read.commanded_rad == pytest.approx(log["commanded_rad"], abs=8e-6)
-    assert read.measured_rad == pytest.approx(log["measured_rad"], abs=8e-6)
-    assert read.base_position_world == pytest.approx(log["base_position_world"], abs=1e-6)
-    assert read.base_quaternion_world == pytest.approx(log["base_quaternion_world"], abs=1e-6)
+    assert read.commanded_rad == pytest.approx(log["commanded_rad"], abs=1.23e-4)
+    assert read.measured_rad == pytest.approx(log["measured_rad"], abs=1.23e-4)
+    assert read.base_position_world == pytest.approx(log["base_position_world"], abs=8e-6)
+    assert read.base_quaternion_world == pytest.approx(log["base_quaternion_world"], abs=8e-6)
     assert read.foot_contacts is not None
     assert np.array_equal(read.foot_contacts, log["foot_contacts"])
     sparse = read.torques_nm
@@ -164,9 +164,9 @@ def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_bl
     times_s = trial.log["time_s"]
     assert read.time_s == pytest.approx(times_s[: len(read)] - times_s[0], abs=1e-9)
     assert len(read.walk_s) == len(read.phases) == len(read.base_position_world) == len(read)
-    assert read.measured_rad == pytest.approx(trial.log["measured_rad"][: len(read)], abs=8e-6)
+    assert read.measured_rad == pytest.approx(trial.log["measured_rad"][: len(read)], abs=1.23e-4)
     positions = trial.log["base_position_world"][: len(read)]
-    assert read.base_position_world == pytest.approx(positions, abs=1e-6, nan_ok=True)
+    assert read.base_position_world == pytest.approx(positions, abs=8e-6, nan_ok=True)
 
 
 def test_what_is_no_recording_of_a_trial_is_refused_in_one_line(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
@@ -21,8 +22,8 @@ from hexctl.recording import paths, rrd
 from hexctl.recording import recording as module
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import END
+from hexctl.recording.series import VECTORS
 from hexctl.recording.viewer import viewer_binary
-from hexctl.types import JOINT_KINDS
 from tests.recording.conftest import ReadBack, Trial, write
 
 
@@ -38,21 +39,16 @@ def read(written: Path) -> ReadBack:
 
 def _joints(read: ReadBack, which: int) -> np.ndarray:
     """Commanded (0) or measured (1) angles, (ticks, 18)."""
-    columns = []
-    for leg in range(1, 7):
-        for kind in JOINT_KINDS:
-            path = f"/{paths.link_path(leg, kind)}"
-            columns.append([value[which] for value in read.values(path, "Scalars:scalars")])
-    return np.array(columns).T
+    return np.array(read.values(f"/{VECTORS[which].path}", "Scalars:scalars"))
 
 
 def test_joint_angles_are_those_of_the_log(read: ReadBack, trial: Trial) -> None:
-    np.testing.assert_allclose(_joints(read, 0), trial.log["commanded_rad"], atol=1e-5)
-    np.testing.assert_allclose(_joints(read, 1), trial.log["measured_rad"], atol=1e-5)
+    np.testing.assert_allclose(_joints(read, 0), trial.log["commanded_rad"], atol=1.23e-4)
+    np.testing.assert_allclose(_joints(read, 1), trial.log["measured_rad"], atol=1.23e-4)
 
 
 def test_the_drawn_feet_are_where_the_kinematics_put_them(read: ReadBack, trial: Trial) -> None:
-    row = len(trial.log) // 2
+    row = len(trial.log) // 4 * 2  # they are drawn at every second tick
     expected = foot_positions_body(trial.robot, trial.log["measured_rad"][row])
     for leg in range(1, 7):
         path = f"/{paths.foot_path(leg)}"
@@ -71,7 +67,9 @@ def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarra
     if not turns:
         moved: np.ndarray = point + start
         return moved
-    turn = turns[min(row, len(turns) - 1)][0]
+    # An angle is sent when it changes.
+    times_s = read.times_s(path, "Transform3D:rotation_axis_angle")
+    turn = turns[np.searchsorted(times_s, row * PERIOD_S + 1e-6) - 1][0]
     axis, angle = np.array(turn["axis"]), turn["angle"]
     turned = (
         point * np.cos(angle)

@@ -14,8 +14,8 @@ from hexctl.ik.support_polygon import foot_heights_body
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.scene import Subject
-from hexctl.recording.series import KEPT_BITS, Series
-from hexctl.types import JOINT_KINDS, BoolArray, FloatArray
+from hexctl.recording.series import Series, rounded
+from hexctl.types import BoolArray, FloatArray
 
 Rows = NDArray[np.int64] | slice
 
@@ -115,11 +115,11 @@ class Block:
             scalars = self._rr.Scalars.columns(scalars=rounded(values, series.bits).ravel())
             self.send(series.path, rows, scalars.partition(np.full(rows.size, len(series.names))))
 
-    def send_vectors(self, series: Series, rows: NDArray[np.int64], values: FloatArray) -> None:
-        """Send numbers of a series like `plot`, with the time of day of each tick to the nanosecond."""
-        times = self._time_columns(self.column("time_s")[rows], wall_step_ns=1)
+    def send_vectors(self, series: Series, values: FloatArray) -> None:
+        """Send numbers of a series for all rows, with the time of day of each tick to the nanosecond."""
+        times = self._time_columns(self.column("time_s"), wall_step_ns=1)
         scalars = self._rr.Scalars.columns(scalars=rounded(values, series.bits).ravel())
-        self._send(series.path, times, scalars.partition(np.full(rows.size, len(series.names))))
+        self._send(series.path, times, scalars.partition(np.full(len(values), len(series.names))))
 
     def send_at(self, path: str, log_rows: Sequence[int], columns: Any) -> None:
         """Send columns for rows counted from the start of the log, even before the block."""
@@ -164,17 +164,15 @@ def compact(points_m: FloatArray) -> NDArray[np.float32]:
     return rounded(points_m, 10).astype(np.float32)
 
 
-def rounded(values: FloatArray, bits: int) -> FloatArray:
-    """Values rounded to a number of binary places: trailing zeros compress well."""
-    return np.asarray(np.round(values * 2.0**bits) / 2.0**bits)
-
-
 #: A positive coxa turns counter-clockwise from above; a positive femur or tibia lifts its link along x.
 AXES = {"coxa": (0.0, 0.0, 1.0), "femur": (0.0, -1.0, 0.0), "tibia": (0.0, -1.0, 0.0)}
 
 
-#: Binary places of drawn angles: an error of a twentieth of a degree at most.
-DRAWN_BITS = 9
+#: Binary places of drawn angles: an error of a tenth of a degree at most, less than half a step of servos.
+DRAWN_BITS = 8
+
+#: Ticks between drawn angles: 25 pictures a second.
+DRAWN_TICKS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,38 +186,16 @@ class ArrowBatch:
         return self.array
 
 
-class LinkColumns:
-    """Makes the columns of links, except the static joint position; shared arrays are made once."""
-
-    def __init__(self, ticks: int) -> None:
-        self._offsets = np.arange(ticks + 1, dtype=np.int32)
-        self._axes = {kind: _vectors(AXES[kind], ticks) for kind in JOINT_KINDS}
-
-    def columns(self, kind: str, angles_rad: FloatArray) -> list[Any]:
-        """Columns of a link of a kind in `JOINT_KINDS`; commanded and measured angles, (ticks, 2)."""
-        import pyarrow as pa
-
-        axis = self._axes[kind]
-        angle = pa.array(rounded(angles_rad[:, 1], DRAWN_BITS).astype(np.float32))
-        fields = [
-            pa.field("axis", axis.type, nullable=False),
-            pa.field("angle", pa.float32(), nullable=False),
-        ]
-        turn = pa.StructArray.from_arrays([axis, angle], fields=fields)
-        both = pa.array(rounded(angles_rad, KEPT_BITS).ravel())
-        rr = load_rerun()
-        return [
-            self._column(rr.Transform3D.descriptor_rotation_axis_angle(), turn, self._offsets),
-            self._column(rr.Scalars.descriptor_scalars(), both, 2 * self._offsets),
-        ]
-
-    def _column(self, descriptor: Any, values: Any, offsets: NDArray[np.int32]) -> Any:
-        return load_rerun().ComponentColumn(descriptor, ArrowBatch(values), offsets=offsets)
-
-
-def _vectors(vector: tuple[float, ...], ticks: int) -> Any:
+def turn_column(kind: str, angles_rad: FloatArray) -> Any:
+    """Column of the rotation of a link of a kind in `JOINT_KINDS` by angles, (N,)."""
     import pyarrow as pa
 
-    values = pa.array(np.tile(np.asarray(vector, dtype=np.float32), ticks))
+    axes = pa.array(np.tile(np.asarray(AXES[kind], dtype=np.float32), len(angles_rad)))
     item = pa.field("item", pa.float32(), nullable=False)
-    return pa.FixedSizeListArray.from_arrays(values, type=pa.list_(item, len(vector)))
+    axis = pa.FixedSizeListArray.from_arrays(axes, type=pa.list_(item, 3))
+    fields = [pa.field("axis", axis.type, nullable=False), pa.field("angle", pa.float32(), nullable=False)]
+    turn = pa.StructArray.from_arrays([axis, pa.array(angles_rad.astype(np.float32))], fields=fields)
+    rr, offsets = load_rerun(), np.arange(len(angles_rad) + 1, dtype=np.int32)
+    return rr.ComponentColumn(
+        rr.Transform3D.descriptor_rotation_axis_angle(), ArrowBatch(turn), offsets=offsets
+    )

@@ -25,7 +25,7 @@ def send_trail(block: Block) -> None:
     if at.size:
         positions = block.log.rows("base_position_world", first, block.stop)[:, :2]
         ends = (on_floor(positions[index], block.subject.floor) for index in (at - SPARSE_TICKS, at))
-        pieces = np.stack(list(ends), axis=1).astype(np.float32)
+        pieces = compact(np.stack(list(ends), axis=1))
         block.send(paths.TRAIL, at + first - block.start, load_rerun().LineStrips3D.columns(strips=pieces))
 
 
@@ -62,9 +62,10 @@ def send_ribbon(block: Block) -> None:
 
 
 def send_deviation(block: Block) -> None:
-    """Send the deviation during the walk, positive to the left."""
+    """Send the deviation during the walk at 10 Hz, positive to the left."""
     frame = block.log.frame
-    rows = np.flatnonzero(block.in_walk() & block.posed)
+    rows = block.sparse()
+    rows = rows[(block.in_walk() & block.posed)[rows]]
     if frame is not None and rows.size:
         deviation = frame.path(block.column("base_position_world")[rows])[:, 1]
         block.plot(DEVIATION, rows, deviation)

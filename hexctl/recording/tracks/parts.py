@@ -6,9 +6,9 @@ import numpy as np
 
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.series import SAMPLED, SERVOS, VECTORS
+from hexctl.recording.series import KEPT_BITS, SAMPLED, SERVOS, VECTORS, rounded
 from hexctl.recording.tracks.balance import Tally, send_balance
-from hexctl.recording.tracks.columns import Block, LinkColumns, Rows
+from hexctl.recording.tracks.columns import DRAWN_BITS, DRAWN_TICKS, Block, Rows, turn_column
 from hexctl.recording.tracks.course import send_course, send_deviation, send_ribbon, send_trail, send_velocity
 from hexctl.recording.tracks.events import send_events
 from hexctl.recording.tracks.failures import send_lanes, send_looks, send_suspicion
@@ -22,9 +22,8 @@ def send_parts(block: Block) -> Generator[None, None, Tally]:
 
     It depends only on these rows and earlier ones: the size of blocks does not change a recording.
     """
-    links = LinkColumns(block.stop - block.start)
     for leg in paths.LEGS:
-        _send_leg(block, links, leg)
+        _send_leg(block, leg)
         yield
         send_looks(block, leg)
         yield
@@ -50,29 +49,31 @@ def _send_base(block: Block) -> None:
 
 
 def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: FloatArray) -> None:
-    pose = load_rerun().Transform3D.columns(
-        translation=position.astype(np.float32), quaternion=xyzw(quaternion).astype(np.float32)
-    )
+    place, turn = (rounded(values, KEPT_BITS).astype(np.float32) for values in (position, xyzw(quaternion)))
+    pose = load_rerun().Transform3D.columns(translation=place, quaternion=turn)
     block.send(paths.ROBOT, rows, pose)
 
 
-def _send_leg(block: Block, links: LinkColumns, leg: int) -> None:
+def _send_leg(block: Block, leg: int) -> None:
+    """Send measured angles as rotations of the links, if they change visibly."""
     first = JOINTS_PER_LEG * (leg - 1)
-    both = [
-        block.column(name)[:, first : first + JOINTS_PER_LEG] for name in ("commanded_rad", "measured_rad")
-    ]
-    joints = np.stack(both, axis=-1)  # (ticks, 3, 2)
-    for index, kind in enumerate(JOINT_KINDS):
-        block.send(paths.link_path(leg, kind), slice(None), links.columns(kind, joints[:, index]))
+    led_rad = rounded(block.led("measured_rad", DRAWN_TICKS), DRAWN_BITS)
+    lead = len(led_rad) - (block.stop - block.start)
+    rows = np.arange(-block.start % DRAWN_TICKS, len(led_rad) - lead, DRAWN_TICKS)
+    for joint, kind in enumerate(JOINT_KINDS, start=first):
+        angles_rad = led_rad[:, joint]
+        # Before the first row there is none, which differs from all.
+        before = angles_rad[rows + lead - DRAWN_TICKS] if lead else np.append(np.nan, angles_rad[rows[:-1]])
+        changed = rows[angles_rad[rows + lead] != before]
+        if changed.size:
+            column = turn_column(kind, angles_rad[changed + lead])
+            block.send(paths.link_path(leg, kind), changed, [column])
 
 
 def _send_vectors(block: Block) -> None:
-    """Send the angles of all joints at every tick, in which both are known."""
-    both = [block.column(str(series.source)) for series in VECTORS]
-    rows = np.flatnonzero(np.isfinite(both).all(axis=(0, 2)))
-    if rows.size:
-        for series, values in zip(VECTORS, both, strict=True):
-            block.send_vectors(series, rows, values[rows])
+    """Send the angles of all joints at every tick."""
+    for series in VECTORS:
+        block.send_vectors(series, block.column(str(series.source)))
 
 
 def _send_samples(block: Block) -> None:
@@ -106,10 +107,10 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_course,
     send_ribbon,
     send_deviation,
-    _send_vectors,
     _send_samples,
     send_velocity,
     send_suspicion,
     send_lanes,
     _send_servos,
+    _send_vectors,  # last, because a reader takes the ticks from it: they have all else
 )

@@ -190,7 +190,7 @@ def _recording() -> bytes:
     import rerun as rr
 
     from hexctl.recording import paths
-    from hexctl.types import JOINT_KINDS
+    from hexctl.recording.series import VECTORS
 
     path = own_folder() / "seed.rrd"
     path.unlink(missing_ok=True)
@@ -198,9 +198,8 @@ def _recording() -> bytes:
     stream.save(path)
     for tick in range(2):
         stream.set_time("time", duration=0.02 * tick)
-        for leg in paths.LEGS:
-            for kind in JOINT_KINDS:
-                stream.log(paths.link_path(leg, kind), rr.Scalars([0.0, 0.1]))
+        for series in VECTORS:
+            stream.log(series.path, rr.Scalars([0.1] * len(series.names)))
         stream.log(paths.EVENTS, rr.TextLog("began", level="INFO"))
     stream.flush()
     stream.disconnect()
