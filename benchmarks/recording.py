@@ -39,7 +39,7 @@ def recording_rows(scale: Scale) -> Iterator[Row]:
         yield Row("recording.longest_tick", trials.longest_tick_ms(), "ms", Bar(high=10), note)
         size = trials.bytes_on_disk / MEGABYTE
         note = f"the file of a trial that walks {scale.walk_s:g} s, settling and stop included"
-        yield Row("recording.size", size, "MB", Bar(high=1.8), note)
+        yield Row("recording.size", size, "MB", Bar(high=1.5), note)
 
 
 class _Trials:
