@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import pytest
@@ -14,10 +14,12 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.console import print_result
 from hexctl.cli.render.run_output import summary
-from hexctl.cli.render.session_summary import after_stop
+from hexctl.cli.render.session_summary import after_stop, stricter_command
 from hexctl.cli.render.session_tables import opening_lines, walk_line
 from hexctl.cli.render.stop_reasons import why_in_words
+from hexctl.options import options_of
 from hexctl.robot.failure import Failure, NoticedFailure
+from hexctl.runs.run_spec import RunSpec
 from hexctl.wire.zenoh_messages import SERVER_ENDED
 from tests.adapt.walking import closing_lines, result_of
 
@@ -256,6 +258,38 @@ STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation"
 )
 def test_a_line_at_the_end_of_a_search(made: Callable[[], Session], label: str, text: str) -> None:
     assert closing(made())[label].startswith(text)
+
+
+#: Another value of each option that `hexctl adapt` and `hexctl run` share, as typed.
+SHARED: dict[str, tuple[dict[str, Any], str]] = {
+    "backend": ({"backend": "zenoh"}, "--backend zenoh"),
+    "robot": ({"robot": "phantomx"}, "--robot phantomx"),
+    "world": ({"world": "rough"}, "--world rough"),
+    "failed-leg": ({"failed_leg": 3}, "--failed-leg 3"),
+    "failure": ({"failed_leg": None, "failure": "5:limp"}, "--failure 5:limp"),
+    "seed": ({"seed": 3}, "--seed 3"),
+    "connect": ({"connect": "tcp/robot:7447"}, "--connect tcp/robot:7447"),
+    "keys": ({"credentials": "folder"}, "--keys folder"),
+    "insecure": ({"insecure": True}, "--insecure"),
+    "link": ({"link": "link.yaml"}, "--link link.yaml"),
+    "duration": ({"duration_s": 6.0}, "--duration 6"),
+    "heading": ({"heading_rad": math.radians(20.0)}, "--heading 20"),
+    "hold": ({"hold": "heading"}, "--hold heading"),
+    "policy": ({"policy": "stop"}, "--policy stop"),
+    "self-rotation": ({"self_rotation": "front"}, "--self-rotation front"),
+    "body-raise": ({"body_raise": 0.012}, "--body-raise 0.012"),
+}
+
+
+def test_the_command_to_walk_on_with_has_each_option_that_the_session_shares_with_a_run() -> None:
+    names = {field.name for field in fields(SessionSpec)}
+    assert {option.flag for option in options_of(RunSpec) if option.name in names} == SHARED.keys()
+    for changes, typed in SHARED.values():
+        assert typed in closing(session(**changes))["walk on with"]
+    stricter = stricter_command(session(duration_s=6.0, seed=3, body_raise=0.012).spec)
+    assert "--body-raise" not in stricter
+    assert "--duration 6" in stricter
+    assert "--seed 3" in stricter
 
 
 def test_a_hot_servo_cools_down_before_a_search_continues() -> None:
