@@ -304,6 +304,13 @@ def test_a_hot_servo_cools_down_before_a_search_continues() -> None:
     assert "--failed-leg 2,5" in after_stop(spec, LegFailedError("", "leg 2 limp", (2,)))
 
 
+def test_a_baseline_within_the_target_says_why_a_trial_was_walked() -> None:
+    made = session(0.001)
+    assert opening_lines(made)[2].startswith("first 1 baseline walk: not part of --budget; only a trial ends")
+    end = closing(made, "target")["ended after 1 trial and 1 baseline walk, 60 s walked"]
+    assert end == "a trial reached its target"
+
+
 def test_nothing_is_said_of_what_is_not_known_or_not_learned() -> None:
     other = session(uncertainty_m=0.0213, objective="scores:heading_lost", objective_unit="rad")
     for made in (session(), other):

@@ -36,7 +36,7 @@ def session_lines(session: Session) -> list[RenderableType]:
 #: Why a search ended, in words.
 ENDS = {
     "budget": "its budget is spent",
-    "target": "its target is reached",
+    "target": "a trial reached its target",
     "confirmed": "it is sure of a gait",
     "exhausted": "every gait was tried",
     NOT_WORTH: "another trial would gain too little",
