@@ -244,6 +244,22 @@ BAD_LINES: dict[str, Callable[[str], str]] = {
 }
 
 
+@pytest.mark.parametrize(("left", "ended"), [([1], "target"), ([0], None)])
+def test_a_target_whose_trial_is_damaged_has_not_ended_the_search(
+    left: list[int], ended: str | None, tmp_path: Path
+) -> None:
+    store = SessionStore(tmp_path)
+    session = store.create(replace(SPEC, target_m=0.025))
+    for index, end_m in enumerate((0.2, 0.01), start=1):
+        store.add(session, record(index, end_m), {})
+    session.ended = "target"
+    store.keep(session)
+    path = tmp_path / session.name / FILE_NAME
+    head, *trials, end = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([head, *(trials[index] if index in left else "{\n" for index in (0, 1)), end]))
+    assert load_session(session.name, tmp_path).ended == ended
+
+
 @pytest.mark.parametrize("spoil", BAD_LINES.values(), ids=list(BAD_LINES))
 def test_a_damaged_line_costs_that_line_alone(spoil: Callable[[str], str], tmp_path: Path) -> None:
     bad, good = make_sessions(tmp_path)
