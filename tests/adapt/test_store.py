@@ -198,7 +198,8 @@ def test_a_session_cut_off_at_any_byte_has_what_was_stored_before_and_goes_on(tm
         path.write_bytes(content[:size])
         told: list[HexctlError] = []
         (session,) = list_sessions(tmp_path, on_damage=told.append)
-        assert (len(session.trials), session.optimizer_state, told) == (2, {"after": 2}, [])
+        assert (len(session.trials), session.optimizer_state) == (2, {"after": 2})
+        assert ["cut off" in str(error) for error in told] == [True] * (size > begin)
         SessionStore(tmp_path).add(session, record(3), {"after": 3})
         assert path.read_bytes() == content
 
