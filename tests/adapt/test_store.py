@@ -421,6 +421,19 @@ def test_the_recording_of_a_killed_trial_is_removed(name: str, session: Session,
     assert remove_unfinished(tmp_path, session) is None
 
 
+def test_the_recording_of_an_interrupted_walk_is_removed_unless_it_is_stored(tmp_path: Path) -> None:
+    session, path = Session(name="s", spec=SPEC, created="now"), tmp_path / "baseline-tripod.rrd"
+    for stored in (False, True):
+        with unfinished(path, lambda: True):
+            path.write_bytes(b"half a walk")
+        session.trials = [replace(record(1), recording=str(path))] if stored else []
+        assert remove_unfinished(tmp_path, session) == (None if stored else path)
+        assert path.exists() == stored
+    with unfinished(path, lambda: False):
+        pass
+    assert not (tmp_path / NOTE).exists()
+
+
 def test_a_link_that_a_user_put_there_is_kept(session: Session, tmp_path: Path) -> None:
     path = tmp_path / "trial-002.rrd"
     killed_while_recording(path)
@@ -463,7 +476,6 @@ def test_a_session_that_was_killed_is_resumed_with_one_recording_of_each_trial(
         Adaptation(spec).run(stop_requested=lambda: len(list(tmp_path.rglob("trial-*.rrd"))) > 1).session.name
     )
     folder = tmp_path / "runs" / name
-    (folder / "trial-002.rrd").unlink(missing_ok=True)
     killed_while_recording(folder / "trial-002.rrd")
     notes: list[str] = []
     resumed = Adaptation.resume(name, note=notes.append).run()
