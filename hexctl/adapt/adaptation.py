@@ -79,7 +79,7 @@ class AdaptationResult:
 
     @property
     def best(self) -> TrialRecord | None:
-        """The valid trial with the lowest score; None without one, as when a usual gait meets the target."""
+        """The valid trial with the lowest score; None without one."""
         return self.session.best
 
     @property

@@ -261,7 +261,7 @@ def _as_words(options: Mapping[str, object]) -> list[str]:
 def _course_options(session: Session, walk: WalkRecord) -> dict[str, str | None]:
     """Hold and trim of a walk, which are rounded to what is printed here."""
     hold = session.spec.hold
-    options = {"hold": None if hold == RunSpec().hold else hold}
+    options: dict[str, str | None] = {"hold": None if hold == RunSpec().hold else hold}
     for name, outcome in (("trim", "trim_deg"), ("turn-trim", "turn_trim_deg_s")):
         value = walk.outcome[outcome]
         options[name] = None if value is None else f"{value:.{TRIM_DIGITS}f}"
