@@ -79,7 +79,7 @@ class AdaptationResult:
 
     @property
     def best(self) -> TrialRecord | None:
-        """The valid trial with the lowest score; None without one, as when a usual gait meets the target."""
+        """The valid trial with the lowest score; None without one."""
         return self.session.best
 
     @property
@@ -311,7 +311,7 @@ class Adaptation:
         session = self._resumed = load_session(name, store.folder, on_damage=lambda _: None)
         session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since
         left = remove_unfinished(store.folder_of(name), session)
-        self._tell(None if left is None else f"removed {left}: its trial was killed and is walked again")
+        self._tell(None if left is None else f"removed {left}: its walk was interrupted and is repeated")
         if self._budget is not None:
             session.spec = extended(session, self._budget)
         return session

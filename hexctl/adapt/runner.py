@@ -195,7 +195,7 @@ class TrialRunner:
         world = self.setting.world
         stem = f"baseline-{request.usual}" if request.usual else f"trial-{request.index:03d}"
         path = _new_path(self.folder, stem)
-        stack.enter_context(unfinished(path))
+        stack.enter_context(unfinished(path, self.stop_requested))
         try:
             recording = Recording(
                 path,
@@ -269,7 +269,7 @@ def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) 
 
 
 def _new_path(folder: Path, stem: str) -> Path:
-    """Unused path; an interrupted trial keeps its own."""
+    """Unused path; an interrupted walk keeps its own until its session is resumed."""
     folder.mkdir(parents=True, exist_ok=True)
     path, number = folder / f"{stem}.rrd", 2
     while path.exists():

@@ -189,16 +189,11 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
 
 def _usual_optimizer(spec: SessionSpec, *, strides: bool) -> str:
     """Trim for straight walks without a held line, strides for fast or cheap walks along one, else codes."""
-    if _is_of_codes(spec):
+    if spec.early_stop or spec.count_repeats or spec.worth_m is not None:  # only searches of codes have them
         return spec.optimizer
     if spec.trim != "off" and spec.objective in ("final", "progress") and spec.hold in OF_TRIM:
         return TRIM
     return STRIDES if strides and spec.objective in OF_STRIDES and spec.hold != "none" else spec.optimizer
-
-
-def _is_of_codes(spec: SessionSpec) -> bool:
-    """Whether an option is given that only searches of codes have."""
-    return spec.early_stop or spec.count_repeats or spec.worth_m is not None
 
 
 def _for_trim(spec: SessionSpec) -> SessionSpec:

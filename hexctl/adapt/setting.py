@@ -31,9 +31,7 @@ from hexctl.gait.posture import Posture
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 
-#: Default duration of the walks of `hexctl check --physics`.
-#:
-#: The uncertainty of shorter ones is not measured.
+#: Default duration of the walks of `hexctl check --physics`; the uncertainty of shorter ones is unknown.
 MEASURED_S = 30.0
 
 _LOG = logging.getLogger(__name__)

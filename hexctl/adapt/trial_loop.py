@@ -164,7 +164,7 @@ class AdaptLoop:
             return False
         if optimizer.trims:
             return any(trial.score <= target_m and self._is_confirmed(trial) for trial in session.trials)
-        return session.best is not None and session.best.score <= target_m
+        return session.met_target
 
     def _is_confirmed(self, trial: TrialRecord) -> bool:
         return self.repeats_exactly or trial.confirms

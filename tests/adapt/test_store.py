@@ -198,7 +198,8 @@ def test_a_session_cut_off_at_any_byte_has_what_was_stored_before_and_goes_on(tm
         path.write_bytes(content[:size])
         told: list[HexctlError] = []
         (session,) = list_sessions(tmp_path, on_damage=told.append)
-        assert (len(session.trials), session.optimizer_state, told) == (2, {"after": 2}, [])
+        assert (len(session.trials), session.optimizer_state) == (2, {"after": 2})
+        assert ["cut off" in str(error) for error in told] == [True] * (size > begin)
         SessionStore(tmp_path).add(session, record(3), {"after": 3})
         assert path.read_bytes() == content
 
@@ -242,6 +243,22 @@ BAD_LINES: dict[str, Callable[[str], str]] = {
     "a number of 5000 digits": lambda line: line.replace('"index": 2', '"index": 1' + "0" * 5000),
     "an expectation of nothing": lambda line: changed(line, trial__expected={}),
 }
+
+
+@pytest.mark.parametrize(("left", "ended"), [([1], "target"), ([0], None)])
+def test_a_target_whose_trial_is_damaged_has_not_ended_the_search(
+    left: list[int], ended: str | None, tmp_path: Path
+) -> None:
+    store = SessionStore(tmp_path)
+    session = store.create(replace(SPEC, target_m=0.025))
+    for index, end_m in enumerate((0.2, 0.01), start=1):
+        store.add(session, record(index, end_m), {})
+    session.ended = "target"
+    store.keep(session)
+    path = tmp_path / session.name / FILE_NAME
+    head, *trials, end = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([head, *(trials[index] if index in left else "{\n" for index in (0, 1)), end]))
+    assert load_session(session.name, tmp_path).ended == ended
 
 
 @pytest.mark.parametrize("spoil", BAD_LINES.values(), ids=list(BAD_LINES))
@@ -404,6 +421,19 @@ def test_the_recording_of_a_killed_trial_is_removed(name: str, session: Session,
     assert remove_unfinished(tmp_path, session) is None
 
 
+def test_the_recording_of_an_interrupted_walk_is_removed_unless_it_is_stored(tmp_path: Path) -> None:
+    session, path = Session(name="s", spec=SPEC, created="now"), tmp_path / "baseline-tripod.rrd"
+    for stored in (False, True):
+        with unfinished(path, lambda: True):
+            path.write_bytes(b"half a walk")
+        session.trials = [replace(record(1), recording=str(path))] if stored else []
+        assert remove_unfinished(tmp_path, session) == (None if stored else path)
+        assert path.exists() == stored
+    with unfinished(path, lambda: False):
+        pass
+    assert not (tmp_path / NOTE).exists()
+
+
 def test_a_link_that_a_user_put_there_is_kept(session: Session, tmp_path: Path) -> None:
     path = tmp_path / "trial-002.rrd"
     killed_while_recording(path)
@@ -446,7 +476,6 @@ def test_a_session_that_was_killed_is_resumed_with_one_recording_of_each_trial(
         Adaptation(spec).run(stop_requested=lambda: len(list(tmp_path.rglob("trial-*.rrd"))) > 1).session.name
     )
     folder = tmp_path / "runs" / name
-    (folder / "trial-002.rrd").unlink(missing_ok=True)
     killed_while_recording(folder / "trial-002.rrd")
     notes: list[str] = []
     resumed = Adaptation.resume(name, note=notes.append).run()

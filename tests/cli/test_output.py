@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import pytest
@@ -14,10 +14,12 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.console import print_result
 from hexctl.cli.render.run_output import summary
-from hexctl.cli.render.session_summary import after_stop
+from hexctl.cli.render.session_summary import after_stop, stricter_command
 from hexctl.cli.render.session_tables import opening_lines, walk_line
 from hexctl.cli.render.stop_reasons import why_in_words
+from hexctl.options import options_of
 from hexctl.robot.failure import Failure, NoticedFailure
+from hexctl.runs.run_spec import RunSpec
 from hexctl.wire.zenoh_messages import SERVER_ENDED
 from tests.adapt.walking import closing_lines, result_of
 
@@ -258,6 +260,38 @@ def test_a_line_at_the_end_of_a_search(made: Callable[[], Session], label: str, 
     assert closing(made())[label].startswith(text)
 
 
+#: Another value of each option that `hexctl adapt` and `hexctl run` share, as typed.
+SHARED: dict[str, tuple[dict[str, Any], str]] = {
+    "backend": ({"backend": "zenoh"}, "--backend zenoh"),
+    "robot": ({"robot": "phantomx"}, "--robot phantomx"),
+    "world": ({"world": "rough"}, "--world rough"),
+    "failed-leg": ({"failed_leg": 3}, "--failed-leg 3"),
+    "failure": ({"failed_leg": None, "failure": "5:limp"}, "--failure 5:limp"),
+    "seed": ({"seed": 3}, "--seed 3"),
+    "connect": ({"connect": "tcp/robot:7447"}, "--connect tcp/robot:7447"),
+    "keys": ({"credentials": "folder"}, "--keys folder"),
+    "insecure": ({"insecure": True}, "--insecure"),
+    "link": ({"link": "link.yaml"}, "--link link.yaml"),
+    "duration": ({"duration_s": 6.0}, "--duration 6"),
+    "heading": ({"heading_rad": math.radians(20.0)}, "--heading 20"),
+    "hold": ({"hold": "heading"}, "--hold heading"),
+    "policy": ({"policy": "stop"}, "--policy stop"),
+    "self-rotation": ({"self_rotation": "front"}, "--self-rotation front"),
+    "body-raise": ({"body_raise": 0.012}, "--body-raise 0.012"),
+}
+
+
+def test_the_command_to_walk_on_with_has_each_option_that_the_session_shares_with_a_run() -> None:
+    names = {field.name for field in fields(SessionSpec)}
+    assert {option.flag for option in options_of(RunSpec) if option.name in names} == SHARED.keys()
+    for changes, typed in SHARED.values():
+        assert typed in closing(session(**changes))["walk on with"]
+    stricter = stricter_command(session(duration_s=6.0, seed=3, body_raise=0.012).spec)
+    assert "--body-raise" not in stricter
+    assert "--duration 6" in stricter
+    assert "--seed 3" in stricter
+
+
 def test_a_hot_servo_cools_down_before_a_search_continues() -> None:
     failed = NoticedFailure(at_s=4.0, failure=Failure(leg=5), evidence="effort", did="")
     walk = replace(result_of(0.1), noticed=(failed,), warnings=tuple(HOT))
@@ -268,6 +302,13 @@ def test_a_hot_servo_cools_down_before_a_search_continues() -> None:
     overheated = LegFailedError("", "leg 5 limp; hot: leg 5 femur (id 15)", (5,))
     assert after_stop(spec, overheated) == "let its servo cool down, "
     assert "--failed-leg 2,5" in after_stop(spec, LegFailedError("", "leg 2 limp", (2,)))
+
+
+def test_a_baseline_within_the_target_says_why_a_trial_was_walked() -> None:
+    made = session(0.001)
+    assert opening_lines(made)[2].startswith("first 1 baseline walk: not part of --budget; only a trial ends")
+    end = closing(made, "target")["ended after 1 trial and 1 baseline walk, 60 s walked"]
+    assert end == "a trial reached its target"
 
 
 def test_nothing_is_said_of_what_is_not_known_or_not_learned() -> None:

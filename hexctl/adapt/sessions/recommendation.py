@@ -96,7 +96,7 @@ def straightest_baseline(session: "Session") -> Contender | None:
 
 def contenders(session: "Session") -> list[Contender]:
     """Valid walks of the baseline, and the straightest trial; none before a trial, if there is one."""
-    if not session.trials and session.ended != "target":
+    if not session.trials:
         return []
     baseline = _valid(_contender(session, walk, searched=False) for walk in session.baseline)
     best = _straightest(_trials(session))

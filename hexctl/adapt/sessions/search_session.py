@@ -70,6 +70,12 @@ class Session:
         return min(valid, key=lambda trial: trial.score) if valid else None
 
     @property
+    def met_target(self) -> bool:
+        """Whether a trial is within the target."""
+        target_m = self.spec.target_m
+        return target_m is not None and any(trial.score <= target_m for trial in self.trials)
+
+    @property
     def best_walk(self) -> TrialRecord | BaselineRecord | None:
         """The recommended walk."""
         found = recommended(self)

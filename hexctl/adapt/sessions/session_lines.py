@@ -81,7 +81,8 @@ def _text(line: dict[str, Any]) -> bytes:
 def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
     """Session of a file's content, and the errors of its damaged lines, by their numbers.
 
-    An incomplete last line is left out silently. Raises ValueError without a line with a standing.
+    An incomplete last line is damaged, too. If only a damaged trial reached the target, the search has not
+    ended. Raises ValueError without a line with a standing.
     """
     *texts, cut_off = content.split(b"\n")
     lines: dict[int, _Line] = {}
@@ -91,6 +92,8 @@ def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
             lines[number] = _read_line(text)
         except DAMAGE as error:
             damaged[number] = damage_text(error)
+    if cut_off:
+        damaged[len(texts) + 1] = "it is cut off"
     standings = [line.session for line in lines.values() if line.session is not None]
     if not standings:
         raise ValueError(next(iter(damaged.values()), "it is empty"))
@@ -101,6 +104,8 @@ def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
             _take_in_line(session, line)
         except DAMAGE as error:
             damaged[number] = damage_text(error)
+    if damaged and session.ended == "target" and not session.met_target:
+        session.ended = session.settled_on = None
     return session, dict(sorted(damaged.items()))
 
 

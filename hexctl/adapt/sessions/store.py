@@ -5,7 +5,6 @@ writing, which the next one replaces. A damaged line is left out.
 """
 
 import fcntl
-import logging
 import os
 import re
 import shutil
@@ -39,8 +38,6 @@ from hexctl.files import (
     replacing,
     sync,
 )
-
-_LOG = logging.getLogger(__name__)
 
 #: File of a session in its folder.
 FILE_NAME = "session.jsonl"
@@ -191,8 +188,6 @@ class SessionStore:
                 f"session {name}: {what} cannot be stored: another process has added to it, or the disk "
                 "failed before; check the disk, then resume the session"
             )
-        if rest:
-            _LOG.warning("session %s: its last line was cut off and is replaced", name)
 
 
 def _write(file: int, data: bytes) -> None:

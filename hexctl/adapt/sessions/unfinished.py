@@ -1,4 +1,4 @@
-"""Removes the incomplete recording of a killed process when its session is resumed.
+"""Removes the incomplete recording of a killed process or an interrupted walk when its session is resumed.
 
 A note in the session's folder names the file: no other file is ever removed.
 """
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.files import atomic_write, read_file
+from hexctl.waiting import StopRequested, never
 
 NOTE = "unfinished"
 
@@ -21,19 +22,20 @@ _NAME = re.compile(r"(trial-\d{3,}|baseline-[a-z]+)(-\d+)?\.rrd")
 
 
 @contextmanager
-def unfinished(path: Path) -> Iterator[None]:
-    """Note that a recording is being written in this block."""
+def unfinished(path: Path, interrupted: StopRequested = never) -> Iterator[None]:
+    """Note that a recording is being written in this block; the note stays if the walk was interrupted."""
     with suppress(OSError):  # the walk matters more; a disk that is full is reported for its recording
         atomic_write(path.with_name(NOTE), path.name)  # a link at its place is replaced, not followed
     try:
         yield
     finally:
-        with suppress(OSError):
-            path.with_name(NOTE).unlink()
+        if not interrupted():
+            with suppress(OSError):
+                path.with_name(NOTE).unlink()
 
 
 def remove_unfinished(folder: Path, session: Session) -> Path | None:
-    """Remove the recording of a killed trial of a session that must be held; the file, or None."""
+    """Remove the recording of a killed or interrupted walk of a held session; the file, or None."""
     try:
         name = read_file(folder / NOTE, MOST_BYTES).decode("ascii")
         if _NAME.fullmatch(name) is None:

@@ -23,6 +23,7 @@ from hexctl.cli.render.session_tables import in_cm, side_text, status_text, tabl
 from hexctl.control.telemetry_watch import hot_servos
 from hexctl.errors import HexctlError
 from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.options import options_of
 from hexctl.robot.failure_grammar import option_of
 from hexctl.runs.run_spec import RunSpec
 
@@ -35,7 +36,7 @@ def session_lines(session: Session) -> list[RenderableType]:
 #: Why a search ended, in words.
 ENDS = {
     "budget": "its budget is spent",
-    "target": "its target is reached",
+    "target": "a trial reached its target",
     "confirmed": "it is sure of a gait",
     "exhausted": "every gait was tried",
     NOT_WORTH: "another trial would gain too little",
@@ -188,7 +189,7 @@ def stricter_command(spec: SessionSpec) -> str:
     options = {
         asked.replace("_", "-"): failure,
         "objective": None if spec.objective == "final" else spec.objective,
-        **_where(spec),
+        **_walk_options(spec),
         "target": None if spec.target_m is None else f"{spec.target_m / 2:g}",
     }
     return shlex.join(["hexctl", "adapt", *_as_words(options)])
@@ -224,40 +225,44 @@ def walk_command(session: Session, walk: TrialRecord | BaselineRecord) -> str:
     """Command that walks as a trial did."""
     spec = session.spec
     asked, failure = option_of(spec.broken)
-    chosen = {
+    options = {
         asked.replace("_", "-"): failure,
         "gait": gait_option(walk) if walk.stride is None else f"best:{session.name}",
         **_course_options(session, walk),
-    }
-    options = {
-        **chosen,
-        "body-raise": f"{spec.body_raise:g}" if spec.body_raise and walk.stride is None else None,
+        "body-raise": spec.body_raise or None if walk.stride is None else None,
+        **_walk_options(spec),
         "self-rotation": spec.self_rotation,
-        **_where(spec),
     }
-    return shlex.join(["hexctl", "run", *_as_words(options), *(["--insecure"] if spec.insecure else [])])
+    return shlex.join(["hexctl", "run", *_as_words(options)])
 
 
-def _where(spec: SessionSpec) -> dict[str, object]:
-    """Options of robot, world and connection that differ from their defaults."""
+def _walk_options(spec: SessionSpec) -> dict[str, object]:
+    """Options of both `hexctl run` and `hexctl adapt`, if they are no defaults, without the failure."""
     usual = {field.name: field.default for field in fields(SessionSpec)}
-    names = ("backend", "robot", "world", "seed", "connect", "link")
-    unusual = {name: getattr(spec, name) for name in names if getattr(spec, name) != usual[name]}
-    return {**unusual, "keys": spec.credentials}
+    shared = {
+        option.flag: getattr(spec, option.name)
+        for option in options_of(RunSpec)
+        if getattr(spec, option.name, option.default) not in (option.default, usual.get(option.name))
+        and option.name not in ("failure", "body_raise")
+    }
+    if "heading" in shared:
+        shared["heading"] = math.degrees(spec.heading_rad)
+    return shared
 
 
 def _as_words(options: Mapping[str, object]) -> list[str]:
-    given = ((f"--{name}", str(value)) for name, value in options.items() if value is not None)
-    return [word for pair in given for word in pair]
+    words = []
+    for name, value in options.items():
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        words += [] if value is None else [f"--{name}"] if value is True else [f"--{name}", text]
+    return words
 
 
-def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
-    """Hold, heading and trim of a walk, which are rounded to what is printed here."""
-    heading, hold = f"{math.degrees(session.spec.heading_rad):g}", session.spec.hold
-    trim_deg, turn_deg_s = (walk.outcome[name] for name in ("trim_deg", "turn_trim_deg_s"))
-    options: dict[str, str] = {} if hold == RunSpec().hold else {"hold": hold}
-    if trim_deg is not None:
-        options |= {"trim": f"{trim_deg:.{TRIM_DIGITS}f}"}
-    if turn_deg_s is not None:
-        options |= {"turn-trim": f"{turn_deg_s:.{TRIM_DIGITS}f}"}
-    return options if heading == "0" else {**options, "heading": heading}
+def _course_options(session: Session, walk: WalkRecord) -> dict[str, str | None]:
+    """Hold and trim of a walk, which are rounded to what is printed here."""
+    hold = session.spec.hold
+    options: dict[str, str | None] = {"hold": None if hold == RunSpec().hold else hold}
+    for name, outcome in (("trim", "trim_deg"), ("turn-trim", "turn_trim_deg_s")):
+        value = walk.outcome[outcome]
+        options[name] = None if value is None else f"{value:.{TRIM_DIGITS}f}"
+    return options

@@ -101,7 +101,7 @@ def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]
 
 def header_line(session: Session) -> str:
     """Names of the columns."""
-    trim = f"{'trim':>9}" if _trims(session.spec) else ""
+    trim = f"{'trim':>9}" if session.spec.optimizer == TRIM else ""
     trim += f"{'turn':>11}" if trim and session.spec.hold == "none" else ""
     trim += f"{'pace':>9}{'amplitude':>11}{'in air':>8}" if session.spec.optimizer == STRIDES else ""
     score = "" if session.spec.objective == "final" else f"{_score_head(session.spec):>10}"
@@ -110,10 +110,6 @@ def header_line(session: Session) -> str:
 
 def _score_head(spec: SessionSpec) -> str:
     return f"  score {spec.objective_unit}".rstrip()
-
-
-def _trims(spec: SessionSpec) -> bool:
-    return spec.optimizer == TRIM
 
 
 def opening_lines(session: Session) -> list[str]:
@@ -134,14 +130,10 @@ def opening_lines(session: Session) -> list[str]:
 
 def _more_walks(session: Session) -> list[str]:
     baseline = len(session.baseline if session.trials else session.spec.baseline_gaits)
-    first = [f"first {_walks_text(baseline)} without a search"] if baseline else []
-    confirming = session.spec.confirmed_uncertainty_m
-    last = [f"last a finer walk to confirm (counts as {CONFIRMATION_WALKS} walks)"] if confirming else []
-    return [", ".join(first + last)] if first or last else []
-
-
-def _walks_text(count: int) -> str:
-    return f"{count} walk" + ("" if count == 1 else "s")
+    walks = "walk" if baseline == 1 else "walks"
+    first = f"first {baseline} baseline {walks}: not part of --budget; only a trial ends the search"
+    last = f"last a finer walk to confirm (counts as {CONFIRMATION_WALKS} walks)"
+    return [first] * bool(baseline) + [last] * bool(session.spec.confirmed_uncertainty_m)
 
 
 def _target(spec: SessionSpec) -> str:
@@ -232,7 +224,7 @@ def _trim(spec: SessionSpec, walk: WalkRecord) -> str:
         return f"{pace:>9}{amplitude:>11}{100 * stride.swing_share:>6.0f} %"
     if spec.optimizer == STRIDES:
         return f"{'-':>9}{'-':>11}{'-':>8}"
-    if not _trims(spec):
+    if spec.optimizer != TRIM:
         return ""
     trim_deg, turn_deg_s = (walk.outcome[name] for name in ("trim_deg", "turn_trim_deg_s"))
     course = "-" if trim_deg is None else f"{trim_deg:+.2f}\N{DEGREE SIGN}"

@@ -241,7 +241,7 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
         return INTERRUPTED
     if view and result.trials:
         _show(session.name)
-    return DONE if result.best is not None or result.ended == "target" else ABORTED
+    return DONE if result.best is not None else ABORTED
 
 
 def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
