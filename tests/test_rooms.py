@@ -9,7 +9,7 @@ CEILINGS = {
     "": 2_170,
     "adapt": 8_020,
     "backends": 10_250,
-    "cli": 7_080,
+    "cli": 7_070,
     "client": 1_050,
     "control": 13_590,
     "demo": 270,
