@@ -78,7 +78,7 @@ class InputError(HexctlError, ValueError):
 
 
 class UnusedError(InputError):
-    """An unused option `field`, the first argument of the message unless it is given.
+    """An unused option `field`: by default the first one that the message names.
 
     It is refused if typed, and harmless in a file of settings.
     """

@@ -17,7 +17,8 @@ def lazy_names(package: str, file: str, names: Sequence[str]) -> Callable[[str],
         import ast
 
         body = ast.parse(Path(file).read_text(encoding="utf-8")).body
-        (block,) = (node for node in body if isinstance(node, ast.If))
+        blocks = (node for node in body if isinstance(node, ast.If))
+        block = next(node for node in blocks if ast.unparse(node.test) == "TYPE_CHECKING")
         imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
         return {alias.name: str(node.module) for node in imports for alias in node.names}
 

@@ -9,7 +9,7 @@ from hexctl.adapt.prior.prior import open_prior
 from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
+from hexctl.adapt.sessions.store import RUNS, StoreError, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
@@ -128,7 +128,11 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
 
 
 def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
-    for session in reversed(list_sessions(folder, on_damage=lambda _: None)):
+    try:
+        sessions = list_sessions(folder, on_damage=lambda _: None)
+    except StoreError:  # a session is only a hint, and the gait is that of a prior
+        return None
+    for session in reversed(sessions):
         fits = (session.spec.robot_fingerprint, session.spec.broken) == (robot.fingerprint, failure)
         if fits and session.best_walk is not None:
             return session.name

@@ -302,10 +302,10 @@ class Optimizer(ABC):
 
 
 class TaughtOptimizer(Optimizer):
-    """An optimizer whose state is what it was told of each walk: it is restored by learning that again."""
+    """An optimizer whose state is the facts of its walks; `restore` learns them again."""
 
-    #: Name of the walks in the state.
-    walks_named: ClassVar[str] = "trials"
+    #: Key of the walks in the state.
+    walks_key: ClassVar[str] = "trials"
 
     def repeat(self, code: int, score: float, observation: Observation) -> None:
         """Learn from a walk without an ask."""
@@ -321,7 +321,8 @@ class TaughtOptimizer(Optimizer):
             self._take([code, *self._facts(score, one)])
 
     def _take(self, trial: list[Any]) -> None:
-        code, facts = int(trial[0]), trial[1:]
+        first, *facts = trial
+        code = int(first)
         if not 1 <= code <= self.space.size:
             raise ValueError(f"a walk of code {code}")
         self._trials.append([code, *facts])
@@ -340,10 +341,10 @@ class TaughtOptimizer(Optimizer):
         """Learn from the facts of a walk; raises ValueError or TypeError for damaged ones."""
 
     def _search_state(self) -> dict[str, Any]:
-        return {self.walks_named: deepcopy(self._trials)}
+        return {self.walks_key: deepcopy(self._trials)}
 
     def _restore_search(self, state: dict[str, Any]) -> None:
-        trials = deepcopy(list(state[self.walks_named]))
+        trials = deepcopy(list(state[self.walks_key]))
         self._forget()
         for trial in trials:
             self._take(trial)

@@ -61,9 +61,9 @@ class SessionStop:
         self._due.set()
 
     def _run(self) -> None:
-        from zenoh import ZError
-
         try:
+            from zenoh import ZError
+
             while not self._ends:
                 try:
                     self._ask()

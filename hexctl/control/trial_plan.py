@@ -11,7 +11,6 @@ from hexctl.options import RARE, Range, Typed, check_fields
 from hexctl.robot.failure import UNKNOWN, Failure, check_further, each_failure
 
 SelfRotation = Literal["rear", "front", "none"]
-SELF_ROTATIONS = get_args(SelfRotation)
 
 #: What a walk holds by feedback; `auto` is the best that the robot allows.
 Hold = Literal["auto", "line", "heading", "none"]

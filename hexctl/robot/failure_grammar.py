@@ -183,7 +183,8 @@ def parse_coming_kind(leg: int, text: str) -> Failure:
 
 
 def _refusal(text: str, what: str) -> str:
-    return f"{what}: got {text!r}; allowed: ".removeprefix(": ")
+    prefix = f"{what}: " if what else ""
+    return f"{prefix}got {text!r}; allowed: "
 
 
 def _is_leg(text: str) -> bool:

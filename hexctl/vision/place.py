@@ -249,7 +249,7 @@ def load_place(path: str | Path) -> Place:
         if not (path.parent / place.lens).is_file():
             raise InputError(f"{path}: lens: got {place.lens}; allowed: an existing file")
         place = replace(place, lens=path.parent / place.lens)
-        load_lens(place.lens or "")  # its problems are not those of the place
+        load_lens(place.lens or "")  # a bad lens file is named before the pose is checked
     try:
         _ = place.viewpoint
     except InputError as error:

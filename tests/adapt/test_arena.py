@@ -1,6 +1,7 @@
 """The arena as geometry, the heading that returns home, and the fence around it."""
 
 import math
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from hexctl.adapt.arena import Arena, Geofence, aimed, check_radius
 from hexctl.control.trace import Trace, TrialFrame
-from hexctl.control.trial_plan import SELF_ROTATIONS, SelfRotation, TrialPlan
+from hexctl.control.trial_plan import SelfRotation, TrialPlan
 from hexctl.control.walks.turning import body_heading_rad, turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
@@ -102,7 +103,7 @@ ROBOT = shipped()
 
 ARENA = Arena(home_m=(0.5, -0.2), radius_m=3.0)
 
-ROTATIONS = st.sampled_from(SELF_ROTATIONS)
+ROTATIONS = st.sampled_from(get_args(SelfRotation))
 
 
 def plan_of(self_rotation: SelfRotation, leg: int = 5, heading_rad: float = 0.3) -> TrialPlan:

@@ -265,15 +265,16 @@ def test_an_expectation_is_an_interval_around_its_middle() -> None:
     assert [expected.holds(end_m) for end_m in ends_m] == [True, True, False, False, False]
 
 
-#: What a trial `[code, score, status, numbers]` cannot be, by its place.
-DAMAGE: list[tuple[int, object]] = [
+#: What a trial `[code, score, status, numbers]` cannot be, by its place; or the whole of it.
+DAMAGE: list[tuple[int | slice, object]] = [
     *((0, code) for code in (0, 121, -1, "five")),
     *((3, numbers) for numbers in (None, [1.0], ["far"] * N_FEATURES)),
+    (slice(None), []),
 ]
 
 
 @pytest.mark.parametrize(("place", "value"), DAMAGE, ids=str)
-def test_a_damaged_state_is_refused_and_nothing_is_taken_over(place: int, value: object) -> None:
+def test_a_damaged_state_is_refused_and_nothing_is_taken_over(place: int | slice, value: object) -> None:
     optimizer = stood(2)
     before = travelled(optimizer.state())
     damaged = travelled(optimizer.state())

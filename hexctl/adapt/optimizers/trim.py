@@ -48,7 +48,7 @@ class TrimSearch(TaughtOptimizer):
 
     name = "trim"
     trims = True
-    walks_named = "walks"
+    walks_key = "walks"
     belief: ClassVar[type[DriftBelief]] = DriftBelief
 
     def __init__(

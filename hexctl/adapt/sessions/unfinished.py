@@ -1,6 +1,6 @@
 """Removes the incomplete recording of a killed process or an interrupted walk when its session is resumed.
 
-A note in the session's folder names the file: no other file is ever removed.
+A note in the session's folder names the file: only a file of this name is removed.
 """
 
 import re

@@ -211,5 +211,6 @@ def write_signing_key(folder: Path) -> Path:
     except FileExistsError as error:
         raise InputError(f"{path}: is there already; allowed: a folder without one") from error
     except OSError as error:
+        path.unlink(missing_ok=True)  # an empty key would keep out the next one
         raise InputError(f"{path}: cannot be made ({error.strerror}); allowed: a folder of yours") from error
     return path

@@ -363,7 +363,10 @@ class DomainRandomization(BaseModel):
             drawn = distribution.at(np.asarray(shares[at : at + parts])).tolist()
             name, dot, joint_kind = key.partition(".")
             if dot:
-                joints = values.setdefault(name, [World.model_fields[name].default or 0.0] * N_JOINTS)
+                usual = (
+                    World.model_fields[name].default or 0.0
+                )  # without friction none is drawn for the others
+                joints = values.setdefault(name, [usual] * N_JOINTS)
                 joints[JOINT_KINDS.index(joint_kind) :: JOINTS_PER_LEG] = drawn
             else:
                 values[key] = drawn if parts > 1 else drawn[0]

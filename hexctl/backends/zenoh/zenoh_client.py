@@ -362,7 +362,7 @@ class ZenohServos(TickedServos):
         if lease is None or lease.lost is None or state.stopped is not None:
             return
         if self._clock.time.now() - lease.lost_at_s > STOP_REASON_TIMEOUT_S:
-            raise RobotFaultError(f"this end no longer commands the robot: {lease.lost}; begin again")
+            raise RobotFaultError(f"this end no longer commands the robot: {lease.lost}; run it again")
 
     def _tag(self) -> bytes:
         lease = self._lease

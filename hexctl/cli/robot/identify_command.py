@@ -136,9 +136,9 @@ def _late_readings(log: "RobotLog") -> str:
         parts.append(f"readings stood still for {log.stale_s:.2g} s of the motion")
     if not parts:
         return ""
-    effect = "values change little, but the picture shows jumps; if you want a better log, record it again"
+    effect = "values change little. For a picture without jumps, record again"
     if log.stale_s or max(shares.values()) > WRONG_SHARE:
-        effect = "values may be wrong; record it again"
+        effect = "values may be wrong. Record again"
     return f"{' and '.join(parts)}: {effect}, with a faster link or a less busy computer"
 
 

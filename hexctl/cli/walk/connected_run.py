@@ -36,7 +36,7 @@ def connected(run: "Run") -> Iterator[StopOnInterrupt]:
             yield interrupt
         except RobotFaultError:
             if run.recording_path is not None:
-                again = "" if run.spec.record is None else "; another --record begins again"
+                again = "" if run.spec.record is None else "; to repeat it, give another --record"
                 print_message(f"recorded until then: {run.recording_path}{again}")
             raise
 
