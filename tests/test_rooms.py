@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_170,
     "adapt": 8_030,
-    "backends": 10_260,
+    "backends": 10_280,
     "cli": 7_070,
     "client": 1_050,
     "control": 13_590,
@@ -22,7 +22,7 @@ CEILINGS = {
     "recording": 4_390,
     "robot": 6_410,
     "runs": 1_100,
-    "server": 4_030,
+    "server": 4_050,
     "simulators": 2_280,
     "study": 7_020,
     "teleop": 1_960,

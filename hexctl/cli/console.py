@@ -125,7 +125,7 @@ def note_refusal(why: str, *, then: str = "") -> None:
 
 
 def make_bar(counter: str | None = None, *, quiet: bool = False, text_only: bool = False) -> "Progress":
-    """Progress bar on stderr with the time left, not yet started; `counter` is its format."""
+    """Progress bar on stderr with the time left, or a text that stays, not started; `counter`: its format."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -134,7 +134,7 @@ def make_bar(counter: str | None = None, *, quiet: bool = False, text_only: bool
         TextColumn("{task.description}", markup=False),
         *(() if text_only else (BarColumn(), count, TimeRemainingColumn())),
         console=Console(stderr=True),
-        transient=True,
+        transient=not text_only,
         disable=quiet or not sys.stderr.isatty(),
     )
 

@@ -35,7 +35,7 @@ class WithBar:
 
 
 class StatusLine(WithBar):
-    """A text on stderr: each new one replaces it on a terminal, elsewhere each is a line."""
+    """A text on stderr: on a terminal each replaces the one before, and the last stays; else one a line."""
 
     def __init__(self) -> None:
         self._bar = make_bar(text_only=True)

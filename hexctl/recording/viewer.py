@@ -1,6 +1,7 @@
 """Rerun's viewer: in a window, or served to a browser on this computer."""
 
 import importlib.util
+import io
 import os
 import socket
 import subprocess
@@ -12,7 +13,7 @@ from http import HTTPStatus
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 from urllib.parse import quote, unquote, urlencode
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
@@ -186,14 +187,17 @@ class FileServer:
             return f"{LOCAL}:{self._server.server_port}"
 
         class Handler(SimpleHTTPRequestHandler):
-            def do_GET(self) -> None:
-                if self.headers.get("Host") == host():
-                    super().do_GET()
-                else:
+            def send_head(self) -> io.BytesIO | BinaryIO | None:
+                if self.headers.get("Host") != host():
                     self.send_error(HTTPStatus.FORBIDDEN)  # a foreign host name, as by DNS rebinding
+                elif unquote(self.path) not in files:
+                    self.send_error(HTTPStatus.NOT_FOUND)
+                else:
+                    return super().send_head()
+                return None
 
             def translate_path(self, path: str) -> str:
-                return str(files.get(unquote(path), os.devnull + "/"))  # which is no file
+                return str(files[unquote(path)])
 
             def end_headers(self) -> None:
                 self.send_header("Access-Control-Allow-Origin", origin)

@@ -9,8 +9,16 @@ from typing import Any
 from hexctl.time_source import WALL_TIME, TimeSource
 
 #: Limit for each kind: a flood of one kind displaces no other.
-MOST_WAITING = {"command": 16, "pose": 8, "ros": 8, "lease": 8, "estop": 8, "describe": 8, "failure": 4}
-MOST_WAITING |= {"state": 1}
+MOST_WAITING = {
+    "command": 16,
+    "pose": 8,
+    "ros": 8,
+    "lease": 8,
+    "estop": 8,
+    "describe": 8,
+    "failure": 4,
+    "state": 1,  # to ROS: the newest replaces the one before
+}
 
 #: Queries: surplus ones are dropped, and the client repeats them. Of other kinds, the oldest are dropped.
 QUERIES = ("lease", "estop", "describe", "failure")

@@ -9,13 +9,14 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, StrictIn
 from hexctl.backends.base import simulation_of
 from hexctl.control.guard import Guard
 from hexctl.control.stop_reason import reason_in_words
-from hexctl.errors import HexctlError, MessageError, RobotFaultError
+from hexctl.errors import HexctlError, MessageError, RobotFaultError, shown
 from hexctl.robot.configs import first_problem
 from hexctl.robot.failure import in_words_with_share
 from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
 from hexctl.server.leases import LEASE_S, Lease, LeaseManager, LeaseRefusedError
 from hexctl.server.served_servos import call_servos
 from hexctl.server.stops.latch import StopLatch
+from hexctl.types import N_LEGS
 from hexctl.wire.description import decode_json
 from hexctl.wire.links import CLEAR_COMMAND
 from hexctl.wire.stop import (
@@ -47,8 +48,22 @@ def _displayable(owner: Any) -> str:
 
 def _printable(owner: str) -> str:
     if not owner.isprintable():
-        raise ValueError("allowed: printable text")
+        raise ValueError(f"got {shown(owner)}; allowed: printable text")
     return owner
+
+
+def _lease_id(text: Any) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except (TypeError, ValueError):
+        raise ValueError("got no hexadecimal digits; allowed: the granted lease") from None
+
+
+def _leg(leg: Any) -> str:
+    """A leg is a number or its text."""
+    if type(leg) is not int and not (isinstance(leg, str) and len(leg) <= MAX_FAILURE_TEXT):
+        raise ValueError(f"got {shown(leg)}; allowed: 1..{N_LEGS}")
+    return str(leg)
 
 
 Name = Annotated[str, Field(max_length=MAX_NAME)]
@@ -75,7 +90,7 @@ class LeaseRequest(BaseModel):
 
     op: Literal["acquire", "renew", "rest", "release"]
     owner: Annotated[str, AfterValidator(_printable)] = UNNAMED
-    lease: Annotated[bytes, BeforeValidator(lambda text: bytes.fromhex(str(text)))] = b""
+    lease: Annotated[bytes, BeforeValidator(_lease_id)] = b""
     after: Annotated[StrictInt, Field(ge=0, lt=2**64)] = 0
 
 
@@ -84,7 +99,7 @@ class FailureRequest(BaseModel):
 
     op: Literal["fail", "heal"]
     failure: Annotated[str, Field(max_length=MAX_FAILURE_TEXT)] = ""
-    leg: StrictInt | Annotated[str, Field(max_length=MAX_FAILURE_TEXT)] = ""
+    leg: Annotated[str, BeforeValidator(_leg)] = ""
 
 
 RequestT = TypeVar("RequestT", bound=BaseModel)
@@ -175,7 +190,7 @@ class RequestHandler:
             return self._misunderstood(error)
         heals = wanted.op == "heal"
         try:
-            text = str(wanted.leg) if heals else wanted.failure
+            text = wanted.leg if heals else wanted.failure
             failure = None if heals else parse_failure_now(text)
             leg = parse_leg(text, "leg") if failure is None else failure.leg
             simulation = simulation_of(self._guard)

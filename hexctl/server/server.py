@@ -165,9 +165,8 @@ class RobotServer:
             arrival = self._inbox.take(timeout_s)
             if arrival is not None:
                 self._handle(arrival)
-        for _ in range(
-            sum(MOST_WAITING.values())
-        ):  # for a clock that does not know when its next tick is due
+        most = sum(MOST_WAITING.values())
+        for _ in range(most):  # for a clock that does not know when its next tick is due
             arrival = self._inbox.take(0)
             if arrival is None:
                 break

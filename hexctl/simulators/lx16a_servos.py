@@ -61,7 +61,7 @@ class SimulatedLx16aServo(SimulatedServo):
         elif command == lx.WRITE_MODE:
             self.motor = parameters[0] == 1
         elif command == lx.WRITE_LIMITS:
-            self.limits = lx.number(parameters[:2]), lx.number(parameters[2:])
+            self.limits = lx.signed_number(parameters[:2]), lx.signed_number(parameters[2:])
         else:
             self.servo_id = parameters[0]
 

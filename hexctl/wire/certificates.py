@@ -147,8 +147,9 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
 
     The folder must not exist, and is created completely or not at all. Robot and controllers also get the
     secret of the datagram stop. Raises InputError for a folder that exists or cannot be made, an invalid
-    host.
+    host, and days out of range.
     """
+    DAYS.check(argument("days"), days)
     if folder.exists():
         raise InputError(f"{folder}: is there already; allowed: a new folder, keys are never overwritten")
     names = [_host(host) for host in hosts]
@@ -210,8 +211,9 @@ def renew_certificates(folder: Path, *, days: int) -> None:
     """Renew all certificates of a folder, for the same hosts and with the same private keys.
 
     Old and new certificates are mutually valid until the old ones expire. Raises InputError for a folder
-    without its authority, or one that cannot be written.
+    without its authority, or one that cannot be written, and for days out of range.
     """
+    DAYS.check(argument("days"), days)
     owner = folder / AUTHORITY_FOLDER
     key = _load_key(owner / KEY_FILE)
     authority = load_certificate(owner / CERTIFICATE_FILE)

@@ -290,16 +290,18 @@ def test_a_status_is_rewritten_on_a_terminal_and_a_line_each_elsewhere(
         "from hexctl.cli.progress import StatusLine\n"
         "with StatusLine() as line:\n"
         "    line.show('one'); line.show('two'); line.print_above('news'); line.show('three' * 100)\n"
+        "print('over')\n"
     )
     terminal = OnTerminal([], tmp_path, program=program, variables={"PYTHONPATH": str(ROOT)})
     try:
-        shown = terminal.wait("three")
+        shown = terminal.wait("over")
         assert terminal.code() == 0
     finally:
         terminal.end()
     rows = re.split(r"[\r\n]+", re.sub(r"\x1b\[[\d?]*\w", "", shown))
     assert "news" in rows
     assert max(map(len, rows)) <= 80
+    assert "\x1b[2K" not in shown[shown.rindex("three") :], "the last one stays"
 
 
 @contextmanager

@@ -87,10 +87,10 @@ def recording_in(folder: Path, name: str) -> Path:
     return path
 
 
-def status_of(url: str, **headers: str) -> int:
+def status_of(url: str, method: str = "GET", **headers: str) -> int:
     """HTTP status of an answer."""
     try:
-        with urlopen(Request(url, headers=headers)) as answer:  # noqa: S310  loopback
+        with urlopen(Request(url, headers=headers, method=method)) as answer:  # noqa: S310  loopback
             return int(answer.status)
     except HTTPError as error:
         return error.code
@@ -110,9 +110,11 @@ def test_recordings_that_were_added_are_served_to_pages_of_the_viewer_and_nothin
         with urlopen(url) as answer:  # noqa: S310  loopback
             assert answer.read() == path.read_bytes()
             assert answer.headers["Access-Control-Allow-Origin"] == ORIGIN
-        for name in ("other.rrd", "../secret", "%2e%2e/secret", "", "/etc/passwd"):
-            assert status_of(server.base("a session") + name) == 404
-        assert status_of(url, Host="evil.example") == 403
+        for method in ("GET", "HEAD"):
+            assert status_of(url, method) == 200
+            for name in ("other.rrd", "../secret", "%2e%2e/secret", "", "/etc/passwd"):
+                assert status_of(server.base("a session") + name, method) == 404
+            assert status_of(url, method, Host="evil.example") == 403
         with pytest.raises(InputError, match=r"notes\.rrd"):
             server.add("here", tmp_path / "notes.rrd")
         path.unlink()

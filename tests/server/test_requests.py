@@ -10,7 +10,7 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.errors import EStopError
+from hexctl.errors import EStopError, shown
 from hexctl.server.inbox import MOST_WAITING, QUERIES, Inbox
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import MOST_CHANGES, RequestHandler
@@ -248,12 +248,41 @@ def test_what_is_no_request_gives_no_lease_but_stops_and_is_counted(
 
 
 @pytest.mark.parametrize(
-    "content",
-    [{"op": "renew", "lease": bad} for bad in ("no hex", 5)]
-    + [{"op": "acquire", "owner": bad} for bad in (5, "a\nb")],
+    ("content", "error"),
+    [
+        *(
+            ({"op": "renew", "lease": bad}, "lease: got no hexadecimal digits; allowed: the granted lease")
+            for bad in ("no hex", 5)
+        ),
+        ({"op": "acquire", "owner": 5}, "owner: got 5; allowed: text"),
+        ({"op": "acquire", "owner": "a\nb"}, r"owner: got 'a\nb'; allowed: printable text"),
+        ({"op": "rest", "after": True}, "after: got True; allowed: a whole number"),
+        ({"op": "rest", "after": -1}, "after: got -1; allowed: 0 or more"),
+        ({"op": "go"}, "op: got 'go'; allowed: 'acquire', 'renew', 'rest' or 'release'"),
+    ],
 )
-def test_a_lease_request_with_bad_values_is_refused(desk: RequestHandler, content: dict[str, object]) -> None:
-    assert "error" in desk.lease(encode_json(content), 0.0)
+def test_a_lease_request_with_bad_values_is_refused(
+    desk: RequestHandler, content: dict[str, object], error: str
+) -> None:
+    assert desk.lease(encode_json(content), 0.0) == {"error": error}
+
+
+@pytest.mark.parametrize(
+    ("content", "error"),
+    [
+        *(({"op": "heal", "leg": bad}, f"leg: got {bad}; allowed: 1..6") for bad in ([5], True, 5.0, None)),
+        ({"op": "heal", "leg": 9}, "leg: got '9'; allowed: 1..6"),
+        ({"op": "fail", "failure": 5}, "failure: got 5; allowed: text"),
+        (
+            {"op": "fail", "failure": "x" * 61},
+            f"failure: got {shown('x' * 61)}; allowed: text of at most 60 characters",
+        ),
+    ],
+)
+def test_a_bad_value_in_a_request_for_a_failure_is_named(
+    desk: RequestHandler, content: dict[str, object], error: str
+) -> None:
+    assert desk.failure(encode_json(content), 0.0) == {"error": error}
 
 
 @pytest.fixture(scope="module")

@@ -133,6 +133,15 @@ def test_files_that_do_not_belong_together_are_refused(folder: Path, tmp_path: P
         find_credentials(folder, Role.CONTROLLER)
 
 
+@pytest.mark.parametrize("days", [0, 3651])
+def test_days_out_of_range_are_refused(folder: Path, tmp_path: Path, days: int) -> None:
+    with pytest.raises(InputError, match=rf"days: got {days}; allowed: 1\.\.3650"):
+        make_certificates(tmp_path / "new", hosts=["a"], days=days)
+    with pytest.raises(InputError, match=f"days: got {days}"):
+        renew_certificates(folder, days=days)
+    assert not (tmp_path / "new").exists()
+
+
 def test_the_command_makes_and_shows_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -78,23 +78,23 @@ SPAN_S = 0.0175
 OTHERS = (READ_VOLTAGE, READ_TEMPERATURE, READ_LOAD)
 
 
-def move(servo_id: int, count: int, time_ms: int) -> bytes:
+def move_packet(servo_id: int, count: int, time_ms: int) -> bytes:
     """Packet that moves a servo to a count, 0 to 1000, in a time in ms."""
     time_ms = min(max(time_ms, 0), MOST_MOVE_MS)
     return LX16A.instruction(servo_id, MOVE, count.to_bytes(2, "little") + time_ms.to_bytes(2, "little"))
 
 
-def load(servo_id: int, *, on: bool) -> bytes:
+def torque_packet(servo_id: int, *, on: bool) -> bytes:
     """Packet that switches the torque of a servo."""
     return LX16A.instruction(servo_id, WRITE_LOAD, bytes([on]))
 
 
-def mode(servo_id: int, *, motor: bool) -> bytes:
+def mode_packet(servo_id: int, *, motor: bool) -> bytes:
     """Packet that selects position mode, or motor mode at speed 0."""
     return LX16A.instruction(servo_id, WRITE_MODE, bytes([motor, 0, 0, 0]))
 
 
-def number(parameters: bytes) -> int:
+def signed_number(parameters: bytes) -> int:
     """Number in the parameters of an answer; two bytes are signed."""
     return int.from_bytes(parameters, "little", signed=len(parameters) == 2)
 
@@ -121,7 +121,7 @@ class Lx16aServo(Servo):
     def number(self, command: int) -> float | None:
         """Number that answers a reading command; None without an answer."""
         answer = self._ask(command)
-        return None if answer is None else float(number(answer))
+        return None if answer is None else float(signed_number(answer))
 
     def position(self) -> float | None:
         """Position in counts."""
@@ -135,14 +135,14 @@ class Lx16aServo(Servo):
     def set_torque(self, *, on: bool) -> bool:
         """Switch the torque until the servo confirms it."""
         for _ in range(TRIES):
-            self._packets.line.write(load(self.servo_id, on=on))
+            self._packets.line.write(torque_packet(self.servo_id, on=on))
             if self.torque() is on:
                 return True
         return False
 
     def go(self, count: float) -> str:
         """Set the goal; these servos do not acknowledge it."""
-        self._packets.line.write(move(self.servo_id, round(count), MOVE_MS))
+        self._packets.line.write(move_packet(self.servo_id, round(count), MOVE_MS))
         return ""
 
     def settings(self) -> ServoSettings:
@@ -159,7 +159,7 @@ class Lx16aServo(Servo):
         """Set up a servo without torque: position mode."""
         if not self._is_motor():
             return []
-        self._packets.line.write(mode(self.servo_id, motor=False))
+        self._packets.line.write(mode_packet(self.servo_id, motor=False))
         return ["could not end its motor mode" if self._is_motor() else "ended its motor mode"]
 
     def _is_motor(self) -> bool:
@@ -179,7 +179,7 @@ class Lx16aServo(Servo):
 
     def _pair(self, command: int) -> tuple[int, int] | None:
         stored = self._twice(lambda: self._ask(command))
-        return None if stored is None else (number(stored[:2]), number(stored[2:]))
+        return None if stored is None else (signed_number(stored[:2]), signed_number(stored[2:]))
 
     def _write_id(self, servo_id: int) -> str:
         self._packets.tell(self.servo_id, WRITE_ID, bytes([servo_id]))
@@ -249,7 +249,7 @@ class Lx16aBus(ServoBus):
         self._on[left] = on
         self._limp[left] = self._beyond[left] = False
         for _ in range(TRIES):
-            self._line.write(b"".join(load(self.ids[index], on=on) for index in left))
+            self._line.write(b"".join(torque_packet(self.ids[index], on=on) for index in left))
             left = [index for index in left if self._ask(index, READ_LOAD) != bytes([on])]
             if not left:
                 return
@@ -259,8 +259,8 @@ class Lx16aBus(ServoBus):
         self._on[self._beyond] = False
         chosen = np.flatnonzero(which).tolist()
         for index in chosen:
-            to_here = move(self.ids[index], int(here[index]), PERIOD_MS)
-            self._line.write(to_here + load(self.ids[index], on=True) + to_here)
+            to_here = move_packet(self.ids[index], int(here[index]), PERIOD_MS)
+            self._line.write(to_here + torque_packet(self.ids[index], on=True) + to_here)
         self._sent[:] = self._earlier[:] = np.nan
         self._from[:] = np.where(which, here, np.nan)
         self.set_torque(True, chosen)
@@ -319,7 +319,9 @@ class Lx16aBus(ServoBus):
         )
         times_ms = np.maximum(planned_ms, self._needed_ms(self._goals, arrive_s))
         self._note_moves(chosen, self._goals, times_ms, arrive_s)
-        moves = [move(self.ids[index], int(self._sent[index]), int(times_ms[index])) for index in chosen]
+        moves = [
+            move_packet(self.ids[index], int(self._sent[index]), int(times_ms[index])) for index in chosen
+        ]
         if moves:
             self._line.write(b"".join(moves))
 
@@ -355,12 +357,12 @@ class Lx16aBus(ServoBus):
         return reports
 
     def _report(self, index: int, answer: bytes) -> Report:
-        self._read[index] = number(answer)
+        self._read[index] = signed_number(answer)
         limp = "limp" if self._limp[index] else ""
         return Report(
             index=index,
             at_s=self._time.now(),
-            position=number(answer),
+            position=signed_number(answer),
             effort=np.nan,
             current_a=np.nan,
             voltage_v=self._others.pop((index, READ_VOLTAGE), np.nan) / 1000,
@@ -378,7 +380,7 @@ class Lx16aBus(ServoBus):
         if answer is None:
             return
         if command != READ_LOAD:
-            self._others[index, command] = number(answer)
+            self._others[index, command] = signed_number(answer)
         elif answer == b"\0" and self._on[index] and self._ask(index, command) == answer:
             self._on[index], self._limp[index] = False, True
 

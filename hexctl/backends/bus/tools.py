@@ -7,6 +7,7 @@ from itertools import count
 import numpy as np
 
 from hexctl.backends.bus import lx16a as lx
+from hexctl.backends.bus.bus_options import SERVO_ID
 from hexctl.backends.bus.damage import Damage, Listener
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat
@@ -15,14 +16,14 @@ from hexctl.backends.bus.register_servo import register_servo
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, firmware_and_variant
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
 from hexctl.types import JOINT_NAMES, N_JOINTS, BoolArray
 
 #: Ids that a servo can have, and the one that it has from the factory.
-IDS, FACTORY_ID = tuple(range(253)), 1
+IDS, FACTORY_ID = tuple(range(int(SERVO_ID.low), int(SERVO_ID.high) + 1)), 1
 
 #: Protocols of each driver, the more likely one first.
 PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,), "lx16a": (1,)}
@@ -100,12 +101,20 @@ def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -
     return register_servo(packets, driver, servo_id, protocol)
 
 
+def _protocols_of(driver: str) -> tuple[int, ...]:
+    """Protocols of a driver; raises InputError for an unknown one."""
+    if driver not in PROTOCOLS_OF:
+        raise InputError(f"{argument('driver')}: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
+    return PROTOCOLS_OF[driver]
+
+
 def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
     """Servo with this id, in any protocol of the driver; None if none answers.
 
-    Raises RobotFaultError for damaged answers: several servos may have this id.
+    Raises InputError for another driver, RobotFaultError for damaged answers: several servos may have this
+    id.
     """
-    for protocol in PROTOCOLS_OF[driver]:
+    for protocol in _protocols_of(driver):
         listener = Listener(tool_line(line, driver, protocol))
         answers = listener.answers(servo_id, tries=TRIES)
         if damage := listener.damage():
@@ -142,9 +151,9 @@ def scan_bus(
         progress: called before each question.
         on_damage: called for each baud rate and protocol with bytes outside answers.
 
-    Raises RobotFaultError for a port that cannot be opened or is lost.
+    Raises InputError for another driver, RobotFaultError for a port that cannot be opened or is lost.
     """
-    protocols = PROTOCOLS_OF[driver]
+    protocols = _protocols_of(driver)
     asked, of = count(), len(bauds) * len(protocols) * len(ids)
     found: list[FoundServo] = []
     for baud in bauds:
@@ -266,8 +275,10 @@ def set_servo_id(
 ) -> FoundServo:
     """Change the id of the only servo on a bus, and read it under the new one.
 
-    Raises InputError unless exactly one servo answers, RobotFaultError when it does not take the id.
+    Raises InputError for another driver, for an id that no servo can have and unless exactly one servo
+    answers, RobotFaultError when it does not take the id.
     """
+    SERVO_ID.check(argument("new_id"), new_id)
     told = _ids_by_broadcast(path, baud) if driver == "lx16a" else []
     damages: list[Damage] = []
     found = scan_bus(path, driver, baud, ids=told or IDS, progress=progress, on_damage=damages.append)

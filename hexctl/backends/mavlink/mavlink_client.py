@@ -239,6 +239,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         )
         self._link = MavlinkLink(port, codec, time=self._clock.time)
         self._receiver = Receiver(self._link, self.counters)
+        self._battery_at_s, self._voltages_v = -math.inf, tuple[float, ...]()
         self._receiver.start()
         opening.callback(self._receiver.stop)
         self._peer = self._await_peer()
@@ -355,12 +356,17 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         return None if position is None else position.value, None if attitude is None else attitude.value
 
     def _battery(self, now_s: float) -> mavlink_messages.Battery:
-        """The battery; BATTERY_STATUS has priority over SYS_STATUS."""
+        """The battery, with the higher voltage of the last two messages: a single one may be wrong.
+
+        BATTERY_STATUS has priority over SYS_STATUS.
+        """
         for name in ("battery", "system"):
             reading = _fresh(self._receiver.newest(name), now_s, STALE_BATTERY_S)
             if reading is not None and reading.value.voltage_v is not None:
-                battery: mavlink_messages.Battery = reading.value
-                return battery
+                if self._battery_at_s != reading.at_s:
+                    self._battery_at_s = reading.at_s
+                    self._voltages_v = (*self._voltages_v[-1:], reading.value.voltage_v)
+                return mavlink_messages.Battery(max(self._voltages_v), reading.value.share)
         return mavlink_messages.Battery(None, None)
 
     def _fault(self, now_s: float) -> str | None:

@@ -95,6 +95,7 @@ class Servo2040:
 
     def __init__(self, line: SerialLine, pwm_map: PwmMap) -> None:
         self._line, self._map = line, pwm_map
+        self._voltages: list[float] = []
         self.fork = self._is_fork()
         self._asked = N_LEGS + 2  # touch, current, voltage
         if self.fork and self._ask(TOUCH, N_LEGS + 4, tries=TRIES) is not None:
@@ -141,11 +142,13 @@ class Servo2040:
         if values is None or max(values[:N_LEGS]) > MOST_TOUCH:
             return None
         current, voltage = values[CURRENT - TOUCH], values[VOLTAGE - TOUCH]
+        volts = voltage / (FORK_COUNTS if self.fork else COUNTS_PER_V)
+        self._voltages = [*self._voltages[-2:], volts]  # the original has no checksum: one may be wrong
         status = values[STATUS - TOUCH] if self._asked > N_LEGS + 2 else 0
         return BoardReport(
             at_s=self._line.time.now(),
             contacts=np.array(values[:N_LEGS])[self._map.touches] > TOUCHED,
-            voltage_v=voltage / (FORK_COUNTS if self.fork else COUNTS_PER_V),
+            voltage_v=float(np.median(self._voltages)),
             current_a=current / FORK_COUNTS if self.fork else (current - NO_CURRENT) * AMPERES_PER_COUNT,
             fault=_trip(status),
         )

@@ -10,6 +10,7 @@ import typer
 
 from hexctl.backends.bus.bus_options import (
     ALL_BAUDS,
+    SERVO_ID,
     BusAddress,
     BusOptions,
     ScanOptions,
@@ -22,7 +23,6 @@ from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import checked
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.options import Range
 from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 
 if TYPE_CHECKING:
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from hexctl.robot.servos.bus_map import BusMap
 
 servos = Commands()
-
-SERVO_ID = Range(low=0, high=252, whole=True)
 
 YesOption = Annotated[
     bool, typer.Option("--yes", help="Move without asking, for scripts: a limp leg falls, and moves.")

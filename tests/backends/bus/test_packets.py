@@ -129,8 +129,8 @@ def test_a_byte_is_stuffed_behind_what_looks_like_a_header() -> None:
 
 
 def test_moves_and_numbers_of_lx16a() -> None:
-    assert lx.move(1, 0, 40_000) == lx.move(1, 0, 30_000)
-    assert [lx.number(data) for data in (b"\xf4\x01", b"\xfb\xff", b"\x80")] == [500, -5, 128]
+    assert lx.move_packet(1, 0, 40_000) == lx.move_packet(1, 0, 30_000)
+    assert [lx.signed_number(data) for data in (b"\xf4\x01", b"\xfb\xff", b"\x80")] == [500, -5, 128]
 
 
 def answers_of(kind: str) -> st.SearchStrategy[tuple[int, int, bytes]]:

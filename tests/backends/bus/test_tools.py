@@ -1,5 +1,6 @@
 """Servos that answer on a bus, without a robot or beside one whose ids are not those of its file."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,16 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ScanOptions, ServoAssignmentOptions
-from hexctl.backends.bus.tools import adopt, id_differences, ids_around, joint_of, scan_bus, set_servo_id
+from hexctl.backends.bus.tools import (
+    adopt,
+    find_servo,
+    id_differences,
+    ids_around,
+    joint_of,
+    opened_line,
+    scan_bus,
+    set_servo_id,
+)
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
@@ -66,6 +76,23 @@ def test_with_more_servos_no_id_is_changed(driver: str, model: str) -> None:
         with pytest.raises(InputError, match="servos that answer: got "):
             set_servo_id(bus.path, driver, DEFAULT_BAUDS[driver], 40)
         assert [servo.servo_id for servo in bus.board._servos] == list(range(1, 19))
+
+
+def test_a_scan_or_an_id_that_cannot_be_is_refused() -> None:
+    for bad in (-1, 253):
+        with pytest.raises(InputError, match=rf"new_id: got {bad}; allowed: 0\.\.252"):
+            set_servo_id("/dev/nothing", "feetech", 1_000_000, bad)
+    with pytest.raises(RobotFaultError, match="/dev/nothing"):
+        scan_bus("/dev/nothing", "feetech", 1_000_000)
+    for call in (scan_bus, partial(set_servo_id, new_id=3)):
+        with pytest.raises(InputError, match="driver: got 'hitec'; allowed: dynamixel, feetech, lx16a"):
+            call("/dev/nothing", "hitec", 1_000_000)
+    with (
+        memory_bus(a_map("feetech", "sts3215")) as bus,
+        opened_line(bus.path, 1_000_000) as line,
+        pytest.raises(InputError, match="driver: got 'hitec'"),
+    ):
+        find_servo(line, "hitec", 1)
 
 
 def test_servos_are_found_at_the_baud_that_they_have() -> None:

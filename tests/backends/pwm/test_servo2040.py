@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.pwm.servo2040 import (
+    COUNTS_PER_V,
     Servo2040,
     Servo2040Servos,
     checksum,
@@ -229,6 +230,16 @@ def _up(servos: LegServos) -> float:
     lower, higher = robot.stance_angles_rad.copy(), robot.stance_angles_rad.copy()
     lower[1], higher[1] = lower[1] - 0.1, higher[1] + 0.1
     return float(foot_positions_body(robot, higher)[0, 2] - foot_positions_body(robot, lower)[0, 2])
+
+
+def test_a_single_wrong_voltage_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    board = Servo2040(_Line(), a_map())
+    sent = [7.4, 0.1, 7.4, 9.9, 7.3, 7.2]
+    answers = iter([0] * 7 + [round(volts * COUNTS_PER_V), 0, 0] for volts in sent)
+    monkeypatch.setattr(board, "_ask", lambda *_: next(answers))
+    reports = [board.poll() for _ in sent]
+    voltages_v = [report.voltage_v for report in reports if report is not None]
+    assert voltages_v[2:] == pytest.approx([7.4, 7.4, 7.4, 7.3], abs=0.01)
 
 
 def test_a_trip_stops_the_robot_until_its_torque_was_off() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a import LX16A, move
+from hexctl.backends.bus.lx16a import LX16A, move_packet
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, REBOOT, SYNC_READ, SYNC_WRITE, WRITE
 from hexctl.backends.bus.registers import table_of
 from hexctl.backends.mock import MockServos
@@ -215,7 +215,7 @@ TARGETS = (
     Target(
         name="lx16a-line",
         read=lambda data: LX16AS(b"\0" + data),
-        seeds=(move(1, 500, 100), LX16A.instruction(1, 28), LX16A.instruction(1, 20, b"\0\0\xe8\3")),
+        seeds=(move_packet(1, 500, 100), LX16A.instruction(1, 28), LX16A.instruction(1, 20, b"\0\0\xe8\3")),
         words=(b"\x55\x55",),
         most_bytes=200,
     ),
