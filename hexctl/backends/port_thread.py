@@ -21,7 +21,7 @@ REOPEN_PERIOD_S = 0.25
 
 
 class OnPort(Protocol):
-    """Something on an open port."""
+    """Device on an open port, used by one thread."""
 
     def close(self) -> None:
         """Close the port."""

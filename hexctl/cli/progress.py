@@ -35,7 +35,7 @@ class WithBar:
 
 
 class StatusLine(WithBar):
-    """A text on stderr: on a terminal each replaces the one before, and the last stays; else one a line."""
+    """Status on stderr: on a terminal one line that is replaced, and stays at the end; else a line each."""
 
     def __init__(self) -> None:
         self._bar = make_bar(text_only=True)

@@ -107,7 +107,7 @@ class SeenWarnings:
     """
 
     def __init__(self, known: tuple[str, ...] = ()) -> None:
-        """Begin; `known` are warnings that have been told."""
+        """Begin; `known` are warnings that were reported before."""
         self._newest: tuple[str, ...] = ()
         self._texts: dict[str, str] = {}
         self._servos: dict[str, dict[str, None]] = {}  # in their order
@@ -122,7 +122,7 @@ class SeenWarnings:
 
     @property
     def news(self) -> tuple[str, ...]:
-        """Those of `texts` that the known ones did not tell."""
+        """Those of `texts` with something new: another kind of warning, or another servo."""
         return tuple(self._texts[kind] for kind in self._new)
 
     def take(self, warnings: tuple[str, ...]) -> list[str]:

@@ -363,9 +363,7 @@ class DomainRandomization(BaseModel):
             drawn = distribution.at(np.asarray(shares[at : at + parts])).tolist()
             name, dot, joint_kind = key.partition(".")
             if dot:
-                usual = (
-                    World.model_fields[name].default or 0.0
-                )  # without friction none is drawn for the others
+                usual = World.model_fields[name].default or 0.0  # no friction is 0 for the other joints
                 joints = values.setdefault(name, [usual] * N_JOINTS)
                 joints[JOINT_KINDS.index(joint_kind) :: JOINTS_PER_LEG] = drawn
             else:

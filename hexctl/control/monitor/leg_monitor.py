@@ -242,7 +242,7 @@ class LegMonitor:
             self._compare_stiffness(state)
 
     def rests(self, state: RobotState) -> None:
-        """Take the state of a tick in which no leg steps: what joints do meanwhile is no sudden jump."""
+        """Take the state of a tick in which no leg steps: motion until the next step is no jump."""
         state = self._without_wild(state)
         self._motion.measured(state.joint_positions_rad, state.joint_torques_nm)
 

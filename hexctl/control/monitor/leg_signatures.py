@@ -73,7 +73,7 @@ def save_signatures(path: Any, signatures: Mapping[str, LegSignatures], origin: 
 
 
 def load_signatures(path: Any) -> dict[str, LegSignatures]:
-    """Signatures of a file, by what is seen; raises InputError for a wrong, damaged or altered file."""
+    """Signatures of a file, by their sensors; raises InputError for a wrong, damaged or altered file."""
     return KIND.load(path, _made)
 
 
@@ -86,7 +86,7 @@ def _made(_head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> dict[str, L
 
 @cache
 def shipped_signatures() -> dict[str, LegSignatures]:
-    """The shipped signatures, by what is seen; raises InputError for a damaged file."""
+    """The shipped signatures, by their sensors; raises InputError for a damaged file."""
     return load_signatures(config_root() / "signatures" / "legs.npz")
 
 
