@@ -14,6 +14,7 @@ from hexctl.control.monitor.leg_probe import AFTER_RELAPSE, FIRST_CYCLES, LegPro
 from hexctl.control.monitor.leg_signatures import leg_patterns, shipped_signatures
 from hexctl.control.monitor.posture_trial import PostureTrial
 from hexctl.control.monitor.recovery import (
+    MOST_RECOVERED,
     GlideToStableGait,
     RecoveryPolicy,
     Response,
@@ -33,6 +34,10 @@ from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, le
 #: Cycles after a detection when the kind of failure is evaluated again; the second time, after the targets of
 #: all joints have moved, only to distinguish locked legs from stuck joints.
 KIND_AFTER_CYCLES, LOCKED_AFTER_CYCLES = 0.4, 1.5
+
+#: Of three legs accused within so many cycles, those that do not follow are overloaded: the others no longer
+#: carry.
+TOGETHER_CYCLES = 2.0
 
 #: Trial in cycles of a missing leg after it is put down: by then missing load is detected.
 TRIAL_CYCLES = 3.0
@@ -195,6 +200,8 @@ class MonitoredWalk(Controller):
             if index in self._stopped:
                 continue
             suspicion = self._monitor.suspicion(step, self._row(index))
+            if self._clears_overloaded(index, suspicion):
+                continue
             self._failures[index].append(suspicion.failure)
             self._tell(f"noticed: {suspicion}, by {suspicion.evidence}")
             failed_trials = self._end_trials(index, suspicion)
@@ -209,6 +216,25 @@ class MonitoredWalk(Controller):
                 self._stopped[index] = f"{suspicion}; {self._trouble}" if self._trouble else str(suspicion)
             self._look_again(index, suspicion, len(self.noticed[index]) - 1 - len(failed_trials))
         self._glide(responses)
+
+    def _clears_overloaded(self, index: int, suspicion: Suspicion) -> bool:
+        """Take back accusations of overloaded legs; whether this one is one of them."""
+        since_step = suspicion.step - TOGETHER_CYCLES * self._cycle_steps(index)
+        together = [
+            one.suspicion
+            for one in self.noticed[index]
+            if one.suspicion.step >= since_step and one.suspicion.failure in self._failures[index]
+        ]
+        if len(together) < MOST_RECOVERED:
+            return False
+        for one in together:
+            if _motionless(one):
+                self._take_back(index, one.leg, suspicion.step)
+        if _motionless(suspicion):
+            self._monitor.believe_whole(suspicion.leg, self._row(index))
+            self._tell(f"noticed: leg {suspicion.leg} is overloaded")
+            return True
+        return False
 
     def _report_weak(self, step: int) -> None:
         """Report joints with part of their torque; no response made a walk with one better."""
@@ -336,10 +362,10 @@ class MonitoredWalk(Controller):
 
     def _settle_kind(self, index: int, place: int, cycles: float) -> None:
         """Evaluate the kind of failure again, from data after the failure only."""
-        if index in self._stopped:
-            return
         noticed = self.noticed[index]
         before = noticed[place].suspicion
+        if index in self._stopped or before.failure not in self._failures[index]:
+            return
         last = cycles == LOCKED_AFTER_CYCLES
         failure = self._monitor.kind(before.leg, self._row(index), cycles=cycles, powered=last)
         if not last and failure.kind in ("stuck", "locked"):
@@ -398,6 +424,10 @@ class MonitoredWalk(Controller):
             self._trouble = f"policy {name}: respond gave {response!r}; allowed: a Response"
             return Response(stop=True)
         return response
+
+
+def _motionless(suspicion: Suspicion) -> bool:
+    return suspicion.evidence == "following" and suspicion.failure.kind in ("stuck", "locked")
 
 
 def _steady(walk: Controller) -> bool:

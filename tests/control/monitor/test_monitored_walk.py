@@ -209,6 +209,18 @@ def test_without_two_neighbours_ahead_the_robot_walks_at_half_of_its_speed_or_mo
     assert result.path_m[-1, 0] - result.path_m[-400, 0] > 0.5 * ideal_m
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("legs", [(2, 3), (5, 6)])
+def test_a_leg_that_two_lost_ones_overload_is_taken_back(legs: tuple[int, int]) -> None:
+    """Its servos have a fifth of their torque: leg 4 does not follow before the others are found missing."""
+    _, walk = _walk(_trial(*(f"{leg}:missing@4.3" for leg in legs), world="real:18400", duration_s=8.0))
+    accused, first, taken_back, second = walk.noticed[0]
+    assert accused.suspicion.leg == taken_back.suspicion.leg == 4
+    assert (first.suspicion.leg, taken_back.healed, second.suspicion.leg) == (legs[0], True, legs[1])
+    assert walk.why_stopped() is None
+    assert tuple(failure.leg for failure in walk.believed_failures()) == legs
+
+
 @pytest.mark.parametrize("kind", ["limp", "locked", "missing"])
 def test_a_leg_that_is_dead_before_the_first_step_is_noticed_and_tucked(kind: str) -> None:
     trial = replace(_trial(duration_s=3.0, self_rotation="none"), failure=Failure(leg=2, kind=kind))
