@@ -67,10 +67,12 @@ class DatagramStop:
         self._secret = b""
         self._ended = False
         self._wake_read, self._wake_write = socket.socketpair()
-        self._sockets: dict[socket.socket, list[tuple[object, ...]]] = {}
+        self._sockets = _sockets_by_family()
+        self._poll = select.poll()  # unlike select, also in a program with thousands of open files
+        for one in (*self._sockets.values(), self._wake_read):
+            self._poll.register(one, select.POLLIN)
         self._heard_s = self._looked_up_s = -math.inf
         self._looking_up: threading.Thread | None = None
-        self._found: Addresses | None = None
         self._addresses: Addresses = []
         self._thread = threading.Thread(target=self._run, name="stop by datagram", daemon=True)
         self.trouble: str | None = None
@@ -106,7 +108,7 @@ class DatagramStop:
         self.wake()
         if self._thread.ident is not None:
             self._thread.join()
-        for one in (*self._sockets, self._wake_read, self._wake_write):
+        for one in (*self._sockets.values(), self._wake_read, self._wake_write):
             one.close()
 
     def _run(self) -> None:
@@ -128,14 +130,10 @@ class DatagramStop:
 
     def _follow_host(self) -> None:
         """A silent robot may have a new address."""
-        if (found := self._found) is not None:
-            self._found = None
-            if found != self._addresses:
-                self._open(found)
         now_s = time.monotonic()
         silent_s = now_s - max(self._heard_s, self._looked_up_s)
         looks_up = self._looking_up is not None and self._looking_up.is_alive()
-        if not looks_up and silent_s > (LOOK_UP_AGAIN_S if self._sockets else ASK_PERIOD_S):
+        if not looks_up and silent_s > (LOOK_UP_AGAIN_S if self._addresses else ASK_PERIOD_S):
             self._looked_up_s = now_s
             # Resolving takes seconds on a broken network, and a stop must not wait.
             self._looking_up = threading.Thread(target=self._look_up, name="robot's address", daemon=True)
@@ -148,28 +146,15 @@ class DatagramStop:
         except (OSError, UnicodeError) as error:  # the second of a name that no host can have
             self.trouble = f"{endpoint.host} is not known here ({getattr(error, 'strerror', None) or error})"
             return
-        self._found = [(family, address) for family, _, _, _, address in found[:MOST_ADDRESSES]]
+        self._addresses = [(family, address) for family, _, _, _, address in found[:MOST_ADDRESSES]]
         self.trouble = None
         self.wake()
 
-    def _open(self, addresses: Addresses) -> None:
-        for one in self._sockets:
-            one.close()
-        self._addresses, self._sockets = addresses, {}
-        by_family: dict[socket.AddressFamily, socket.socket] = {}
-        for family, address in addresses:
-            with suppress(OSError):
-                one = by_family.get(family) or socket.socket(family, socket.SOCK_DGRAM)
-                by_family[family] = one
-                one.setblocking(False)
-                self._sockets.setdefault(one, []).append(address)
-
     def _send(self) -> None:
         """Each datagram gets its own nonce: a robot answers a nonce only once."""
-        for one, addresses in self._sockets.items():
-            for address in addresses:
-                with suppress(OSError):
-                    one.sendto(self._next_datagram(), address)
+        for family, address in self._addresses:
+            with suppress(OSError, KeyError):  # a computer without this family
+                self._sockets[family].sendto(self._next_datagram(), address)
 
     def _next_datagram(self) -> bytes:
         nonce = secrets.token_bytes(NONCE_BYTES)
@@ -185,12 +170,9 @@ class DatagramStop:
 
     def _wait(self, timeout_s: float) -> bool:
         """Take what arrives within a time; return whether to send immediately."""
-        poll = select.poll()  # unlike select, also in a program with thousands of open files
-        sockets = {one.fileno(): one for one in (*self._sockets, self._wake_read)}
-        for number in sockets:
-            poll.register(number, select.POLLIN)
+        sockets = {one.fileno(): one for one in (*self._sockets.values(), self._wake_read)}
         at_once = False
-        for number, _ in poll.poll(1000 * timeout_s):
+        for number, _ in self._poll.poll(1000 * timeout_s):
             one = sockets[number]
             with suppress(OSError):
                 data = one.recv(DATAGRAM_BYTES + 1)
@@ -214,6 +196,15 @@ class DatagramStop:
             self._see(_sighting(answer, asked_s))
             return new_epoch and self._order.wanted.is_set() and self.obeyed is None
         return False
+
+
+def _sockets_by_family() -> dict[socket.AddressFamily, socket.socket]:
+    found: dict[socket.AddressFamily, socket.socket] = {}
+    for family in (socket.AF_INET, socket.AF_INET6):
+        with suppress(OSError):
+            found[family] = socket.socket(family, socket.SOCK_DGRAM)
+            found[family].setblocking(False)
+    return found
 
 
 def _sighting(answer: StopDatagram, asked_s: float) -> Sighting:

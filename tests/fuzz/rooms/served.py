@@ -172,7 +172,7 @@ def _answers(data: bytes) -> None:
         remote, HOLD_S=0.0, MOST_OTHERS_HOLD_S=0.0, MOST_UNCLAIMED_HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0
     ):
         uses: tuple[Callable[[], object], ...] = (
-            robots.stop,
+            lambda: robots.stop("mine"),
             robots.clear,
             lambda: robots.fail("5:limp"),
             lambda: robots.heal(5),
