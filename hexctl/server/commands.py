@@ -7,28 +7,8 @@ from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import CommandRefusedError, MessageError
 from hexctl.server.leases import Lease
 from hexctl.types import FloatArray
+from hexctl.wire.transit_delay import TransitDelay
 from hexctl.wire.zenoh_messages import CommandTag, decode_command
-
-#: Bound on the relative drift of two monotonic clocks: 100 ppm each, up to 500 ppm while NTP slews one.
-DRIFT = 1000e-6
-
-
-class TransitDelay:
-    """Delay of each message relative to the fastest one so far; the two clocks need not agree."""
-
-    def __init__(self) -> None:
-        self._fastest_s: float | None = None
-        self._at_s = 0.0
-
-    def delay_s(self, stamp_s: float, arrived_s: float) -> float:
-        """Time by which a message took longer than the fastest one so far, in s."""
-        took_s = arrived_s - stamp_s
-        if self._fastest_s is None:
-            self._fastest_s, self._at_s = took_s, arrived_s
-        self._fastest_s += DRIFT * max(0.0, arrived_s - self._at_s)
-        self._at_s = max(self._at_s, arrived_s)
-        self._fastest_s = min(self._fastest_s, took_s)
-        return took_s - self._fastest_s
 
 
 @dataclass(slots=True)

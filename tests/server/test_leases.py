@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import CommandRefusedError, MessageError
-from hexctl.server.commands import CommandCounters, CommandHandler, TransitDelay
+from hexctl.server.commands import CommandCounters, CommandHandler
 from hexctl.server.leases import LEASE_S, Lease, LeaseManager, LeaseRefusedError
+from hexctl.wire.transit_delay import TransitDelay
 from hexctl.wire.zenoh_messages import CommandTag, encode_positions
 
 
@@ -98,6 +99,13 @@ def test_clocks_that_drift_apart_do_not_make_messages_late() -> None:
     assert max(late_s) < 1e-3
 
 
+def test_a_sender_that_was_started_again_has_another_clock() -> None:
+    transit = TransitDelay(other_clock_s=1.0)
+    transit.delay_s(5000.0, 70.0)
+    assert transit.delay_s(3.0, 75.0) == 0.0
+    assert transit.delay_s(3.02, 75.03) == pytest.approx(0.01, abs=1e-3)
+
+
 PAYLOAD = encode_positions(np.zeros(18))
 
 
@@ -157,7 +165,7 @@ def test_a_command_that_waited_longer_than_its_time_to_live_is_dropped(
 def test_a_time_to_live_is_at_most_that_of_the_robot(
     desk: CommandHandler, lease: Lease, wanted_ms: int, given_s: float
 ) -> None:
-    tag = replace(tag_for(lease, 1), time_to_live_ms=wanted_ms)
+    tag = tag_for(lease, 1)._replace(time_to_live_ms=wanted_ms)
     assert desk.check(PAYLOAD, tag.packed(), lease, 0.0).good_for_s == pytest.approx(given_s)
 
 
@@ -166,7 +174,7 @@ def test_only_commands_under_the_lease_in_force_are_admitted_and_obeyed(
 ) -> None:
     tag = tag_for(lease, 1)
     assert desk.admits(tag.packed(), lease)
-    strangers = [replace(tag, lease_id=bytes(16)), replace(tag, lease_sequence=lease.sequence + 1)]
+    strangers = [tag._replace(lease_id=bytes(16)), tag._replace(lease_sequence=lease.sequence + 1)]
     for other, held in ((strangers[0], lease), (strangers[1], lease), (tag, None)):
         assert not desk.admits(other.packed(), held)
         with pytest.raises(CommandRefusedError):
