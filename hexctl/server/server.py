@@ -13,15 +13,15 @@ from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.robot.rotations import xyzw
 from hexctl.server.commands import CommandHandler
-from hexctl.server.event_log import Conditions, EventLog
+from hexctl.server.event_log import EventLog
 from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor
 from hexctl.server.inbox import MOST_WAITING, Arrival, Inbox
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import RequestHandler
 from hexctl.server.rest_watch import RestWatch
-from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.served_servos import ServedServos
 from hexctl.server.served_transport import Transport, attachment_of, payload_of
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.server.stops.latch import StopLatch
 from hexctl.server.stops.stop_file import StopFile
 from hexctl.server.stops.stop_socket import StopSocket
@@ -276,8 +276,10 @@ class RobotServer:
         self._idle.tick(self._guard.clock.now_s)
         self._publish_served_poses()
         self._publish(state)
-        self._offer(state)
-        self._log_changes(state)
+        snapshot = self._snapshot(state)
+        if self._ros is not None:
+            self._ros.offer(snapshot)
+        self._event_log.note(snapshot)
         if self._ticks % STATUS_TICKS == 0:
             self._publish_status()
         if self._ticks % BATTERY_TICKS == 0:
@@ -298,22 +300,6 @@ class RobotServer:
             self._good_until_s = None
         if self._guard.stopped == "expired":
             self._leases.revoke()
-
-    def _log_changes(self, state: RobotState) -> None:
-        self._event_log.note(
-            Conditions(
-                controller=self._controller,
-                stopped=self._guard.stopped,
-                stop=self._latch.current(),
-                cleared=self._latch.cleared,
-                posture=self._posture,
-                fault=state.fault,
-                warnings=state.warnings,
-                ros=None if self._ros is None else self._ros.condition,
-                doubt=self._guard.positions.doubt(self._guard.clock.now_s),
-                standstill=self._standstill,
-            )
-        )
 
     @property
     def _controller(self) -> str | None:
@@ -346,18 +332,18 @@ class RobotServer:
         if simulation is not None and (truth := simulation.true_pose) is not None:
             self._transport.publish("truth", encode_pose(*truth, stamp_ns=stamp_ns))
 
-    def _offer(self, state: RobotState) -> None:
-        if self._ros is None:
-            return
-        self._ros.offer(
-            RobotSnapshot(
-                state,
-                orientation=self._servos.own_orientation,
-                stopped=self._guard.stopped,
-                posture=self._posture,
-                controller=self._controller,
-                posed_at_s=self._servos.posed_at_s,
-            )
+    def _snapshot(self, state: RobotState) -> RobotSnapshot:
+        return RobotSnapshot(
+            state=state,
+            orientation=self._servos.own_orientation,
+            posed_at_s=self._servos.posed_at_s,
+            posture=self._posture,
+            controller=self._controller,
+            stop=self._latch.current(),
+            cleared=self._latch.cleared,
+            ros=None if self._ros is None else self._ros.condition,
+            doubt=self._guard.positions.doubt(self._guard.clock.now_s),
+            standstill=self._standstill,
         )
 
     def _publish_status(self) -> None:

@@ -13,8 +13,8 @@ from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from hexctl.server.inbox import Inbox
 from hexctl.server.ros.settings import LiveSettings, ParameterServices, RosSettings
-from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages, RobotTopics
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import Endpoint

@@ -3,7 +3,7 @@
 import math
 
 from hexctl.control.stop_reason import reason_in_words
-from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import JOINT_NAMES, TOO_HOT_C, WARM_C, RobotState, ServoReadings
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 

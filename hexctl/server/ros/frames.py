@@ -9,7 +9,7 @@ import numpy as np
 from hexctl.ik.leg_odometer import LegOdometer
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, inverse, product, turned, yaw_rad
-from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import ArrayFields, FloatArray, RobotState
 from hexctl.wire.ros.odometry_error import ReckoningError, own_pose_covariance
 

@@ -12,7 +12,7 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
 from hexctl.server.ros import diagnostics
 from hexctl.server.ros.frames import MAP_FRAME, Frames
-from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.wire import ros_cdr
 from hexctl.wire.pose import WORLD_FRAME, odometry
 from hexctl.wire.ros import telemetry

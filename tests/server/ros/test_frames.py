@@ -8,8 +8,8 @@ import pytest
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
 from hexctl.server.ros.frames import BodyPose, DeadReckoning
-from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
@@ -106,9 +106,7 @@ class Walker:
             base_quaternion_world=None if pose is None else pose.quaternion,
         )
         orientation = self.true_pose().quaternion if self.has_imu else None
-        self.last = RobotSnapshot(
-            state, orientation, stopped=None, posture="", controller=None, posed_at_s=posed_at_s
-        )
+        self.last = RobotSnapshot(state=state, orientation=orientation, posed_at_s=posed_at_s)
         self.index += 1
         self.messages.follow(self.last, wanted=True)
         return frames(self.messages.moving_frames(self.last))
