@@ -26,6 +26,8 @@ CELLS = (
     "frozen-5/zenoh/between trials",
     "cable-out/zenoh/walking",
     "loss-10/zenoh/walking",
+    "reorder/zenoh/walking",
+    "clock-jump/zenoh/walking",
     "server-killed/feetech/walking",
     "cable-out/mavlink/walking",
     "viewer-killed/zenoh/standing",

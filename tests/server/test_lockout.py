@@ -132,7 +132,7 @@ def garbage(port: int, mark: bytes = b"") -> Iterator[None]:
 def recorded_question(robot: Served, per_s: float) -> Iterator[None]:
     """The question of a client that was recorded on the network, sent again and again by another process."""
     recorded = StopDatagram(kind=Kind.ASK, nonce=b"recorded").packed(secret_of(robot))
-    arguments = ("tests.server.flooder", str(port_of(robot)), recorded.hex(), str(per_s))
+    arguments = ("tests.server.flooder", str(robot.port), recorded.hex(), str(per_s))
     with program(robot.log_path.parent, "flooder", *arguments) as flooder:
         flooder.wait_for("flooding")
         yield
@@ -141,7 +141,7 @@ def recorded_question(robot: Served, per_s: float) -> Iterator[None]:
 @contextmanager
 def both_ways(robot: Served, per_s: float) -> Iterator[None]:
     """An attack on sessions and on datagrams by a stranger who has no certificate."""
-    with recorded_question(robot, per_s), aborted_handshakes(port_of(robot)):
+    with recorded_question(robot, per_s), aborted_handshakes(robot.port):
         yield
 
 
@@ -218,10 +218,6 @@ def clear(session: Any, link: Link) -> None:
     assert answer["stopped"] is None, answer
 
 
-def port_of(robot: Served) -> int:
-    return int(robot.endpoint.rpartition(":")[2])
-
-
 def secret_of(robot: Served) -> bytes:
     secret = find_stop_secret(Link(endpoint=robot.endpoint, credentials=robot.keys), Role.CONTROLLER)
     assert secret
@@ -229,10 +225,10 @@ def secret_of(robot: Served) -> bytes:
 
 
 ATTACKS: dict[str, Callable[[Served], Any]] = {
-    "aborted handshakes": lambda robot: aborted_handshakes(port_of(robot)),
-    "silent connections": lambda robot: silent_connections(port_of(robot)),
-    "garbage datagrams": lambda robot: garbage(port_of(robot)),
-    "garbage datagrams with the mark": lambda robot: garbage(port_of(robot), mark_of(secret_of(robot))),
+    "aborted handshakes": lambda robot: aborted_handshakes(robot.port),
+    "silent connections": lambda robot: silent_connections(robot.port),
+    "garbage datagrams": lambda robot: garbage(robot.port),
+    "garbage datagrams with the mark": lambda robot: garbage(robot.port, mark_of(secret_of(robot))),
     "both ways at 50,000/s": lambda robot: both_ways(robot, 50_000),
 }
 
