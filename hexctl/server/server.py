@@ -12,19 +12,16 @@ from hexctl.backends.clock import SPARE_S, STANDSTILL_S, Standstill
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.robot.rotations import xyzw
-from hexctl.server.commands import CommandHandler
 from hexctl.server.event_log import EventLog
-from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor
-from hexctl.server.inbox import MOST_WAITING, Arrival, Inbox
-from hexctl.server.leases import LeaseManager
+from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor, RestWatch
+from hexctl.server.leases import CommandHandler, LeaseManager
 from hexctl.server.requests import RequestHandler
-from hexctl.server.rest_watch import RestWatch
 from hexctl.server.served_servos import ServedServos
-from hexctl.server.served_transport import Transport, attachment_of, payload_of
 from hexctl.server.snapshot import RobotSnapshot
 from hexctl.server.stops.latch import StopLatch
 from hexctl.server.stops.stop_file import StopFile
 from hexctl.server.stops.stop_socket import StopSocket
+from hexctl.server.transport import MOST_WAITING, Arrival, Inbox, Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import CLEAR_COMMAND, Link

@@ -14,9 +14,9 @@ import pytest
 
 import hexctl
 from faults.programs.relay import Condition, Queue, UdpRelay
-from hexctl.client.datagram_stop import Sighting
 from hexctl.client.remote import RemoteRobots, remote_robots
 from hexctl.client.stop_client import ReadyStop, clear_stop, estop
+from hexctl.client.stop_ways import Sighting
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session

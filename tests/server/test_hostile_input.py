@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from hexctl.backends.zenoh.zenoh_client import ask
-from hexctl.server.inbox import Arrival
-from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
+from hexctl.server.transport import Arrival, Transport
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import encode_pose
 from hexctl.wire.zenoh_messages import CommandTag, encode_positions

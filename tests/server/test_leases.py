@@ -8,8 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import CommandRefusedError, MessageError
-from hexctl.server.commands import CommandCounters, CommandHandler
-from hexctl.server.leases import LEASE_S, Lease, LeaseManager, LeaseRefusedError
+from hexctl.server.leases import (
+    LEASE_S,
+    CommandCounters,
+    CommandHandler,
+    Lease,
+    LeaseManager,
+    LeaseRefusedError,
+)
 from hexctl.wire.transit_delay import TransitDelay
 from hexctl.wire.zenoh_messages import CommandTag, encode_positions
 

@@ -11,10 +11,10 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError
-from hexctl.server.inbox import MOST_WAITING, QUERIES, Inbox
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import MOST_CHANGES, RequestHandler
 from hexctl.server.stops.latch import StopLatch
+from hexctl.server.transport import MOST_WAITING, QUERIES, Inbox
 from hexctl.wire.description import encode_json
 from hexctl.wire.stop import HOLD_S, MAX_BY, UNNAMED
 from tests.control.posed import connected, send

@@ -12,9 +12,8 @@ from hexctl.backends.base import TruePose
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
-from hexctl.server.inbox import Arrival
-from hexctl.server.served_transport import Transport
 from hexctl.server.server import RobotServer
+from hexctl.server.transport import Arrival, Transport
 from hexctl.types import FloatArray
 from hexctl.wire.description import user_name
 from hexctl.wire.links import Link

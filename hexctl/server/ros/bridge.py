@@ -11,14 +11,13 @@ import zenoh
 from hexctl.errors import MessageError
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
-from hexctl.server.inbox import Inbox
 from hexctl.server.ros.settings import LiveSettings, ParameterServices, RosSettings
 from hexctl.server.ros.topics import RobotMessages, RobotTopics
 from hexctl.server.snapshot import RobotSnapshot
+from hexctl.server.transport import Inbox
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import Endpoint
-from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
 from hexctl.wire.ros.motion_commands import (
     OFF,
     POSE,
@@ -34,7 +33,14 @@ from hexctl.wire.ros.motion_commands import (
     decode_velocity,
 )
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
-from hexctl.wire.ros.ros_session import RouterWatch, check_router, open_ros_session
+from hexctl.wire.ros.ros_session import (
+    RosRequest,
+    RosService,
+    RosSubscription,
+    RouterWatch,
+    check_router,
+    open_ros_session,
+)
 from hexctl.wire.ros.telemetry import encode_trigger_answer
 from hexctl.wire.zenoh_messages import decode_positions
 

@@ -12,8 +12,8 @@ from hexctl.gait.body_pose import BodyPose, feet_from_body
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.loader import load_robot
-from hexctl.server.inbox import Arrival
 from hexctl.server.ros.settings import LiveSettings, RosSettings
+from hexctl.server.transport import Arrival
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros.motion_commands import (
