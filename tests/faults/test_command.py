@@ -28,6 +28,7 @@ CELLS = (
     "loss-10/zenoh/walking",
     "reorder/zenoh/walking",
     "clock-jump/zenoh/walking",
+    "flood/zenoh/walking",
     "server-killed/feetech/walking",
     "cable-out/mavlink/walking",
     "viewer-killed/zenoh/standing",

@@ -24,7 +24,6 @@ from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.stop import HOLD_S
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, find_stop_secret, mark_of
-from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, encode_positions
 from hexctl.wire.zenoh_session import open_session
 from tests.server.processes import Served, controlling, hexctl_process, program, served, wait_until
 from tests.server.test_link_faults import wait_for_motion
@@ -265,41 +264,6 @@ def test_a_robot_is_stopped_a_hundred_times_of_a_hundred_although_it_is_attacked
     assert motions_s.max() <= max(RESTS_S, confirmed_s)
     assert max(stop.result.took_s for stop in stops) <= confirmed_s
     assert all(stop.result.at_rest for stop in stops)
-
-
-#: Commands under a wrong lease: so many at a time, so often, and until so many have been read.
-BURST, BURSTS_S, ENOUGH = 10, 0.002, 10_000
-
-
-@contextmanager
-def foreign_commands(session: Any) -> Iterator[None]:
-    """Thousands of well-formed commands a second under a lease that nobody has."""
-    payload = encode_positions(np.zeros(18))
-    tag = CommandTag(
-        sequence=1 << 40,
-        stamp_ns=time.monotonic_ns(),
-        time_to_live_ms=200,
-        lease_id=bytes(LEASE_ID_BYTES),
-        lease_sequence=1,
-    ).packed()
-
-    def send() -> None:
-        for _ in range(BURST):
-            session.put(KEYS.command, payload, attachment=tag)
-
-    with repeated(send, BURSTS_S):
-        yield
-
-
-def test_commands_get_through_a_flood_of_foreign_ones(plain: tuple[Served, Any]) -> None:
-    robot, session = plain
-    wait_for_motion(robot)
-    before = robot.status()["commands"]
-    with foreign_commands(session):
-        wait_until(lambda: robot.status()["commands"]["stale_owner"] > ENOUGH, "the flood")
-        wait_for_motion(robot)
-    counts = {name: count - before[name] for name, count in robot.status()["commands"].items()}
-    assert counts["lost"] + counts["overflowed"] <= counts["accepted"] / 10
 
 
 class StubbornClient:
