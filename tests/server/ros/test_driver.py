@@ -31,9 +31,8 @@ from hexctl.wire.ros.motion_commands import (
 )
 from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
+from tests.server.bench import Bench, Item, spoiled
 from tests.server.ros.test_settings import wishes
-from tests.server.test_hostile_input import Item, spoiled
-from tests.server.test_server import Bench
 from tests.wire.ros.test_telemetry import twist
 
 FORWARD = np.array([0.05, 0.0, 0.0])

@@ -17,7 +17,7 @@ from hexctl.teleop.drive_options import DriveOptions
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import parameters
 from hexctl.wire.ros.parameters import DEFINITIONS, ParameterService, ParameterType, request_and_answer
-from tests.server.test_hostile_input import spoiled
+from tests.server.bench import spoiled
 
 NAMES = ["gait", "level", "ros_drive", "sit_after", "use_sim_time"]
 SET, ATOMICALLY = ParameterService.SET, ParameterService.SET_ATOMICALLY
