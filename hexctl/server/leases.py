@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from threading import Lock
 
 from hexctl.control.guard import EXPIRY_S
-from hexctl.errors import CommandRefusedError, HexctlError, MessageError
+from hexctl.errors import HexctlError, MessageError
 from hexctl.types import FloatArray
 from hexctl.wire.transit_delay import TransitDelay
 from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, decode_command
@@ -152,39 +152,32 @@ class CommandHandler:
         self._count("malformed" if carried is None else "stale_owner")
         return False
 
-    def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
-        """Command in order and on time; others are counted, and raise MessageError or CommandRefusedError."""
+    def check(
+        self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float
+    ) -> Checked | None:
+        """Command in order and on time; None for any other, which is counted."""
         try:
             joint_positions_rad, tag = decode_command(payload, attachment)
         except MessageError:
             self._count("malformed")
-            raise
+            return None
         if lease is None or tag.lease_id != lease.lease_id or tag.lease_sequence != lease.sequence:
             self._count("stale_owner")
-            raise CommandRefusedError(f"command: got lease {tag.lease_sequence}; allowed: the one in force")
+            return None
         if lease.sequence != self._lease_sequence:
             self._lease_sequence, self.newest_sequence, self._transit = lease.sequence, 0, TransitDelay()
-        delay_s, good_for_s = self._in_order_and_on_time(tag, at_s)
+        delay_s = self._transit.delay_s(tag.stamp_ns / 1e9, at_s)
+        if tag.sequence <= self.newest_sequence:
+            self._count("out_of_order")
+            return None
+        self.counters.lost += tag.sequence - self.newest_sequence - 1
+        self.newest_sequence = tag.sequence
+        good_for_s = min(tag.time_to_live_ms / 1000, EXPIRY_S) - delay_s
+        if good_for_s < 0:
+            self._count("late")
+            return None
         return Checked(joint_positions_rad, tag.sequence, delay_s, good_for_s)
 
     def _count(self, dropped: str) -> None:
         with self._counting:  # several threads count these
             setattr(self.counters, dropped, getattr(self.counters, dropped) + 1)
-
-    def _in_order_and_on_time(self, tag: CommandTag, at_s: float) -> tuple[float, float]:
-        """Delay and remaining validity."""
-        delay_s = self._transit.delay_s(tag.stamp_ns / 1e9, at_s)
-        if tag.sequence <= self.newest_sequence:
-            self.counters.out_of_order += 1
-            raise CommandRefusedError(
-                f"command: got sequence {tag.sequence}; allowed: above {self.newest_sequence}"
-            )
-        self.counters.lost += tag.sequence - self.newest_sequence - 1
-        self.newest_sequence = tag.sequence
-        good_for_s = min(tag.time_to_live_ms / 1000, EXPIRY_S) - delay_s
-        if good_for_s < 0:
-            self.counters.late += 1
-            raise CommandRefusedError(
-                f"command: got {1000 * delay_s:.0f} ms late; allowed: {tag.time_to_live_ms} ms"
-            )
-        return delay_s, good_for_s

@@ -27,7 +27,7 @@ from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import CLEAR_COMMAND, Link
 from hexctl.wire.pose import decode_estimate, encode_pose
 from hexctl.wire.ros import telemetry
-from hexctl.wire.stop import ESTOP, OVER_ROS
+from hexctl.wire.stop import ESTOP
 from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 
 if TYPE_CHECKING:
@@ -95,14 +95,14 @@ class RobotServer:
             link, servos.robot.name, self._inbox, self._requests.urgent, self._admits_command
         )
         self._description = describe(servos.robot)
-        self._who = RobotIdentity.of_this_process(servos.robot.name, backend).to_json()
+        self._who = asdict(RobotIdentity.of_this_process(servos.robot.name, backend))
         self._state: RobotState | None = None
         self._sequence = self._ticks = 0
         self._good_until_s: float | None = None
         self._standstill: Standstill | None = None
         self._ticked_s = math.inf
         self._malformed_poses = 0
-        self._ros = None if ros is None else ros.connect(self._inbox, self._stop_over_ros)
+        self._ros = None if ros is None else ros.connect(self._inbox, self._requests.stop_over_ros)
         self._driver = None if ros is None or not ros.drive else self._made_driver(ros.live)
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
@@ -125,9 +125,6 @@ class RobotServer:
         finally:
             self._event_log.close()
             self._latch.close()
-
-    def _stop_over_ros(self) -> None:
-        self._requests.urgent(b"", by=OVER_ROS, clear_key=self._requests.ros_key)
 
     def _note_end(self) -> None:
         if self._state is not None:
@@ -207,9 +204,8 @@ class RobotServer:
     def _execute(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
         now_s = self._time.now()
         lease = self._leases.holder(now_s)
-        try:
-            checked = self._commands.check(payload, attachment, lease, at_s)
-        except (MessageError, CommandRefusedError):
+        checked = self._commands.check(payload, attachment, lease, at_s)
+        if checked is None:
             return
         if now_s - at_s > checked.good_for_s:  # it waited in the inbox while this thread was busy
             self._commands.counters.late += 1

@@ -29,7 +29,6 @@ from hexctl.wire.ros.motion_commands import (
     decode_body_pose,
     decode_velocity,
 )
-from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from tests.server.bench import Bench, Item, spoiled
 from tests.server.ros.test_settings import wishes
@@ -154,8 +153,7 @@ def test_zeros_of_an_idle_planner_do_not_hold_the_robot(bench: RosBench) -> None
 
 def test_a_stop_ends_everything_until_it_is_cleared(bench: RosBench) -> None:
     bench.drive(STANDING_UP_TICKS + 20)
-    requests = bench.server._requests
-    requests.urgent(b"", by=OVER_ROS, clear_key=requests.ros_key)
+    bench.server._requests.stop_over_ros()
     bench.send(Stopped())
     assert bench.moved(50, FORWARD) == 0
     assert bench.status()["stopped"] == "estop"
