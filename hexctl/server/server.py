@@ -60,7 +60,7 @@ class RobotServer:
         sit_after_s: float = SIT_AFTER_S,
         on_event: Callable[[str], None] = lambda _: None,
         keeper: "Keeper | None" = None,
-        ros: "RosBridge | None" = None,
+        ros: "Callable[[Inbox, Callable[[], None]], RosBridge] | None" = None,
         stop_file: StopFile | None = None,
         clear: str = CLEAR_COMMAND,
     ) -> None:
@@ -71,7 +71,7 @@ class RobotServer:
             simulated: `world` and `failure` of a simulation, for the status; None for a real robot.
             on_event: takes a line for each change of controller, stop and posture, on the event log's thread.
             keeper: told in every control period that this server lives.
-            ros: node in ROS 2, not started.
+            ros: makes the node in ROS 2, from where its commands go and how it stops the robot.
             clear: command that ends a stop, for the events.
         """
         self._servos = ServedServos(servos)
@@ -102,8 +102,10 @@ class RobotServer:
         self._standstill: Standstill | None = None
         self._ticked_s = math.inf
         self._malformed_poses = 0
-        self._ros = None if ros is None else ros.connect(self._inbox, self._requests.stop_over_ros)
-        self._driver = None if ros is None or not ros.drive else self._made_driver(ros.live)
+        self._ros = None if ros is None else ros(self._inbox, self._requests.stop_over_ros)
+        self._driver: RosDriver | None = None
+        if self._ros is not None and self._ros.drive:
+            self._driver = self._made_driver(self._ros.live)
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until `until` returns True; `ready` is called once clients can connect.
@@ -174,8 +176,6 @@ class RobotServer:
             self._execute(payload_of(item), attachment_of(item), arrival.at_s)
         elif arrival.kind == "ros" and self._driver is not None:
             self._driver.obey(item, arrival.at_s)
-        elif arrival.kind == "ros":  # without driving, ROS sends only stops
-            self._requests.estop(b"", arrival.at_s)
         elif arrival.kind == "pose":
             self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":

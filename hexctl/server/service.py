@@ -4,6 +4,7 @@ import resource
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -134,7 +135,8 @@ class RobotService(ServeOptions):
             from hexctl.server.ros.bridge import RosBridge
             from hexctl.server.ros.settings import RosSettings
 
-            bridge = RosBridge(
+            bridge = partial(
+                RosBridge,
                 servos.robot,
                 self.ros_node,
                 router=self.ros,

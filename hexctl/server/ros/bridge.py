@@ -26,7 +26,6 @@ from hexctl.wire.ros.motion_commands import (
     Called,
     RosCommand,
     Service,
-    Stopped,
     WantedJoints,
     WantedVelocity,
     decode_body_pose,
@@ -78,6 +77,8 @@ class RosBridge:
     """The node `hexctl` of a robot, on its own thread.
 
     Args:
+        inbox: takes the commands.
+        stop: stops the robot; called on the bridge's thread.
         router: address of the ROS router, `tcp/HOST:PORT`.
         settings: initial parameters; whether ROS may move the robot is one of them.
         insecure: whether the router may be on another computer.
@@ -89,6 +90,8 @@ class RosBridge:
         self,
         robot: Robot,
         node: RosNode,
+        inbox: Inbox,
+        stop: Callable[[], None],
         *,
         router: str,
         settings: RosSettings,
@@ -109,17 +112,11 @@ class RosBridge:
         )
         self._messages = RobotMessages(robot, described, node.full_name)
         self._states = Inbox()
-        self._inbox: Inbox | None = None
-        self._stop: Callable[[], None] = lambda: None
+        self._inbox, self._stop = inbox, stop
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
         self._connected = False
         self._trouble: str | None = None
-
-    def connect(self, inbox: Inbox, stop: Callable[[], None]) -> Self:
-        """Set the targets of commands, of which `stop` is called from any thread; `__enter__` starts."""
-        self._inbox, self._stop = inbox, stop
-        return self
 
     def __enter__(self) -> Self:
         """Start to look for the router, and publish once it is found."""
@@ -186,14 +183,12 @@ class RosBridge:
 
     def put(self, command: RosCommand) -> None:
         """Hand a command to the robot's thread."""
-        if self._inbox is not None:
-            self._inbox.put("ros", command)
+        self._inbox.put("ros", command)
 
     def stop(self) -> None:
-        """Stop the robot immediately, then notify its thread."""
+        """Stop the robot immediately; its next tick ends every motion."""
         self.counters.stops += 1
         self._stop()
-        self.put(Stopped())
 
 
 class _Commands:

@@ -23,7 +23,6 @@ from hexctl.wire.ros.motion_commands import (
     Called,
     RosCommand,
     Service,
-    Stopped,
     WantedJoints,
     WantedVelocity,
     decode_body_pose,
@@ -54,9 +53,6 @@ class Node:
     def __init__(self) -> None:
         self.live = LiveSettings(load_robot("ant"), RosSettings(ros_drive=True))
 
-    def connect(self, *_: object) -> "Node":
-        return self
-
     def offer(self, _: object) -> None:
         """Take a state."""
 
@@ -69,7 +65,7 @@ class RosBench(Bench):
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         node = Node()
-        super().__init__(monkeypatch, node)
+        super().__init__(monkeypatch, lambda *_: node)
         self.live = node.live
 
     def send(self, command: RosCommand) -> None:
@@ -154,7 +150,6 @@ def test_zeros_of_an_idle_planner_do_not_hold_the_robot(bench: RosBench) -> None
 def test_a_stop_ends_everything_until_it_is_cleared(bench: RosBench) -> None:
     bench.drive(STANDING_UP_TICKS + 20)
     bench.server._requests.stop_over_ros()
-    bench.send(Stopped())
     assert bench.moved(50, FORWARD) == 0
     assert bench.status()["stopped"] == "estop"
     success, why = bench.call(Service.STAND)
@@ -169,7 +164,6 @@ def test_a_stop_ends_everything_until_it_is_cleared(bench: RosBench) -> None:
 def test_ros_does_not_clear_the_stop_of_another_client_that_ended_its_walk(bench: RosBench) -> None:
     bench.drive(STANDING_UP_TICKS)
     bench.server._requests.urgent(b"")
-    bench.send(Stopped())
     assert bench.moved(50, FORWARD) == 0
     assert not bench.call(Service.CLEAR_STOP)[0]
     assert bench.status()["stopped"] == "estop"
