@@ -16,11 +16,11 @@ import hexctl
 from faults.programs.relay import Condition, Queue, UdpRelay
 from hexctl.client.remote import RemoteRobots, remote_robots
 from hexctl.client.stop_client import ReadyStop, clear_stop, estop
-from hexctl.client.stop_ways import Sighting
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session
 from tests.cli.terminals import OnTerminal
+from tests.client.test_stop_ways import free, seen
 from tests.server.processes import (
     Cable,
     Served,
@@ -142,11 +142,6 @@ def test_a_stop_that_is_ready_says_when_the_robot_is_out_of_reach_and_back(tmp_p
         assert "NOT REACHABLE" in str(ready.reach)
 
 
-def seen(at_s: float, stopped: str | None = "estop") -> Sighting:
-    """What a robot at rest says at a time."""
-    return Sighting(at_s=at_s, stopped=stopped, stop_id="00" * 8, at_rest=True, kept=True, robot="ant")
-
-
 @pytest.fixture
 def unheard() -> Iterator[ReadyStop]:
     """A stop without a robot: what it sees comes from the test."""
@@ -164,11 +159,11 @@ def test_what_one_way_sees_is_no_rest_while_the_other_sees_a_robot_that_is_not_s
     unheard._datagrams.obeyed = b"\0" * 8
     for later_s in (0.0, 0.3, 0.6):
         unheard._see("datagram", seen(now_s + later_s))
-    unheard._see("session", seen(now_s + 0.4, None))
+    unheard._see("session", free(now_s + 0.4))
     assert unheard._rested_since_s() is None, "of several robots one has not stopped"
     unheard._see("session", seen(now_s + 0.5))
     assert unheard._rested_since_s() == now_s
-    unheard._see("session", seen(now_s - 0.1, None))
+    unheard._see("session", free(now_s - 0.1))
     assert unheard._rested_since_s() == now_s, "asked for before the robot was at rest"
 
 

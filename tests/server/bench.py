@@ -12,6 +12,7 @@ from hexctl.server.server import RobotServer
 from hexctl.server.transport import Arrival, Transport
 from hexctl.wire.links import Link
 from hexctl.wire.pose import encode_pose
+from hexctl.wire.stop import Stop
 from hexctl.wire.zenoh_messages import CommandTag, StateTag, decode_positions, encode_positions
 from tests.control.posed import PosedMock
 
@@ -54,6 +55,11 @@ def spoiled(good: bytes, chance: random.Random) -> bytes:
         else:
             data[place : place + 4] = struct.pack("<I", chance.choice([0, 2**31, 2**32 - 1, 10**6]))
     return bytes(data)
+
+
+def stopped_for(reason: str | None) -> Stop | None:
+    """A stop in force for a reason, or None."""
+    return None if reason is None else Stop(stop_id="0" * 16, reason=reason, since_s=0.0)
 
 
 class Bench:

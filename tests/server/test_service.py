@@ -22,6 +22,7 @@ from hexctl.simulators.register_servos import BusServo
 from hexctl.types import RobotState
 from hexctl.wire.stop import Clear, Stop
 from tests.backends.bus.boards import a_map, bus_board
+from tests.server.bench import stopped_for
 from tests.server.processes import free_port
 
 
@@ -111,8 +112,7 @@ def snapshot(
 ) -> RobotSnapshot:
     """A robot that is stopped for a reason, or not."""
     state = RobotState(np.zeros(18), 0.0, True, fault=fault, warnings=warnings)
-    stop = None if stopped is None else Stop(stop_id="0" * 16, reason=stopped, since_s=0.0)
-    return RobotSnapshot(**{"state": state, "stop": stop, **more})
+    return RobotSnapshot(**{"state": state, "stop": stopped_for(stopped), **more})
 
 
 def lines_of(*notes: dict[str, Any], clear: str = "clear") -> list[str]:

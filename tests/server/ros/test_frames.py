@@ -21,9 +21,13 @@ ROLLED = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
 START = BodyPose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
 
 
+def walked() -> Driven:
+    return driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+
+
 @pytest.fixture(scope="module")
 def walk() -> Driven:
-    return driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+    return walked()
 
 
 def state(walk: Driven, index: int, at_s: float | None = None) -> RobotState:
@@ -91,13 +95,13 @@ class Walker:
     last: RobotSnapshot | None = None
 
     def true_pose(self) -> BodyPose:
-        walk = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+        walk = walked()
         x_m, y_m, yaw = walk.poses[self.index]
         return BodyPose(np.array([x_m, y_m, walk.height_m[self.index]]), product(about_z(yaw), LEAN))
 
     def next(self, pose: BodyPose | None, posed_at_s: float | None) -> dict[str, tuple[str, BodyPose]]:
         """Frames after one more state: parent and transform by child."""
-        walk = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+        walk = walked()
         state = RobotState(
             walk.joints_rad[self.index],
             walk.times_s[self.index],
@@ -252,7 +256,7 @@ def test_the_covariance_of_dead_reckoning_grows_and_covers_its_error(has_imu: bo
     for _ in range(100):
         walker.posed(walker.outside())
         found.append(errors(walker.messages.odometry(walker.last)))
-    way = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4))).poses[60:160, :2]
+    way = walked().poses[60:160, :2]
     moved_m = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
     assert (np.diff(found, axis=0) >= 0).all()
     assert 0.08 * moved_m < found[-1][0] < 0.3 * moved_m

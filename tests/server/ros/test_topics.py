@@ -19,7 +19,7 @@ from hexctl.wire.links import load_link
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.ros_names import RosNode
 from hexctl.wire.ros.telemetry import Level
-from hexctl.wire.stop import Stop
+from tests.server.bench import stopped_for
 from tests.wire.ros.decoding import decoded
 
 ROBOT = load_robot("ant")
@@ -105,8 +105,7 @@ STATE = RobotState(np.zeros(N_JOINTS), 0.0, True, servos=SERVOS, battery_v=11.1,
 
 
 def told(state: RobotState, stopped: str | None = None) -> RobotSnapshot:
-    stop = None if stopped is None else Stop(stop_id="0" * 16, reason=stopped, since_s=0.0)
-    return RobotSnapshot(state=state, stop=stop, posture="commanded", controller="me")
+    return RobotSnapshot(state=state, stop=stopped_for(stopped), posture="commanded", controller="me")
 
 
 def test_all_is_well() -> None:
