@@ -10,7 +10,6 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.errors import EStopError
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import MOST_CHANGES, RequestHandler
 from hexctl.server.stops.latch import StopLatch
@@ -154,32 +153,11 @@ def test_silence_is_lifted_by_a_new_lease_and_every_other_stop_is_not(
         assert guard.stopped == reason
 
 
-def test_a_stop_outweighs_silence_and_takes_the_lease_away(guard: Guard, desk: RequestHandler) -> None:
-    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
-    guard.stop("expired")
-    assert desk.estop(b"", 0.1)["stopped"] == "estop"
-    assert "error" in ask(desk, 0.1, op="renew", lease=lease)
-    assert "estop" in str(ask(desk, 0.1, op="acquire", owner="alice")["error"])
-
-
 def clear(desk: RequestHandler, *, after_s: float = HOLD_S) -> dict[str, object]:
     """Clear the stop in force by its id, a time after it was asked for."""
     stop = desk.latch.current()
     assert stop is not None
     return desk.estop(encode_json({"op": "clear", "id": stop.stop_id}), stop.since_s + after_s)
-
-
-def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: RequestHandler) -> None:
-    desk.urgent(encode_json({"op": "stop"}))
-    with pytest.raises(EStopError, match="estop"):
-        send(guard, guard.robot.stance_angles_rad)
-    desk.urgent(encode_json({"op": "clear"}))
-    assert guard.stopped == "estop"
-    assert "error" in desk.estop(encode_json({"op": "clear"}), time.monotonic() + 2)
-    assert "error" in clear(desk, after_s=0.5)
-    assert guard.stopped == "estop"
-    assert clear(desk) == {"stopped": None}
-    send(guard, guard.robot.stance_angles_rad)
 
 
 @pytest.mark.parametrize(

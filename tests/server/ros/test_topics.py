@@ -9,9 +9,9 @@ from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
-from hexctl.server.ros.router import ENDPOINT_BESIDE_ROUTER, link_beside_router, router_warnings
 from hexctl.server.ros.topics import TOPICS, RobotMessages, measured_ns, publisher_endpoint, statuses
 from hexctl.server.serve_options import ServeOptions
+from hexctl.server.service import ENDPOINT_BESIDE_ROUTER, link_beside_router, router_warnings
 from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import N_JOINTS, RobotState, ServoReadings
 from hexctl.wire import ros_cdr
