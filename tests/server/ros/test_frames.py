@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
-from hexctl.server.ros.frames import BodyPose, DeadReckoning
+from hexctl.server.ros.frames import DeadReckoning, FramePose
 from hexctl.server.ros.topics import RobotMessages
 from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import FloatArray, RobotState
@@ -18,7 +18,7 @@ from tests.robots import shipped
 from tests.wire.ros.decoding import decoded
 
 ROLLED = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
-START = BodyPose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
+START = FramePose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
 
 
 def walked() -> Driven:
@@ -94,12 +94,12 @@ class Walker:
     has_imu: bool = True
     last: RobotSnapshot | None = None
 
-    def true_pose(self) -> BodyPose:
+    def true_pose(self) -> FramePose:
         walk = walked()
         x_m, y_m, yaw = walk.poses[self.index]
-        return BodyPose(np.array([x_m, y_m, walk.height_m[self.index]]), product(about_z(yaw), LEAN))
+        return FramePose(np.array([x_m, y_m, walk.height_m[self.index]]), product(about_z(yaw), LEAN))
 
-    def next(self, pose: BodyPose | None, posed_at_s: float | None) -> dict[str, tuple[str, BodyPose]]:
+    def next(self, pose: FramePose | None, posed_at_s: float | None) -> dict[str, tuple[str, FramePose]]:
         """Frames after one more state: parent and transform by child."""
         walk = walked()
         state = RobotState(
@@ -115,39 +115,39 @@ class Walker:
         self.messages.follow(self.last, wanted=True)
         return frames(self.messages.moving_frames(self.last))
 
-    def own(self) -> dict[str, tuple[str, BodyPose]]:
+    def own(self) -> dict[str, tuple[str, FramePose]]:
         """Frames after a state with a pose of the robot's own."""
         return self.next(self.true_pose(), None)
 
-    def outside(self, jump_m: FloatArray | float = 0.0, *, level: bool = False) -> BodyPose:
+    def outside(self, jump_m: FloatArray | float = 0.0, *, level: bool = False) -> FramePose:
         true = self.true_pose()
         quaternion = about_z(float(yaw_rad(true.quaternion))) if level else true.quaternion
-        return BodyPose(SHIFT_M + turned(TURN, true.position_m) + jump_m, product(TURN, quaternion))
+        return FramePose(SHIFT_M + turned(TURN, true.position_m) + jump_m, product(TURN, quaternion))
 
-    def posed(self, pose: BodyPose | None) -> dict[str, tuple[str, BodyPose]]:
+    def posed(self, pose: FramePose | None) -> dict[str, tuple[str, FramePose]]:
         """Frames after a state with a pose from outside that is new, or lost for None."""
         at_s = self.last.posed_at_s if pose is None and self.last is not None else float(self.index)
         return self.next(pose, at_s)
 
 
-def frames(payload: bytes) -> dict[str, tuple[str, BodyPose]]:
+def frames(payload: bytes) -> dict[str, tuple[str, FramePose]]:
     found = {}
     for one in decoded(telemetry.TRANSFORMS, payload).transforms:
         at, turn = one.transform.translation, one.transform.rotation
-        pose = BodyPose(np.array([at.x, at.y, at.z]), np.array([turn.w, turn.x, turn.y, turn.z]))
+        pose = FramePose(np.array([at.x, at.y, at.z]), np.array([turn.w, turn.x, turn.y, turn.z]))
         found[one.child_frame_id] = (one.header.frame_id, pose)
     return found
 
 
-def in_map(found: dict[str, tuple[str, BodyPose]]) -> BodyPose:
+def in_map(found: dict[str, tuple[str, FramePose]]) -> FramePose:
     """Pose of `base_link` in `map`."""
     (of_odom, odom), (of_body, body) = found["odom"], found["base_link"]
     assert (of_odom, of_body) == ("map", "odom")
     quaternion = product(odom.quaternion, body.quaternion)
-    return BodyPose(odom.position_m + turned(odom.quaternion, body.position_m), quaternion)
+    return FramePose(odom.position_m + turned(odom.quaternion, body.position_m), quaternion)
 
 
-def same(one: BodyPose, other: BodyPose) -> None:
+def same(one: FramePose, other: FramePose) -> None:
     np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-6)
     assert abs(one.quaternion @ other.quaternion) == pytest.approx(1.0, abs=1e-12)
 
