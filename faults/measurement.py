@@ -11,7 +11,7 @@ from faults.phase import PHASES
 from faults.programs.truth import Truth
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.guard import FALL_COS_TILT, FALL_TICKS
-from hexctl.server.rest_watch import STILL_RAD, STILL_S
+from hexctl.server.idle import STILL_RAD, STILL_S
 from hexctl.types import FloatArray
 
 #: Control periods in which a joint has to stay where it is, to be at rest as `hexctl estop` has it.

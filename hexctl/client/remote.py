@@ -8,7 +8,7 @@ from typing import Any
 import zenoh
 
 from hexctl.backends.zenoh.zenoh_client import ask, ask_until, owner_name
-from hexctl.client.clear_keys import NewClaim, forget, keys_for
+from hexctl.client.clear_keys import forget, keys_for
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
 from hexctl.wire.description import RobotIdentity, check_may_command, robot_name, status_of
@@ -35,16 +35,12 @@ class RemoteRobots:
         """Status of each robot, even while it starts; raises RobotFaultError without any."""
         return [status_of(answer) for answer in self._ask(self._keys.describe)]
 
-    def stop(self, request: str | None = None) -> list[dict[str, Any]]:
+    def stop(self, request: str) -> list[dict[str, Any]]:
         """Stop every robot; `stopped` of each answer is its reason.
 
-        A named request is one stop, however often it is repeated. An unnamed one is claimed by this user.
+        The request is one stop, however often it is repeated, and claims it.
         Raises RobotFaultError unless at least one robot answers and all that answer have stopped.
         """
-        if request is None:
-            claimed = NewClaim()
-            claimed.keep()
-            request = claimed.claim
         answers = self._ask(self._keys.estop, {"op": "stop", "owner": owner_name(), "request": request})
         for answer in answers:
             if answer.get("stopped") is None:

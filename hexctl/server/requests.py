@@ -23,6 +23,7 @@ from hexctl.wire.stop import (
     LIFTED_BY_LEASE,
     MAX_BY,
     MOST_CLAIMS,
+    OVER_ROS,
     UNNAMED,
     Stop,
     claim_of,
@@ -132,19 +133,21 @@ class RequestHandler:
         self.ros_key = new_clear_key()
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
 
-    def urgent(self, payload: bytes, *, by: str | None = None, clear_key: str | None = None) -> None:
+    def stop_over_ros(self) -> None:
+        """Stop the robot with a claim that ROS can prove. Thread-safe."""
+        self.latch.stop(by=OVER_ROS, claim=claim_of(self.ros_key))
+
+    def urgent(self, payload: bytes) -> None:
         """Stop the robot unless a payload at `estop` asks for a clear. Thread-safe.
 
-        A malformed payload stops too: a client that writes there wants to stop. `by` and `clear_key` replace
-        missing ones in the payload.
+        A malformed payload stops too: a client that writes there wants to stop.
         """
         try:
             wanted = _read_stop(payload)
         except MessageError:
             wanted = StopRequest(op="stop")
         if wanted.op == "stop":
-            claim = None if clear_key is None else claim_of(clear_key)
-            self.latch.stop(wanted.request, by=by or wanted.owner, claim=claim)
+            self.latch.stop(wanted.request, by=wanted.owner)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `estop`, which `urgent` has seen: why the robot is stopped now.

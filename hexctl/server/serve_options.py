@@ -27,6 +27,9 @@ ROS_DOMAIN = Range(low=0, high=MAX_DOMAIN, whole=True)
 
 ROS, CONNECTION = Panel("ROS"), Panel("Connection")
 
+#: Router of ROS nodes on their computer.
+DEFAULT_ROUTER = "tcp/localhost:7447"
+
 #: Options that only a node of ROS 2 uses.
 OF_ROS = ("ros_domain", "ros_namespace", "ros_drive", "ros_humble")
 

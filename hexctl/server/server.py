@@ -12,25 +12,22 @@ from hexctl.backends.clock import SPARE_S, STANDSTILL_S, Standstill
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.robot.rotations import xyzw
-from hexctl.server.commands import CommandHandler
-from hexctl.server.event_log import Conditions, EventLog
-from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor
-from hexctl.server.inbox import MOST_WAITING, Arrival, Inbox
-from hexctl.server.leases import LeaseManager
+from hexctl.server.event_log import EventLog
+from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor, RestWatch
+from hexctl.server.leases import CommandHandler, LeaseManager
 from hexctl.server.requests import RequestHandler
-from hexctl.server.rest_watch import RestWatch
-from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.served_servos import ServedServos
-from hexctl.server.served_transport import Transport, attachment_of, payload_of
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.server.stops.latch import StopLatch
 from hexctl.server.stops.stop_file import StopFile
 from hexctl.server.stops.stop_socket import StopSocket
+from hexctl.server.transport import MOST_WAITING, Arrival, Inbox, Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import CLEAR_COMMAND, Link
 from hexctl.wire.pose import decode_estimate, encode_pose
 from hexctl.wire.ros import telemetry
-from hexctl.wire.stop import ESTOP, OVER_ROS
+from hexctl.wire.stop import ESTOP
 from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 
 if TYPE_CHECKING:
@@ -63,7 +60,7 @@ class RobotServer:
         sit_after_s: float = SIT_AFTER_S,
         on_event: Callable[[str], None] = lambda _: None,
         keeper: "Keeper | None" = None,
-        ros: "RosBridge | None" = None,
+        ros: "Callable[[Inbox, Callable[[], None]], RosBridge] | None" = None,
         stop_file: StopFile | None = None,
         clear: str = CLEAR_COMMAND,
     ) -> None:
@@ -74,7 +71,7 @@ class RobotServer:
             simulated: `world` and `failure` of a simulation, for the status; None for a real robot.
             on_event: takes a line for each change of controller, stop and posture, on the event log's thread.
             keeper: told in every control period that this server lives.
-            ros: node in ROS 2, not started.
+            ros: makes the node in ROS 2, from where its commands go and how it stops the robot.
             clear: command that ends a stop, for the events.
         """
         self._servos = ServedServos(servos)
@@ -98,15 +95,17 @@ class RobotServer:
             link, servos.robot.name, self._inbox, self._requests.urgent, self._admits_command
         )
         self._description = describe(servos.robot)
-        self._who = RobotIdentity.of_this_process(servos.robot.name, backend).to_json()
+        self._who = asdict(RobotIdentity.of_this_process(servos.robot.name, backend))
         self._state: RobotState | None = None
         self._sequence = self._ticks = 0
         self._good_until_s: float | None = None
         self._standstill: Standstill | None = None
         self._ticked_s = math.inf
         self._malformed_poses = 0
-        self._ros = None if ros is None else ros.connect(self._inbox, self._stop_over_ros)
-        self._driver = None if ros is None or not ros.drive else self._made_driver(ros.live)
+        self._ros = None if ros is None else ros(self._inbox, self._requests.stop_over_ros)
+        self._driver: RosDriver | None = None
+        if self._ros is not None and self._ros.drive:
+            self._driver = self._made_driver(self._ros.live)
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until `until` returns True; `ready` is called once clients can connect.
@@ -128,9 +127,6 @@ class RobotServer:
         finally:
             self._event_log.close()
             self._latch.close()
-
-    def _stop_over_ros(self) -> None:
-        self._requests.urgent(b"", by=OVER_ROS, clear_key=self._requests.ros_key)
 
     def _note_end(self) -> None:
         if self._state is not None:
@@ -180,8 +176,6 @@ class RobotServer:
             self._execute(payload_of(item), attachment_of(item), arrival.at_s)
         elif arrival.kind == "ros" and self._driver is not None:
             self._driver.obey(item, arrival.at_s)
-        elif arrival.kind == "ros":  # without driving, ROS sends only stops
-            self._requests.estop(b"", arrival.at_s)
         elif arrival.kind == "pose":
             self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
@@ -210,9 +204,8 @@ class RobotServer:
     def _execute(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
         now_s = self._time.now()
         lease = self._leases.holder(now_s)
-        try:
-            checked = self._commands.check(payload, attachment, lease, at_s)
-        except (MessageError, CommandRefusedError):
+        checked = self._commands.check(payload, attachment, lease, at_s)
+        if checked is None:
             return
         if now_s - at_s > checked.good_for_s:  # it waited in the inbox while this thread was busy
             self._commands.counters.late += 1
@@ -276,8 +269,10 @@ class RobotServer:
         self._idle.tick(self._guard.clock.now_s)
         self._publish_served_poses()
         self._publish(state)
-        self._offer(state)
-        self._log_changes(state)
+        snapshot = self._snapshot(state)
+        if self._ros is not None:
+            self._ros.offer(snapshot)
+        self._event_log.note(snapshot)
         if self._ticks % STATUS_TICKS == 0:
             self._publish_status()
         if self._ticks % BATTERY_TICKS == 0:
@@ -298,22 +293,6 @@ class RobotServer:
             self._good_until_s = None
         if self._guard.stopped == "expired":
             self._leases.revoke()
-
-    def _log_changes(self, state: RobotState) -> None:
-        self._event_log.note(
-            Conditions(
-                controller=self._controller,
-                stopped=self._guard.stopped,
-                stop=self._latch.current(),
-                cleared=self._latch.cleared,
-                posture=self._posture,
-                fault=state.fault,
-                warnings=state.warnings,
-                ros=None if self._ros is None else self._ros.condition,
-                doubt=self._guard.positions.doubt(self._guard.clock.now_s),
-                standstill=self._standstill,
-            )
-        )
 
     @property
     def _controller(self) -> str | None:
@@ -346,18 +325,18 @@ class RobotServer:
         if simulation is not None and (truth := simulation.true_pose) is not None:
             self._transport.publish("truth", encode_pose(*truth, stamp_ns=stamp_ns))
 
-    def _offer(self, state: RobotState) -> None:
-        if self._ros is None:
-            return
-        self._ros.offer(
-            RobotSnapshot(
-                state,
-                orientation=self._servos.own_orientation,
-                stopped=self._guard.stopped,
-                posture=self._posture,
-                controller=self._controller,
-                posed_at_s=self._servos.posed_at_s,
-            )
+    def _snapshot(self, state: RobotState) -> RobotSnapshot:
+        return RobotSnapshot(
+            state=state,
+            orientation=self._servos.own_orientation,
+            posed_at_s=self._servos.posed_at_s,
+            posture=self._posture,
+            controller=self._controller,
+            stop=self._latch.current(),
+            cleared=self._latch.cleared,
+            ros=None if self._ros is None else self._ros.condition,
+            doubt=self._guard.positions.doubt(self._guard.clock.now_s),
+            standstill=self._standstill,
         )
 
     def _publish_status(self) -> None:

@@ -3,7 +3,8 @@
 import resource
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,9 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.ticked_servos import PortServos
+from hexctl.errors import InputError, argument
 from hexctl.options import check_names
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
-from hexctl.server.ros.router import link_beside_router, router_warnings
 from hexctl.server.serve_options import ServeOptions
 from hexctl.server.server import RobotServer
 from hexctl.server.stops.stop_file import StopFile
@@ -33,6 +34,9 @@ STILL_HOLDS = "the robot holds its pose; its servos keep their torque"
 #: Last line if the servos could not be reached.
 NOT_KNOWN = "its servos cannot be reached, and what they do is not known: use the switch of their supply"
 
+
+#: Endpoint of a robot when the ROS router of its computer has the default port.
+ENDPOINT_BESIDE_ROUTER = "tcp/127.0.0.1:7448"
 
 #: Open files of a server; each connection needs one.
 MOST_DESCRIPTORS = 65_536
@@ -134,7 +138,8 @@ class RobotService(ServeOptions):
             from hexctl.server.ros.bridge import RosBridge
             from hexctl.server.ros.settings import RosSettings
 
-            bridge = RosBridge(
+            bridge = partial(
+                RosBridge,
                 servos.robot,
                 self.ros_node,
                 router=self.ros,
@@ -187,6 +192,30 @@ class RobotService(ServeOptions):
 def _clear_command(link: Link) -> str:
     reached = link.credentials is None and not Endpoint.parse(link.endpoint).is_everywhere
     return link.clear_command if reached else CLEAR_COMMAND
+
+
+def link_beside_router(link: Link, router: str) -> Link:
+    """Link that leaves the router its port; raises InputError if the options name that port."""
+    own, ros = Endpoint.parse(link.endpoint), Endpoint.parse(router)
+    here = ros.is_loopback and (own.is_loopback or own.is_everywhere)
+    if own.port != ros.port or not here:
+        return link
+    if link.named:
+        raise InputError(
+            f"{argument('listen')}: got {link.endpoint}, where {argument('ros')} expects the ROS router; "
+            f"allowed: another port, such as {ENDPOINT_BESIDE_ROUTER}"
+        )
+    return replace(link, endpoint=ENDPOINT_BESIDE_ROUTER, named=True)
+
+
+def router_warnings(link: Link, router: str, *, drive: bool) -> tuple[str, ...]:
+    """Warnings for the operator before anything moves; `drive` is whether ROS may move the robot."""
+    beside = f"its usual port is left to the ROS router: clients need --connect {link.endpoint}"
+    who = f"whoever reaches the ROS router at {router}"
+    may = f"{who} may stop this robot; what would move it is not taken without --ros-drive"
+    if drive:
+        may = f"{who} may drive this robot (--ros-drive): ROS asks for no password"
+    return (*((beside,) if link.endpoint == ENDPOINT_BESIDE_ROUTER else ()), may)
 
 
 def _raise_descriptor_limit() -> None:

@@ -20,6 +20,7 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.wire.description import robot_of
 from hexctl.wire.links import ANY_ROBOT, KeyMap, Link, Role
 from hexctl.wire.pose import decode_orientation, encode_pose
+from hexctl.wire.transit_delay import TransitDelay
 from hexctl.wire.zenoh_messages import StateTag, decode_joints
 from hexctl.wire.zenoh_session import open_session
 
@@ -30,27 +31,8 @@ MOST_STATES = 500
 STALE_YAW_S = 0.1
 
 
-#: Messages whose delay is compared; a delay that differs by more is that of another clock.
-COMPARED, OTHER_CLOCK_S = 500, 1.0
-
-
-class SenderClock:
-    """When messages were sent, on the clock of this computer: as if all came as fast as the fastest of late.
-
-    On a busy computer messages wait and come in bursts; by their times of arrival a robot would stand still
-    and leap.
-    """
-
-    def __init__(self) -> None:
-        self._offsets_s: deque[float] = deque(maxlen=COMPARED)
-
-    def sent_s(self, stamp_s: float, arrived_s: float) -> float:
-        """Time of sending by the sender's stamp, on its own clock, and the time of arrival here."""
-        offset_s = arrived_s - stamp_s
-        if self._offsets_s and abs(offset_s - min(self._offsets_s)) > OTHER_CLOCK_S:
-            self._offsets_s.clear()  # the sender was started again
-        self._offsets_s.append(offset_s)
-        return stamp_s + min(self._offsets_s)
+#: A state that is late by more is of a robot that was started again, with another clock.
+OTHER_CLOCK_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +59,7 @@ class RobotLink:
         self.robot, self._plain = robot, plain
         self._states: deque[LegState] = deque(maxlen=MOST_STATES)
         self._yaw: tuple[float, float] | None = None
-        self._clock = SenderClock()
+        self._transit = TransitDelay(OTHER_CLOCK_S)
         for kind, take in (("imu", self._take_yaw), ("joint_states", self._take_state)):
             session.declare_subscriber(getattr(keys, kind), partial(self._guarded, take))
         self._publisher = session.declare_publisher(
@@ -118,7 +100,8 @@ class RobotLink:
         if not self._plain:
             tag = StateTag.unpacked(b"" if sample.attachment is None else bytes(sample.attachment))
             contacts = tag.contacts
-            at_s = self._clock.sent_s(tag.stamp_ns / 1e9, now_s) - tag.age_us / 1e6
+            # As if all came as fast as the fastest: by the times of arrival a robot would stand and leap.
+            at_s = now_s - self._transit.delay_s(tag.stamp_ns / 1e9, now_s) - tag.age_us / 1e6
         known = self._yaw is not None and now_s - self._yaw[0] <= STALE_YAW_S
         yaw = self._yaw[1] if known and self._yaw is not None else None
         self._states.append(LegState(at_s, joint_positions_rad, contacts, yaw))

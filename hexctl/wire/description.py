@@ -6,7 +6,7 @@ import pwd
 import re
 import socket
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from hexctl.errors import InputError, MessageError, RobotFaultError, argument, printable_parts, shown
@@ -57,10 +57,6 @@ class RobotIdentity:
             user=text("user"),
             pid=pid if isinstance(pid, int) else None,
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """All fields, as JSON values."""
-        return asdict(self)
 
     @property
     def is_ours(self) -> bool:

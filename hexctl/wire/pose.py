@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.errors import InputError, MessageError, argument
+from hexctl.errors import MessageError
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
@@ -86,8 +86,6 @@ def encode_pose(
         yaw_variance_rad2: of an orientation whose roll and pitch are not measured; None if all are.
         covariance: of a pose with both halves, (36,), in place of the variances.
         stamp_ns: nanoseconds since 1970; now unless given.
-
-    Raises InputError for a variance of an unmeasured half (`MOST_VARIANCE`).
     """
     positioned, oriented = position_world is not None, quaternion_world is not None
     if covariance is not None and positioned and oriented:
@@ -108,9 +106,6 @@ def encode_pose(
 
 def _variances(positioned: bool, oriented: bool, position_m2: float, yaw_rad2: float | None) -> FloatArray:
     """Covariance (36,) of a pose, row by row."""
-    for name, variance in (("position_variance_m2", position_m2), ("yaw_variance_rad2", yaw_rad2 or 0.0)):
-        if not 0 <= variance <= MOST_VARIANCE:  # true for nan too
-            raise InputError(f"{argument(name)}: got {variance:g}; allowed: 0 to {MOST_VARIANCE:g}")
     covariance = np.zeros(36)
     covariance[[*_OF_POSITION]] = position_m2 if positioned else UNKNOWN_VARIANCE
     if yaw_rad2 is not None or not oriented:

@@ -85,8 +85,8 @@ class StopDatagram:
             self.nonce,
             self.request,
             self.stop_id,
-            _shortened(self.reason, REASON_BYTES),
-            _cut(self.robot, ROBOT_BYTES),
+            _fitted(self.reason, REASON_BYTES, "…"),
+            _fitted(self.robot, ROBOT_BYTES),
         )
         return content + _mac(secret, content)
 
@@ -134,21 +134,12 @@ def _keyed(secret: bytes) -> hmac.HMAC:
     return hmac.new(secret, digestmod=hashlib.sha256)
 
 
-def _shortened(text: str, most: int) -> bytes:
-    data = _encoded(text)
+def _fitted(text: str, most: int, mark: str = "") -> bytes:
+    """UTF-8, with `?` for lone surrogates; a text that is cut ends with the mark."""
+    data, end = text.encode(errors="replace"), mark.encode()
     if len(data) <= most:
         return data
-    mark = "…".encode()
-    return _cut(text, most - len(mark)) + mark
-
-
-def _cut(text: str, most: int) -> bytes:
-    return _encoded(text)[:most].decode(errors="ignore").encode()
-
-
-def _encoded(text: str) -> bytes:
-    """UTF-8, with `?` for characters that it lacks, such as lone surrogates."""
-    return text.encode(errors="replace")
+    return data[: most - len(end)].decode(errors="ignore").encode() + end
 
 
 def _text(data: bytes) -> str:

@@ -8,7 +8,7 @@ import struct
 import time
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,9 +40,8 @@ CUT = "..."
 SERVER_ENDED = "hexctl serve has ended"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CommandTag:
-    """Attachment of a command.
+class CommandTag(NamedTuple):
+    """Attachment of a command, in the order of its bytes.
 
     Attributes:
         sequence: counts the commands of a lease from 1.
@@ -59,15 +58,7 @@ class CommandTag:
 
     def packed(self) -> bytes:
         """Attachment, 45 bytes."""
-        return _COMMAND.pack(
-            _COMMAND_MAGIC,
-            PROTOCOL_VERSION,
-            self.sequence,
-            self.stamp_ns,
-            self.time_to_live_ms,
-            self.lease_id,
-            self.lease_sequence,
-        )
+        return _COMMAND.pack(_COMMAND_MAGIC, PROTOCOL_VERSION, *self)
 
     @staticmethod
     def lease_in(attachment: bytes | None) -> tuple[bytes, int] | None:
@@ -80,15 +71,9 @@ class CommandTag:
     @classmethod
     def unpacked(cls, attachment: bytes) -> "CommandTag":
         """Tag of an attachment; raises MessageError for anything else."""
-        magic, version, sequence, stamp_ns, ttl_ms, lease_id, lease_sequence = _unpacked(_COMMAND, attachment)
+        magic, version, *values = _unpacked(_COMMAND, attachment)
         _check(magic, _COMMAND_MAGIC, version)
-        return cls(
-            sequence=sequence,
-            stamp_ns=stamp_ns,
-            time_to_live_ms=ttl_ms,
-            lease_id=lease_id,
-            lease_sequence=lease_sequence,
-        )
+        return cls(*values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,10 +1,11 @@
 """Stopping from anywhere, and robots on a link seen from outside: real processes."""
 
 import os
+import random
 import re
+import select
 import signal
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,13 +13,14 @@ from pathlib import Path
 import pytest
 
 import hexctl
-from hexctl.client.datagram_stop import Sighting
+from faults.programs.relay import Condition, Queue, UdpRelay
 from hexctl.client.remote import RemoteRobots, remote_robots
 from hexctl.client.stop_client import ReadyStop, clear_stop, estop
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session
 from tests.cli.terminals import OnTerminal
+from tests.client.test_stop_ways import free, seen
 from tests.server.processes import (
     Cable,
     Served,
@@ -30,6 +32,7 @@ from tests.server.processes import (
 )
 from tests.server.processes import hexctl as hexctl_command
 from tests.server.test_link_faults import STILL_ON_A_BUSY_MACHINE_S, stopped, wait_for_motion
+from tests.server.test_lockout import repeated
 
 pytestmark = pytest.mark.realtime
 
@@ -60,10 +63,6 @@ def rests(robot: Served, since_s: float) -> bool:
     return robot.log().moved_after(since_s) <= STILL_ON_A_BUSY_MACHINE_S
 
 
-def port_of(robot: Served) -> int:
-    return int(robot.endpoint.rpartition(":")[2])
-
-
 def test_both_ways_confirm_one_stop_that_is_cleared_by_its_id(walking: Served) -> None:
     at_s = time.monotonic()
     result = hexctl.estop(connect=walking.endpoint)
@@ -75,7 +74,7 @@ def test_both_ways_confirm_one_stop_that_is_cleared_by_its_id(walking: Served) -
     status = walking.status()
     assert status["stop"]["id"] == result.stop_id
     assert status["at_rest"] is True
-    assert status["stop_port"] == port_of(walking)
+    assert status["stop_port"] == walking.port
     (cleared,) = clear_stop(connect=walking.endpoint)
     assert cleared["stopped"] is None
     assert cleared["cleared"]["id"] == result.stop_id
@@ -93,10 +92,18 @@ def test_a_session_stops_where_no_datagram_comes_through(walking: Served) -> Non
 
 
 def test_a_datagram_stops_where_no_session_comes_through(walking: Served) -> None:
-    with UdpRelay(port_of(walking)) as relay:
+    relay = UdpRelay(walking.port, Queue(Condition(), random.Random()))
+
+    def pass_on() -> None:
+        for ready in select.select(relay.sockets(), [], [], 0.05)[0]:
+            relay.come(ready)
+
+    with repeated(pass_on, 0.0):
         at_s = time.monotonic()
-        result = estop(connect=f"tcp/127.0.0.1:{relay.port}")
+        result = estop(connect=f"tcp/127.0.0.1:{relay.number}")
         assert rests(walking, at_s)
+    for one in relay.sockets():
+        one.close()
     assert result.ways == ("datagram",)
     assert result.answers == ()
 
@@ -135,11 +142,6 @@ def test_a_stop_that_is_ready_says_when_the_robot_is_out_of_reach_and_back(tmp_p
         assert "NOT REACHABLE" in str(ready.reach)
 
 
-def seen(at_s: float, stopped: str | None = "estop") -> Sighting:
-    """What a robot at rest says at a time."""
-    return Sighting(at_s=at_s, stopped=stopped, stop_id="00" * 8, at_rest=True, kept=True, robot="ant")
-
-
 @pytest.fixture
 def unheard() -> Iterator[ReadyStop]:
     """A stop without a robot: what it sees comes from the test."""
@@ -157,11 +159,11 @@ def test_what_one_way_sees_is_no_rest_while_the_other_sees_a_robot_that_is_not_s
     unheard._datagrams.obeyed = b"\0" * 8
     for later_s in (0.0, 0.3, 0.6):
         unheard._see("datagram", seen(now_s + later_s))
-    unheard._see("session", seen(now_s + 0.4, None))
+    unheard._see("session", free(now_s + 0.4))
     assert unheard._rested_since_s() is None, "of several robots one has not stopped"
     unheard._see("session", seen(now_s + 0.5))
     assert unheard._rested_since_s() == now_s
-    unheard._see("session", seen(now_s - 0.1, None))
+    unheard._see("session", free(now_s - 0.1))
     assert unheard._rested_since_s() == now_s, "asked for before the robot was at rest"
 
 
@@ -216,40 +218,6 @@ def test_one_key_stops_and_so_does_a_terminal_that_goes(walking: Served, tmp_pat
         terminal.end()
 
 
-class UdpRelay:
-    """Passes datagrams to a port of this computer and back, and no connections."""
-
-    def __init__(self, port: int) -> None:
-        self._to = ("127.0.0.1", port)
-        self._ended = False
-        self._front = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._front.bind(("127.0.0.1", 0))
-        self._back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.port = int(self._front.getsockname()[1])
-
-    def __enter__(self) -> "UdpRelay":
-        self._back.settimeout(0.05)
-        self._front.settimeout(0.05)
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ended = True
-        self._thread.join()
-        self._front.close()
-        self._back.close()
-
-    def _run(self) -> None:
-        while not self._ended:
-            try:
-                data, sender = self._front.recvfrom(2000)
-                self._back.sendto(data, self._to)
-                self._front.sendto(self._back.recv(2000), sender)
-            except TimeoutError:
-                continue
-
-
 def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_name(
     walking: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -257,27 +225,12 @@ def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_na
     by_default = Link(endpoint=walking.endpoint, named=False)
     with open_session(by_default, Role.CONTROLLER, KeyMap.of("*")) as session:
         robots = RemoteRobots(session, by_default)
-        assert [answer["stopped"] for answer in robots.stop()] == ["estop"]
+        assert [answer["stopped"] for answer in robots.stop("mine")] == ["estop"]
         with pytest.raises(InputError, match="name it"):
             robots.clear()
         assert robots.await_statuses()[0]["stopped"] == "estop"
     with remote_robots(Link(endpoint=walking.endpoint), Role.CONTROLLER) as named:
         assert [answer["stopped"] for answer in named.clear()] == [None]
-
-
-class SilentSession:
-    """A session on which no robot answers."""
-
-    def get(self, *_args: object, **_options: object) -> list[object]:
-        return []
-
-
-def test_silence_is_an_error_with_the_endpoint(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexctl.client.remote.ANSWER_TIMEOUT_S", 0.1)
-    robots = RemoteRobots(SilentSession(), Link(endpoint="tcp/127.0.0.1:9"))  # type: ignore[arg-type]
-    for ask in (robots.await_statuses, robots.stop, robots.clear):
-        with pytest.raises(RobotFaultError, match=r"tcp/127\.0\.0\.1:9"):
-            ask()
 
 
 def test_commands_say_which_robot_answered_and_a_real_robot_lets_no_leg_fail(walking: Served) -> None:

@@ -14,9 +14,8 @@ from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S
 from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S
 from hexctl.control.telemetry_watch import BATTERY_S, LASTS_S
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
-from hexctl.server.idle import SIT_AFTER_S
+from hexctl.server.idle import SIT_AFTER_S, STILL_S
 from hexctl.server.leases import LEASE_S
-from hexctl.server.rest_watch import STILL_S
 from hexctl.simulators.servo_board import FREE_AFTER_S, RELEASE_AFTER_S, RESUME_AFTER_S
 from hexctl.types import TOO_HOT_C
 from hexctl.wire.certificates import CertificateOptions

@@ -141,6 +141,11 @@ class Served(Program):
     log_path: Path = field(default_factory=Path)
     keys: Path | None = None
 
+    @property
+    def port(self) -> int:
+        """Where it listens for sessions and for datagrams."""
+        return int(self.endpoint.rpartition(":")[2])
+
     def log(self) -> ServoLog:
         """Targets written to its servos so far."""
         return ServoLog.read(self.log_path)

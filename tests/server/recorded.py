@@ -14,32 +14,20 @@ from hexctl.types import FloatArray, JointTargets
 
 VARIABLE = "HEXCTL_TEST_SERVO_LOG"
 
-JUMP_VARIABLE = "HEXCTL_TEST_JUMP_S"
-JUMP_AT = 50
-
 _ROW = struct.Struct("<dB18d")
 _WRITE, _RELAX = 0, 1
 
 
 class RecordedServos(MockServos):
-    """A mock robot that appends every write and every relaxing to a file, with the time.
-
-    With $HEXCTL_TEST_JUMP_S the wall's clock of its process jumps by so much at the 50th write.
-    """
+    """A mock robot that appends every write and every relaxing to a file, with the time."""
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self._writes = 0
-        self._jump_ns = round(float(os.environ.get(JUMP_VARIABLE, "0")) * 1e9)
         self._log = open(os.environ[VARIABLE], "ab", buffering=0)  # noqa: SIM115  for as long as it lives
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Take the targets over and write them down."""
         sent = super().write(targets)
-        self._writes += 1
-        if self._writes == JUMP_AT and self._jump_ns:
-            wall = time.time_ns
-            time.time_ns = lambda: wall() + self._jump_ns
         self._log.write(_ROW.pack(time.monotonic(), _WRITE, *sent.joint_positions_rad))
         return sent
 

@@ -1,10 +1,8 @@
 """A controller that sways all joints until it is stopped: `-m tests.server.swaying ENDPOINT [OPTION ...]`.
 
-Options: `loss=SHARE` and `reorder=SHARE` of the commands; `jump=SECONDS` of the wall's clock after a second;
-`again=1` to take a new lease whenever one is lost, over one session; `keys=FOLDER` of certificates.
+Options: `again=1` to take a new lease whenever one is lost, over one session; `keys=FOLDER` of certificates.
 """
 
-import random
 import sys
 import time
 from pathlib import Path
@@ -25,27 +23,6 @@ from tests.robots import shipped
 
 SWAY_RAD = 0.25
 SWAY_HZ = 0.8
-
-
-class LossyPublisher:
-    """Loses some commands and lets some be overtaken by the next one."""
-
-    def __init__(self, publisher: Any, *, loss: float, reorder: float) -> None:
-        self._publisher, self._loss, self._reorder = publisher, loss, reorder
-        self._held: tuple[bytes, bytes] | None = None
-        self._random = random.Random(1)
-
-    def put(self, payload: bytes, *, attachment: bytes) -> None:
-        """Send a command, or not, or after the next."""
-        if self._random.random() < self._loss:
-            return
-        if self._held is None and self._random.random() < self._reorder:
-            self._held = (payload, attachment)
-            return
-        self._publisher.put(payload, attachment=attachment)
-        if self._held is not None:
-            self._publisher.put(self._held[0], attachment=self._held[1])
-            self._held = None
 
 
 class LentSession:
@@ -110,36 +87,25 @@ def control(endpoint: str, given: dict[str, str]) -> int:
     servos = ZenohServos(shipped(), link=link_of(endpoint, given))
     try:
         with Guard(servos) as guard:
-            if "loss" in given or "reorder" in given:
-                lossy: Any = LossyPublisher(
-                    servos._publisher,
-                    loss=float(given.get("loss", 0)),
-                    reorder=float(given.get("reorder", 0)),
-                )
-                servos._publisher = lossy
-            sway(guard, float(given.get("jump", 0)))
+            sway(guard)
     except HexctlError as error:
         say(f"ended: {type(error).__name__}: {error}")
         return 3
     return 0
 
 
-def sway(guard: Guard, jump_s: float) -> None:
+def sway(guard: Guard) -> None:
     """Command a slow wave, and say when the joints move."""
-    robot, wall = guard.robot, time.time_ns
     step = 0
     while True:
         guard.clock.tick()
         guard.read()
         angle = SWAY_RAD * np.sin(2 * np.pi * SWAY_HZ * step * guard.clock.period_s)
         # Made now, not at the tick: without priority it may have been held up since.
-        guard.write(JointTargets(robot.stance_angles_rad + angle, guard.clock.now_s))
+        guard.write(JointTargets(guard.robot.stance_angles_rad + angle, guard.clock.now_s))
         step += 1
         if step == 25:
             say("moving")
-        if step == 50 and jump_s:
-            time.time_ns = lambda: wall() + round(jump_s * 1e9)
-            say("jumped")
 
 
 if __name__ == "__main__":

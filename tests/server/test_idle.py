@@ -5,8 +5,7 @@ import pytest
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
-from hexctl.server.idle import IdleSupervisor
-from hexctl.server.rest_watch import RestWatch
+from hexctl.server.idle import IdleSupervisor, RestWatch
 from tests.control.posed import connected, send
 from tests.robots import ROBOT_NAMES, shipped
 

@@ -1,11 +1,9 @@
 """What becomes of a robot on a bus when the process that serves it is killed, or hangs."""
 
-import math
 import os
 import signal
-import threading
-import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,22 +13,18 @@ import pytest
 from hexctl.backends.bus.tools import scan_bus
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
-from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.client.stop_client import clear_stop, estop
 from hexctl.control.controllers import sitting_angles_rad
-from hexctl.control.guard import Guard
-from hexctl.errors import HexctlError
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.server.keeper import KeeperSpec, take_over, wait_for_the_end
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets
-from hexctl.wire.links import Link
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.mavlink.boards import board
 from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
 from tests.robots import edited_file, put
-from tests.server.processes import TIMEOUT_S, program, served, wait_until
+from tests.server.processes import Served, program, served, wait_until
 
 #: What a keeper says when all joints followed.
 SAT = "sat down, and its torque is off"
@@ -88,43 +82,41 @@ def _goals(folder: Path, device: str) -> FloatArray:
     return bus_map_of(file.content.servos, "feetech").angles_rad(counts)
 
 
+@contextmanager
+def walking(folder: Path) -> Iterator[tuple[Served, str]]:
+    """A robot on a simulated bus that walks, and the port of the bus."""
+    file = edited_file(folder, put("servos", FITTING), base="phantomx").rename(folder / "robot.yaml")
+    robot = ("--robot", str(file))
+    with (
+        board("--bus", "feetech", "--backend", "mock", *robot) as bus,
+        served(folder, *robot, "--connect", bus.port, backend="feetech") as server,
+        program(folder, "walk", *WALK, "--connect", server.endpoint, *robot),
+    ):
+        wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
+        yield server, bus.port
+
+
 @pytest.mark.realtime
 def test_a_robot_whose_server_ends_in_mid_motion_sits_down(tmp_path: Path) -> None:
-    file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
-    file.rename(tmp_path / "robot.yaml")
-    robot = ("--robot", str(tmp_path / "robot.yaml"))
-    with board("--bus", "feetech", "--backend", "mock", *robot) as bus:
-        with (
-            served(tmp_path, *robot, "--connect", bus.port, backend="feetech") as server,
-            program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
-        ):
-            wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
-            server.signal(signal.SIGKILL)
-            wait_until(lambda: f"serve gone: the robot {SAT}" in server.said(), "the keeper")
+    with walking(tmp_path) as (server, port):
+        server.signal(signal.SIGKILL)
+        wait_until(lambda: f"serve gone: the robot {SAT}" in server.said(), "the keeper")
         end = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
-        assert _goals(tmp_path, bus.port) == pytest.approx(end, abs=0.01)
+        assert _goals(tmp_path, port) == pytest.approx(end, abs=0.01)
 
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("cleared", [False, True])
 def test_a_stopped_robot_whose_server_ends_holds(tmp_path: Path, cleared: bool) -> None:
     """Somebody may be touching it, also after the stop is cleared and before the next command."""
-    file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
-    file.rename(tmp_path / "robot.yaml")
-    robot = ("--robot", str(tmp_path / "robot.yaml"))
-    with board("--bus", "feetech", "--backend", "mock", *robot) as bus:
-        with (
-            served(tmp_path, *robot, "--connect", bus.port, backend="feetech") as server,
-            program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
-        ):
-            wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
-            estop(connect=server.endpoint)
-            if cleared:
-                clear_stop(connect=server.endpoint)
-            server.signal(signal.SIGKILL)
-            wait_until(lambda: "serve gone: the robot holds" in server.said(), "the keeper")
+    with walking(tmp_path) as (server, port):
+        estop(connect=server.endpoint)
+        if cleared:
+            clear_stop(connect=server.endpoint)
+        server.signal(signal.SIGKILL)
+        wait_until(lambda: "serve gone: the robot holds" in server.said(), "the keeper")
         sitting = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
-        assert np.abs(_goals(tmp_path, bus.port) - sitting).max() > 0.1
+        assert np.abs(_goals(tmp_path, port) - sitting).max() > 0.1
 
 
 @pytest.mark.realtime
@@ -257,87 +249,3 @@ def test_a_robot_that_holds_is_not_told_anew_where_to_be() -> None:
         assert take_over(keeper("feetech", "phantomx", bus.path, sits=False)) == "holds"
         assert bus._family.goals(0.0) == pytest.approx(goals)
         assert all(servo.holds for servo in bus._servos)
-
-
-#: Servers that are killed in the soak test.
-KILLS = 50
-
-#: How long the walk may take to begin; on a busy machine some do not.
-MOVES_WITHIN_S = 20.0
-
-#: How long a robot may go on moving, and how far its joints may be from where they stay, in rad.
-LAST_MOTION_S, STILL_RAD = 0.25, 0.02
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-@pytest.mark.parametrize(
-    ("driver", "model"),
-    [("dynamixel", "xl430-w250"), ("dynamixel", "ax12a"), ("feetech", "sts3215"), ("lx16a", "lx16a")],
-)
-def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
-    driver: str, model: str, number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Fifty times; the keeper then holds the robot, as its file says."""
-    content = {**FITTING, "model": model, "if_computer_dies": "hold"}
-    file = edited_file(tmp_path, put("servos", content), base="phantomx")
-    bus_map = bus_map_of(load_robot_file(file).content.servos, driver)
-    last_motions_s: list[float] = []
-    for kill in range(2 * KILLS):
-        if len(last_motions_s) == KILLS:
-            break
-        robot = MockServos(load_robot_file(file).robot)
-        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / f"state{kill}"))  # a stop outlasts its server
-        with (
-            bus_board(bus_map, servos=robot) as bus,
-            served(
-                tmp_path, "--robot", str(file), "--connect", bus.path, backend=driver, name=f"robot{kill}"
-            ) as server,
-        ):
-            moved = threading.Event()
-            walking = threading.Thread(target=_walk_until_it_fails, args=(server.endpoint, str(file), moved))
-            walking.start()
-            if not moved.wait(MOVES_WITHIN_S) or not _all_move(robot):  # the machine is too busy for a walk
-                server.signal(signal.SIGKILL)
-                wait_until(lambda: "hexctl: serve " in server.said(), "the keeper")
-                walking.join(TIMEOUT_S)
-                continue
-            server.signal(number)
-            at_s, angles_rad = _watched(robot, 2.0)
-            far = np.abs(angles_rad - angles_rad[-1]).max(axis=-1) > STILL_RAD
-            last_motions_s.append(float(at_s[far].max(initial=0.0)))
-            wait_until(lambda: "the robot holds" in server.said(), "the keeper")
-            server.signal(signal.SIGKILL)
-            walking.join(TIMEOUT_S)
-    assert len(last_motions_s) == KILLS
-    assert max(last_motions_s) <= LAST_MOTION_S, sorted(last_motions_s)[-5:]
-
-
-def _all_move(robot: MockServos) -> bool:
-    """Whether all joints move, as in a walk."""
-    _, angles_rad = _watched(robot, 0.3)
-    return float(np.ptp(angles_rad, axis=0).min()) > STILL_RAD
-
-
-def _watched(robot: MockServos, duration_s: float) -> tuple[FloatArray, FloatArray]:
-    """Times, (n,), and joint angles then, (n, 18), for a while."""
-    begun_s = time.monotonic()
-    at_s: list[float] = []
-    angles_rad: list[FloatArray] = []
-    while not at_s or at_s[-1] < duration_s:
-        angles_rad.append(robot.read().joint_positions_rad.copy())
-        at_s.append(time.monotonic() - begun_s)
-        time.sleep(0.005)
-    return np.array(at_s), np.stack(angles_rad)
-
-
-def _walk_until_it_fails(endpoint: str, file: str, moved: threading.Event) -> None:
-    """Swing all joints by 10 degrees about the stance, over the link, until the robot has gone."""
-    with suppress(HexctlError), Guard(ZenohServos(file, link=Link(endpoint=endpoint))) as guard:
-        for tick in range(500):
-            now_s = guard.clock.tick().time_s
-            guard.read()
-            swing_rad = 0.17 * math.sin(8.0 * now_s) * min(1.0, tick / 25)
-            guard.write(JointTargets(guard.robot.stance_angles_rad + swing_rad, now_s))
-            if tick == 60:
-                moved.set()

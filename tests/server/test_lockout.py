@@ -24,7 +24,6 @@ from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.stop import HOLD_S
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, find_stop_secret, mark_of
-from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, encode_positions
 from hexctl.wire.zenoh_session import open_session
 from tests.server.processes import Served, controlling, hexctl_process, program, served, wait_until
 from tests.server.test_link_faults import wait_for_motion
@@ -132,7 +131,7 @@ def garbage(port: int, mark: bytes = b"") -> Iterator[None]:
 def recorded_question(robot: Served, per_s: float) -> Iterator[None]:
     """The question of a client that was recorded on the network, sent again and again by another process."""
     recorded = StopDatagram(kind=Kind.ASK, nonce=b"recorded").packed(secret_of(robot))
-    arguments = ("tests.server.flooder", str(port_of(robot)), recorded.hex(), str(per_s))
+    arguments = ("tests.server.flooder", str(robot.port), recorded.hex(), str(per_s))
     with program(robot.log_path.parent, "flooder", *arguments) as flooder:
         flooder.wait_for("flooding")
         yield
@@ -141,7 +140,7 @@ def recorded_question(robot: Served, per_s: float) -> Iterator[None]:
 @contextmanager
 def both_ways(robot: Served, per_s: float) -> Iterator[None]:
     """An attack on sessions and on datagrams by a stranger who has no certificate."""
-    with recorded_question(robot, per_s), aborted_handshakes(port_of(robot)):
+    with recorded_question(robot, per_s), aborted_handshakes(robot.port):
         yield
 
 
@@ -218,10 +217,6 @@ def clear(session: Any, link: Link) -> None:
     assert answer["stopped"] is None, answer
 
 
-def port_of(robot: Served) -> int:
-    return int(robot.endpoint.rpartition(":")[2])
-
-
 def secret_of(robot: Served) -> bytes:
     secret = find_stop_secret(Link(endpoint=robot.endpoint, credentials=robot.keys), Role.CONTROLLER)
     assert secret
@@ -229,10 +224,10 @@ def secret_of(robot: Served) -> bytes:
 
 
 ATTACKS: dict[str, Callable[[Served], Any]] = {
-    "aborted handshakes": lambda robot: aborted_handshakes(port_of(robot)),
-    "silent connections": lambda robot: silent_connections(port_of(robot)),
-    "garbage datagrams": lambda robot: garbage(port_of(robot)),
-    "garbage datagrams with the mark": lambda robot: garbage(port_of(robot), mark_of(secret_of(robot))),
+    "aborted handshakes": lambda robot: aborted_handshakes(robot.port),
+    "silent connections": lambda robot: silent_connections(robot.port),
+    "garbage datagrams": lambda robot: garbage(robot.port),
+    "garbage datagrams with the mark": lambda robot: garbage(robot.port, mark_of(secret_of(robot))),
     "both ways at 50,000/s": lambda robot: both_ways(robot, 50_000),
 }
 
@@ -269,41 +264,6 @@ def test_a_robot_is_stopped_a_hundred_times_of_a_hundred_although_it_is_attacked
     assert motions_s.max() <= max(RESTS_S, confirmed_s)
     assert max(stop.result.took_s for stop in stops) <= confirmed_s
     assert all(stop.result.at_rest for stop in stops)
-
-
-#: Commands under a wrong lease: so many at a time, so often, and until so many have been read.
-BURST, BURSTS_S, ENOUGH = 10, 0.002, 10_000
-
-
-@contextmanager
-def foreign_commands(session: Any) -> Iterator[None]:
-    """Thousands of well-formed commands a second under a lease that nobody has."""
-    payload = encode_positions(np.zeros(18))
-    tag = CommandTag(
-        sequence=1 << 40,
-        stamp_ns=time.monotonic_ns(),
-        time_to_live_ms=200,
-        lease_id=bytes(LEASE_ID_BYTES),
-        lease_sequence=1,
-    ).packed()
-
-    def send() -> None:
-        for _ in range(BURST):
-            session.put(KEYS.command, payload, attachment=tag)
-
-    with repeated(send, BURSTS_S):
-        yield
-
-
-def test_commands_get_through_a_flood_of_foreign_ones(plain: tuple[Served, Any]) -> None:
-    robot, session = plain
-    wait_for_motion(robot)
-    before = robot.status()["commands"]
-    with foreign_commands(session):
-        wait_until(lambda: robot.status()["commands"]["stale_owner"] > ENOUGH, "the flood")
-        wait_for_motion(robot)
-    counts = {name: count - before[name] for name, count in robot.status()["commands"].items()}
-    assert counts["lost"] + counts["overflowed"] <= counts["accepted"] / 10
 
 
 class StubbornClient:

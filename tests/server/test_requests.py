@@ -10,11 +10,10 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.errors import EStopError, shown
-from hexctl.server.inbox import MOST_WAITING, QUERIES, Inbox
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import MOST_CHANGES, RequestHandler
 from hexctl.server.stops.latch import StopLatch
+from hexctl.server.transport import MOST_WAITING, QUERIES, Inbox
 from hexctl.wire.description import encode_json
 from hexctl.wire.stop import HOLD_S, MAX_BY, UNNAMED
 from tests.control.posed import connected, send
@@ -154,32 +153,11 @@ def test_silence_is_lifted_by_a_new_lease_and_every_other_stop_is_not(
         assert guard.stopped == reason
 
 
-def test_a_stop_outweighs_silence_and_takes_the_lease_away(guard: Guard, desk: RequestHandler) -> None:
-    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
-    guard.stop("expired")
-    assert desk.estop(b"", 0.1)["stopped"] == "estop"
-    assert "error" in ask(desk, 0.1, op="renew", lease=lease)
-    assert "estop" in str(ask(desk, 0.1, op="acquire", owner="alice")["error"])
-
-
 def clear(desk: RequestHandler, *, after_s: float = HOLD_S) -> dict[str, object]:
     """Clear the stop in force by its id, a time after it was asked for."""
     stop = desk.latch.current()
     assert stop is not None
     return desk.estop(encode_json({"op": "clear", "id": stop.stop_id}), stop.since_s + after_s)
-
-
-def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: RequestHandler) -> None:
-    desk.urgent(encode_json({"op": "stop"}))
-    with pytest.raises(EStopError, match="estop"):
-        send(guard, guard.robot.stance_angles_rad)
-    desk.urgent(encode_json({"op": "clear"}))
-    assert guard.stopped == "estop"
-    assert "error" in desk.estop(encode_json({"op": "clear"}), time.monotonic() + 2)
-    assert "error" in clear(desk, after_s=0.5)
-    assert guard.stopped == "estop"
-    assert clear(desk) == {"stopped": None}
-    send(guard, guard.robot.stance_angles_rad)
 
 
 @pytest.mark.parametrize(
@@ -250,14 +228,9 @@ def test_what_is_no_request_gives_no_lease_but_stops_and_is_counted(
 @pytest.mark.parametrize(
     ("content", "error"),
     [
-        *(
-            ({"op": "renew", "lease": bad}, "lease: got no hexadecimal digits; allowed: the granted lease")
-            for bad in ("no hex", 5)
-        ),
-        ({"op": "acquire", "owner": 5}, "owner: got 5; allowed: text"),
+        ({"op": "renew", "lease": 5}, "lease: got no hexadecimal digits; allowed: the granted lease"),
         ({"op": "acquire", "owner": "a\nb"}, r"owner: got 'a\nb'; allowed: printable text"),
         ({"op": "rest", "after": True}, "after: got True; allowed: a whole number"),
-        ({"op": "rest", "after": -1}, "after: got -1; allowed: 0 or more"),
         ({"op": "go"}, "op: got 'go'; allowed: 'acquire', 'renew', 'rest' or 'release'"),
     ],
 )
@@ -265,24 +238,6 @@ def test_a_lease_request_with_bad_values_is_refused(
     desk: RequestHandler, content: dict[str, object], error: str
 ) -> None:
     assert desk.lease(encode_json(content), 0.0) == {"error": error}
-
-
-@pytest.mark.parametrize(
-    ("content", "error"),
-    [
-        *(({"op": "heal", "leg": bad}, f"leg: got {bad}; allowed: 1..6") for bad in ([5], True, 5.0, None)),
-        ({"op": "heal", "leg": 9}, "leg: got '9'; allowed: 1..6"),
-        ({"op": "fail", "failure": 5}, "failure: got 5; allowed: text"),
-        (
-            {"op": "fail", "failure": "x" * 61},
-            f"failure: got {shown('x' * 61)}; allowed: text of at most 60 characters",
-        ),
-    ],
-)
-def test_a_bad_value_in_a_request_for_a_failure_is_named(
-    desk: RequestHandler, content: dict[str, object], error: str
-) -> None:
-    assert desk.failure(encode_json(content), 0.0) == {"error": error}
 
 
 @pytest.fixture(scope="module")
@@ -299,16 +254,23 @@ def breaking(servos: SimServos) -> RequestHandler:
 
 
 @pytest.mark.parametrize(
-    "payload",
+    ("content", "words"),
     [
-        *(b"", b"[]", b'{"op": "break"}', b'{"op": "fail"}', b'{"op": "heal"}', b'{"op": "heal", "leg": 9}'),
-        *(b'{"op": "fail", "failure": 5}', b'{"op": "fail", "failure": "5:limp@3"}'),
+        ({}, "op"),
+        ({"op": "heal"}, "leg: got"),
+        ({"op": "heal", "leg": True}, "leg: got True; allowed: 1..6"),
+        ({"op": "heal", "leg": 9}, "leg: got '9'; allowed: 1..6"),
+        ({"op": "fail", "failure": 5}, "failure: got 5; allowed: text"),
+        ({"op": "fail", "failure": "x" * 61}, "allowed: text of at most 60 characters"),
+        ({"op": "fail", "failure": "5:limp@3"}, "LEG:KIND: got"),
     ],
 )
 def test_a_request_for_a_failure_that_cannot_be_is_answered_with_an_error(
-    breaking: RequestHandler, servos: SimServos, payload: bytes
+    breaking: RequestHandler, servos: SimServos, content: dict[str, object], words: str
 ) -> None:
-    assert list(breaking.failure(payload, 0.0)) == ["error"]
+    answer = breaking.failure(encode_json(content), 0.0)
+    assert [*answer] == ["error"]
+    assert words in answer["error"]
     assert servos.failures == ()
 
 

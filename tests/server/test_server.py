@@ -12,98 +12,17 @@ from hexctl.backends.base import TruePose
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
-from hexctl.server.inbox import Arrival
-from hexctl.server.served_transport import Transport
-from hexctl.server.server import RobotServer
 from hexctl.types import FloatArray
 from hexctl.wire.description import user_name
-from hexctl.wire.links import Link
 from hexctl.wire.pose import decode_estimate, decode_orientation, decode_pose, encode_pose
 from hexctl.wire.stop import UNNAMED
 from hexctl.wire.zenoh_messages import (
     SERVER_ENDED,
-    CommandTag,
-    StateTag,
-    decode_positions,
-    encode_positions,
 )
 from tests.control.posed import PosedMock
-from tests.server.test_hostile_input import Item
+from tests.server.bench import Bench
 
 HERE, UPRIGHT = np.array([1.0, 2.0, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
-
-
-class Bench:
-    """A server on a robot whose time and network the test holds."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, ros: Any = None) -> None:
-        self.servos = PosedMock()
-        self.said: list[tuple[str, bytes, bytes | None]] = []
-        monkeypatch.setattr(Transport, "publish", lambda _, *message: self.said.append((*message, None)[:3]))
-        self.server = RobotServer(self.servos, Link(), backend="mock", ros=ros)
-        self.servos.connect()
-        self.servos.clock.tick()
-        self.lease: dict[str, Any] = {}
-        self.sequence = 0
-        self.stance_rad = self.servos.robot.stance_angles_rad
-
-    def obey(self) -> None:
-        """Take the lease and command the stance."""
-        self.acquire()
-        self.command(self.stance_rad)
-
-    def ask(self, kind: str, content: dict[str, Any] | None = None) -> dict[str, Any]:
-        item: Any = Item(b"" if content is None else json.dumps(content).encode(), None)
-        if kind == "estop":
-            self.server._transport._urgent(item.payload)
-        self.server._handle(Arrival(kind, item, self.servos.time.now_s))
-        answer: dict[str, Any] = json.loads(item.answers[0])
-        return answer
-
-    def clear(self) -> dict[str, Any]:
-        """Clear the stop by its id, once it may be cleared."""
-        self.ticks(51)
-        return self.ask("estop", {"op": "clear", "id": self.server.status()["stop"]["id"]})
-
-    def acquire(self) -> dict[str, Any]:
-        self.lease, self.sequence = self.ask("lease", {"op": "acquire", "owner": "test"}), 0
-        return self.lease
-
-    def command(self, joint_positions_rad: Any, *, ttl_ms: int = 200, waited_s: float = 0.0) -> None:
-        self.sequence += 1
-        tag = CommandTag(
-            sequence=self.sequence,
-            stamp_ns=round((self.servos.time.now_s - waited_s) * 1e9),
-            time_to_live_ms=ttl_ms,
-            lease_id=bytes.fromhex(self.lease["lease"]),
-            lease_sequence=self.lease["sequence"],
-        )
-        item: Any = Item(encode_positions(joint_positions_rad), tag.packed())
-        self.server._handle(Arrival("command", item, self.servos.time.now_s - waited_s))
-
-    def give_up(self, op: str, **more: Any) -> dict[str, Any]:
-        return self.ask("lease", {"op": op, "lease": self.lease["lease"], **more})
-
-    def pose_from_outside(self, position: Any, quaternion: Any, *, for_s: float = 0.02) -> None:
-        """Let a motion capture send a pose before each tick."""
-        item: Any = Item(encode_pose(position, quaternion), None)
-        for _ in range(round(for_s / 0.02)):
-            self.server._handle(Arrival("pose", item, self.servos.time.now_s))
-            self.ticks(1)
-
-    @property
-    def stopped(self) -> str | None:
-        reason: str | None = self.server.status()["stopped"]
-        return reason
-
-    def ticks(self, times: int) -> None:
-        for _ in range(times):
-            self.server._tick()
-
-    def last_state(self) -> tuple[Any, StateTag]:
-        payload, tag = next((p, t) for kind, p, t in reversed(self.said) if kind == "joint_states")
-        assert tag is not None
-        return decode_positions(payload), StateTag.unpacked(tag)
 
 
 @pytest.fixture

@@ -7,18 +7,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl.backends.bus.registers import table_of
 from hexctl.backends.clock import Standstill
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
-from hexctl.server.event_log import WAITING_LINES, Conditions, EventLog
+from hexctl.server.event_log import WAITING_LINES, EventLog
 from hexctl.server.keeper import Keeper, KeeperSpec
 from hexctl.server.service import RobotService, ServiceStarted
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.simulators.register_servos import BusServo
+from hexctl.types import RobotState
 from hexctl.wire.stop import Clear, Stop
 from tests.backends.bus.boards import a_map, bus_board
+from tests.server.bench import stopped_for
 from tests.server.processes import free_port
 
 
@@ -103,12 +107,20 @@ def test_servos_that_keep_their_torque_are_mentioned_at_the_end(holds: bool) -> 
 TIMEOUT_S = 10.0
 
 
+def snapshot(
+    *, stopped: str | None = None, fault: str | None = None, warnings: tuple[str, ...] = (), **more: Any
+) -> RobotSnapshot:
+    """A robot that is stopped for a reason, or not."""
+    state = RobotState(np.zeros(18), 0.0, True, fault=fault, warnings=warnings)
+    return RobotSnapshot(**{"state": state, "stop": stopped_for(stopped), **more})
+
+
 def lines_of(*notes: dict[str, Any], clear: str = "clear") -> list[str]:
     """What is reported, without the time, of notes that come one after the other."""
     told: list[str] = []
     log = EventLog(told.append, clear=clear)
     for note in notes:
-        log.note(Conditions(**note))
+        log.note(snapshot(**note))
     log.close()
     return [line.partition(" ")[2] for line in told]
 
@@ -164,7 +176,7 @@ def test_a_stop_for_silence_after_a_standstill_names_it(ago_s: float, caused: bo
 
 def test_who_asked_for_a_stop_and_who_cleared_it_is_told() -> None:
     def note(stop: Stop | None, cleared: Clear | None = None) -> dict[str, Any]:
-        return {"stopped": None if stop is None else stop.reason, "stop": stop, "cleared": cleared}
+        return {"stop": stop, "cleared": cleared}
 
     def stop(reason: str, by: str | None, number: int = 0) -> Stop:
         return Stop(stop_id=f"{number:016x}", reason=reason, since_s=0.0, by=by)
@@ -204,12 +216,12 @@ def test_a_reader_who_is_held_up_holds_nothing_up_and_lines_that_were_left_out_a
 
     log = EventLog(say)
     for number in range(10 * WAITING_LINES):
-        log.note(Conditions(controller=f"number {number}", posture="commanded"))
+        log.note(snapshot(controller=f"number {number}", posture="commanded"))
     assert lines == []
     go.set()
     for _ in range(WAITING_LINES):
         assert read.acquire(timeout=TIMEOUT_S)
     assert lines[0].endswith("commanded by number 0")
-    log.note(Conditions(controller="mia", posture="commanded"))
+    log.note(snapshot(controller="mia", posture="commanded"))
     log.close()
     assert lines[-1].endswith("lines dropped) commanded by mia")

@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.robot_link import LegState, SenderClock, robot_link
+from hexctl.vision.robot_link import LegState, robot_link
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.server.processes import Served, served
@@ -55,24 +55,3 @@ def test_another_name_than_that_of_the_robot_there_is_told(robot: Served) -> Non
         robot_link(Link(endpoint=robot.endpoint), "pexod"),
     ):
         pass
-
-
-def test_messages_that_come_in_bursts_were_sent_evenly() -> None:
-    clock, arrived_s = SenderClock(), 0.0
-    sent_s = []
-    for number in range(100):
-        stamp_s = 5000.0 + 0.02 * number
-        earliest_s = 70.0 + 0.02 * number
-        # Every tenth is 0.15 s late, and those behind it wait.
-        arrived_s = max(arrived_s, earliest_s + (0.15 if number % 10 == 9 else 0.0)) + 1e-4
-        sent_s.append(clock.sent_s(stamp_s, arrived_s))
-    steps_s = np.diff(sent_s)
-    assert np.allclose(steps_s, 0.02, atol=0.001)
-    assert sent_s[-1] == pytest.approx(70.0 + 0.02 * 99, abs=0.001)
-
-
-def test_a_sender_that_was_started_again_has_another_clock() -> None:
-    clock = SenderClock()
-    clock.sent_s(5000.0, 70.0)
-    assert clock.sent_s(3.0, 75.0) == 75.0
-    assert clock.sent_s(3.02, 75.03) == pytest.approx(75.02)

@@ -227,13 +227,7 @@ def test_stale_joints_and_contacts_travel_in_the_tag() -> None:
     state = RobotState(POSITIONS, 0.0, True, stale_joints=stale, foot_contacts=contacts)
     tag = tag_of(state, sequence=1, stamp_ns=0, command_sequence=0)
     assert tag.packed().endswith((0b10000100001000).to_bytes(4, "little"))
-    back = StateTag.unpacked(tag.packed())
-    np.testing.assert_array_equal(back.stale_joints, stale)
-    np.testing.assert_array_equal(back.contacts, contacts)
-    unknown = replace(state, stale_joints=None, foot_contacts=None)
-    back = StateTag.unpacked(tag_of(unknown, sequence=1, stamp_ns=0, command_sequence=0).packed())
-    assert back.stale_joints is None
-    assert back.contacts is None
+    assert StateTag.unpacked(tag.packed()) == tag
 
 
 def test_a_prepared_codec_loads_nothing_more_in_a_tick() -> None:

@@ -14,8 +14,7 @@ from hexctl.cli.settings import SettingsCommand
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_said
 from hexctl.robot.loader import load_robot_file
-from hexctl.server.ros.router import DEFAULT_ROUTER
-from hexctl.server.serve_options import ServeOptions
+from hexctl.server.serve_options import DEFAULT_ROUTER, ServeOptions
 from hexctl.wire.links import Link, Role
 
 if TYPE_CHECKING:

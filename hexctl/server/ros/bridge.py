@@ -11,14 +11,13 @@ import zenoh
 from hexctl.errors import MessageError
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
-from hexctl.server.inbox import Inbox
 from hexctl.server.ros.settings import LiveSettings, ParameterServices, RosSettings
-from hexctl.server.ros.snapshot import RobotSnapshot
 from hexctl.server.ros.topics import RobotMessages, RobotTopics
+from hexctl.server.snapshot import RobotSnapshot
+from hexctl.server.transport import Inbox
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import Endpoint
-from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
 from hexctl.wire.ros.motion_commands import (
     OFF,
     POSE,
@@ -27,14 +26,20 @@ from hexctl.wire.ros.motion_commands import (
     Called,
     RosCommand,
     Service,
-    Stopped,
     WantedJoints,
     WantedVelocity,
     decode_body_pose,
     decode_velocity,
 )
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
-from hexctl.wire.ros.ros_session import RouterWatch, check_router, open_ros_session
+from hexctl.wire.ros.ros_session import (
+    RosRequest,
+    RosService,
+    RosSubscription,
+    RouterWatch,
+    check_router,
+    open_ros_session,
+)
 from hexctl.wire.ros.telemetry import encode_trigger_answer
 from hexctl.wire.zenoh_messages import decode_positions
 
@@ -72,6 +77,8 @@ class RosBridge:
     """The node `hexctl` of a robot, on its own thread.
 
     Args:
+        inbox: takes the commands.
+        stop: stops the robot; called on the bridge's thread.
         router: address of the ROS router, `tcp/HOST:PORT`.
         settings: initial parameters; whether ROS may move the robot is one of them.
         insecure: whether the router may be on another computer.
@@ -83,6 +90,8 @@ class RosBridge:
         self,
         robot: Robot,
         node: RosNode,
+        inbox: Inbox,
+        stop: Callable[[], None],
         *,
         router: str,
         settings: RosSettings,
@@ -103,17 +112,11 @@ class RosBridge:
         )
         self._messages = RobotMessages(robot, described, node.full_name)
         self._states = Inbox()
-        self._inbox: Inbox | None = None
-        self._stop: Callable[[], None] = lambda: None
+        self._inbox, self._stop = inbox, stop
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
         self._connected = False
         self._trouble: str | None = None
-
-    def connect(self, inbox: Inbox, stop: Callable[[], None]) -> Self:
-        """Set the targets of commands, of which `stop` is called from any thread; `__enter__` starts."""
-        self._inbox, self._stop = inbox, stop
-        return self
 
     def __enter__(self) -> Self:
         """Start to look for the router, and publish once it is found."""
@@ -180,14 +183,12 @@ class RosBridge:
 
     def put(self, command: RosCommand) -> None:
         """Hand a command to the robot's thread."""
-        if self._inbox is not None:
-            self._inbox.put("ros", command)
+        self._inbox.put("ros", command)
 
     def stop(self) -> None:
-        """Stop the robot immediately, then notify its thread."""
+        """Stop the robot immediately; its next tick ends every motion."""
         self.counters.stops += 1
         self._stop()
-        self.put(Stopped())
 
 
 class _Commands:

@@ -20,11 +20,10 @@ from hexctl.wire.ros.motion_commands import (
     Called,
     RosCommand,
     Service,
-    Stopped,
     WantedJoints,
     WantedVelocity,
 )
-from hexctl.wire.stop import OVER_ROS
+from hexctl.wire.stop import ESTOP, OVER_ROS
 
 #: The lease of ROS, and a velocity, expire after this silence.
 EXPIRY_OF_ROS_S = 0.5
@@ -79,10 +78,7 @@ class RosDriver:
 
     def obey(self, command: RosCommand, at_s: float) -> None:
         """Take a command that arrived at `at_s` by the robot's time source."""
-        if isinstance(command, Stopped):
-            self._requests.estop(b"", at_s)
-            self._drop()
-        elif isinstance(command, Called):
+        if isinstance(command, Called):
             command.answer(*self._answer(command.service, at_s))
         else:
             try:
@@ -99,6 +95,8 @@ class RosDriver:
         """Write the targets of control period `index` of the guard's clock, if ROS moves the robot."""
         if self._live.now is not self._applied:
             self._apply()
+        if self._guard.stopped == ESTOP:
+            self._drop()
         if self._lease is None or self._pilot is None:
             return
         now_s = self._time.now()
@@ -134,37 +132,23 @@ class RosDriver:
             self._pilot.level = settings.level
 
     def _follow(self, velocity: FloatArray, at_s: float) -> None:
-        if at_s <= self._joints_until_s:
-            raise CommandRefusedError(
-                "cmd_vel: got a velocity while joint commands come; allowed: one of both"
-            )
         velocity = np.where(np.abs(velocity) < SLOWEST, 0.0, np.clip(velocity, -FASTEST, FASTEST))
         if self._lease is None and not velocity.any():
             return  # a planner that repeats zero must not hold the robot
-        self._hold(at_s)
-        pilot = self._drive()
-        if self._sits and velocity.any():
-            self._sits = False
-            pilot.stand()
+        self._hold_pilot(at_s, stands=bool(velocity.any()))
         forward, left, turn = velocity.tolist()
         self._source.command(Velocity(forward, left, turn))
 
     def _lean(self, pose: BodyPose, at_s: float) -> None:
-        if at_s <= self._joints_until_s:
-            raise CommandRefusedError("body_pose: got a pose while joint commands come; allowed: one of both")
         if pose == self._pose and (self._pilot is not None or pose == LEVEL):
             return  # a node that repeats its pose must not hold the robot
-        self._hold(at_s)
-        pilot = self._drive()
-        if self._sits:
-            self._sits = False
-            pilot.stand()
+        self._hold_pilot(at_s, stands=True)
         if self._arbiter.pose(pose):
             self._pose = pose
 
     def _pass(self, command: WantedJoints, at_s: float) -> None:
         if self._lease is not None and self._pilot is not None:
-            raise CommandRefusedError("joints: got them while a velocity is walked; allowed: one of both")
+            raise CommandRefusedError("a velocity is walked, and has the robot")
         self._hold(at_s)
         self._pilot = None
         self._joints_until_s = at_s + EXPIRY_OF_ROS_S
@@ -175,8 +159,7 @@ class RosDriver:
         if service is Service.CLEAR_STOP:
             return self._clear_stop(at_s)
         try:
-            if at_s <= self._joints_until_s:
-                raise CommandRefusedError("joint commands come, and have the robot")
+            self._check_no_joints(at_s)
             self._hold(at_s)
             return True, self._sit() if service is Service.SIT else self._stand()
         except HexctlError as error:
@@ -214,6 +197,19 @@ class RosDriver:
             self._drop()
             self._idle.sit(self._guard.clock.now_s)
         return "sitting down"
+
+    def _check_no_joints(self, at_s: float) -> None:
+        if at_s <= self._joints_until_s:
+            raise CommandRefusedError("joint commands come, and have the robot")
+
+    def _hold_pilot(self, at_s: float, *, stands: bool) -> None:
+        """Let the pilot have the robot; a robot that sits down `stands` up again."""
+        self._check_no_joints(at_s)
+        self._hold(at_s)
+        pilot = self._drive()
+        if self._sits and stands:
+            self._sits = False
+            pilot.stand()
 
     def _hold(self, at_s: float) -> None:
         """Acquire or extend the lease; raises HexctlError during another client's lease or a stop."""

@@ -9,7 +9,7 @@ import numpy as np
 from hexctl.ik.leg_odometer import LegOdometer
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, inverse, product, turned, yaw_rad
-from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import ArrayFields, FloatArray, RobotState
 from hexctl.wire.ros.odometry_error import ReckoningError, own_pose_covariance
 
@@ -17,7 +17,7 @@ _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BodyPose(ArrayFields):
+class FramePose(ArrayFields):
     """Pose of a body or a frame in another frame.
 
     Attributes:
@@ -53,9 +53,9 @@ class DeadReckoning:
         error: how far it may be off.
     """
 
-    def __init__(self, robot: Robot, start: BodyPose | None = None) -> None:
+    def __init__(self, robot: Robot, start: FramePose | None = None) -> None:
         self._odometer = LegOdometer(robot)
-        begun = BodyPose(np.zeros(3), _LEVEL) if start is None else start
+        begun = FramePose(np.zeros(3), _LEVEL) if start is None else start
         self._position_m = begun.position_m.copy()
         self._yaw_rad, self._tilt = _parted(begun.quaternion)
         self._own_yaw_rad: float | None = None
@@ -63,7 +63,7 @@ class DeadReckoning:
         self.error = ReckoningError()
         self._has_height = start is not None
 
-    def update(self, state: RobotState, orientation: FloatArray | None) -> BodyPose:
+    def update(self, state: RobotState, orientation: FloatArray | None) -> FramePose:
         """Pose after a state, whose pose is ignored; `orientation` (4,) is from an IMU, or None."""
         turn_rad = self._turn_rad(orientation)
         motion = self._moved(state)
@@ -74,9 +74,9 @@ class DeadReckoning:
             turn_rad = legs_turn_rad if turn_rad is None else turn_rad
         self._yaw_rad += turn_rad or 0.0
         self._grow(state, motion, turn_rad or 0.0, imu=self._own_yaw_rad is not None)
-        return BodyPose(self._position_m.copy(), product(about_z(self._yaw_rad), self._tilt))
+        return FramePose(self._position_m.copy(), product(about_z(self._yaw_rad), self._tilt))
 
-    def see(self, at_s: float, pose: BodyPose) -> None:
+    def see(self, at_s: float, pose: FramePose) -> None:
         """Take in an external pose, on the clock of the states: it only reveals unloaded legs."""
         place = np.array([*pose.position_m[:2], float(yaw_rad(pose.quaternion))])
         self._odometer.see(at_s, place)
@@ -128,8 +128,8 @@ class Frames:
         self._robot = robot
         self._own: RobotSnapshot | None = None
         self._reckoning: DeadReckoning | None = None
-        self._body: BodyPose | None = None
-        self._odom: BodyPose | None = None
+        self._body: FramePose | None = None
+        self._odom: FramePose | None = None
         self._posed_at_s: float | None = None
 
     def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
@@ -142,15 +142,15 @@ class Frames:
         if self._reckoning is None:
             return
         self._body = self._reckoning.update(snapshot.state, snapshot.orientation)
-        pose = BodyPose.of(snapshot.state)
+        pose = FramePose.of(snapshot.state)
         if pose is not None and snapshot.posed_at_s != self._posed_at_s:
             self._odom = _parent(pose, self._body, has_tilt=snapshot.orientation is not None)
             self._posed_at_s = snapshot.posed_at_s
             self._reckoning.see(snapshot.state.stamp_s, pose)
 
-    def body_in_odom(self, snapshot: RobotSnapshot) -> BodyPose | None:
+    def body_in_odom(self, snapshot: RobotSnapshot) -> FramePose | None:
         """Pose of `base_link` in `odom`, or None if unknown."""
-        return BodyPose.of(snapshot.state) if snapshot.posed_at_s is None else self._body
+        return FramePose.of(snapshot.state) if snapshot.posed_at_s is None else self._body
 
     def covariance(self, snapshot: RobotSnapshot) -> FloatArray:
         """Covariance of that pose, (36,)."""
@@ -158,7 +158,7 @@ class Frames:
             return own_pose_covariance()
         return self._reckoning.error.covariance(imu=snapshot.orientation is not None)
 
-    def odom_in_map(self, snapshot: RobotSnapshot) -> BodyPose | None:
+    def odom_in_map(self, snapshot: RobotSnapshot) -> FramePose | None:
         """Pose of `odom` in `map`, of the last external pose; None without `map`."""
         return None if snapshot.posed_at_s is None else self._odom
 
@@ -166,12 +166,12 @@ class Frames:
         own = self._own
         if own is None:
             return DeadReckoning(self._robot)
-        begun = DeadReckoning(self._robot, BodyPose.of(own.state))
+        begun = DeadReckoning(self._robot, FramePose.of(own.state))
         begun.update(own.state, own.orientation)
         return begun
 
 
-def _parent(pose: BodyPose, body: BodyPose, *, has_tilt: bool) -> BodyPose:
+def _parent(pose: FramePose, body: FramePose, *, has_tilt: bool) -> FramePose:
     """Pose in `map` of the frame in which a body is at `body`, while it is at `pose` in `map`.
 
     An exactly level `pose` is from a source without tilt, such as a camera: the measured tilt replaces it.
@@ -181,4 +181,4 @@ def _parent(pose: BodyPose, body: BodyPose, *, has_tilt: bool) -> BodyPose:
         turn: FloatArray = about_z(float(yaw_rad(pose.quaternion) - yaw_rad(body.quaternion)))
     else:
         turn = product(pose.quaternion, inverse(body.quaternion))
-    return BodyPose(pose.position_m - turned(turn, body.position_m), turn)
+    return FramePose(pose.position_m - turned(turn, body.position_m), turn)

@@ -13,10 +13,10 @@ from hexctl.options import Option, Typed, check_fields, options_of
 from hexctl.robot.model import Robot
 from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
 from hexctl.wire.ros import parameters
-from hexctl.wire.ros.endpoints import RosRequest, RosService
 from hexctl.wire.ros.motion_commands import OFF
 from hexctl.wire.ros.parameters import ParameterService, ParameterType, Value, descriptor_message, value_in
 from hexctl.wire.ros.ros_names import Kind, Qos, RosEndpoint, RosNode
+from hexctl.wire.ros.ros_session import RosRequest, RosService
 
 #: Name of the setting that every ROS node has.
 SIM_TIME = "use_sim_time"

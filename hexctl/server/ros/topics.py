@@ -1,24 +1,27 @@
-"""Topics that a robot publishes in ROS 2."""
+"""Topics that a robot publishes in ROS 2, its diagnostics among them."""
 
+import math
 import time
 from collections.abc import Callable
 
 import numpy as np
 import zenoh
 
+from hexctl.control.stop_reason import reason_in_words
 from hexctl.robot.body_twist import BodyTwist
 from hexctl.robot.formats.link_frames import BASE_LINK, fixed_transforms, link_transforms
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
-from hexctl.server.ros import diagnostics
 from hexctl.server.ros.frames import MAP_FRAME, Frames
-from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.snapshot import RobotSnapshot
+from hexctl.types import JOINT_NAMES, TOO_HOT_C, WARM_C, RobotState, ServoReadings
 from hexctl.wire import ros_cdr
 from hexctl.wire.pose import WORLD_FRAME, odometry
 from hexctl.wire.ros import telemetry
-from hexctl.wire.ros.endpoints import RosPublisher
 from hexctl.wire.ros.odometry_error import twist_covariance
 from hexctl.wire.ros.ros_names import Kind, Qos, RosEndpoint, RosNode
+from hexctl.wire.ros.ros_session import RosPublisher
+from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 from hexctl.wire.zenoh_messages import encode_battery, encode_positions
 
 LATCHED = Qos(depth=1, latched=True)
@@ -115,13 +118,13 @@ class RobotMessages:
 
     def diagnostics(self, snapshot: RobotSnapshot) -> bytes:
         """Statuses of the robot and its servos."""
-        found = diagnostics.statuses(snapshot, self._node)
+        found = statuses(snapshot, self._node)
         return telemetry.encode_diagnostics(found, self._robot.name, snapshot.stamp_ns)
 
     def silence(self) -> bytes:
         """Diagnostics of a robot with a silent control loop."""
-        found = diagnostics.silent(self._node)
-        return telemetry.encode_diagnostics(found, self._robot.name, time.time_ns())
+        silent = DiagnosticStatus(Level.STALE, f"{self._node}: robot", "its control loop is silent")
+        return telemetry.encode_diagnostics([silent], self._robot.name, time.time_ns())
 
 
 def measured_ns(snapshot: RobotSnapshot) -> int:
@@ -171,3 +174,63 @@ class RobotTopics:
 
     def _declared(self, topic: str) -> RosPublisher:
         return RosPublisher(self._session, publisher_endpoint(self._node, topic))
+
+
+#: Age from which a servo's reading is stale.
+STALE_S = 1.0
+
+
+def statuses(snapshot: RobotSnapshot, node: str) -> list[DiagnosticStatus]:
+    """Statuses of a robot and of its servos; `node` includes the namespace."""
+    state = snapshot.state
+    servos = state.servos
+    joints = range(len(JOINT_NAMES))
+    singles = [] if servos is None else [_servo(joint, state, servos, node) for joint in joints]
+    return [_robot(snapshot, node), *singles]
+
+
+def _robot(snapshot: RobotSnapshot, node: str) -> DiagnosticStatus:
+    state = snapshot.state
+    level, message = Level.OK, snapshot.posture
+    if state.warnings:
+        level, message = Level.WARN, "; ".join(state.warnings)
+    if not state.age_s <= STALE_S:
+        level, message = Level.STALE, state.fault or "nothing new was measured"
+    if snapshot.stopped is not None:
+        level, message = Level.ERROR, f"stopped: {reason_in_words(snapshot.stopped)}"
+    if not state.healthy:
+        level, message = Level.ERROR, state.fault or "fault"
+    values = {
+        "posture": snapshot.posture,
+        "controller": snapshot.controller or "none",
+        "joints": "measured" if state.measured else "echoed",
+        **_known("battery", state.battery_v, "V"),
+        **_known("charge", None if state.battery_share is None else 100 * state.battery_share, "%"),
+        **_known("current", state.current_a, "A"),
+    }
+    return DiagnosticStatus(level, f"{node}: robot", message, values)
+
+
+def _servo(joint: int, state: RobotState, servos: ServoReadings, node: str) -> DiagnosticStatus:
+    temperature_c, error = float(servos.temperatures_c[joint]), servos.errors[joint]
+    level, message = Level.OK, "ok"
+    if temperature_c >= WARM_C:
+        level, message = Level.WARN, f"warm: {temperature_c:.0f} C"
+    stale = state.stale_joints is not None and bool(state.stale_joints[joint])
+    if stale or not servos.ages_s[joint] <= STALE_S:
+        level, message = Level.STALE, "silent"
+    if temperature_c >= TOO_HOT_C:
+        level, message = Level.ERROR, f"hot: {temperature_c:.0f} C"
+    if error:
+        level, message = Level.ERROR, error
+    values = {
+        **_known("temperature", temperature_c, "C"),
+        **_known("voltage", float(servos.voltages_v[joint]), "V"),
+        **_known("current", float(servos.currents_a[joint]), "A"),
+        **_known("effort", 100 * float(servos.efforts[joint]), "%"),
+    }
+    return DiagnosticStatus(level, f"{node}: {JOINT_NAMES[joint]}", message, values)
+
+
+def _known(name: str, value: float | None, unit: str) -> dict[str, str]:
+    return {} if value is None or not math.isfinite(value) else {f"{name} ({unit})": f"{value:.4g}"}

@@ -141,7 +141,7 @@ class StopFile:
     def keep(self, stop: Stop | None) -> None:
         """Queue a stop, or its absence (None), for writing; never waits."""
         kept = stop is not None and (not self._asked_only or stop.by is not None or stop.reason == ESTOP)
-        self._wanted = self._content_of(stop) if kept and stop is not None else None
+        self._wanted = self._content(stop) if kept and stop is not None else None
         if self._wanted is None and self._lock is None:
             self._stop_on_disk = None  # cleared here, and not by the server that wrote it
         if self._writer is None and (self._wanted is not None or self._stop_on_disk is not None):
@@ -176,7 +176,8 @@ class StopFile:
             why = error.strerror or str(error)
         except ValidationError:
             why = "it is not a stop file"
-        return self._content(ESTOP, new_stop_id()), f"{self.path} cannot be read: {why}"
+        unknown = Stop(stop_id=new_stop_id(), reason=ESTOP, since_s=0.0)
+        return self._content(unknown), f"{self.path} cannot be read: {why}"
 
     def _own(self) -> None:
         """Lock the file for this server; raises BlockingIOError while another server has it, or its stop."""
@@ -242,21 +243,16 @@ class StopFile:
         with suppress(OSError):  # it is on the disk; the next write may replace it likewise
             self._open(content)
 
-    def _content_of(self, stop: Stop) -> KeptStop:
+    def _content(self, stop: Stop) -> KeptStop:
         reason = ESTOP if self._asked_only else stop.reason  # a simulation stands after a restart
-        return self._content(reason, stop.stop_id, stop.by, stop.claims)
-
-    def _content(
-        self, reason: str, stop_id: str, by: str | None = None, claims: tuple[str, ...] = ()
-    ) -> KeptStop:
         return KeptStop(
             robot=_storable(self._robot, MOST_NAME),
             where=_storable(self._where, MOST_NAME),
             reason=_storable(reason, MOST_REASON),
-            stop_id=stop_id,
+            stop_id=stop.stop_id,
             at=datetime.now(UTC),
-            by=by,
-            claims=claims,
+            by=stop.by,
+            claims=stop.claims,
         )
 
 

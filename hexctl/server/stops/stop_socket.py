@@ -19,7 +19,6 @@ from hexctl.wire.stop import DATAGRAM_FROM
 from hexctl.wire.stop_datagram import (
     DATAGRAM_BYTES,
     KIND_AT,
-    MARK_BYTES,
     NO_ID,
     NO_REQUEST,
     NONCE_AT,
@@ -54,43 +53,26 @@ class AnsweredNonces:
             self._older, self._newer = self._newer, set()
 
 
-class Waiting:
-    """Distinct datagrams of one kind that wait for their check, by sender."""
-
-    def __init__(self) -> None:
-        self._senders: dict[bytes, Sender] = {}
-
-    def add(self, data: bytes, sender: Sender) -> None:
-        """Add a datagram; a copy from another sender is ignored."""
-        self._senders.setdefault(data, sender)
-
-    def __iter__(self) -> Iterator[tuple[bytes, Sender]]:
-        """The newest of each sender, then the second of each: no sender can block another."""
-        by_sender: defaultdict[Sender, list[bytes]] = defaultdict(list)
-        for data, sender in reversed(self._senders.items()):
-            by_sender[sender].append(data)
-        senders = random.sample(list(by_sender), len(by_sender))
-        for row in zip_longest(*(by_sender[sender] for sender in senders)):
-            yield from ((data, sender) for data, sender in zip(row, senders, strict=True) if data is not None)
-
-
-def sort_datagrams(
+def unanswered(
     datagrams: Iterable[tuple[bytes, Sender]], mark: bytes, answered: AnsweredNonces
-) -> tuple[Waiting, Waiting, int]:
-    """Return new stops, new questions, and the number of datagrams without the mark."""
-    stops, questions, foreign = Waiting(), Waiting(), 0
+) -> dict[Kind, dict[bytes, Sender]]:
+    """New stops, then new questions, of datagrams that have the mark; a copy belongs to its first sender."""
+    found: dict[int, dict[bytes, Sender]] = {Kind.STOP: {}, Kind.ASK: {}}
     for data, sender in datagrams:
-        if len(data) != DATAGRAM_BYTES or data[:MARK_BYTES] != mark:
-            foreign += 1
-        elif data[NONCE_AT : NONCE_AT + NONCE_BYTES] in answered:
-            continue
-        elif data[KIND_AT] == Kind.STOP:
-            stops.add(data, sender)
-        elif data[KIND_AT] == Kind.ASK:
-            questions.add(data, sender)
-        else:
-            foreign += 1
-    return stops, questions, foreign
+        of_kind = found.get(data[KIND_AT]) if len(data) == DATAGRAM_BYTES and data.startswith(mark) else None
+        if of_kind is not None and data[NONCE_AT : NONCE_AT + NONCE_BYTES] not in answered:
+            of_kind.setdefault(data, sender)
+    return {Kind(kind): of_kind for kind, of_kind in found.items()}
+
+
+def by_turns(datagrams: dict[bytes, Sender]) -> Iterator[tuple[bytes, Sender]]:
+    """The newest of each sender, then the second of each: no sender can block another."""
+    by_sender: defaultdict[Sender, list[bytes]] = defaultdict(list)
+    for data, sender in reversed(datagrams.items()):
+        by_sender[sender].append(data)
+    senders = random.sample(list(by_sender), len(by_sender))
+    for row in zip_longest(*(by_sender[sender] for sender in senders)):
+        yield from ((data, sender) for data, sender in zip(row, senders, strict=True) if data is not None)
 
 
 #: Interval at which the thread checks whether to end.
@@ -146,7 +128,6 @@ class StopSocket:
 
     Attributes:
         trouble: why there is no datagram stop, or why the last datagram had no answer, or None.
-        dropped: foreign datagrams so far.
     """
 
     def __init__(
@@ -166,7 +147,6 @@ class StopSocket:
         self._told = ""
         self._event: str | None = None
         self.trouble: str | None = None
-        self.answered = self.dropped = 0
 
     @property
     def port(self) -> int | None:
@@ -216,41 +196,29 @@ class StopSocket:
             if poll.poll(1000 * LOOK_S):
                 began_s, datagrams = time.monotonic(), list(islice(_waiting_at(bound), MOST_RECEIVED))
                 try:
-                    self._answer_round(datagrams)
+                    self._answer_round(bound, datagrams)
                 except Exception as error:  # noqa: BLE001  the stop must go on answering
                     self._tell(error)
                 if len(datagrams) > FLOOD:
                     time.sleep(min(max(LEAST_REST_S, time.monotonic() - began_s), MOST_REST_S))
 
-    def _answer_round(self, datagrams: list[tuple[bytes, Sender]]) -> None:
-        """Stops are answered first."""
-        stops, questions, foreign = sort_datagrams(datagrams, mark_of(self._secret), self._nonces)
-        self.dropped += foreign
-        for waiting in (stops, questions):
-            self._answer_newest(waiting)
-
-    def _answer_newest(self, waiting: Iterable[tuple[bytes, Sender]]) -> None:
-        served: set[Sender] = set()
-        unserved = ((data, sender) for data, sender in waiting if sender not in served)
-        for data, sender in islice(unserved, MOST_CHECKED):
-            try:
-                answered = self._answer_sender(data, sender)
-            except Exception as error:  # noqa: BLE001  the next one must be answered
-                self._tell(error)
-                continue
-            if answered:
-                served.add(sender)
-                self._nonces.add(data[NONCE_AT : NONCE_AT + NONCE_BYTES])
-
-    def _answer_sender(self, data: bytes, sender: Sender) -> bool:
-        assert self._socket is not None  # noqa: S101  for the type
-        answer = self.answer(data, str(sender[0]).removeprefix("::ffff:"))
-        if answer is None:
-            return False
-        self.trouble = None
-        with suppress(OSError):
-            self._socket.sendto(answer, sender)
-        return True
+    def _answer_round(self, bound: socket.socket, datagrams: list[tuple[bytes, Sender]]) -> None:
+        """Stops are answered first; one datagram of a kind from each sender."""
+        for waiting in unanswered(datagrams, mark_of(self._secret), self._nonces).values():
+            served: set[Sender] = set()
+            unserved = ((data, sender) for data, sender in by_turns(waiting) if sender not in served)
+            for data, sender in islice(unserved, MOST_CHECKED):
+                try:
+                    answer = self.answer(data, str(sender[0]).removeprefix("::ffff:"))
+                except Exception as error:  # noqa: BLE001  the next one must be answered
+                    self._tell(error)
+                    continue
+                if answer is not None:
+                    self.trouble = None
+                    served.add(sender)
+                    self._nonces.add(data[NONCE_AT : NONCE_AT + NONCE_BYTES])
+                    with suppress(OSError):
+                        bound.sendto(answer, sender)
 
     def _tell(self, error: Exception) -> None:
         self.trouble = f"a datagram to the stop could not be answered ({type(error).__name__}: {error})"
@@ -262,14 +230,12 @@ class StopSocket:
         try:
             asked = StopDatagram.unpacked(data, self._secret)
         except MessageError:
-            asked = None
-        if asked is None or asked.kind is Kind.STATE:
-            self.dropped += 1
+            return None
+        if asked.kind is Kind.STATE:
             return None
         obeyed = asked.kind is Kind.STOP and self._latch.stop_in(
             asked.epoch, asked.request.hex(), by=f"{DATAGRAM_FROM}{host}"
         )
-        self.answered += 1
         return self._state(asked, obeyed=obeyed).packed(self._secret)
 
     def _state(self, asked: StopDatagram, *, obeyed: bool) -> StopDatagram:

@@ -33,11 +33,6 @@ class Service(Enum):
     CLEAR_STOP = "clear_stop"
 
 
-@dataclass(frozen=True, slots=True)
-class Stopped:
-    """A stop already in effect."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class WantedVelocity:
     """A velocity, (3,): forward and left in m/s, turn in rad/s."""
@@ -60,7 +55,7 @@ class Called:
     answer: Callable[[bool, str], None]
 
 
-RosCommand = Stopped | WantedVelocity | BodyPose | WantedJoints | Called
+RosCommand = WantedVelocity | BodyPose | WantedJoints | Called
 
 
 def decode_velocity(kind: str, payload: bytes) -> FloatArray:

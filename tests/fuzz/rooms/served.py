@@ -19,12 +19,12 @@ from hexctl.client.remote import RemoteRobots
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
-from hexctl.server.inbox import Arrival
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import RequestHandler
 from hexctl.server.server import RobotServer
 from hexctl.server.stops.latch import StopLatch
 from hexctl.server.stops.stop_socket import StopSocket
+from hexctl.server.transport import Arrival
 from hexctl.types import N_JOINTS, ServoReadings
 from hexctl.wire.description import (
     RobotIdentity,
@@ -172,7 +172,7 @@ def _answers(data: bytes) -> None:
         remote, HOLD_S=0.0, MOST_OTHERS_HOLD_S=0.0, MOST_UNCLAIMED_HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0
     ):
         uses: tuple[Callable[[], object], ...] = (
-            robots.stop,
+            lambda: robots.stop("mine"),
             robots.clear,
             lambda: robots.fail("5:limp"),
             lambda: robots.heal(5),

@@ -10,8 +10,8 @@ from hexctl.errors import MessageError
 from hexctl.types import N_JOINTS
 from hexctl.wire import ros_cdr
 from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose
-from hexctl.wire.ros.endpoints import Attachment
 from hexctl.wire.ros.motion_commands import TWIST, TWIST_STAMPED, decode_velocity
+from hexctl.wire.ros.ros_session import Attachment
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, MAC_BYTES, MARK_BYTES, Kind, StopDatagram, mark_of
 from hexctl.wire.zenoh_messages import (
     CommandTag,

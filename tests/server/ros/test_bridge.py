@@ -17,10 +17,10 @@ from hexctl.server.ros.settings import parameter_endpoint
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
-from hexctl.wire.ros.endpoints import SIZE, Attachment
 from hexctl.wire.ros.motion_commands import POSE, TWIST, TWIST_STAMPED
 from hexctl.wire.ros.parameters import ParameterService
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode, type_hash
+from hexctl.wire.ros.ros_session import SIZE, Attachment
 from tests.server.processes import Served, free_port, served, wait_until
 from tests.server.ros.peer import Peer, peer, router
 from tests.server.ros.test_settings import decoded_answer, named, request, wishes

@@ -12,8 +12,8 @@ from hexctl.gait.body_pose import BodyPose, feet_from_body
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.loader import load_robot
-from hexctl.server.inbox import Arrival
 from hexctl.server.ros.settings import LiveSettings, RosSettings
+from hexctl.server.transport import Arrival
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros.motion_commands import (
@@ -23,17 +23,14 @@ from hexctl.wire.ros.motion_commands import (
     Called,
     RosCommand,
     Service,
-    Stopped,
     WantedJoints,
     WantedVelocity,
     decode_body_pose,
     decode_velocity,
 )
-from hexctl.wire.stop import OVER_ROS
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
+from tests.server.bench import Bench, Item, spoiled
 from tests.server.ros.test_settings import wishes
-from tests.server.test_hostile_input import Item, spoiled
-from tests.server.test_server import Bench
 from tests.wire.ros.test_telemetry import twist
 
 FORWARD = np.array([0.05, 0.0, 0.0])
@@ -56,9 +53,6 @@ class Node:
     def __init__(self) -> None:
         self.live = LiveSettings(load_robot("ant"), RosSettings(ros_drive=True))
 
-    def connect(self, *_: object) -> "Node":
-        return self
-
     def offer(self, _: object) -> None:
         """Take a state."""
 
@@ -71,7 +65,7 @@ class RosBench(Bench):
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         node = Node()
-        super().__init__(monkeypatch, node)
+        super().__init__(monkeypatch, lambda *_: node)
         self.live = node.live
 
     def send(self, command: RosCommand) -> None:
@@ -155,9 +149,7 @@ def test_zeros_of_an_idle_planner_do_not_hold_the_robot(bench: RosBench) -> None
 
 def test_a_stop_ends_everything_until_it_is_cleared(bench: RosBench) -> None:
     bench.drive(STANDING_UP_TICKS + 20)
-    requests = bench.server._requests
-    requests.urgent(b"", by=OVER_ROS, clear_key=requests.ros_key)
-    bench.send(Stopped())
+    bench.server._requests.stop_over_ros()
     assert bench.moved(50, FORWARD) == 0
     assert bench.status()["stopped"] == "estop"
     success, why = bench.call(Service.STAND)
@@ -172,7 +164,6 @@ def test_a_stop_ends_everything_until_it_is_cleared(bench: RosBench) -> None:
 def test_ros_does_not_clear_the_stop_of_another_client_that_ended_its_walk(bench: RosBench) -> None:
     bench.drive(STANDING_UP_TICKS)
     bench.server._requests.urgent(b"")
-    bench.send(Stopped())
     assert bench.moved(50, FORWARD) == 0
     assert not bench.call(Service.CLEAR_STOP)[0]
     assert bench.status()["stopped"] == "estop"

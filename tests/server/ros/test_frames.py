@@ -7,9 +7,9 @@ import pytest
 
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
-from hexctl.server.ros.frames import BodyPose, DeadReckoning
-from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.ros.frames import DeadReckoning, FramePose
 from hexctl.server.ros.topics import RobotMessages
+from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
@@ -18,12 +18,16 @@ from tests.robots import shipped
 from tests.wire.ros.decoding import decoded
 
 ROLLED = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
-START = BodyPose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
+START = FramePose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
+
+
+def walked() -> Driven:
+    return driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
 
 
 @pytest.fixture(scope="module")
 def walk() -> Driven:
-    return driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+    return walked()
 
 
 def state(walk: Driven, index: int, at_s: float | None = None) -> RobotState:
@@ -90,14 +94,14 @@ class Walker:
     has_imu: bool = True
     last: RobotSnapshot | None = None
 
-    def true_pose(self) -> BodyPose:
-        walk = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+    def true_pose(self) -> FramePose:
+        walk = walked()
         x_m, y_m, yaw = walk.poses[self.index]
-        return BodyPose(np.array([x_m, y_m, walk.height_m[self.index]]), product(about_z(yaw), LEAN))
+        return FramePose(np.array([x_m, y_m, walk.height_m[self.index]]), product(about_z(yaw), LEAN))
 
-    def next(self, pose: BodyPose | None, posed_at_s: float | None) -> dict[str, tuple[str, BodyPose]]:
+    def next(self, pose: FramePose | None, posed_at_s: float | None) -> dict[str, tuple[str, FramePose]]:
         """Frames after one more state: parent and transform by child."""
-        walk = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+        walk = walked()
         state = RobotState(
             walk.joints_rad[self.index],
             walk.times_s[self.index],
@@ -106,46 +110,44 @@ class Walker:
             base_quaternion_world=None if pose is None else pose.quaternion,
         )
         orientation = self.true_pose().quaternion if self.has_imu else None
-        self.last = RobotSnapshot(
-            state, orientation, stopped=None, posture="", controller=None, posed_at_s=posed_at_s
-        )
+        self.last = RobotSnapshot(state=state, orientation=orientation, posed_at_s=posed_at_s)
         self.index += 1
         self.messages.follow(self.last, wanted=True)
         return frames(self.messages.moving_frames(self.last))
 
-    def own(self) -> dict[str, tuple[str, BodyPose]]:
+    def own(self) -> dict[str, tuple[str, FramePose]]:
         """Frames after a state with a pose of the robot's own."""
         return self.next(self.true_pose(), None)
 
-    def outside(self, jump_m: FloatArray | float = 0.0, *, level: bool = False) -> BodyPose:
+    def outside(self, jump_m: FloatArray | float = 0.0, *, level: bool = False) -> FramePose:
         true = self.true_pose()
         quaternion = about_z(float(yaw_rad(true.quaternion))) if level else true.quaternion
-        return BodyPose(SHIFT_M + turned(TURN, true.position_m) + jump_m, product(TURN, quaternion))
+        return FramePose(SHIFT_M + turned(TURN, true.position_m) + jump_m, product(TURN, quaternion))
 
-    def posed(self, pose: BodyPose | None) -> dict[str, tuple[str, BodyPose]]:
+    def posed(self, pose: FramePose | None) -> dict[str, tuple[str, FramePose]]:
         """Frames after a state with a pose from outside that is new, or lost for None."""
         at_s = self.last.posed_at_s if pose is None and self.last is not None else float(self.index)
         return self.next(pose, at_s)
 
 
-def frames(payload: bytes) -> dict[str, tuple[str, BodyPose]]:
+def frames(payload: bytes) -> dict[str, tuple[str, FramePose]]:
     found = {}
     for one in decoded(telemetry.TRANSFORMS, payload).transforms:
         at, turn = one.transform.translation, one.transform.rotation
-        pose = BodyPose(np.array([at.x, at.y, at.z]), np.array([turn.w, turn.x, turn.y, turn.z]))
+        pose = FramePose(np.array([at.x, at.y, at.z]), np.array([turn.w, turn.x, turn.y, turn.z]))
         found[one.child_frame_id] = (one.header.frame_id, pose)
     return found
 
 
-def in_map(found: dict[str, tuple[str, BodyPose]]) -> BodyPose:
+def in_map(found: dict[str, tuple[str, FramePose]]) -> FramePose:
     """Pose of `base_link` in `map`."""
     (of_odom, odom), (of_body, body) = found["odom"], found["base_link"]
     assert (of_odom, of_body) == ("map", "odom")
     quaternion = product(odom.quaternion, body.quaternion)
-    return BodyPose(odom.position_m + turned(odom.quaternion, body.position_m), quaternion)
+    return FramePose(odom.position_m + turned(odom.quaternion, body.position_m), quaternion)
 
 
-def same(one: BodyPose, other: BodyPose) -> None:
+def same(one: FramePose, other: FramePose) -> None:
     np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-6)
     assert abs(one.quaternion @ other.quaternion) == pytest.approx(1.0, abs=1e-12)
 
@@ -254,7 +256,7 @@ def test_the_covariance_of_dead_reckoning_grows_and_covers_its_error(has_imu: bo
     for _ in range(100):
         walker.posed(walker.outside())
         found.append(errors(walker.messages.odometry(walker.last)))
-    way = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4))).poses[60:160, :2]
+    way = walked().poses[60:160, :2]
     moved_m = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
     assert (np.diff(found, axis=0) >= 0).all()
     assert 0.08 * moved_m < found[-1][0] < 0.3 * moved_m

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.control.guard import Guard
-from hexctl.server.stops.latch import MOST_REQUESTS, StopLatch
+from hexctl.server.stops.latch import StopLatch
 from hexctl.server.stops.stop_file import StopFile
 from hexctl.wire.stop import (
     DATAGRAM_FROM,
@@ -78,12 +78,6 @@ def test_who_asked_is_replaced_by_a_better_name_alone_and_written_only_then(
     for by in ("mia on lab-pc", datagram, "ben", UNNAMED):
         assert latch.stop("mine", by=by).by == "mia on lab-pc"
     assert kept == [datagram, "mia on lab-pc"]
-
-
-def test_a_flood_of_requests_is_forgotten_and_stops_all_the_same(guard: Guard, latch: StopLatch) -> None:
-    for number in range(3 * MOST_REQUESTS):
-        latch.stop(f"request {number}")
-    assert guard.stopped == "estop"
 
 
 def test_silence_needs_no_id_and_no_time(guard: Guard, latch: StopLatch) -> None:

@@ -10,10 +10,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from hexctl.errors import InputError, MessageError
 from hexctl.wire.links import Endpoint
-from hexctl.wire.ros.endpoints import SIZE, Attachment
 from hexctl.wire.ros.parameters import DEFINITIONS, ParameterService, request_and_answer
 from hexctl.wire.ros.ros_names import SERVICE_HASHES, Kind, Qos, RosEndpoint, RosNode, type_hash
-from hexctl.wire.ros.ros_session import GREETING_S, RouterWatch, check_router
+from hexctl.wire.ros.ros_session import GREETING_S, SIZE, Attachment, RouterWatch, check_router
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 ADD_HASH = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a"
