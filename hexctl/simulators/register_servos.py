@@ -50,7 +50,6 @@ class BusServo(SimulatedServo):
         self._table, self._model = (table := table_of(model.name)), model
         self.memory = bytearray(MEMORY)
         self.overloaded = False
-        overload = table.overload
         self.set(table.model, model.number or 0)
         for register, value in (
             (table.servo_id, servo_id),
@@ -66,7 +65,7 @@ class BusServo(SimulatedServo):
             *([] if table.status_level is None else [table.status_level]),
             *zip(table.firmware, FIRMWARES[len(table.firmware)], strict=True),
             *([] if table.voltages is None else zip(table.voltages, VOLTAGES_V, strict=True)),
-            *(() if overload is None else zip(overload.registers, overload.factory, strict=True)),
+            (table.overload_torque, 0.2),
             (table.position, counts),
             (table.voltage, USUAL_V),
             (table.temperature, USUAL_C),
@@ -141,8 +140,8 @@ class BusServo(SimulatedServo):
 
     @property
     def _overloaded_share(self) -> float:
-        overload = self._table.overload
-        return 0.0 if overload is None else self.number(overload.torque)
+        share = self._table.overload_torque
+        return 0.0 if share is None else self.number(share)
 
     @property
     def _expired(self) -> bool:

@@ -348,7 +348,6 @@ class RegisterServo(Servo):
         shutdown = self.read_twice(table.shutdown)
         if shutdown is not None and (missing := bit_words(table.protections, ~shutdown)):
             notes.append(f"it does not protect itself from {missing}")
-        notes += self._overload_notes()
         stored, now = self.value_twice(table.max_torque), self.value_twice(table.soft_torque)
         if stored == 0:
             notes.append("its maximum torque is set to 0")
@@ -358,8 +357,6 @@ class RegisterServo(Servo):
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
         if speed := self.value_twice(table.speed):
             notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")
-        if acceleration := self.value_twice(table.acceleration):
-            notes.append(f"its acceleration is limited to {acceleration:.0f} degrees/s^2")
         if alert := self.hardware_error():
             bits = self.read_twice(table.hardware_error)
             tripped = shutdown is None or bits is None or bits & shutdown
@@ -394,17 +391,6 @@ class RegisterServo(Servo):
                 notes.append(f"its firmware {firmware} is older than {newest}, and lacks {lacks}; update it")
         return notes
 
-    def _overload_notes(self) -> list[str]:
-        overload = self.table.overload
-        if overload is None:
-            return []
-        values = [self.value_twice(register) for register in overload.registers]
-        known = [(own, usual) for own, usual in zip(values, overload.factory, strict=True) if own is not None]
-        if len(known) < len(values) or all(own <= usual + TORQUE_SHARE for own, usual in known):
-            return []
-        own = _overload_words(*(own for own, _ in known))
-        return [f"after an overload it gives {own}, from the factory {_overload_words(*overload.factory)}"]
-
 
 def register_servo(packets: PacketLine, driver: str, servo_id: int, protocol: int) -> RegisterServo:
     """Servo with this id, by its reported model; the likely model if the number is unknown."""
@@ -429,7 +415,3 @@ def _rounded(number: float | None, digits: int) -> float | None:
 
 def _changed(what: str, said: str) -> str:
     return f"could not set {what} ({said})" if said else f"set {what}"
-
-
-def _overload_words(load: float, time_s: float, torque: float) -> str:
-    return f"{100 * torque:.0f} % of its torque after {time_s:g} s above {100 * load:.0f} %"

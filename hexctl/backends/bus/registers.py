@@ -42,24 +42,6 @@ class Register:
         return number
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OverloadRegisters:
-    """Registers of the reaction to an overload, and their factory values.
-
-    `load` is the overload threshold as a share of the maximum effort, `torque` the share of torque after it.
-    """
-
-    load: Register
-    time_s: Register
-    torque: Register
-    factory: tuple[float, float, float]
-
-    @property
-    def registers(self) -> tuple[Register, Register, Register]:
-        """The three registers, in the order of `factory`."""
-        return self.load, self.time_s, self.torque
-
-
 @dataclass(frozen=True, kw_only=True)
 class RegisterTable:
     """Registers of compatible servos; None for those that a servo does not have.
@@ -101,9 +83,8 @@ class RegisterTable:
     variants: tuple[tuple[float, str], ...] = ()  # names of types by their highest supply in V
     shutdown: Register | None = None  # conditions under which the servo lets go
     protections: Mapping[int, str] = field(default_factory=dict)  # bits of `shutdown` that protect it
-    overload: OverloadRegisters | None = None
+    overload_torque: Register | None = None  # share of its torque that a servo keeps after an overload
     max_torque: Register | None = None  # at power-up
-    acceleration: Register | None = None  # its limit in degrees/s^2; 0 is none
     torque_limit: Register | None = None  # now; some servos set it to 0 after an overload
     soft_torque: Register | None = None  # limits the torque of single servos while they are tried
     speed: Register | None = None  # highest, 0 for full
@@ -266,7 +247,6 @@ X = RegisterTable(
     max_torque=Register(36, 2, scale=1 / 885),
     soft_torque=Register(100, 2, "twos", 1 / 885),
     speed=Register(112, 4, scale=1.374),
-    acceleration=Register(108, 4, scale=21.458),
     hardware_error=Register(70),
     hardware_errors={0: "voltage", 2: "hot", 3: "encoder", 4: "electrical shock", 5: "overload"},
     watchdog=Register(98),
@@ -308,17 +288,11 @@ STS = RegisterTable(
     variants=((9.0, "7.4 V type"), (99.0, "12 V type")),
     shutdown=Register(19),
     protections={2: "heat", 5: "overload"},
-    overload=OverloadRegisters(
-        load=Register(36, scale=0.01),
-        time_s=Register(35, scale=0.01),
-        torque=Register(34, scale=0.01),
-        factory=(0.8, 2.0, 0.2),
-    ),
+    overload_torque=Register(34, scale=0.01),
     max_torque=Register(16, 2, scale=0.001),
     torque_limit=Register(48, 2, scale=0.001),
     soft_torque=Register(48, 2, scale=0.001),
     speed=Register(46, 2, "bit15", 360 / 4096),
-    acceleration=Register(41, scale=100 * 360 / 4096),
     unlock=Register(55),
     errors={0: "voltage", 1: "encoder", 2: "hot", 3: "current", 5: "overload"},
 )
@@ -339,11 +313,10 @@ SCS = replace(
     resolution=None,
     least_firmware=None,
     variants=(),
-    overload=None,
+    overload_torque=None,
     torque_limit=None,
     soft_torque=None,
     speed=Register(46, 2, scale=300 / 1023),
-    acceleration=None,
     unlock=Register(48),
 )
 

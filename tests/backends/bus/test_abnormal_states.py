@@ -105,7 +105,6 @@ X = [
     State("alert after an overload", "it switched its torque off (overload)", tripped),
     State("low voltage alert", "its alert is on (voltage), and its torque stays on", now(70, 1)),
     State("a fifth of the torque", "its stored maximum torque is 20 %", stored(36, 177, 2)),
-    State("acceleration limit", "its acceleration is limited to 107 degrees/s^2", now(108, 5, 4)),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
@@ -144,9 +143,6 @@ STS = [
     State("angular resolution, torque on", "its counts are 3 times", both(stored(30, 3), now(40, 1))),
     State("answers reads only", "set its status return level to 1", stored(8, 0)),
     State("overload", "overload: ", tripped),
-    State("torque after an overload", "it gives 60 % of its torque after 2 s above 80 %", stored(34, 60)),
-    State("time of an overload", "it gives 20 % of its torque after 2.54 s above 80 %", stored(35, 254)),
-    State("no overload", "it gives 20 % of its torque after 2 s above 100 %", stored(36, 100)),
     State("hot", HOT, faults=("hot:3:femur:72",)),
     State("id used twice", SAME, faults=("same-id:3:femur",)),
     State("wrong baud rate", SILENT, other_baud=True),
@@ -168,7 +164,6 @@ STS = [
     ),
     State("half torque", "its torque is limited to 50 %", now(48, 500, 2)),
     State("a fifth of the torque", "its stored maximum torque is 20 %", stored(16, 200, 2)),
-    State("acceleration limit", "its acceleration is limited to 9 degrees/s^2", now(41, 1)),
     State("noise", NOISE, faults=("noise:1",)),
 ]
 
