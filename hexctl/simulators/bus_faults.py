@@ -35,8 +35,8 @@ BROWN_OUT_SHARE = 0.6
 class BusFaults:
     """Active faults; `mute` servos neither answer nor obey, (18,).
 
-    `temperatures` in degrees Celsius and shares of damaged answers (`cables`) are by joint; `noise` is the
-    share of control periods with random bytes.
+    `values` of faults of the line are by word, 1 without a number, `of_joints` those of single servos by word
+    and joint: temperatures in degrees Celsius (`hot`), and shares of damaged answers (`bad-cable`).
     """
 
     #: Temperature from which a servo reports an error.
@@ -47,60 +47,44 @@ class BusFaults:
 
     def __init__(self) -> None:
         self.mute: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        self.temperatures: dict[int, float] = {}
-        self.cables: dict[int, float] = {}
-        self._battery_v: float | None = None
-        self.echoes = self._browned_out = self._wild_once = False
-        self._garbles = self._wild = self.noise = 0.0
+        self.values: dict[str, float] = {}
+        self.of_joints: dict[str, dict[int, float]] = {"hot": {}, "bad-cable": {}}
 
     @property
     def dead(self) -> BoolArray:
         """Which servos have no torque, (18,)."""
-        return self.mute | self._browned_out
+        return self.mute | ("brown-out" in self.values)
 
     def begin(self, fault: BoardFault) -> None:
         """Begin a fault of the line or of answers."""
-        kind, joint, value = fault.kind, fault.joint, fault.value or 0.0
-        if joint is not None and kind == "mute":
-            self.mute[joint] = True
-        elif joint is not None and kind == "only":
+        value = 1.0 if fault.value is None else fault.value
+        if fault.kind == "only":
             self.mute[:] = True
-            self.mute[joint] = False
-        elif joint is not None and kind == "hot":
-            self.temperatures[joint] = value
-        elif joint is not None and kind == "bad-cable":
-            self.cables[joint] = value
-        elif kind == "garble":
-            self._garbles = value
-        elif kind == "battery":
-            self._battery_v = value
-        elif kind == "noise":
-            self.noise = value
-        elif kind == "wild":
-            self._wild = value
-        self._wild_once |= kind == "wild-once"
-        self.echoes |= kind == "echo"
-        self._browned_out |= kind == "brown-out"
+        if fault.joint is None:
+            self.values[fault.kind] = value
+        elif fault.kind in ("only", "mute"):
+            self.mute[fault.joint] = fault.kind == "mute"
+        elif fault.kind in self.of_joints:
+            self.of_joints[fault.kind][fault.joint] = value
 
     def voltage(self, usual_v: float) -> float:
         """Voltage at the servos."""
-        usual_v = usual_v if self._battery_v is None else self._battery_v
-        return min(self.BROWN_OUT_V, BROWN_OUT_SHARE * usual_v) if self._browned_out else usual_v
+        usual_v = self.values.get("battery", usual_v)
+        return min(self.BROWN_OUT_V, BROWN_OUT_SHARE * usual_v) if "brown-out" in self.values else usual_v
 
     def damaged(
         self, answer: bytes, packets: PacketFormat, rng: random.Random, joint: int | None = None
     ) -> bytes:
         """Answer of a joint's servo, sometimes garbled, or with wrong numbers."""
-        if self._wild_once or rng.random() < self._wild:
-            self._wild_once = False
+        if self.values.pop("wild-once", 0.0) or rng.random() < self.values.get("wild", 0.0):
             for packet in PacketStream(packets).feed(answer):
                 return packets.status(packet.servo_id, packet.error, rng.randbytes(len(packet.parameters)))
         return self._garbled(answer, rng, joint)
 
     def _garbled(self, answer: bytes, rng: random.Random, joint: int | None = None) -> bytes:
         """Answer of a joint's servo, or sometimes parts of it."""
-        cable = 0.0 if joint is None else self.cables.get(joint, 0.0)
-        if rng.random() >= max(self._garbles, cable):
+        cable = 0.0 if joint is None else self.of_joints["bad-cable"].get(joint, 0.0)
+        if rng.random() >= max(self.values.get("garble", 0.0), cable):
             return answer
         how, place = rng.randrange(3), rng.randrange(len(answer))
         if how == 0:

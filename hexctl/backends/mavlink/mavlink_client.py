@@ -134,7 +134,8 @@ class Receiver:
             if len(arrivals) >= MOST_AT_ONCE:
                 # At its priority this thread would keep others from the processor.
                 self._link.time.sleep(FLOODED_S)
-            self.counters.malformed, self.counters.dropped = self._link.malformed, self._link.dropped
+            self.counters.malformed = self._link.codec.malformed
+            self.counters.dropped = self._link.port.dropped
             if self._link.time.now() >= beat_at_s:
                 self._beat(mavlink_messages.ACTIVE)
                 beat_at_s = self._link.time.now() + (
