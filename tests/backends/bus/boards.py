@@ -151,53 +151,6 @@ class LateServoLine(MemoryLine):
         self.coming.append((self.time.now() + delay_s, answer))
 
 
-class BoardLine(MemoryLine):
-    """A line with a simulated bus, whose servos move a mock robot and take their time to answer.
-
-    Attributes:
-        board: the bus.
-        robot: what its servos move, a MockServos unless another kind of it is given.
-    """
-
-    def __init__(self, bus_map: BusMap, *faults: str, kind: type[MockServos] = MockServos) -> None:
-        time = FakeTime()
-        super().__init__(time, DEFAULT_BAUDS[bus_map.driver])
-        self.robot = kind(shipped("phantomx"), clock=time.clock())
-        self.board = _board(bus_map, faults, self.robot)
-        self.board._line.close()
-        self.board._line, self._sent = self, b""  # type: ignore[assignment]
-        self.robot.connect()
-        self.robot.clock.tick()
-        self.board._start()
-
-    @property
-    def speed(self) -> int:
-        """Speed as a terminal has it: none that it knows."""
-        return -1
-
-    def receive(self, timeout_s: float) -> bytes:
-        """Bytes for the board."""
-        sent, self._sent = self._sent, b""
-        return sent
-
-    def send(self, data: bytes) -> None:
-        """Bytes from the board."""
-        self.coming.append((self.time.now(), data))
-
-    def pass_time(self, duration_s: float) -> None:
-        """Let a time pass, in s, in which the board has its control periods."""
-        until_s = self.time.now() + duration_s
-        while self.robot.clock.due_in_s <= until_s - self.time.now():
-            self.robot.clock.tick()
-            self.board._tick()
-        self.time.sleep(max(0.0, until_s - self.time.now()))
-
-    def _put(self, data: bytes, deadline_s: float) -> None:
-        self._sent += data
-        self.board._serve(0.0)  # answers are sent once the line has carried them
-        self.pass_time(0.0)
-
-
 class MemoryDevice:
     """A simulated board in the place of a port: any thread may open it, and no one waits for it.
 
@@ -263,10 +216,15 @@ class MemoryBus(MemoryDevice):
     """
 
     def __init__(
-        self, bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
+        self,
+        bus_map: BusMap,
+        *faults: str,
+        baud: int | None = None,
+        kind: type[MockServos] = MockServos,
+        waits: bool = False,
     ) -> None:
         time = FakeTime()
-        self.robot = kind(shipped("phantomx"), clock=WallClock(time=Standing(time)))
+        self.robot = kind(shipped("phantomx"), clock=WallClock(time=time if waits else Standing(time)))
         self.board = _board(bus_map, faults, self.robot, baud)
         super().__init__(self.board, time)
 
@@ -286,6 +244,29 @@ class _MemoryDeviceLine(MemoryLine):
         if self._end.unplugged:
             raise OSError(5, "Input/output error")
         return super()._take(wait_s)
+
+
+class BoardLine(_MemoryDeviceLine):
+    """A line of one thread with a simulated bus, whose servos take their time to answer.
+
+    Attributes:
+        board: the bus.
+        robot: what its servos move, a MockServos unless another kind of it is given.
+    """
+
+    def __init__(self, bus_map: BusMap, *faults: str, kind: type[MockServos] = MockServos) -> None:
+        bus = MemoryBus(bus_map, *faults, kind=kind, waits=True)
+        super().__init__(bus, DEFAULT_BAUDS[bus_map.driver])
+        self.board, self.robot = bus.board, bus.robot
+        bus.opened_baud = self.baud
+
+    def pass_time(self, duration_s: float) -> None:
+        """Let a time pass, in s, in which the board has its control periods."""
+        until_s = self.time.now() + duration_s
+        while (left_s := until_s - self.time.now()) > 0:
+            self.time.sleep(min(left_s, PERIOD_S))
+            if answers := self._end.speak(b""):
+                self.coming.append((self.time.now(), answers))
 
 
 @contextmanager

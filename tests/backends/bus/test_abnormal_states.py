@@ -3,7 +3,6 @@
 No wall clock: the simulated bus and the tools share a line in memory.
 """
 
-import termios
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -165,19 +164,12 @@ FAMILIES = {
 }
 
 
-class OtherBaudLine(BoardLine):
-    """A line that the tools have opened at another speed than that of the servos."""
-
-    @property
-    def speed(self) -> int:
-        """Speed of this end, in termios units."""
-        return termios.B57600
-
-
 def said(driver: str, model: str, state: State, monkeypatch: pytest.MonkeyPatch) -> str:
     """What is said when the robot is connected, and of its servos' reports after that."""
     bus_map = a_map(driver, model)
-    line = (OtherBaudLine if state.other_baud else BoardLine)(bus_map, *state.faults)
+    line = BoardLine(bus_map, *state.faults)
+    if state.other_baud:
+        line._end.opened_baud = 57_600
     state.change(line.board._servos[ODD])
     for module in (bus_servos, tools):
         monkeypatch.setattr(module, "SerialLine", lambda *_, **__: line)
