@@ -4,7 +4,7 @@ import termios
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 from unittest.mock import patch
 
 import numpy as np
@@ -19,7 +19,7 @@ from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.simulators.board_faults import parse_fault
+from hexctl.simulators.board_faults import BoardFault, parse_fault
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
 from hexctl.simulators.simulated_board import SimulatedBoard
@@ -56,9 +56,14 @@ def stance_counts(bus_map: BusMap) -> "np.ndarray[tuple[int], np.dtype[np.float6
     return np.rint(bus_map.raw(shipped("phantomx").stance_angles_rad))
 
 
+def faults_of(kind: type[SimulatedBoard], texts: tuple[str, ...]) -> tuple[BoardFault, ...]:
+    """Faults of a kind of board by their words."""
+    return tuple(parse_fault(text, kind.kinds) for text in texts)
+
+
 def _board(bus_map: BusMap, faults: tuple[str, ...], servos: LegServos, baud: int | None = None) -> BusBoard:
-    given = tuple(parse_fault(fault, BusBoard.kinds) for fault in faults)
-    return BusBoard(servos, bus_map, baud=baud or DEFAULT_BAUDS[bus_map.driver], faults=given)
+    baud = baud or DEFAULT_BAUDS[bus_map.driver]
+    return BusBoard(servos, bus_map, baud=baud, faults=faults_of(BusBoard, faults))
 
 
 @contextmanager
@@ -151,20 +156,21 @@ class LateServoLine(MemoryLine):
         self.coming.append((self.time.now() + delay_s, answer))
 
 
-class MemoryDevice:
+class MemoryDevice(Generic[Board]):
     """A simulated board in the place of a port: any thread may open it, and no one waits for it.
 
     Its control periods pass when somebody speaks to it.
 
     Attributes:
+        board: the board.
         time: of everything on it; it passes while the test's own thread waits.
         path: where it is.
         unplugged: whether the device has gone.
     """
 
-    def __init__(self, board: SimulatedBoard, time: FakeTime) -> None:
+    def __init__(self, board: Board, time: FakeTime) -> None:
         self.time, self.path, self.unplugged, self.opened_baud = time, board.path, False, 0
-        self._simulated, self._clock = board, board._robot.clock
+        self.board, self._clock = board, board._robot.clock
         self._ticked_s = time.now() - PERIOD_S
         self._sent, self._answers = b"", b""
         board._line.close()  # type: ignore[attr-defined]
@@ -186,9 +192,9 @@ class MemoryDevice:
         if self.time.now() - self._ticked_s >= PERIOD_S:
             self._ticked_s = self.time.now()
             self._clock.tick()
-            self._simulated._tick()
+            self.board._tick()
         self._sent += data
-        self._simulated._serve(0.0)
+        self.board._serve(0.0)
         answers, self._answers = self._answers, b""
         return answers
 
@@ -207,13 +213,8 @@ class MemoryDevice:
         self._answers += data
 
 
-class MemoryBus(MemoryDevice):
-    """A simulated bus in memory, whose servos move a mock robot.
-
-    Attributes:
-        board: the bus.
-        robot: the mock.
-    """
+class MemoryBus(MemoryDevice[BusBoard]):
+    """A simulated bus in memory, whose servos move `robot`, a mock."""
 
     def __init__(
         self,
@@ -225,12 +226,11 @@ class MemoryBus(MemoryDevice):
     ) -> None:
         time = FakeTime()
         self.robot = kind(shipped("phantomx"), clock=WallClock(time=time if waits else Standing(time)))
-        self.board = _board(bus_map, faults, self.robot, baud)
-        super().__init__(self.board, time)
+        super().__init__(_board(bus_map, faults, self.robot, baud), time)
 
 
 class _MemoryDeviceLine(MemoryLine):
-    def __init__(self, device: MemoryDevice, baud: int) -> None:
+    def __init__(self, device: MemoryDevice[Any], baud: int) -> None:
         super().__init__(device.time, baud)
         self._end, self.path = device, device.path
 

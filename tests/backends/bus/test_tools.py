@@ -45,14 +45,6 @@ def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
     assert old or "hot" in found[1].error
 
 
-@pytest.mark.parametrize(("model", "volts"), [("lx224", 7.4), ("hts35h", 11.1)])
-def test_simulated_servos_have_the_supply_that_their_model_needs(model: str, volts: float) -> None:
-    bus_map = a_map("lx16a", model)
-    with memory_bus(bus_map) as bus:
-        (found,) = scan_bus(bus.path, "lx16a", 115_200, ids=(1,))
-    assert found.voltage_v == volts > bus_map.low_battery_v
-
-
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
 def test_the_only_servo_on_a_bus_takes_an_id_and_keeps_it_without_power(driver: str, model: str) -> None:
     with memory_bus(a_map(driver, model), "only:2:coxa") as bus:

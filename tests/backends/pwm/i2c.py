@@ -79,7 +79,7 @@ class FlatBus:
         memory = self.memories[address]
         memory[register : register + len(data)] = bytes(data)
         if len(messages) > 1:
-            fill(messages[1], memory[register : register + messages[1].len])
+            fill(messages[1], bytes(memory[register : register + messages[1].len]))
 
     def close(self) -> None:
         """The bytes stay."""

@@ -257,7 +257,7 @@ def test_thousands_of_hostile_readings_neither_crash_nor_move_anything() -> None
     def hostile(value: int) -> int:
         nonlocal reads
         reads += 1
-        return dice.choice([*dice.randbytes(3), 0, 0x10, 0x20, 0xFF, value])
+        return dice.choice((*dice.randbytes(3), 0, 0x10, 0x20, 0xFF, value))
 
     bus = ChipBus()
     bus.spoils = hostile

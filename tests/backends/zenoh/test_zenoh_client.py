@@ -305,11 +305,3 @@ def test_states_of_before_the_lease_are_not_waited_for() -> None:
             states.wait_for_first_s()
     latest.put("joint_states", state(6))
     assert states.wait_for_first_s() == states.heard_at_s
-
-
-def test_a_robot_that_numbers_no_leases_is_heard() -> None:
-    latest = LatestValues()
-    states = StateSubscriber(KeyMap.of("ant"), latest)
-    states.forget()
-    latest.put("joint_states", state(1))
-    assert states.wait_for_first_s() == states.heard_at_s
