@@ -56,11 +56,9 @@ class BusServo(SimulatedServo):
             (table.return_delay, 250),
             (table.least, model.least),
             (table.most, model.most),
-            (table.mode, table.position_mode),
             (table.shutdown, sum(1 << bit for bit in table.protections)),
             (table.max_torque, 1.0),
-            (table.flags, sum(1 << bit for bit in (*table.wanted, *(table.slow_unit or ())[:1]))),
-            (table.resolution, 1),
+            *([] if table.slow_unit is None else [(table.slow_unit[0], 1 << table.slow_unit[1])]),
             (table.shadow_id, 255),
             *([] if table.status_level is None else [table.status_level]),
             *zip(table.firmware, FIRMWARES[len(table.firmware)], strict=True),
@@ -72,6 +70,8 @@ class BusServo(SimulatedServo):
         ):
             if register is not None:
                 self.set(register, value)
+        for setting in table.settings:
+            self.set(setting.register, setting.into(round(self.number(setting.register))))
         self._kept = bytes(self.memory[: table.ram])
         self.restart()
 
@@ -121,7 +121,8 @@ class BusServo(SimulatedServo):
         if table.torque_limit is not None and self.number(table.torque_limit) == 0:
             return False
         if table.mode is not None:
-            return self.memory[table.mode.address] == table.position_mode
+            modes = [each.value for each in table.settings if each.register == table.mode]
+            return self.memory[table.mode.address] in modes
         return not self.number(table.least) == self.number(table.most) == 0
 
     def goal(self, now_s: float) -> float:

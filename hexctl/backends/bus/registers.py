@@ -42,6 +42,32 @@ class Register:
         return number
 
 
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Value that a register, or one bit of it, must have for goals to be followed.
+
+    Attributes:
+        words: name of it.
+        is_set: whether it is set while the servo has no torque; else a servo with another value is refused.
+        zeroes: registers that are 0 once it was set.
+    """
+
+    register: Register
+    value: int
+    words: str
+    bit: int | None = None
+    is_set: bool = True
+    zeroes: tuple[Register, ...] = ()
+
+    def of(self, raw: int) -> int:
+        """Its value in the raw number of its register."""
+        return raw if self.bit is None else raw >> self.bit & 1
+
+    def into(self, raw: int) -> int:
+        """Raw number with the required value."""
+        return self.value if self.bit is None else raw & ~(1 << self.bit) | self.value << self.bit
+
+
 @dataclass(frozen=True, kw_only=True)
 class RegisterTable:
     """Registers of compatible servos; None for those that a servo does not have.
@@ -66,15 +92,8 @@ class RegisterTable:
     least: Register  # lowest goal that the servo takes
     most: Register  # highest goal
     mode: Register | None = None  # without one, a servo with both limits at 0 is in wheel mode
-    position_mode: int = 0  # `mode` of a servo that steers for a position
-    flags: Register | None = None  # change what counts mean
-    refused: Mapping[int, str] = field(default_factory=dict)  # flags by bit with which a servo is refused
-    cleared: Mapping[int, str] = field(default_factory=dict)  # flags by bit to clear without torque
-    wanted: Mapping[int, str] = field(default_factory=dict)  # flags by bit to set without torque
-    timed: int | None = None  # flag with which `profile` is in ms: durations of moves, not limits
-    profile: tuple[Register, ...] = ()
-    slow_unit: tuple[int, float] | None = None  # flag without which speeds count this many times as much
-    resolution: Register | None = None  # counts are multiplied by it
+    settings: tuple[Setting, ...] = ()
+    slow_unit: tuple[Register, int, float] | None = None  # speeds count so many times as much without a bit
     status_level: tuple[Register, int] | None = None  # which instructions are answered, and all of them
     shadow_id: Register | None = None  # another id whose goals it follows; none above the highest id
     firmware: tuple[Register, ...] = ()  # version, its main number first
@@ -202,7 +221,7 @@ XL320 = replace(
     temperature=Register(46),
     sync_read=True,
     mode=Register(11),
-    position_mode=2,
+    settings=(Setting(Register(11), 2, "its operating mode"),),
     status_level=(Register(17), 2),
     voltages=(Register(13, scale=0.1), Register(14, scale=0.1)),
     protections={0: "overload", 1: "heat"},
@@ -214,6 +233,9 @@ XL320 = replace(
     errors={7: "hardware alert"},
     refusals=_REFUSALS_2,
 )
+
+#: Limits of acceleration and velocity of X servos, or durations in ms with a time-based profile.
+_X_PROFILE = (Register(108, 4), Register(112, 4))
 
 #: XL430 (ROBOTIS e-Manual).
 X = RegisterTable(
@@ -231,12 +253,12 @@ X = RegisterTable(
     least=Register(52, 4),
     most=Register(48, 4),
     mode=Register(11),
-    position_mode=3,
-    flags=Register(10),
-    refused={0: "it counts in reverse", 3: "goals switch its torque on"},
-    cleared={2: "moves by time (time-based profile)"},
-    timed=2,
-    profile=(Register(108, 4), Register(112, 4)),  # acceleration and velocity
+    settings=(
+        Setting(Register(11), 3, "its operating mode"),
+        Setting(Register(10), 0, "its flag for moves by time (time-based profile)", 2, zeroes=_X_PROFILE),
+        Setting(Register(10), 0, "its flag for counts in reverse", 0, is_set=False),
+        Setting(Register(10), 0, "its flag for goals that switch its torque on", 3, is_set=False),
+    ),
     status_level=(Register(68), 2),
     shadow_id=Register(12),
     firmware=(Register(6),),
@@ -276,11 +298,13 @@ STS = RegisterTable(
     least=Register(9, 2),
     most=Register(11, 2),
     mode=Register(33),
-    flags=Register(18),
-    cleared={4: "positions beyond one turn"},
-    wanted={3: "a speed of 0 as full speed"},
-    slow_unit=(2, 50.0),
-    resolution=Register(30),
+    settings=(
+        Setting(Register(33), 0, "its operating mode"),
+        Setting(Register(18), 0, "its flag for positions beyond one turn", 4),
+        Setting(Register(18), 1, "its flag for a speed of 0 as full speed", 3),
+        Setting(Register(30), 1, "its angular resolution"),
+    ),
+    slow_unit=(Register(18), 2, 50.0),
     status_level=(Register(8), 1),
     firmware=(Register(0), Register(1)),
     least_firmware=((3, 10), "readings of all servos at once"),
@@ -306,11 +330,8 @@ SCS = replace(
     current=None,
     sync_read=False,
     mode=None,
-    flags=None,
-    cleared={},
-    wanted={},
+    settings=(),
     slow_unit=None,
-    resolution=None,
     least_firmware=None,
     variants=(),
     overload_torque=None,

@@ -81,10 +81,12 @@ def tripped(servo: Any) -> None:
 X = [
     State("velocity mode", "set its operating mode from 1 to 3", stored(11, 1)),
     State("velocity mode, torque on", "its operating mode is 1, not 3", both(stored(11, 1), now(64, 1))),
-    State("time-based profile", "set its flag for moves by time (time-based profile) off", stored(10, 4)),
+    State(
+        "time-based profile", "set its flag for moves by time (time-based profile) from 1 to 0", stored(10, 4)
+    ),
     State(
         "time-based profile, 2000 ms, torque on",
-        "its flag for moves by time (time-based profile) is on",
+        "its flag for moves by time (time-based profile) is 1, not 0",
         both(stored(10, 4), now(112, 2000, 4), now(64, 1)),
     ),
     State(
@@ -92,8 +94,8 @@ X = [
         "set its profile register 112 from 2000 ms to 0",
         both(stored(10, 4), now(112, 2000, 4), now(108, 300, 4)),
     ),
-    State("counts in reverse", "it counts in reverse", stored(10, 1)),
-    State("torque on by a goal", "goals switch its torque on", stored(10, 8)),
+    State("counts in reverse", "its flag for counts in reverse is 1", stored(10, 1)),
+    State("torque on by a goal", "goals that switch its torque on is 1, not 0", stored(10, 8)),
     State("secondary id", "it also follows the goals of id 5", stored(12, 5)),
     State("answers pings only", "set its status return level to 2", now(68, 0)),
     State("alert after an overload", "it switched its torque off (overload)", tripped),
@@ -117,11 +119,13 @@ AX = [
 STS = [
     State("velocity mode", "set its operating mode from 1 to 0", stored(33, 1)),
     State("velocity mode, torque on", "its operating mode is 1, not 0", both(stored(33, 1), now(40, 1))),
-    State("more than one turn", "set its flag for positions beyond one turn off", stored(18, 28)),
-    State("speed 0 is a stop", "set its flag for a speed of 0 as full speed", stored(18, 4)),
+    State("more than one turn", "set its flag for positions beyond one turn from 1 to 0", stored(18, 28)),
+    State("speed 0 is a stop", "set its flag for a speed of 0 as full speed from 0 to 1", stored(18, 4)),
     State("speed in 0.732 rpm", "its speed is limited to 44 degrees/s", both(stored(18, 8), now(46, 10, 2))),
     State("angular resolution 3", "set its angular resolution from 3 to 1", stored(30, 3)),
-    State("angular resolution, torque on", "its counts are 3 times", both(stored(30, 3), now(40, 1))),
+    State(
+        "angular resolution, torque on", "its angular resolution is 3, not 1", both(stored(30, 3), now(40, 1))
+    ),
     State("overload", "overload: ", tripped),
     State("hot", "hot, 72 degrees C", faults=("hot:3:femur:72",)),
     State("id used twice", "several servos with the same id answer together", faults=("same-id:3:femur",)),

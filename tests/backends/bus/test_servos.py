@@ -343,7 +343,7 @@ def test_a_servo_in_another_mode_is_set_to_position_mode_while_it_is_limp(
         servo = register_servo_of(bus.board, ODD)
         _store(bus, table.mode, mode)
         with servos_on(bus, bus_map) as servos:
-            assert _said(f"from {mode} to {table.position_mode}: leg 3 femur")(servos.read())
+            assert _said(f"from {mode} to {table.settings[0].value}: leg 3 femur")(servos.read())
             until(servos, lambda _: servo.holds)
         servo.restart()
         assert servo.number(table.mode) == kept
@@ -351,15 +351,15 @@ def test_a_servo_in_another_mode_is_set_to_position_mode_while_it_is_limp(
 
 def test_positions_beyond_one_turn_are_switched_off_and_the_lock_is_shut() -> None:
     table = table_of("sts3215")
-    assert table.flags is not None
     assert table.unlock is not None
+    flags = Register(18)
     with memory_bus(a_map()) as bus:
         servo = register_servo_of(bus.board, ODD)
-        _store(bus, table.flags, 0b11100)
+        _store(bus, flags, 0b11100)
         servo.set(table.unlock, 0)
         with servos_on(bus, a_map()) as servos:
-            assert _said("beyond one turn off: leg 3 femur (id 8)")(servos.read())
-        assert servo.number(table.flags) == 0b01100
+            assert _said("beyond one turn from 1 to 0: leg 3 femur (id 8)")(servos.read())
+        assert servo.number(flags) == 0b01100
         assert servo.number(table.unlock) == 1
 
 
