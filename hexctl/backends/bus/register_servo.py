@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import READ, REBOOT, WRITE, StatusPacket
 from hexctl.backends.bus.registers import Register, Setting, bit_words, table_of
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings, firmware_and_variant
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 
 #: Message for a silent servo.
@@ -358,7 +358,7 @@ class RegisterServo(Servo):
         """Notes on a supply that it is not made for, and on old firmware."""
         notes, firmware = [], self.firmware()
         limits, volts = self._voltage_limits(), self.value_twice(self.table.voltage)
-        kind = firmware_and_variant(firmware, self.variant())
+        kind = ", ".join(filter(None, (firmware and f"firmware {firmware}", self.variant())))
         if limits is not None and volts and volts < limits[0]:
             notes.append(f"its supply is low, {volts:.3g} V ({kind}); charge the battery, or check its cable")
         elif limits is not None and volts and volts > limits[1]:

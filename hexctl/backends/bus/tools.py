@@ -13,7 +13,7 @@ from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.register_servo import register_servo
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, firmware_and_variant
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
@@ -162,17 +162,6 @@ def _look_at(
 
     if servo_id not in found:
         listener.look(servo_id, look)
-
-
-def variant_notes(found: Sequence[FoundServo]) -> list[str]:
-    """Firmware and type of servos that report them, one line for each kind."""
-    kinds: dict[str, list[int]] = {}
-    for each in found:
-        if words := firmware_and_variant(each.firmware, each.variant):
-            kinds.setdefault(words, []).append(each.servo_id)
-    if len(kinds) == 1 and len(found) > 1:
-        return [f"{next(iter(kinds))}: all"]
-    return [f"{words}: id {', '.join(map(str, ids))}" for words, ids in kinds.items()]
 
 
 def other_settings(path: str, driver: str, bauds: Collection[int]) -> str:

@@ -49,13 +49,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     With --robot also which joint each is, and what differs from the file. Exit code 3 if none answers, or
     answers are damaged.
     """
-    from hexctl.backends.bus.tools import (
-        check_driver,
-        damage_report,
-        nothing_answers,
-        scan_bus,
-        variant_notes,
-    )
+    from hexctl.backends.bus.tools import check_driver, damage_report, nothing_answers, scan_bus
 
     asked = ScanOptions(**options)
     bus = asked.address()
@@ -66,8 +60,6 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
         damages: list[Damage] = []
         found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show, on_damage=damages.append)
     _note_models(bus, found)
-    for note in variant_notes(found):
-        print_note(note)
     for damage in damages:
         print_note(damage_report(damage, bus.path, bus.driver))
     if not (found or damages):
