@@ -9,8 +9,7 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.tools import FACTORY_ID
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.simulators.board_faults import BoardFault
-from hexctl.simulators.bus_faults import BUS_FAULTS, BusFaults
+from hexctl.simulators.board_faults import BUS_FAULTS, BoardFault, BusFaults
 from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServos
 from hexctl.simulators.lx16a_servos import Lx16aServos
 from hexctl.simulators.register_servos import RegisterServos

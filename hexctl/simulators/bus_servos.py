@@ -9,7 +9,7 @@ from hexctl.backends.bus.packets import PacketFormat
 from hexctl.backends.bus.tools import packets_of
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
-from hexctl.simulators.bus_faults import BusFaults
+from hexctl.simulators.board_faults import BusFaults
 from hexctl.types import BoolArray, FloatArray
 
 #: Voltage and temperature of servos that nothing is wrong with, in V and degrees Celsius.

@@ -19,7 +19,7 @@ from hexctl.backends.bus.packets import (
 from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
-from hexctl.simulators.bus_faults import BusFaults
+from hexctl.simulators.board_faults import BusFaults
 from hexctl.simulators.bus_servos import USUAL_C, USUAL_V, SimulatedServo, SimulatedServos
 from hexctl.types import FloatArray
 

@@ -10,9 +10,8 @@ from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.server.service import ServiceStarted
-from hexctl.simulators.board_faults import BoardFault, DueFaults, parse_fault
+from hexctl.simulators.board_faults import BUS_FAULTS, BoardFault, BusFaults, DueFaults, parse_fault
 from hexctl.simulators.board_service import BoardService
-from hexctl.simulators.bus_faults import BUS_FAULTS, BusFaults
 from hexctl.simulators.servo2040_board import SERVO2040_FAULTS
 
 KINDS = {"mute": "", "trip": "AMPERES", "garble": "SHARE", "nack": "[:SHARE]"}
