@@ -237,14 +237,6 @@ def test_torque_off_releases_and_closing_says_goodbye_and_moves_nothing(tmp_path
         assert len(board.overrides()) == 1
 
 
-def test_a_signed_link_works_both_ways(tmp_path: Path) -> None:
-    key = bytes(range(32))
-    with ScriptedBoard(signing_key=key) as board, servos_at(board, tmp_path, key=key) as servos:
-        assert next_state(servos).healthy
-        servos.write(JointTargets(shipped().stance_angles_rad, servos.clock.now_s))
-        eventually(board.overrides, board.port.time)
-
-
 def test_a_board_on_another_address_is_not_ours(tmp_path: Path) -> None:
     """At a port where others come to, the first board that beats stays the one."""
     with ScriptedBoard(port=MemoryPort(FakeTime(), "ours")) as board, servos_at(board, tmp_path) as servos:

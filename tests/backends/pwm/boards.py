@@ -25,21 +25,6 @@ def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
     return pwm_map_of(ServosSection.model_validate(mounted), driver)
 
 
-def _servo2040(
-    faults: tuple[str, ...], firmware: str, servos: LegServos, pwm_map: PwmMap | None
-) -> Servo2040Board:
-    return Servo2040Board(
-        servos, pwm_map or a_map(), firmware=firmware, faults=faults_of(Servo2040Board, faults)
-    )
-
-
-@contextmanager
-def servo2040_board(*faults: str, firmware: str = "stock") -> Iterator[Servo2040Board]:
-    """A servo2040 that runs meanwhile, of servos without a robot."""
-    with running(_servo2040(faults, firmware, MockServos(shipped()), None)) as board:
-        yield board
-
-
 @contextmanager
 def pca9685_board(
     *faults: str, servos: LegServos | None = None, bits_per_s: int = 400_000
@@ -64,7 +49,8 @@ def memory_servo2040(
     """
     time = FakeTime()
     moved = servos or MockServos(shipped(), clock=WallClock(time=Standing(time)))
-    device = MemoryDevice(_servo2040(faults, firmware, moved, pwm_map), time)
+    given = faults_of(Servo2040Board, faults)
+    device = MemoryDevice(Servo2040Board(moved, pwm_map or a_map(), firmware=firmware, faults=given), time)
     with (
         patch("hexctl.backends.pwm.servo2040.SerialLine", device.open),
         patch("hexctl.backends.ticked_servos.WallClock", device.time.clock),
@@ -72,10 +58,9 @@ def memory_servo2040(
         yield device
 
 
-def servos_on(board: MemoryServo2040 | Servo2040Board, pwm_map: PwmMap | None = None) -> Servo2040Servos:
+def servos_on(board: MemoryServo2040, pwm_map: PwmMap | None = None) -> Servo2040Servos:
     """Servos of the controller's end, not connected."""
-    clock = board.time.clock() if isinstance(board, MemoryDevice) else None
-    return Servo2040Servos(shipped(), pwm_map=pwm_map or a_map(), port=board.path, clock=clock)
+    return Servo2040Servos(shipped(), pwm_map=pwm_map or a_map(), port=board.path, clock=board.time.clock())
 
 
 def i2c_servos_on(board: Pca9685Board) -> Pca9685Servos:
