@@ -198,7 +198,8 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             advice = ""
             if first and not found.any() and (not bus.damage or bus.damage.at_many_ids):
                 line.close()
-                advice = other_settings(self._port, self._map.driver, (self._baud,))
+                driver = self._map.driver
+                advice = other_settings(self._port, driver, (self._baud,), drivers=(driver,))
             self._check_found(found, bus.damage, advice and f"; {advice}")
             noise = [bus.damage.description(self._port)] if bus.damage.noisy and found.all() else []
             if first and bus.damage and not noise:  # two servos with one id would move together

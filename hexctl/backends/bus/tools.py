@@ -164,13 +164,12 @@ def _look_at(
         listener.look(servo_id, look)
 
 
-def other_settings(path: str, driver: str, bauds: Collection[int]) -> str:
+def other_settings(
+    path: str, driver: str, bauds: Collection[int], drivers: Collection[str] = tuple(PROTOCOLS_OF)
+) -> str:
     """Other drivers and usual baud rates at which servos answer, as text; empty for none."""
     others = [
-        (each, baud)
-        for each in PROTOCOLS_OF
-        for baud in USUAL_BAUDS[each]
-        if each != driver or baud not in bauds
+        (each, baud) for each in drivers for baud in USUAL_BAUDS[each] if each != driver or baud not in bauds
     ]
     found = [(FAMILIES[each], servo) for each, baud in others if (servo := _a_servo(path, each, baud))]
     return " or ".join(
