@@ -190,7 +190,7 @@ def _a_servo(path: str, driver: str, baud: int) -> FoundServo | None:
     return next((each for each in found if driver == "lx16a" or each.model is not None), None)
 
 
-def check_driver(path: str, driver: str, bauds: Collection[int]) -> None:
+def check_family(path: str, driver: str, bauds: Collection[int]) -> None:
     """Raise InputError if servos answer, but none of this driver at these baud rates."""
     if any(_a_servo(path, driver, baud) for baud in bauds):
         return

@@ -49,13 +49,13 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     With --robot also which joint each is, and what differs from the file. Exit code 3 if none answers, or
     answers are damaged.
     """
-    from hexctl.backends.bus.tools import check_driver, damage_report, nothing_answers, scan_bus
+    from hexctl.backends.bus.tools import check_family, damage_report, nothing_answers, scan_bus
 
     asked = ScanOptions(**options)
     bus = asked.address()
     bauds = asked.bauds_at(bus)
     if asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
-        check_driver(bus.path, bus.driver, bauds)
+        check_family(bus.path, bus.driver, bauds)
     with ScanProgress() as progress:
         damages: list[Damage] = []
         found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show, on_damage=damages.append)
@@ -70,14 +70,14 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
 
 def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
     """Note servos without a model; raises InputError if none has one with this driver, but with another."""
-    from hexctl.backends.bus.tools import check_driver
+    from hexctl.backends.bus.tools import check_family
 
     unknown = [each for each in found if each.model is None]
     if unknown and bus.driver == "lx16a":
         print_note("these servos do not report their model")
         return
     if unknown and len(unknown) == len(found):
-        check_driver(bus.path, bus.driver, {each.baud for each in found})
+        check_family(bus.path, bus.driver, {each.baud for each in found})
     if unknown:
         print_note(f"{len(unknown)} servos are of an unknown model: is {bus.driver} the right driver?")
 
