@@ -257,7 +257,8 @@ def test_thousands_of_hostile_readings_neither_crash_nor_move_anything() -> None
     def hostile(value: int) -> int:
         nonlocal reads
         reads += 1
-        return dice.choice((*dice.randbytes(3), 0, 0x10, 0x20, 0xFF, value))
+        spoiled: list[int] = [*dice.randbytes(3), 0, 0x10, 0x20, 0xFF, value]
+        return dice.choice(spoiled)
 
     bus = ChipBus()
     bus.spoils = hostile
