@@ -68,23 +68,6 @@ def _allowed(kinds: Mapping[str, str]) -> str:
     return f"{', '.join(words)}, each with @SECONDS or from the start{''.join(limits)}"
 
 
-class DueFaults:
-    """Scheduled faults, in their order."""
-
-    def __init__(self, faults: tuple[BoardFault, ...]) -> None:
-        self._to_come = sorted(faults, key=lambda fault: fault.at_s)
-
-    def add(self, fault: BoardFault) -> None:
-        """Add a fault, due immediately if its time is over."""
-        self._to_come = sorted((*self._to_come, fault), key=lambda each: each.at_s)
-
-    def begun(self, now_s: float) -> list[BoardFault]:
-        """Faults due since the last call."""
-        due = [fault for fault in self._to_come if fault.at_s <= now_s]
-        self._to_come = self._to_come[len(due) :]
-        return due
-
-
 #: What each word of a fault on a bus takes.
 BUS_FAULTS = {
     "mute": "LEG:JOINT",

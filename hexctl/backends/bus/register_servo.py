@@ -83,9 +83,9 @@ class RegisterServo(Servo):
         finally:
             self._stored = None
 
-    def value(self, register: Register | None, *, tries: int = TRIES) -> float | None:
+    def value(self, register: Register | None) -> float | None:
         """Number in a register in its unit; None without an answer or a register."""
-        raw = self.raw(register, tries=tries)
+        raw = self.raw(register)
         return None if raw is None or register is None else register.value(raw)
 
     def value_twice(self, register: Register | None) -> float | None:

@@ -108,13 +108,6 @@ def test_a_plain_robot_can_be_commanded_and_its_silence_stops_the_controller(
 
 
 @pytest.mark.realtime
-@pytest.mark.usefixtures("robot")
-def test_without_the_word_plain_it_is_refused(link: Link) -> None:
-    with pytest.raises(RobotFaultError, match="no robot called ant answers"):
-        ZenohServos(shipped(), link=Link(endpoint=link.endpoint, names=NAMES)).connect()
-
-
-@pytest.mark.realtime
 def test_no_robot() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with pytest.raises(RobotFaultError, match=endpoint):
