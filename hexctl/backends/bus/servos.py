@@ -155,7 +155,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         super().__init__(robot, servo_map=bus_map, port=port, counters=BusCounters(), clock=clock)
         self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._held = False
-        self._speeds = np.degrees(self._robot.joint_max_speed_rad_s) * bus_map.per_deg
         self._notes: tuple[str, ...] = ()
         self._garbled = 0  # bytes until something was heard last
         self._condition = LineCondition(bus_map, self.counters.shares, time=self._clock.time)

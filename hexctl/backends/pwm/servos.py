@@ -176,8 +176,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
         except BaseException:
             board.close()
             raise
-        speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
-        thread = BoardThread(self._open, board, report, self.counters, speeds, pulses, time=time)
+        thread = BoardThread(self._open, board, report, self.counters, self._speeds, pulses, time=time)
         thread.start()
         return thread
 

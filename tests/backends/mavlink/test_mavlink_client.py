@@ -407,7 +407,7 @@ def made(**options: object) -> MavlinkServos:
 
 
 def test_port_and_servo_map_are_those_of_the_options(tmp_path: Path) -> None:
-    assert made()._port_text == "udpout:127.0.0.1:14550"
+    assert made()._port == "udpout:127.0.0.1:14550"
     assert made(connect="/dev/ttyACM0:57600")._address.number == 57600
     path = fitting_file(tmp_path, {"leg1_coxa": {"sign": -1}})
     assert made(robot_file=load_robot_file(path)).servo_map.signs[0] == -1
@@ -435,7 +435,7 @@ def test_an_unsigned_port_that_others_reach_must_be_asked_for(tmp_path: Path) ->
     far = "udpout:192.168.1.9:14550"
     with pytest.raises(InputError, match="insecure"):
         made(connect=far)
-    assert made(connect=far, insecure=True)._port_text == far
+    assert made(connect=far, insecure=True)._port == far
     (tmp_path / "mavlink.key").touch(mode=0o600)
     (tmp_path / "mavlink.key").write_text("00" * 32)
-    assert made(connect=far, credentials=tmp_path)._port_text == far
+    assert made(connect=far, credentials=tmp_path)._port == far
