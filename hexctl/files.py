@@ -185,6 +185,23 @@ def read_secret(path: Path, most_bytes: int) -> bytes:
     return content
 
 
+def read_key(path: Path, count: int, command: str) -> bytes:
+    """Key of some bytes, as hexadecimal digits, in a file to which only its owner may have access.
+
+    Raises InputError for anything else; `command` makes such a key.
+    """
+    try:
+        key = bytes.fromhex(read_secret(path, 4 * count).decode("ascii"))
+    except PermissionError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: is not a secret ({reason}); allowed: one of {command}") from error
+    if len(key) != count:
+        raise InputError(f"{path}: has {len(key)} bytes; allowed: {count}, as of {command}")
+    return key
+
+
 def atomic_write(path: Path, content: str | bytes) -> None:
     """Write a file durably, text as UTF-8; raises OSError and leaves the earlier file unchanged."""
     data = content.encode() if isinstance(content, str) else content

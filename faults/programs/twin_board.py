@@ -95,7 +95,7 @@ class Told(SimulatedBoard):
     def _fail(self, word: str) -> None:
         """Begin a fault, or another share of packets that get lost."""
         if not word.startswith("loss "):
-            self.due.add(parse_fault(word, self.kinds))
+            self.to_come.append(parse_fault(word, self.kinds))
         elif isinstance(self._line, LossyLine):
             self._line.loss = float(word.split()[1])
         else:

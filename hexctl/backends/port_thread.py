@@ -29,9 +29,12 @@ class OnPort(Protocol):
 
 @dataclass(slots=True, kw_only=True)
 class PortCounters:
-    """Counts of a port since it was opened first."""
+    """Counts of a port since it was opened first; `missed` are requested reports that did not arrive."""
 
     reopened: int = 0
+    writes: int = 0
+    reports: int = 0
+    missed: int = 0
 
 
 Device = TypeVar("Device", bound=OnPort)

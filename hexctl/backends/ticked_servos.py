@@ -6,6 +6,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+import numpy as np
+
 from hexctl.backends.base import OwnServos, check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.backends.port_thread import PortThread, reason_of
@@ -67,13 +69,13 @@ class TickedServos(OwnServos):
 
 
 class MappedServos(TickedServos, Generic[Map, Counters]):
-    """Servos with a map between joint angles and raw positions; `counters` of the port are a dataclass."""
+    """Servos on a port, with a map between joint angles and raw positions; `counters` are a dataclass."""
 
     def __init__(
-        self, robot: Robot | str | Path, *, servo_map: Map, counters: Counters, clock: Clock
+        self, robot: Robot | str | Path, *, servo_map: Map, port: str, counters: Counters, clock: Clock
     ) -> None:
         super().__init__(robot, clock)
-        self._map, self.counters = servo_map, counters
+        self._map, self._port, self.counters = servo_map, port, counters
         self._sent_rad: FloatArray = self._robot.stance_angles_rad.copy()
 
     @property
@@ -113,6 +115,9 @@ class MappedServos(TickedServos, Generic[Map, Counters]):
     def _send_targets(self, positions_rad: FloatArray, *, clips: bool) -> None:
         """Send angles (18,) within the limits of the servos; `clips` if they were clipped."""
 
+    def _gone(self, reason: str) -> str:
+        return f"the port {self._port} was lost ({reason}); is the cable still in?"
+
 
 class PortServos(MappedServos[Map, Counters], Generic[Map, Thread, Counters]):
     """Eighteen servos on a port that a thread owns: neither `read` nor `write` waits for it.
@@ -129,8 +134,9 @@ class PortServos(MappedServos[Map, Counters], Generic[Map, Thread, Counters]):
         counters: Counters,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(robot, servo_map=servo_map, counters=counters, clock=clock or WallClock())
-        self._port = port
+        clock = clock or WallClock()
+        super().__init__(robot, servo_map=servo_map, port=port, counters=counters, clock=clock)
+        self._speeds = np.degrees(self._robot.joint_max_speed_rad_s) * servo_map.per_deg
         self._thread: Thread | None = None
         self._sent_rad = servo_map.limited_rad(self._sent_rad)
 
@@ -173,6 +179,3 @@ class PortServos(MappedServos[Map, Counters], Generic[Map, Thread, Counters]):
     def _send_targets(self, positions_rad: FloatArray, *, clips: bool) -> None:
         assert self._thread is not None  # noqa: S101  as does `write`
         self._thread.send(self._map.limited_raw(positions_rad))
-
-    def _gone(self, reason: str) -> str:
-        return f"the port {self._port} was lost ({reason}); is the cable still in?"

@@ -9,8 +9,7 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.tools import FACTORY_ID
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.simulators.board_faults import BoardFault
-from hexctl.simulators.bus_faults import BUS_FAULTS, BusFaults
+from hexctl.simulators.board_faults import BUS_FAULTS, BoardFault, BusFaults
 from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServos
 from hexctl.simulators.lx16a_servos import Lx16aServos
 from hexctl.simulators.register_servos import RegisterServos
@@ -69,7 +68,7 @@ class BusBoard(SimulatedBoard):
         self._occupy(len(data))
         if self._unplugged or not self._understands():
             return
-        if self._faults.echoes:
+        if "echo" in self._faults.values:
             self._line.send(data)
         self._data += data
         while True:
@@ -98,7 +97,7 @@ class BusBoard(SimulatedBoard):
         self._line.send(data)
 
     def _sender(self, answer: bytes) -> int | None:
-        packet = self._family.packets.take(answer)[0] if self._faults.cables else None
+        packet = self._family.packets.take(answer)[0] if self._faults.of_joints["bad-cable"] else None
         joints = [] if packet is None else self._family.named([packet[0]])
         return joints[0] if joints else None
 
@@ -119,7 +118,7 @@ class BusBoard(SimulatedBoard):
 
     def _tick(self) -> None:
         super()._tick()
-        if self._random.random() < self._faults.noise:
+        if self._random.random() < self._faults.values.get("noise", 0.0):
             self._line.send(self._random.randbytes(self._random.randrange(1, 8)))
 
     def _servo_targets(self) -> tuple[BoolArray, FloatArray]:

@@ -19,7 +19,7 @@ from hexctl.backends.bus.packets import (
 from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
-from hexctl.simulators.bus_faults import BusFaults
+from hexctl.simulators.board_faults import BusFaults
 from hexctl.simulators.bus_servos import USUAL_C, USUAL_V, SimulatedServo, SimulatedServos
 from hexctl.types import FloatArray
 
@@ -50,29 +50,28 @@ class BusServo(SimulatedServo):
         self._table, self._model = (table := table_of(model.name)), model
         self.memory = bytearray(MEMORY)
         self.overloaded = False
-        overload = table.overload
         self.set(table.model, model.number or 0)
         for register, value in (
             (table.servo_id, servo_id),
             (table.return_delay, 250),
             (table.least, model.least),
             (table.most, model.most),
-            (table.mode, table.position_mode),
             (table.shutdown, sum(1 << bit for bit in table.protections)),
             (table.max_torque, 1.0),
-            (table.flags, sum(1 << bit for bit in (*table.wanted, *(table.slow_unit or ())[:1]))),
-            (table.resolution, 1),
+            *([] if table.slow_unit is None else [(table.slow_unit[0], 1 << table.slow_unit[1])]),
             (table.shadow_id, 255),
             *([] if table.status_level is None else [table.status_level]),
             *zip(table.firmware, FIRMWARES[len(table.firmware)], strict=True),
             *([] if table.voltages is None else zip(table.voltages, VOLTAGES_V, strict=True)),
-            *(() if overload is None else zip(overload.registers, overload.factory, strict=True)),
+            (table.overload_torque, 0.2),
             (table.position, counts),
             (table.voltage, USUAL_V),
             (table.temperature, USUAL_C),
         ):
             if register is not None:
                 self.set(register, value)
+        for setting in table.settings:
+            self.set(setting.register, setting.into(round(self.number(setting.register))))
         self._kept = bytes(self.memory[: table.ram])
         self.restart()
 
@@ -122,7 +121,8 @@ class BusServo(SimulatedServo):
         if table.torque_limit is not None and self.number(table.torque_limit) == 0:
             return False
         if table.mode is not None:
-            return self.memory[table.mode.address] == table.position_mode
+            modes = [each.value for each in table.settings if each.register == table.mode]
+            return self.memory[table.mode.address] in modes
         return not self.number(table.least) == self.number(table.most) == 0
 
     def goal(self, now_s: float) -> float:
@@ -141,8 +141,8 @@ class BusServo(SimulatedServo):
 
     @property
     def _overloaded_share(self) -> float:
-        overload = self._table.overload
-        return 0.0 if overload is None else self.number(overload.torque)
+        share = self._table.overload_torque
+        return 0.0 if share is None else self.number(share)
 
     @property
     def _expired(self) -> bool:

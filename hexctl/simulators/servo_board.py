@@ -254,8 +254,8 @@ class ServoBoard(RunningBoard):
             "lost": self._peers.lost,
             "out_of_order": self._peers.out_of_order,
             "crowded_out": self._peers.crowded_out,
-            "malformed": self._link.malformed,
-            "dropped": self._link.dropped,
+            "malformed": self._link.codec.malformed,
+            "dropped": self._link.port.dropped,
             "overruns": self._guard.clock.overruns,
             "stopped": self._guard.stopped,
         }
@@ -357,7 +357,7 @@ class ServoBoard(RunningBoard):
         sent += board_messages.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
         if ticks % BEAT_TICKS == 0:
             sent = [*self._introduction(state.measured), *sent]
-            sent += board_messages.health(state, errors=self._link.malformed)
+            sent += board_messages.health(state, errors=self._link.codec.malformed)
         return sent
 
     def _introduction(self, measured: bool) -> list[Any]:

@@ -20,7 +20,7 @@ from hexctl.backends.port_thread import OnPort
 from hexctl.control.guard import StepLimits
 from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
-from hexctl.simulators.board_faults import BoardFault, DueFaults
+from hexctl.simulators.board_faults import BoardFault
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 
 #: Bytes of a read: more than a controller sends between two of them.
@@ -154,6 +154,9 @@ class SimulatedBoard(RunningBoard):
         servos: of the simulated robot, in real time, not connected.
         line: open; closed at the end of `run`.
         seed: of random faults.
+
+    Attributes:
+        to_come: faults that have not begun.
     """
 
     #: What each word of a fault takes, as `parse_fault` reads it.
@@ -167,7 +170,7 @@ class SimulatedBoard(RunningBoard):
         seed: int,
     ) -> None:
         super().__init__(servos, line)
-        self.path, self.due = line.path, DueFaults(faults)
+        self.path, self.to_come = line.path, list(faults)
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
         self._random = random.Random(seed)  # noqa: S311  faults are no secret
         self._sent_rad: FloatArray | None = None
@@ -186,7 +189,10 @@ class SimulatedBoard(RunningBoard):
         """Take the measurements of the board from the robot's state."""
 
     def _begin_due_faults(self) -> None:
-        for fault in self.due.begun(self._robot.clock.now_s):
+        now_s = self._robot.clock.now_s
+        due = sorted((each for each in self.to_come if each.at_s <= now_s), key=lambda each: each.at_s)
+        self.to_come = [each for each in self.to_come if each.at_s > now_s]
+        for fault in due:
             if fault.kind in ("unplug", "replug"):
                 self._unplugged = fault.kind == "unplug"
             else:

@@ -11,18 +11,16 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from hexctl.backends.zenoh.zenoh_client import DESCRIBE_TIMEOUT_S, ask, ask_until
-from hexctl.errors import InputError, MessageError, RobotFaultError, argument
+from hexctl.backends.zenoh.zenoh_client import linked_robot
+from hexctl.errors import MessageError
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, yaw_rad
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.wire.description import robot_of
-from hexctl.wire.links import ANY_ROBOT, KeyMap, Link, Role
+from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_orientation, encode_pose
 from hexctl.wire.transit_delay import TransitDelay
 from hexctl.wire.zenoh_messages import StateTag, decode_joints
-from hexctl.wire.zenoh_session import open_session
 
 #: Length of the queue: ten seconds of states; older ones are dropped.
 MOST_STATES = 500
@@ -105,33 +103,6 @@ class RobotLink:
         known = self._yaw is not None and now_s - self._yaw[0] <= STALE_YAW_S
         yaw = self._yaw[1] if known and self._yaw is not None else None
         self._states.append(LegState(at_s, joint_positions_rad, contacts, yaw))
-
-
-@contextmanager
-def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tuple[zenoh.Session, Robot]]:
-    """Open a session on a link with a robot, the only one or that of a name, for a block.
-
-    Raises RobotFaultError if no robot answers, and InputError if several or only others answer.
-    """
-    asked = link.keys(ANY_ROBOT if name is None else name)
-    with open_session(link, role, asked) as session:
-        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
-        try:
-            answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
-        except RobotFaultError:
-            others = [] if name is None else ask(session, link.keys(ANY_ROBOT).describe)
-            if not others:
-                raise
-            raise _not_one(f"{name}", [robot_of(answer) for answer in others]) from None
-        robots = [robot_of(answer) for answer in answers]
-        if len(robots) > 1:
-            raise _not_one("none", robots)
-        yield session, robots[0]
-
-
-def _not_one(got: str, there: list[Robot]) -> InputError:
-    names = ", ".join(sorted(robot.name for robot in there))
-    return InputError(f"{argument('robot')}: got {got}, and there are: {names}; allowed: one of them")
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from hexctl.errors import InputError, MessageError
-from hexctl.files import read_secret
+from hexctl.files import read_key
 from hexctl.wire.links import Link, Role
 
 #: Version of this format, part of the mark.
@@ -150,9 +150,6 @@ SECRET_FILE = "stop.key"  # noqa: S105  its name
 
 SECRET_BYTES = 32
 
-#: Maximum size of the file: the secret in hexadecimal digits, and white space.
-MOST_FILE_BYTES = 4 * SECRET_BYTES
-
 #: Signs datagrams without certificates: anyone who reaches the robot may stop it.
 NO_SECRET = b""
 
@@ -192,18 +189,5 @@ def find_stop_secret(link: Link, role: Role) -> bytes | None:
         return NO_SECRET
     for path in (link.credentials / role.value / SECRET_FILE, link.credentials / SECRET_FILE):
         if os.path.lexists(path):  # a dangling link is a key that cannot be read, not a missing one
-            return _read(path)
+            return read_key(path, SECRET_BYTES, "hexctl keys stop")
     return None
-
-
-def _read(path: Path) -> bytes:
-    try:
-        secret = bytes.fromhex(read_secret(path, MOST_FILE_BYTES).decode("ascii"))
-    except PermissionError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: is not a secret ({reason}); allowed: one of hexctl keys stop") from error
-    if len(secret) != SECRET_BYTES:
-        raise InputError(f"{path}: has {len(secret)} bytes; allowed: {SECRET_BYTES}, as of hexctl keys stop")
-    return secret

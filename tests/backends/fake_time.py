@@ -30,7 +30,6 @@ class FakeTime(TimeSource):
 
     Attributes:
         now_s: the time.
-        sleeps: how long each sleep of its own thread was asked to be.
         early_share: the share of a sleep that really passes before it returns.
         stopped_s: for how long the program is stopped in its next sleep.
     """
@@ -39,7 +38,6 @@ class FakeTime(TimeSource):
         self.now_s = now_s
         self.early_share = early_share
         self.stopped_s = 0.0
-        self.sleeps: list[float] = []
         self._owner = threading.current_thread()
         self._others: dict[threading.Thread, _Wait | None] = {}  # None while one works
         self._since: dict[threading.Thread, float] = dict.fromkeys(threading.enumerate(), -math.inf)
@@ -56,7 +54,6 @@ class FakeTime(TimeSource):
         if threading.current_thread() is not self._owner:
             self._wait(threading.Event(), duration_s)
             return
-        self.sleeps.append(duration_s)
         self._run_until(self.now_s + max(duration_s * self.early_share, 1e-9) + self.stopped_s)
         self.stopped_s = 0.0
 

@@ -40,17 +40,6 @@ def test_a_program_that_is_stopped_while_it_waits_knows_so_before_anything_pause
     assert clock.standstill is said, "once is enough"
 
 
-def test_a_sleep_that_returns_early_is_slept_again() -> None:
-    time = FakeTime(early_share=0.5)
-    clock = time.clock()
-    start_s = time.now_s
-    for index in range(1, 50):
-        tick = clock.tick()
-        assert time.now_s - start_s >= index * PERIOD_S - 1e-12
-        assert tick.late_s >= 0
-    assert len(time.sleeps) > 50
-
-
 @given(
     works=st.lists(st.floats(0, 0.2), min_size=1, max_size=60),
     early_share=st.floats(0.3, 1),

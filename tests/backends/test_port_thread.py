@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.port_thread import reason_of
-from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmCounters
+from hexctl.backends.port_thread import PortCounters, reason_of
+from hexctl.backends.pwm.servos import BoardReport, BoardThread
 from hexctl.types import BoolArray, FloatArray
 from hexctl.waiting import wait_for
 from tests.backends.fake_time import FakeTime
@@ -62,7 +62,7 @@ def _running(board: _Board, opened: Callable[[], _Board]) -> Iterator[BoardThrea
     """A thread that runs a board meanwhile."""
     first, time = BoardReport(at_s=board.time.now()), board.time
     thread = BoardThread(
-        opened, board, first, PwmCounters(), np.full(18, 1e6), np.full(18, np.nan), time=time
+        opened, board, first, PortCounters(), np.full(18, 1e6), np.full(18, np.nan), time=time
     )
     thread.start()
     try:
@@ -124,7 +124,7 @@ def test_targets_that_come_late_and_then_at_once_move_no_joint_farther_than_it_m
     first = BoardReport(at_s=time.now())
     step = 10.0  # in a control period
     speeds, told_us = np.full(18, step / PERIOD_S), np.full(18, np.nan)
-    thread = BoardThread(lambda: board, board, first, PwmCounters(), speeds, told_us, time=time)
+    thread = BoardThread(lambda: board, board, first, PortCounters(), speeds, told_us, time=time)
     told = [np.where(np.arange(18) < 9, POSE, np.nan)]
     passed_s = [0.0]
     for _ in range(500):
@@ -231,7 +231,7 @@ def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_
         lambda: board,
         board,
         BoardReport(at_s=time.now()),
-        PwmCounters(),
+        PortCounters(),
         np.full(18, 100.0),  # slow joints: far targets take many steps
         np.full(18, 1000.0),
         time=time,

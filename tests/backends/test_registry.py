@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from hexctl.backends.mock import MockServos
 from hexctl.backends.registry import BACKENDS, BackendOptions, check_options, make_servos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
@@ -24,12 +23,6 @@ def test_the_simulation_gets_its_world_failure_and_seed() -> None:
     servos = make_servos("sim", OPTIONS)
     assert isinstance(servos, SimServos)
     assert (servos.world, servos.failure, servos.seed) == (OPTIONS.world, OPTIONS.failure, 7)
-    assert servos.robot is OPTIONS.robot
-
-
-def test_the_mock_gets_its_robot() -> None:
-    servos = make_servos("mock", OPTIONS)
-    assert isinstance(servos, MockServos)
     assert servos.robot is OPTIONS.robot
 
 
@@ -96,16 +89,10 @@ def test_a_simulator_of_ones_own_gets_world_failure_and_seed(own_module: str) ->
     ("name", "given", "named"),
     [
         ("mock", {"seed": 3}, "seed: got 3 .*with sim"),
-        ("mock", {"realtime": True}, "realtime: got yes .*with sim"),
-        ("zenoh", {"seed": 3}, "seed: got 3 .*with sim"),
         ("sim", {"connect": "there"}, "connect: got there .*with zenoh"),
-        ("mavlink", {"link": "lab"}, "link: got lab .*with zenoh"),
         ("my_servos:Bus", {"seed": 3}, "seed"),
-        ("my_servos:Mine", {"connect": "x"}, "connect: got x"),
         ("my_servos:Missing", {}, "my_servos:Missing"),
         ("hardware", {}, "backend: got 'hardware'"),
-        ("mock", {"failure": 3}, "failure: got 3 .*with sim"),
-        ("mock", {"trial": 3}, "trial: got 3 .*with sim"),
         ("mock", {"robot_file": 3}, "robot_file: got 3 .*with none"),
     ],
 )

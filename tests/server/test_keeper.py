@@ -23,6 +23,7 @@ from hexctl.types import JOINT_NAMES, FloatArray, JointTargets
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.mavlink.boards import board
 from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
+from tests.backends.pwm.i2c import byte_of
 from tests.robots import edited_file, put
 from tests.server.processes import Served, program, served, wait_until
 
@@ -134,7 +135,7 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_when_the_server_hangs(tmp_path:
             server.signal(signal.SIGSTOP)
             wait_until(lambda: f"serve hangs: the robot {SAT}" in server.said(), "the keeper")
         bus = I2cSocket(boards.port)
-        off = [bus.read_byte_data(0x40 + n // 16, 0x09 + 4 * (n % 16)) for n in range(18)]
+        off = [byte_of(bus, 0x40 + n // 16, 0x09 + 4 * (n % 16)) for n in range(18)]
         bus.close()
         assert boards.end()["refused"] == 0
     assert off == [0x10] * 18

@@ -10,9 +10,8 @@ from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.server.service import ServiceStarted
-from hexctl.simulators.board_faults import BoardFault, DueFaults, parse_fault
+from hexctl.simulators.board_faults import BUS_FAULTS, BoardFault, BusFaults, parse_fault
 from hexctl.simulators.board_service import BoardService
-from hexctl.simulators.bus_faults import BUS_FAULTS, BusFaults
 from hexctl.simulators.servo2040_board import SERVO2040_FAULTS
 
 KINDS = {"mute": "", "trip": "AMPERES", "garble": "SHARE", "nack": "[:SHARE]"}
@@ -55,14 +54,6 @@ def test_a_fault_that_is_none_is_refused(name: str) -> None:
     for text in texts.split("|"):
         with pytest.raises(InputError, match=f"fault: got .*{next(iter(kinds))}"):
             parse_fault(text.strip(), kinds)
-
-
-def test_faults_begin_in_their_order_and_once() -> None:
-    faults = DueFaults(tuple(parse_fault(text, KINDS) for text in ("mute@3", "nack", "trip:1@2")))
-    assert [fault.kind for fault in faults.begun(0.0)] == ["nack"]
-    assert faults.begun(1.9) == []
-    assert [fault.kind for fault in faults.begun(5.0)] == ["trip", "mute"]
-    assert faults.begun(9.0) == []
 
 
 def _begun(*texts: str) -> BusFaults:

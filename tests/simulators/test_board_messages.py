@@ -37,6 +37,16 @@ REQUESTS = {
 }
 
 
+#: What answers say: the parameter never changes, and there are no missions and no files.
+SAID: dict[str, dict[str, Any]] = {
+    "PARAM_VALUE": {"param_id": "CHANNELS", "param_value": 18.0, "param_count": 1},
+    "PARAM_ERROR": {"error": common.MAV_PARAM_ERROR_DOES_NOT_EXIST},
+    "MISSION_COUNT": {"count": 0, "mission_type": 1},
+    "MISSION_ACK": {"type": common.MAV_MISSION_UNSUPPORTED},
+    "FILE_TRANSFER_PROTOCOL": {"payload": [0, 0, 5, 129, 1, 3, *[0] * 6, 7, *[0] * 238]},
+}
+
+
 def answered(request: Any) -> list[Any]:
     """Answers to a request of system 255, component 190, each as it arrives there."""
     station, board = Codec(255, 190), Codec(1, 1)
@@ -50,33 +60,11 @@ def test_every_request_has_one_answer_for_who_asked_and_none_for_another_system(
     request, kind = copy.copy(REQUESTS[name][0]), REQUESTS[name][1]
     (answer,) = answered(request)
     assert answer.get_type() == kind
+    assert answer.to_dict().items() >= SAID.get(kind, {}).items()
     if kind != "PARAM_VALUE":
         assert (answer.target_system, answer.target_component) == (255, 190)
     request.target_system = 2
     assert answered(request) == []
-
-
-def test_a_list_of_files_is_refused_with_the_number_after_the_request() -> None:
-    (refusal,) = answered(REQUESTS["FILE_TRANSFER_PROTOCOL"][0])
-    assert list(refusal.payload[:13]) == [0, 0, 5, 129, 1, 3, *[0] * 6, 7]
-
-
-def test_the_parameter_stays_as_it_is() -> None:
-    for name in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "by index", "PARAM_SET"):
-        (value,) = answered(REQUESTS[name][0])
-        assert (value.param_id, value.param_value, value.param_count) == ("CHANNELS", 18.0, 1)
-
-
-def test_a_parameter_that_is_not_there_is_named() -> None:
-    (error,) = answered(REQUESTS["no name"][0])
-    assert (error.param_id, error.error) == ("SYS_AUTOSTART", common.MAV_PARAM_ERROR_DOES_NOT_EXIST)
-
-
-def test_there_is_no_mission_and_none_is_taken() -> None:
-    (count,) = answered(REQUESTS["MISSION_REQUEST_LIST"][0])
-    assert (count.count, count.mission_type) == (0, 1)
-    for name in ("MISSION_COUNT", "MISSION_REQUEST_INT", "MISSION_CLEAR_ALL"):
-        assert answered(REQUESTS[name][0])[0].type == common.MAV_MISSION_UNSUPPORTED
 
 
 @pytest.mark.parametrize("long", [True, False])

@@ -6,17 +6,13 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, argument
-from hexctl.options import RARE, Range, Typed, check_fields
+from hexctl.options import RARE, Typed, check_fields
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
-from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS
+from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS, USUAL_BAUDS
 
 if TYPE_CHECKING:
     from hexctl.robot.servos.bus_map import BusMap
     from hexctl.robot.servos.servo_schema import ServosSection
-
-
-#: Ids that a servo can have.
-SERVO_ID = Range(low=0, high=252, whole=True)
 
 #: Asks at every usual baud rate of a driver.
 ALL_BAUDS = "all"
@@ -119,8 +115,6 @@ class ScanOptions(BusOptions):
 
     def bauds_at(self, address: BusAddress) -> tuple[int, ...]:
         """Return the baud rates to ask at."""
-        from hexctl.backends.bus.tools import USUAL_BAUDS
-
         return USUAL_BAUDS[address.driver] if self.bauds == ALL_BAUDS else (address.baud,)
 
 

@@ -36,9 +36,6 @@ _OF_A_RESTART = ("", "limp", "voltage", "hardware alert", "hardware alert (volta
 #: How long a brown-out explains what servos do, and how fast the usual voltage follows a battery's.
 REMEMBERS_S, DRAINS_S = 10.0, 60.0
 
-#: A figure in a warning is replaced when it differs by more than this factor.
-CHANGED = 1.5
-
 
 class AnswerShares:
     """Recent shares of questions without a complete answer, `damaged`, and their numbers, by joint."""
@@ -75,7 +72,7 @@ class LineCondition:
         self._usual_v = np.nan  # until most servos have reported a voltage
         self._at_s = self._sagged_at_s = -np.inf
         self._low_v = np.inf  # lowest of a brown-out
-        self._reported: dict[int, float] = {}  # reported shares, by joint; -1 for all
+        self._bad: BoolArray = np.zeros(N_JOINTS, dtype=bool)  # joints with damaged answers
 
     def warnings(self, servos: ServoReadings, limp: BoolArray, mute: BoolArray) -> list[str]:
         """Warnings, unchanged while nothing changes; `limp` and `mute` are joints, (18,)."""
@@ -120,24 +117,9 @@ class LineCondition:
         shares = np.where(mute, 0.0, self._shares.damaged)
         bad_answers = shares * np.minimum(self._shares.asked, WINDOW)
         begins = (shares >= DAMAGED) & (bad_answers >= LEAST_BAD)
-        before = np.array([joint in self._reported or -1 in self._reported for joint in range(N_JOINTS)])
-        bad = np.flatnonzero(begins | (before & (shares >= GOOD))).tolist()
-        if len(bad) > MOST_LINES:
-            share = self._figure(-1, float(np.median(shares[bad])))
-            self._reported = {-1: share}
-            return [f"bad cable or noise: {_percent(share)} of all answers are damaged or missing"]
-        self._reported = {joint: self._figure(joint, float(shares[joint])) for joint in bad}
-        return [
-            f"bad cable or noise: {_percent(self._reported[joint])} of the answers of "
-            f"{self._map.names(np.arange(N_JOINTS) == joint)} are damaged or missing"
-            for joint in bad
-        ]
-
-    def _figure(self, joint: int, share: float) -> float:
-        """Share to report: the previous one while it is about right."""
-        said = self._reported.get(joint)
-        return share if said is None or not said / CHANGED <= share <= said * CHANGED else said
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
+        self._bad = begins | (self._bad & (shares >= GOOD))
+        if not self._bad.any():
+            return []
+        many = np.count_nonzero(self._bad) > MOST_LINES
+        whose = "most servos" if many else self._map.names(self._bad)
+        return [f"bad cable or noise: answers of {whose} are damaged or missing"]

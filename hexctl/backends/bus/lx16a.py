@@ -89,11 +89,6 @@ def torque_packet(servo_id: int, *, on: bool) -> bytes:
     return LX16A.instruction(servo_id, WRITE_LOAD, bytes([on]))
 
 
-def mode_packet(servo_id: int, *, motor: bool) -> bytes:
-    """Packet that selects position mode, or motor mode at speed 0."""
-    return LX16A.instruction(servo_id, WRITE_MODE, bytes([motor, 0, 0, 0]))
-
-
 def signed_number(parameters: bytes) -> int:
     """Number in the parameters of an answer; two bytes are signed."""
     return int.from_bytes(parameters, "little", signed=len(parameters) == 2)
@@ -159,7 +154,7 @@ class Lx16aServo(Servo):
         """Set up a servo without torque: position mode."""
         if not self._is_motor():
             return []
-        self._packets.line.write(mode_packet(self.servo_id, motor=False))
+        self._packets.tell(self.servo_id, WRITE_MODE, bytes(4))  # position mode
         return ["could not end its motor mode" if self._is_motor() else "ended its motor mode"]
 
     def _is_motor(self) -> bool:

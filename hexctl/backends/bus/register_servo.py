@@ -1,13 +1,13 @@
 """One Dynamixel or Feetech servo on a line, by its registers."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import READ, REBOOT, WRITE, StatusPacket
-from hexctl.backends.bus.registers import Register, bit_words, table_of
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings, firmware_and_variant
+from hexctl.backends.bus.registers import Register, Setting, bit_words, table_of
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 
 #: Message for a silent servo.
@@ -83,9 +83,9 @@ class RegisterServo(Servo):
         finally:
             self._stored = None
 
-    def value(self, register: Register | None, *, tries: int = TRIES) -> float | None:
+    def value(self, register: Register | None) -> float | None:
         """Number in a register in its unit; None without an answer or a register."""
-        raw = self.raw(register, tries=tries)
+        raw = self.raw(register)
         return None if raw is None or register is None else register.value(raw)
 
     def value_twice(self, register: Register | None) -> float | None:
@@ -219,26 +219,23 @@ class RegisterServo(Servo):
             self._lock(open_=False)
         if said := self.change(table.return_delay, 0):
             notes.append(f"its return delay cannot be set to 0 ({said})")
-        mode, flags = self.read_twice(table.mode), self.read_twice(table.flags)
-        if table.mode is not None and mode not in (None, table.position_mode):
-            said = self.change(table.mode, table.position_mode)
-            notes.append(_changed(f"its operating mode from {mode} to {table.position_mode}", said))
-        if table.flags is not None and flags is not None:
-            off, on = bit_words(table.cleared, flags), bit_words(table.wanted, ~flags)
-            wanted = (flags & ~_bits(table.cleared)) | _bits(table.wanted)
-            said = self.change(table.flags, wanted) if off or on else ""
-            notes += [_changed(f"its flag for {off} off", said)] if off else []
-            if table.timed is not None and flags >> table.timed & 1 and not said:
-                notes += self._end_times()
-            notes += [_changed(f"its flag for {on}", said)] if on else []
-        if table.resolution is not None and (scale := self.read_twice(table.resolution) or 1) > 1:
-            said = self.change(table.resolution, 1)
-            notes.append(_changed(f"its angular resolution from {scale} to 1", said))
+        for setting, now in self._deviations():
+            if setting.is_set:
+                said = self.change(setting.register, setting.into(now))
+                notes.append(_changed(f"{setting.words} from {setting.of(now)} to {setting.value}", said))
+                notes += [] if said else self._set_to_zero(setting.zeroes)
         return notes
 
-    def _end_times(self) -> list[str]:
+    def _deviations(self) -> Iterator[tuple[Setting, int]]:
+        """Settings with another value than required, and the raw numbers of their registers."""
+        for setting in self.table.settings:
+            raw = self.read_twice(setting.register)
+            if raw is not None and setting.of(raw) != setting.value:
+                yield setting, raw
+
+    def _set_to_zero(self, registers: Sequence[Register]) -> list[str]:
         """Set durations of moves to none: as limits of speed and acceleration they mean something else."""
-        times = {each: self.read_twice(each) for each in self.table.profile}
+        times = {each: self.read_twice(each) for each in registers}
         return [
             _changed(f"its profile register {each.address} from {time} ms to 0", self.change(each, 0))
             for each, time in times.items()
@@ -316,31 +313,13 @@ class RegisterServo(Servo):
 
     def _refusal(self, least: float | None, most: float | None) -> str:
         """Why it would not follow position goals; empty if it does."""
-        table = self.table
         if not self._known:
             return f"its model number {self._number} is not known"
-        mode, flags = self.read_twice(table.mode), self.read_twice(table.flags)
-        if table.mode is not None and mode not in (None, table.position_mode):
-            return f"its operating mode is {mode}, not {table.position_mode} (position); {_LATER}"
-        if table.mode is None and least == most == 0:
+        if self.table.mode is None and least == most == 0:
             return "it is in wheel mode, with both angle limits at 0; set them with the vendor's tool"
-        if table.flags is None or flags is None:
-            return self._refused_numbers()
-        if words := bit_words(table.cleared, flags):
-            return f"its flag for {words} is on; {_LATER}"
-        if words := bit_words(table.wanted, ~flags):
-            return f"its flag for {words} is off; {_LATER}"
-        if words := bit_words(table.refused, flags):
-            return f"{words} (register {table.flags.address} is {flags}); clear that with the vendor's tool"
-        return self._refused_numbers()
-
-    def _refused_numbers(self) -> str:
-        """Why a number keeps it from following its own goals; empty if none does."""
-        table = self.table
-        if (scale := self.read_twice(table.resolution) or 1) > 1:
-            return (
-                f"its angular resolution is {scale}, not 1: its counts are {scale} times as large; {_LATER}"
-            )
+        for setting, now in self._deviations():
+            remedy = _LATER if setting.is_set else "change that with the vendor's tool"
+            return f"{setting.words} is {setting.of(now)}, not {setting.value}; {remedy}"
         return ""
 
     def _notes(self) -> list[str]:
@@ -348,7 +327,6 @@ class RegisterServo(Servo):
         shutdown = self.read_twice(table.shutdown)
         if shutdown is not None and (missing := bit_words(table.protections, ~shutdown)):
             notes.append(f"it does not protect itself from {missing}")
-        notes += self._overload_notes()
         stored, now = self.value_twice(table.max_torque), self.value_twice(table.soft_torque)
         if stored == 0:
             notes.append("its maximum torque is set to 0")
@@ -358,8 +336,6 @@ class RegisterServo(Servo):
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
         if speed := self.value_twice(table.speed):
             notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")
-        if acceleration := self.value_twice(table.acceleration):
-            notes.append(f"its acceleration is limited to {acceleration:.0f} degrees/s^2")
         if alert := self.hardware_error():
             bits = self.read_twice(table.hardware_error)
             tripped = shutdown is None or bits is None or bits & shutdown
@@ -372,17 +348,17 @@ class RegisterServo(Servo):
 
     def _speed_unit(self) -> float:
         """How many times larger its counts of a speed are."""
-        flags = self.read_twice(self.table.flags)
-        if self.table.slow_unit is None or flags is None:
+        if self.table.slow_unit is None:
             return 1.0
-        bit, times = self.table.slow_unit
-        return 1.0 if flags >> bit & 1 else times
+        register, bit, times = self.table.slow_unit
+        flags = self.read_twice(register)
+        return 1.0 if flags is None or flags >> bit & 1 else times
 
     def _variant_notes(self) -> list[str]:
         """Notes on a supply that it is not made for, and on old firmware."""
         notes, firmware = [], self.firmware()
         limits, volts = self._voltage_limits(), self.value_twice(self.table.voltage)
-        kind = firmware_and_variant(firmware, self.variant())
+        kind = ", ".join(filter(None, (firmware and f"firmware {firmware}", self.variant())))
         if limits is not None and volts and volts < limits[0]:
             notes.append(f"its supply is low, {volts:.3g} V ({kind}); charge the battery, or check its cable")
         elif limits is not None and volts and volts > limits[1]:
@@ -393,17 +369,6 @@ class RegisterServo(Servo):
                 newest = ".".join(map(str, least))
                 notes.append(f"its firmware {firmware} is older than {newest}, and lacks {lacks}; update it")
         return notes
-
-    def _overload_notes(self) -> list[str]:
-        overload = self.table.overload
-        if overload is None:
-            return []
-        values = [self.value_twice(register) for register in overload.registers]
-        known = [(own, usual) for own, usual in zip(values, overload.factory, strict=True) if own is not None]
-        if len(known) < len(values) or all(own <= usual + TORQUE_SHARE for own, usual in known):
-            return []
-        own = _overload_words(*(own for own, _ in known))
-        return [f"after an overload it gives {own}, from the factory {_overload_words(*overload.factory)}"]
 
 
 def register_servo(packets: PacketLine, driver: str, servo_id: int, protocol: int) -> RegisterServo:
@@ -419,17 +384,9 @@ def register_servo(packets: PacketLine, driver: str, servo_id: int, protocol: in
     return RegisterServo(packets, servo_id, likely.type, number=number, known=False)
 
 
-def _bits(words: Mapping[int, str]) -> int:
-    return sum(1 << bit for bit in words)
-
-
 def _rounded(number: float | None, digits: int) -> float | None:
     return None if number is None else round(number, digits)
 
 
 def _changed(what: str, said: str) -> str:
     return f"could not set {what} ({said})" if said else f"set {what}"
-
-
-def _overload_words(load: float, time_s: float, torque: float) -> str:
-    return f"{100 * torque:.0f} % of its torque after {time_s:g} s above {100 * load:.0f} %"

@@ -42,22 +42,30 @@ class Register:
         return number
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OverloadRegisters:
-    """Registers of the reaction to an overload, and their factory values.
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Value that a register, or one bit of it, must have for goals to be followed.
 
-    `load` is the overload threshold as a share of the maximum effort, `torque` the share of torque after it.
+    Attributes:
+        words: name of it.
+        is_set: whether it is set while the servo has no torque; else a servo with another value is refused.
+        zeroes: registers that are 0 once it was set.
     """
 
-    load: Register
-    time_s: Register
-    torque: Register
-    factory: tuple[float, float, float]
+    register: Register
+    value: int
+    words: str
+    bit: int | None = None
+    is_set: bool = True
+    zeroes: tuple[Register, ...] = ()
 
-    @property
-    def registers(self) -> tuple[Register, Register, Register]:
-        """The three registers, in the order of `factory`."""
-        return self.load, self.time_s, self.torque
+    def of(self, raw: int) -> int:
+        """Its value in the raw number of its register."""
+        return raw if self.bit is None else raw >> self.bit & 1
+
+    def into(self, raw: int) -> int:
+        """Raw number with the required value."""
+        return self.value if self.bit is None else raw & ~(1 << self.bit) | self.value << self.bit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,15 +92,8 @@ class RegisterTable:
     least: Register  # lowest goal that the servo takes
     most: Register  # highest goal
     mode: Register | None = None  # without one, a servo with both limits at 0 is in wheel mode
-    position_mode: int = 0  # `mode` of a servo that steers for a position
-    flags: Register | None = None  # change what counts mean
-    refused: Mapping[int, str] = field(default_factory=dict)  # flags by bit with which a servo is refused
-    cleared: Mapping[int, str] = field(default_factory=dict)  # flags by bit to clear without torque
-    wanted: Mapping[int, str] = field(default_factory=dict)  # flags by bit to set without torque
-    timed: int | None = None  # flag with which `profile` is in ms: durations of moves, not limits
-    profile: tuple[Register, ...] = ()
-    slow_unit: tuple[int, float] | None = None  # flag without which speeds count this many times as much
-    resolution: Register | None = None  # counts are multiplied by it
+    settings: tuple[Setting, ...] = ()
+    slow_unit: tuple[Register, int, float] | None = None  # speeds count so many times as much without a bit
     status_level: tuple[Register, int] | None = None  # which instructions are answered, and all of them
     shadow_id: Register | None = None  # another id whose goals it follows; none above the highest id
     firmware: tuple[Register, ...] = ()  # version, its main number first
@@ -101,9 +102,8 @@ class RegisterTable:
     variants: tuple[tuple[float, str], ...] = ()  # names of types by their highest supply in V
     shutdown: Register | None = None  # conditions under which the servo lets go
     protections: Mapping[int, str] = field(default_factory=dict)  # bits of `shutdown` that protect it
-    overload: OverloadRegisters | None = None
+    overload_torque: Register | None = None  # share of its torque that a servo keeps after an overload
     max_torque: Register | None = None  # at power-up
-    acceleration: Register | None = None  # its limit in degrees/s^2; 0 is none
     torque_limit: Register | None = None  # now; some servos set it to 0 after an overload
     soft_torque: Register | None = None  # limits the torque of single servos while they are tried
     speed: Register | None = None  # highest, 0 for full
@@ -221,7 +221,7 @@ XL320 = replace(
     temperature=Register(46),
     sync_read=True,
     mode=Register(11),
-    position_mode=2,
+    settings=(Setting(Register(11), 2, "its operating mode"),),
     status_level=(Register(17), 2),
     voltages=(Register(13, scale=0.1), Register(14, scale=0.1)),
     protections={0: "overload", 1: "heat"},
@@ -233,6 +233,9 @@ XL320 = replace(
     errors={7: "hardware alert"},
     refusals=_REFUSALS_2,
 )
+
+#: Limits of acceleration and velocity of X servos, or durations in ms with a time-based profile.
+_X_PROFILE = (Register(108, 4), Register(112, 4))
 
 #: XL430 (ROBOTIS e-Manual).
 X = RegisterTable(
@@ -250,12 +253,12 @@ X = RegisterTable(
     least=Register(52, 4),
     most=Register(48, 4),
     mode=Register(11),
-    position_mode=3,
-    flags=Register(10),
-    refused={0: "it counts in reverse", 3: "goals switch its torque on"},
-    cleared={2: "moves by time (time-based profile)"},
-    timed=2,
-    profile=(Register(108, 4), Register(112, 4)),  # acceleration and velocity
+    settings=(
+        Setting(Register(11), 3, "its operating mode"),
+        Setting(Register(10), 0, "its flag for moves by time (time-based profile)", 2, zeroes=_X_PROFILE),
+        Setting(Register(10), 0, "its flag for counts in reverse", 0, is_set=False),
+        Setting(Register(10), 0, "its flag for goals that switch its torque on", 3, is_set=False),
+    ),
     status_level=(Register(68), 2),
     shadow_id=Register(12),
     firmware=(Register(6),),
@@ -266,7 +269,6 @@ X = RegisterTable(
     max_torque=Register(36, 2, scale=1 / 885),
     soft_torque=Register(100, 2, "twos", 1 / 885),
     speed=Register(112, 4, scale=1.374),
-    acceleration=Register(108, 4, scale=21.458),
     hardware_error=Register(70),
     hardware_errors={0: "voltage", 2: "hot", 3: "encoder", 4: "electrical shock", 5: "overload"},
     watchdog=Register(98),
@@ -296,11 +298,13 @@ STS = RegisterTable(
     least=Register(9, 2),
     most=Register(11, 2),
     mode=Register(33),
-    flags=Register(18),
-    cleared={4: "positions beyond one turn"},
-    wanted={3: "a speed of 0 as full speed"},
-    slow_unit=(2, 50.0),
-    resolution=Register(30),
+    settings=(
+        Setting(Register(33), 0, "its operating mode"),
+        Setting(Register(18), 0, "its flag for positions beyond one turn", 4),
+        Setting(Register(18), 1, "its flag for a speed of 0 as full speed", 3),
+        Setting(Register(30), 1, "its angular resolution"),
+    ),
+    slow_unit=(Register(18), 2, 50.0),
     status_level=(Register(8), 1),
     firmware=(Register(0), Register(1)),
     least_firmware=((3, 10), "readings of all servos at once"),
@@ -308,17 +312,11 @@ STS = RegisterTable(
     variants=((9.0, "7.4 V type"), (99.0, "12 V type")),
     shutdown=Register(19),
     protections={2: "heat", 5: "overload"},
-    overload=OverloadRegisters(
-        load=Register(36, scale=0.01),
-        time_s=Register(35, scale=0.01),
-        torque=Register(34, scale=0.01),
-        factory=(0.8, 2.0, 0.2),
-    ),
+    overload_torque=Register(34, scale=0.01),
     max_torque=Register(16, 2, scale=0.001),
     torque_limit=Register(48, 2, scale=0.001),
     soft_torque=Register(48, 2, scale=0.001),
     speed=Register(46, 2, "bit15", 360 / 4096),
-    acceleration=Register(41, scale=100 * 360 / 4096),
     unlock=Register(55),
     errors={0: "voltage", 1: "encoder", 2: "hot", 3: "current", 5: "overload"},
 )
@@ -332,18 +330,14 @@ SCS = replace(
     current=None,
     sync_read=False,
     mode=None,
-    flags=None,
-    cleared={},
-    wanted={},
+    settings=(),
     slow_unit=None,
-    resolution=None,
     least_firmware=None,
     variants=(),
-    overload=None,
+    overload_torque=None,
     torque_limit=None,
     soft_torque=None,
     speed=Register(46, 2, scale=300 / 1023),
-    acceleration=None,
     unlock=Register(48),
 )
 

@@ -14,11 +14,6 @@ TRIES = 4
 Answer = TypeVar("Answer")
 
 
-def firmware_and_variant(firmware: str, variant: str) -> str:
-    """Words for both, such as `firmware 3.10, 12 V type, 4 to 14 V`; an empty one is left out."""
-    return ", ".join(filter(None, (firmware and f"firmware {firmware}", variant)))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundServo:
     """A servo that answers; None for unknown values.

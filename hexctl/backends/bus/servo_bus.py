@@ -53,15 +53,11 @@ class BusCounters(PortCounters):
     """Counts of a bus since it was opened.
 
     Attributes:
-        missed: requested reports that did not arrive.
         garbled: bytes outside packets.
         implausible: number of rejected positions.
         shares: of damaged answers, by servo.
     """
 
-    writes: int = 0
-    reports: int = 0
-    missed: int = 0
     garbled: int = 0
     implausible: int = 0
     shares: AnswerShares = field(default_factory=AnswerShares)

@@ -10,7 +10,7 @@ from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, Report, ServoBus
-from hexctl.backends.bus.tools import BUSES, baud_advice, bus_of, check_no_unexpected_ids, lost_id_notes
+from hexctl.backends.bus.tools import BUSES, bus_of, check_no_unexpected_ids, lost_id_notes, other_settings
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import PortThread
 from hexctl.backends.ticked_servos import PortServos
@@ -155,7 +155,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         super().__init__(robot, servo_map=bus_map, port=port, counters=BusCounters(), clock=clock)
         self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._held = False
-        self._speeds = np.degrees(self._robot.joint_max_speed_rad_s) * bus_map.per_deg
         self._notes: tuple[str, ...] = ()
         self._garbled = 0  # bytes until something was heard last
         self._condition = LineCondition(bus_map, self.counters.shares, time=self._clock.time)
@@ -198,8 +197,9 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             advice = ""
             if first and not found.any() and (not bus.damage or bus.damage.at_many_ids):
                 line.close()
-                advice = baud_advice(self._port, self._map.driver, (self._baud,))
-            self._check_found(found, bus.damage, advice)
+                driver = self._map.driver
+                advice = other_settings(self._port, driver, (self._baud,), drivers=(driver,))
+            self._check_found(found, bus.damage, advice and f"; {advice}")
             noise = [bus.damage.description(self._port)] if bus.damage.noisy and found.all() else []
             if first and bus.damage and not noise:  # two servos with one id would move together
                 raise RobotFaultError(bus.damage.description(self._port))

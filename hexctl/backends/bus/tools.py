@@ -7,19 +7,18 @@ from itertools import count
 import numpy as np
 
 from hexctl.backends.bus import lx16a as lx
-from hexctl.backends.bus.bus_options import SERVO_ID
 from hexctl.backends.bus.damage import Damage, Listener
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.register_servo import register_servo
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, firmware_and_variant
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
+from hexctl.robot.servos.servo_models import SERVO_ID, SERVO_TYPES, USUAL_BAUDS
 from hexctl.types import JOINT_NAMES, N_JOINTS, BoolArray
 
 #: Ids that a servo can have, and the one that it has from the factory.
@@ -33,13 +32,6 @@ FAMILIES = {"dynamixel": "Dynamixel", "feetech": "Feetech", "lx16a": "LX-16A"}
 
 #: Bus of each driver.
 BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": lx.Lx16aBus}
-
-#: Bits per second that servos of each driver have from the factory or are usually given.
-USUAL_BAUDS = {
-    "dynamixel": (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000),
-    "feetech": (1_000_000, 500_000, 115_200, 38_400),
-    "lx16a": (115_200,),
-}
 
 #: How long an answer may take besides its time on the wire; 16 ms of it may be the adapter's.
 TIMEOUT_S = 0.02
@@ -101,38 +93,22 @@ def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -
     return register_servo(packets, driver, servo_id, protocol)
 
 
-def _protocols_of(driver: str) -> tuple[int, ...]:
-    """Protocols of a driver; raises InputError for an unknown one."""
-    if driver not in PROTOCOLS_OF:
-        raise InputError(f"{argument('driver')}: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
-    return PROTOCOLS_OF[driver]
+def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
+    """Servo with this id, in any protocol of the driver.
 
-
-def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
-    """Servo with this id, in any protocol of the driver; None if none answers.
-
-    Raises InputError for another driver, RobotFaultError for damaged answers: several servos may have this
-    id.
+    Raises RobotFaultError if none answers, and for damaged answers: several servos may have this id.
     """
-    for protocol in _protocols_of(driver):
+    for protocol in PROTOCOLS_OF[driver]:
         listener = Listener(tool_line(line, driver, protocol))
         answers = listener.answers(servo_id, tries=TRIES)
         if damage := listener.damage():
             raise RobotFaultError(damage.description(line.path))
         if answers:
             return servo_with(listener.packets, driver, protocol, servo_id)
-    return None
-
-
-def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
-    """Servo with this id; raises RobotFaultError if none answers."""
-    servo = find_servo(line, driver, servo_id)
-    if servo is None:
-        raise RobotFaultError(
-            f"no servo with id {servo_id} answers on {line.path} at {line.baud} baud; `hexctl servos scan` "
-            "shows which do"
-        )
-    return servo
+    raise RobotFaultError(
+        f"no servo with id {servo_id} answers on {line.path} at {line.baud} baud; `hexctl servos scan` shows "
+        "which do"
+    )
 
 
 def scan_bus(
@@ -151,9 +127,9 @@ def scan_bus(
         progress: called before each question.
         on_damage: called for each baud rate and protocol with bytes outside answers.
 
-    Raises InputError for another driver, RobotFaultError for a port that cannot be opened or is lost.
+    Raises RobotFaultError for a port that cannot be opened or is lost.
     """
-    protocols = _protocols_of(driver)
+    protocols = PROTOCOLS_OF[driver]
     asked, of = count(), len(bauds) * len(protocols) * len(ids)
     found: list[FoundServo] = []
     for baud in bauds:
@@ -188,86 +164,50 @@ def _look_at(
         listener.look(servo_id, look)
 
 
-def variant_notes(found: Sequence[FoundServo]) -> list[str]:
-    """Firmware and type of servos that report them, one line for each kind."""
-    kinds: dict[str, list[int]] = {}
-    for each in found:
-        if words := firmware_and_variant(each.firmware, each.variant):
-            kinds.setdefault(words, []).append(each.servo_id)
-    if len(kinds) == 1 and len(found) > 1:
-        return [f"{next(iter(kinds))}: all"]
-    return [f"{words}: id {', '.join(map(str, ids))}" for words, ids in kinds.items()]
-
-
-def other_families(
-    path: str, driver: str, own_bauds: Collection[int], bauds: Collection[int] | None = None
+def other_settings(
+    path: str, driver: str, bauds: Collection[int], drivers: Collection[str] = tuple(PROTOCOLS_OF)
 ) -> str:
-    """What servos of other drivers answer and how to reach them, as text.
-
-    Empty for none, and if some of `driver` answer at `own_bauds`. Those that report a model need a known one,
-    because families answer each other's requests. `bauds` None are the usual ones of each driver.
-    """
-    answers = [
-        _family_text(each, found)
-        for each in PROTOCOLS_OF
-        if each != driver
-        for found in _one_of_family(path, each, USUAL_BAUDS[each] if bauds is None else bauds)
+    """Other drivers and usual baud rates at which servos answer, as text; empty for none."""
+    others = [
+        (each, baud) for each in drivers for baud in USUAL_BAUDS[each] if each != driver or baud not in bauds
     ]
-    return "" if answers and _one_of_family(path, driver, own_bauds) else " or ".join(answers)
+    found = [(FAMILIES[each], servo) for each, baud in others if (servo := _a_servo(path, each, baud))]
+    return " or ".join(
+        f"{family} servos{f' ({servo.model})' if servo.model else ''} answer at {servo.baud} baud"
+        for family, servo in found
+    )
 
 
-def _one_of_family(path: str, driver: str, bauds: Collection[int]) -> list[FoundServo]:
-    for baud in bauds:
-        found = _first_found(path, driver, baud)
-        if found is not None and (driver == "lx16a" or found.model is not None):
-            return [found]
-    return []
+def _a_servo(path: str, driver: str, baud: int) -> FoundServo | None:
+    """A servo with one of a few ids; one that reports a model needs a known one.
 
-
-def _family_text(driver: str, found: FoundServo) -> str:
-    model = f" ({found.model})" if found.model else ""
-    at = "" if found.baud == DEFAULT_BAUDS[driver] else f" --baud {found.baud}"
-    return f"these are {FAMILIES[driver]} servos{model}; use --driver {driver}{at}"
-
-
-def _first_found(path: str, driver: str, baud: int) -> FoundServo | None:
-    """Servo with the lowest of a few ids, in the first protocol with an answer."""
+    Families answer each other's requests.
+    """
     try:
-        with opened_line(path, baud) as line:
-            for protocol in PROTOCOLS_OF[driver]:
-                packets = tool_line(line, driver, protocol)
-                for servo_id in filter(packets.ping, FIRST_IDS):
-                    return servo_with(packets, driver, protocol, servo_id).look()
+        found = scan_bus(path, driver, baud, ids=FIRST_IDS)
     except RobotFaultError:
-        pass  # a rate that the adapter does not have
-    return None
+        return None  # a rate that the adapter does not have
+    return next((each for each in found if driver == "lx16a" or each.model is not None), None)
 
 
-def baud_advice(path: str, driver: str, bauds: Collection[int]) -> str:
-    """Advice for a silent bus: other usual baud rates at which servos answer; empty for none."""
-    usual = [baud for baud in USUAL_BAUDS[driver] if baud not in bauds]
-    others = " or ".join(str(baud) for baud in usual if _first_found(path, driver, baud))
-    return f"; servos answer at {others} baud: a wrong baud rate" if others else ""
+def check_family(path: str, driver: str, bauds: Collection[int]) -> None:
+    """Raise InputError if servos answer, but none of this driver at these baud rates."""
+    if any(_a_servo(path, driver, baud) for baud in bauds):
+        return
+    if others := other_settings(path, driver, bauds):
+        raise InputError(f"{argument('driver')}: got {driver}, but {others}")
 
 
 def damage_report(damage: Damage, path: str, driver: str) -> str:
-    """The fault; for damage at many ids also the baud rates at which servos answer."""
-    advice = baud_advice(path, driver, (damage.baud,)) if damage.at_many_ids else ""
-    return damage.description(path) + advice
+    """The fault; for damage at many ids also the settings at which servos answer."""
+    others = other_settings(path, driver, (damage.baud,)) if damage.at_many_ids else ""
+    return "; ".join(filter(None, (damage.description(path), others)))
 
 
-def nothing_answers(path: str, driver: str, bauds: Sequence[int], *, all_asked: bool) -> str:
-    """Message for a scan without a servo and without damaged answers; `all_asked` with other drivers too."""
-    tried = " or ".join(str(baud) for baud in bauds)
-    others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
-    at = f"at {', '.join(others)} and " if others else ""
-    usual = "" if all_asked else f"; --baud all also asks {at}with other drivers"
-    if not all_asked and (others_answer := other_families(path, driver, bauds, bauds)):
-        return f"no {driver} servo answers on {path} at {tried} baud; {others_answer}"
-    return (
-        f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?"
-        f"{baud_advice(path, driver, bauds)}{usual}"
-    )
+def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
+    """Message for a line without servos and without damaged answers."""
+    advice = other_settings(path, driver, bauds) or f"are they powered, and is {driver} their driver?"
+    return f"no {driver} servo answers on {path} at {' or '.join(map(str, bauds))} baud; {advice}"
 
 
 def set_servo_id(
@@ -275,10 +215,8 @@ def set_servo_id(
 ) -> FoundServo:
     """Change the id of the only servo on a bus, and read it under the new one.
 
-    Raises InputError for another driver, for an id that no servo can have and unless exactly one servo
-    answers, RobotFaultError when it does not take the id.
+    Raises InputError unless exactly one servo answers, RobotFaultError when it does not take the id.
     """
-    SERVO_ID.check(argument("new_id"), new_id)
     told = _ids_by_broadcast(path, baud) if driver == "lx16a" else []
     damages: list[Damage] = []
     found = scan_bus(path, driver, baud, ids=told or IDS, progress=progress, on_damage=damages.append)
@@ -287,7 +225,7 @@ def set_servo_id(
         answer = ", ".join(map(str, answering)) or "none"
         reasons = [damage_report(each, path, driver) for each in damages]
         if not (answering or damages):
-            reasons = [baud_advice(path, driver, (baud,)).removeprefix("; ")]
+            reasons = [other_settings(path, driver, (baud,))]
         more = "".join(f"; {each}" for each in reasons if each)
         raise InputError(f"servos that answer: got {answer}; allowed: exactly one on the bus{more}")
     servo = found[0]
@@ -339,13 +277,6 @@ def id_differences(servos: BusMap, answering: Collection[int]) -> list[str]:
     return notes + ([f"in no joint of the robot file: id {', '.join(others)}"] if others else [])
 
 
-def ids_around(servos: BusMap) -> list[int]:
-    """Ids of no joint within `MARGIN` of those of the joints, and the factory's."""
-    used = set(servos.ids.tolist())
-    near = range(min(used) - MARGIN, max(used) + MARGIN + 1)
-    return [each for each in IDS if each not in used and (each in near or each == FACTORY_ID)]
-
-
 def check_no_unexpected_ids(line: SerialLine, servos: BusMap, found: BoolArray) -> None:
     """Raise RobotFaultError if a joint's servo is missing and an id of no joint answers, or several do.
 
@@ -354,37 +285,34 @@ def check_no_unexpected_ids(line: SerialLine, servos: BusMap, found: BoolArray) 
     """
     if found.all():
         return
+    used = set(servos.ids.tolist())
+    near = range(min(used) - MARGIN, max(used) + MARGIN + 1)
     listener = Listener(tool_line(line, servos.driver, servos.protocol))
-    unexpected = [each for each in ids_around(servos) if listener.answers(each, tries=2)]
+    asked = [each for each in IDS if each not in used and (each in near or each == FACTORY_ID)]
+    unexpected = [each for each in asked if listener.answers(each, tries=2)]
     if damage := listener.damage():
         raise RobotFaultError(f"{servos.names(~found)} does not answer; {damage.description(line.path)}")
-    lost = _adoptable(servos, found) is not None and unexpected == [FACTORY_ID]
-    if not unexpected or lost:
-        return
-    missing, others = servos.names(~found), ", ".join(map(str, unexpected))
-    if len(unexpected) == 1:
-        others = f"id {others} does, which is in no joint"
-    else:
-        others = f"ids {others} do, which are in no joint"
-    verb = "does" if np.count_nonzero(~found) == 1 else "do"
-    raise RobotFaultError(
-        f"{missing} {verb} not answer, and {others}; compare the ids (hexctl servos scan --robot FILE)"
-    )
+    lost = unexpected == [FACTORY_ID] and _adoptable(servos, found) is not None
+    if unexpected and not lost:
+        others = ", ".join(map(str, unexpected))
+        raise RobotFaultError(
+            f"no answer from {servos.names(~found)}, but from ids of no joint: {others}; compare the ids "
+            "(hexctl servos scan --robot FILE)"
+        )
 
 
-def lost_id_notes(bus: ServoBus, servos: BusMap, found: BoolArray) -> tuple[str, ...]:
-    """Notes at connect if a joint's servo is missing and one answers to the factory's id."""
+def lost_id_notes(bus: ServoBus, servos: BusMap, found: BoolArray) -> list[str]:
+    """Note at connect if a joint's servo is missing and one answers to the factory's id."""
     joint = _adoptable(servos, found)
     if joint is None:
-        return ()
+        return []
     servo, wanted = bus.servo(FACTORY_ID, servos.models[joint]), servos.models[joint].number
     if not servo.answers() or wanted not in (None, servo.model_number()):
-        return ()
-    return (
-        f"{servos.names(np.arange(N_JOINTS) == joint)} does not answer, and a servo with id {FACTORY_ID} "
-        "does: it may have lost its id; `hexctl servos adopt --robot FILE`, with your robot file, gives it "
-        "back",
-    )
+        return []
+    return [
+        f"{servos.names(~found)} does not answer, and a servo with id {FACTORY_ID} does: it may have lost "
+        "its id; `hexctl servos adopt --robot FILE`, with your robot file, gives it back"
+    ]
 
 
 def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> tuple[int, float | None, FoundServo]:
@@ -427,13 +355,8 @@ def _adoptable(servos: BusMap, found: BoolArray) -> int | None:
 
 def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, FoundServo]:
     """Servo with the factory's id, and its readings; raises RobotFaultError unless it may be a joint's."""
-    servo = find_servo(line, servos.driver, FACTORY_ID)
-    name = servos.names(np.arange(N_JOINTS) == joint)
-    if servo is None:
-        raise RobotFaultError(
-            f"{name} does not answer, and no servo with id {FACTORY_ID} does; is its cable in?"
-        )
-    seen, wanted = servo.look(), servos.models[joint]
+    servo, wanted = the_servo(line, servos.driver, FACTORY_ID), servos.models[joint]
+    seen, name = servo.look(), servos.names(np.arange(N_JOINTS) == joint)
     if wanted.number is not None and seen.model_number != wanted.number:
         raise RobotFaultError(
             f"the servo with id {FACTORY_ID} reports model number {seen.model_number}, not "

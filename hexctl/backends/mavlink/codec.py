@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import InputError
-from hexctl.files import read_secret
+from hexctl.files import read_key
 
 #: First byte of a MAVLink 2 frame, length of its header, its checksum, and its signature.
 MAGIC, HEADER, CHECKSUM, SIGNATURE = 0xFD, 10, 2, 13
@@ -28,9 +28,6 @@ STAMPS_PER_S = 100_000
 NEW_STREAM_SLACK_S = 60
 
 KEY_BYTES = 32
-
-#: Maximum size of a file read at once.
-MOST_KEY_BYTES = 10_000
 
 #: What pymavlink may raise for arbitrary bytes.
 DECODING_ERRORS = (common.MAVError, ValueError, TypeError, IndexError, KeyError, struct.error)
@@ -168,34 +165,8 @@ class _Mavlink(common.MAVLink):  # type: ignore[misc]  # pymavlink has no types
 
 
 def read_signing_key(folder: Path | None) -> bytes | None:
-    """The signing key in a folder, or None without a folder.
-
-    The file holds 32 bytes, or their 64 hexadecimal digits. Raises InputError for anything else.
-    """
-    if folder is None:
-        return None
-    path = folder / KEY_FILE
-    try:
-        content = read_secret(path, MOST_KEY_BYTES)
-    except PermissionError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror}); allowed: a file of {KEY_BYTES} random bytes, "
-            f"such as hexctl keys mavlink {folder} makes"
-        ) from error
-    if len(content) == KEY_BYTES:
-        return content
-    try:
-        key = bytes.fromhex(content.decode("ascii"))
-    except ValueError:
-        key = b""
-    if len(key) != KEY_BYTES:
-        raise InputError(
-            f"{path}: got {len(content)} bytes; allowed: {KEY_BYTES} bytes, or {2 * KEY_BYTES} hexadecimal "
-            "digits"
-        )
-    return key
+    """The signing key in a folder, or None without a folder; raises InputError for an invalid one."""
+    return None if folder is None else read_key(folder / KEY_FILE, KEY_BYTES, f"hexctl keys mavlink {folder}")
 
 
 def write_signing_key(folder: Path) -> Path:

@@ -20,6 +20,7 @@ from hexctl.backends.mavlink.mavlink_transport import (
     open_port,
     parse_port,
 )
+from hexctl.backends.port_thread import reason_of
 from hexctl.backends.ticked_servos import MappedServos
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
@@ -134,7 +135,8 @@ class Receiver:
             if len(arrivals) >= MOST_AT_ONCE:
                 # At its priority this thread would keep others from the processor.
                 self._link.time.sleep(FLOODED_S)
-            self.counters.malformed, self.counters.dropped = self._link.malformed, self._link.dropped
+            self.counters.malformed = self._link.codec.malformed
+            self.counters.dropped = self._link.port.dropped
             if self._link.time.now() >= beat_at_s:
                 self._beat(mavlink_messages.ACTIVE)
                 beat_at_s = self._link.time.now() + (
@@ -222,15 +224,16 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         super().__init__(
             robot,
             servo_map=servo_map,
+            port=port,
             counters=LinkCounters(),
             clock=clock or self._wall or WallClock(),
         )
-        self._port_text, self._address = port, parse_port(port)
+        self._address = parse_port(port)
         self._signing_key = signing_key
         self._written_at_s = self._resumed_at_s = -math.inf
 
     def _open_all(self, opening: ExitStack) -> None:
-        port = open_port(self._address, text=self._port_text)
+        port = open_port(self._address, text=self._port)
         opening.callback(port.close)
         codec = Codec(
             mavlink_messages.CONTROLLER_SYSTEM,
@@ -271,14 +274,11 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         try:
             self._link.send(message, self._peer.address)
         except OSError as error:
-            raise RobotFaultError(self._gone(error)) from error
+            raise RobotFaultError(self._gone(reason_of(error))) from error
 
     def _check_port(self) -> None:
         if self._receiver.error is not None:
-            raise RobotFaultError(self._gone(self._receiver.error))
-
-    def _gone(self, error: OSError) -> str:
-        return f"the port {self._port_text} was lost ({error.strerror or error}); is the cable still in?"
+            raise RobotFaultError(self._gone(reason_of(self._receiver.error)))
 
     def _await_peer(self) -> Peer:
         def peer() -> Peer | None:
@@ -290,12 +290,12 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
     def _no_heartbeat(self) -> str:
         if self._receiver.wrong_type is not None:
             return (
-                f"a MAVLink system of type {self._receiver.wrong_type} is at {self._port_text}, no servo "
+                f"a MAVLink system of type {self._receiver.wrong_type} is at {self._port}, no servo "
                 "board; allowed: MAV_TYPE 0 or 18, see docs/reference/mavlink.md"
             )
         heard = f"{self._link.received_bytes} bytes came, {self.counters.malformed} runs of them no MAVLink 2"
         return (
-            f"no heartbeat of a servo board at {self._port_text} within {CONNECT_TIMEOUT_S:g} s ({heard}); "
+            f"no heartbeat of a servo board at {self._port} within {CONNECT_TIMEOUT_S:g} s ({heard}); "
             "is it on, are port and baud rate right, and has it the same signing key, or none?"
         )
 
@@ -307,7 +307,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
             return self._receiver.newest("outputs")
 
         message = (
-            f"the servo board at {self._port_text} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
+            f"the servo board at {self._port} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
             "microseconds; see docs/reference/mavlink.md"
         )
         outputs = wait_for(first_outputs, CONNECT_TIMEOUT_S, message, poll_s=0.002, time=self._clock.time)

@@ -302,20 +302,10 @@ class MavlinkLink:
     """A port with a codec; sends from any thread, receives on one."""
 
     def __init__(self, port: Port, codec: Codec, *, time: TimeSource = WALL_TIME) -> None:
-        self._port, self._codec, self.time = port, codec, time
+        self.port, self.codec, self.time = port, codec, time
         self._sending = threading.Lock()
         self._sequences: dict[Address, int] = {}
         self.received_bytes = 0
-
-    @property
-    def malformed(self) -> int:
-        """Runs of undecodable bytes so far."""
-        return self._codec.malformed
-
-    @property
-    def dropped(self) -> int:
-        """Frames so far that could not be sent."""
-        return self._port.dropped
 
     def send(self, message: Any, to: Address = None) -> None:
         """Send a message, or drop it if the port is full; raises OSError when the port is lost."""
@@ -326,7 +316,7 @@ class MavlinkLink:
                 # The least recently used one: to begin again would make a receiver drop frames as late.
                 del self._sequences[next(iter(self._sequences))]
             self._sequences[to] = sequence
-            self._port.send(self._codec.encode(message, sequence), to)
+            self.port.send(self.codec.encode(message, sequence), to)
 
     def receive(self, timeout_s: float) -> list[tuple[Frame, Address, float]]:
         """Frames received within `timeout_s`, the address of each sender, and when each arrived.
@@ -334,13 +324,13 @@ class MavlinkLink:
         Raises OSError when the port is lost.
         """
         arrivals: list[tuple[Frame, Address, float]] = []
-        for data, sender in self._port.receive(timeout_s):
+        for data, sender in self.port.receive(timeout_s):
             at_s = self.time.now()
             self.received_bytes += len(data)
-            frames = self._codec.decode(data, whole=self._port.datagrams)
+            frames = self.codec.decode(data, whole=self.port.datagrams)
             arrivals += [(frame, sender, at_s) for frame in frames]
         return arrivals
 
     def close(self) -> None:
         """Close the port."""
-        self._port.close()
+        self.port.close()

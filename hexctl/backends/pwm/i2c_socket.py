@@ -56,8 +56,24 @@ def decode_transaction(data: bytes) -> list[I2cMessage]:
     return messages
 
 
+def messages_of(i2c_msgs: Sequence[Any]) -> list[I2cMessage]:
+    """Messages of `smbus2.i2c_msg` as those of a transaction."""
+    return [
+        I2cMessage(message.addr, message.len)
+        if message.flags & READS
+        else I2cMessage(message.addr, data=bytes(message))
+        for message in i2c_msgs
+    ]
+
+
+def fill(i2c_msg: Any, data: bytes) -> None:
+    """Fill a message of `smbus2.i2c_msg` that reads."""
+    for place in range(len(data)):
+        i2c_msg.buf[place] = data[place : place + 1]
+
+
 class I2cSocket:
-    """The controller's end, with the used methods of `smbus2.SMBus`; OSError if nothing listens there."""
+    """The controller's end, as `smbus2.SMBus`; OSError if nothing listens there."""
 
     def __init__(self, path: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -68,27 +84,12 @@ class I2cSocket:
             self._socket.close()
             raise
 
-    def write_byte_data(self, i2c_addr: int, register: int, value: int, /) -> None:
-        """Write one byte to a register."""
-        self._transfer([I2cMessage(i2c_addr, data=bytes([register, value]))])
-
-    def read_byte_data(self, i2c_addr: int, register: int, /) -> int:
-        """Byte of a register."""
-        return self._transfer([I2cMessage(i2c_addr, data=bytes([register])), I2cMessage(i2c_addr, 1)])[0]
-
     def i2c_rdwr(self, *i2c_msgs: Any) -> None:
         """Transfer messages of `smbus2.i2c_msg` in one transaction; those that read are filled."""
-        messages = [
-            I2cMessage(message.addr, message.len)
-            if message.flags & READS
-            else I2cMessage(message.addr, data=bytes(message))
-            for message in i2c_msgs
-        ]
-        answer = self._transfer(messages)
+        answer = self._transfer(messages_of(i2c_msgs))
         for message in i2c_msgs:
             if message.flags & READS:
-                for place in range(message.len):
-                    message.buf[place] = answer[place : place + 1]
+                fill(message, answer[: message.len])
                 answer = answer[message.len :]
 
     def close(self) -> None:

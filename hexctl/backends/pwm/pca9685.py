@@ -9,7 +9,7 @@ After a loss of power MODE1 is 11: asleep, all channels off.
 import errno
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -56,17 +56,9 @@ SILENCE_S = 0.1
 #: Pulses that no servo has were not meant for one.
 PLAUSIBLE_US = (100.0, 5000.0)
 
-Answer = TypeVar("Answer")
-
 
 class I2cBus(Protocol):
     """The used methods of an I2C bus such as `smbus2.SMBus`. Every method may raise OSError."""
-
-    def write_byte_data(self, i2c_addr: int, register: int, value: int, /) -> None:
-        """Write one byte to a register."""
-
-    def read_byte_data(self, i2c_addr: int, register: int, /) -> int:
-        """Byte of a register."""
 
     def i2c_rdwr(self, *i2c_msgs: Any) -> None:
         """Transfer messages of `smbus2.i2c_msg` in one transaction."""
@@ -161,20 +153,15 @@ class Pca9685Chip:
 
     def send(self) -> None:
         """Send the pulses of all channels in use, in one message."""
-        from smbus2 import i2c_msg
-
-        part = self._image[WIDTH * self._first : WIDTH * (self._last + 1)]
-        message = bytes([CHANNELS + WIDTH * self._first]) + bytes(part)
-        self._try(lambda: self._bus.i2c_rdwr(i2c_msg.write(self.address, message)))
+        first = WIDTH * self._first
+        self._write(CHANNELS + first, *self._image[first : WIDTH * (self._last + 1)])
 
     def _read(self, register: int) -> int:
-        def ask() -> int:
-            value = self._bus.read_byte_data(self.address, register)
-            if not isinstance(value, int) or not 0 <= value <= 0xFF:
-                raise OSError(errno.EIO, f"got {value!r} for a byte")
-            return value
+        from smbus2 import i2c_msg
 
-        return self._try(ask)
+        answer = i2c_msg.read(self.address, 1)
+        self._transfer(i2c_msg.write(self.address, [register]), answer)
+        return bytes(answer)[0]
 
     def _read_surely(self, register: int) -> int:
         """Byte of two equal reads, because servos will follow it."""
@@ -186,19 +173,21 @@ class Pca9685Chip:
             before = now
         raise OSError(errno.EIO, f"readings that differ, board at {self.address:#x}")
 
-    def _write(self, register: int, value: int) -> None:
-        self._try(lambda: self._bus.write_byte_data(self.address, register, value))
+    def _write(self, register: int, *values: int) -> None:
+        from smbus2 import i2c_msg
 
-    def _try(self, transfer: Callable[[], Answer]) -> Answer:
+        self._transfer(i2c_msg.write(self.address, [register, *values]))
+
+    def _transfer(self, *messages: Any) -> None:
         """Transfer, and retry without an acknowledgement; raises OSError that names the board."""
         for tries in range(TRIES):
             try:
-                return transfer()
+                self._bus.i2c_rdwr(*messages)
+                return
             except OSError as error:
                 if tries == TRIES - 1:
                     code = error.errno or errno.EIO
                     raise OSError(code, f"{reason_of(error)}, board at {self.address:#x}") from error
-        raise AssertionError("unreachable")
 
 
 class Pca9685:

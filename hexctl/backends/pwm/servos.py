@@ -34,15 +34,6 @@ class BoardReport:
     fault: str | None = None
 
 
-@dataclass(slots=True, kw_only=True)
-class PwmCounters(PortCounters):
-    """Counts of a board since it was made; `writes` are poses, `missed` missing or incomplete reports."""
-
-    writes: int = 0
-    reports: int = 0
-    missed: int = 0
-
-
 class PwmBoard(Protocol):
     """A board on an open port, used by one thread; methods raise OSError when the port is lost."""
 
@@ -84,7 +75,7 @@ class BoardThread(PortThread[PwmBoard]):
         opened: Callable[[], PwmBoard],
         board: PwmBoard,
         newest: BoardReport,
-        counters: PwmCounters,
+        counters: PortCounters,
         speeds: FloatArray,
         told_us: FloatArray,
         *,
@@ -158,7 +149,7 @@ class BoardThread(PortThread[PwmBoard]):
             self._time.sleep(POLL_PERIOD_S)
 
 
-class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
+class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
     """Eighteen hobby servos without feedback: a joint is assumed to be at its target.
 
     A thread owns the port, and neither `read` nor `write` waits for it. Nothing is powered before the first
@@ -171,7 +162,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
     def __init__(
         self, robot: Robot | str | Path, *, pwm_map: PwmMap, port: str, clock: Clock | None = None
     ) -> None:
-        super().__init__(robot, servo_map=pwm_map, port=port, counters=PwmCounters(), clock=clock)
+        super().__init__(robot, servo_map=pwm_map, port=port, counters=PortCounters(), clock=clock)
 
     @abstractmethod
     def _open(self) -> PwmBoard:
@@ -185,8 +176,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         except BaseException:
             board.close()
             raise
-        speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
-        thread = BoardThread(self._open, board, report, self.counters, speeds, pulses, time=time)
+        thread = BoardThread(self._open, board, report, self.counters, self._speeds, pulses, time=time)
         thread.start()
         return thread
 

@@ -16,7 +16,7 @@ from hexctl.backends.base import check_targets
 from hexctl.backends.clock import WallClock
 from hexctl.backends.ticked_servos import TickedServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
-from hexctl.errors import MessageError, RobotFaultError, argument, shown
+from hexctl.errors import InputError, MessageError, RobotFaultError, argument, shown
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.time_source import WALL_TIME, TimeSource
@@ -376,16 +376,39 @@ class ZenohServos(TickedServos):
 
 
 @contextmanager
+def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tuple[zenoh.Session, Robot]]:
+    """Open a session on a link with a robot, the only one or that of a name, for a block.
+
+    Raises RobotFaultError if no robot answers, and InputError if several or only others answer.
+    """
+    asked = link.keys(ANY_ROBOT if name is None else name)
+    with open_session(link, role, asked) as session:
+        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
+        try:
+            answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        except RobotFaultError:
+            others = [] if name is None else ask(session, link.keys(ANY_ROBOT).describe)
+            if not others:
+                raise
+            raise _not_one(f"{name}", [robot_of(answer) for answer in others]) from None
+        robots = [robot_of(answer) for answer in answers]
+        if len(robots) > 1:
+            raise _not_one("none", robots)
+        yield session, robots[0]
+
+
+def _not_one(got: str, there: list[Robot]) -> InputError:
+    names = ", ".join(sorted(robot.name for robot in there))
+    return InputError(f"{argument('robot')}: got {got}, and there are: {names}; allowed: one of them")
+
+
+@contextmanager
 def subscribe_states(link: Link) -> Iterator[tuple[Robot, StateSubscriber]]:
     """Robot at a link and a subscriber of its states, without commands, until the block ends.
 
-    Raises RobotFaultError when no robot answers or it sends no state.
+    Raises RobotFaultError when it sends no state; for other errors see `linked_robot`.
     """
-    any_robot = link.keys(ANY_ROBOT)
-    with open_session(link, Role.VIEWER, any_robot) as session:
-        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
-        answers = ask_until(session, any_robot.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
-        robot = robot_of(answers[0])
+    with linked_robot(link, Role.VIEWER) as (session, robot):
         states = StateSubscriber(link.keys(robot.name), LatestValues(), plain=link.plain)
         states.subscribe(session)
         states.wait_for_first_s()

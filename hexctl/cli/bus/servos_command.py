@@ -1,7 +1,7 @@
 """`hexctl servos`: servos on a serial bus, one by one."""
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +10,6 @@ import typer
 
 from hexctl.backends.bus.bus_options import (
     ALL_BAUDS,
-    SERVO_ID,
     BusAddress,
     BusOptions,
     ScanOptions,
@@ -23,7 +22,7 @@ from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import checked
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.robot.servos.servo_models import DEFAULT_MODELS
+from hexctl.robot.servos.servo_models import DEFAULT_MODELS, SERVO_ID
 
 if TYPE_CHECKING:
     from hexctl.backends.bus.damage import Damage
@@ -50,48 +49,37 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     With --robot also which joint each is, and what differs from the file. Exit code 3 if none answers, or
     answers are damaged.
     """
-    from hexctl.backends.bus.tools import damage_report, nothing_answers, scan_bus, variant_notes
+    from hexctl.backends.bus.tools import check_family, damage_report, nothing_answers, scan_bus
 
     asked = ScanOptions(**options)
     bus = asked.address()
     bauds = asked.bauds_at(bus)
-    if all_asked := asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
-        _check_family(bus, bauds)
+    if asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
+        check_family(bus.path, bus.driver, bauds)
     with ScanProgress() as progress:
         damages: list[Damage] = []
         found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show, on_damage=damages.append)
     _note_models(bus, found)
-    for note in variant_notes(found):
-        print_note(note)
     for damage in damages:
         print_note(damage_report(damage, bus.path, bus.driver))
     if not (found or damages):
-        print_note(nothing_answers(bus.path, bus.driver, bauds, all_asked=all_asked))
+        print_note(nothing_answers(bus.path, bus.driver, bauds))
     _print_scan(found, asked.servo_map() if found else None, as_json=as_json)
     raise typer.Exit(DONE if found and not damages else FAULT)
 
 
 def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
     """Note servos without a model; raises InputError if none has one with this driver, but with another."""
+    from hexctl.backends.bus.tools import check_family
+
     unknown = [each for each in found if each.model is None]
     if unknown and bus.driver == "lx16a":
         print_note("these servos do not report their model")
         return
     if unknown and len(unknown) == len(found):
-        heard = {each.baud for each in found}
-        _check_family(bus, heard, heard)
+        check_family(bus.path, bus.driver, {each.baud for each in found})
     if unknown:
         print_note(f"{len(unknown)} servos are of an unknown model: is {bus.driver} the right driver?")
-
-
-def _check_family(
-    bus: BusAddress, own_bauds: "Collection[int]", bauds: "Collection[int] | None" = None
-) -> None:
-    """Raise InputError if only servos of another driver answer; arguments as of `other_families`."""
-    from hexctl.backends.bus.tools import other_families
-
-    if others := other_families(bus.path, bus.driver, own_bauds, bauds):
-        raise InputError(f"--driver: got {bus.driver}, but {others}")
 
 
 def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:

@@ -9,6 +9,9 @@ from hexctl.options import Range
 #: Bits per second of a line to servos.
 BAUD = Range(low=1200, high=4_500_000, whole=True, unit="baud")
 
+#: Ids that a servo can have.
+SERVO_ID = Range(low=0, high=252, whole=True)
+
 
 @dataclass(frozen=True, slots=True)
 class ServoType:
@@ -72,6 +75,13 @@ SERVO_TYPES: dict[str, ServoType] = {
 DEFAULT_MODELS = {"dynamixel": "xl430-w250", "feetech": "sts3215", "lx16a": "lx16a"}
 
 DEFAULT_BAUDS = {"dynamixel": 1_000_000, "feetech": 1_000_000, "lx16a": 115_200}
+
+#: Bits per second that servos of each driver have from the factory or are usually given.
+USUAL_BAUDS = {
+    "dynamixel": (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000),
+    "feetech": (1_000_000, 500_000, 115_200, 38_400),
+    "lx16a": (115_200,),
+}
 
 
 def servo_type(name: str) -> ServoType:

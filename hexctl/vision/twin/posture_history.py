@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.backends.zenoh.zenoh_client import linked_robot
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
-from hexctl.vision.robot_link import linked_robot
 from hexctl.vision.twin.rendering import RobotPosture
 from hexctl.waiting import comes_true
 from hexctl.wire.links import Link, Role

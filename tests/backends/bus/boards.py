@@ -4,7 +4,7 @@ import termios
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 from unittest.mock import patch
 
 import numpy as np
@@ -19,7 +19,7 @@ from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.simulators.board_faults import parse_fault
+from hexctl.simulators.board_faults import BoardFault, parse_fault
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
 from hexctl.simulators.simulated_board import SimulatedBoard
@@ -56,9 +56,14 @@ def stance_counts(bus_map: BusMap) -> "np.ndarray[tuple[int], np.dtype[np.float6
     return np.rint(bus_map.raw(shipped("phantomx").stance_angles_rad))
 
 
+def faults_of(kind: type[SimulatedBoard], texts: tuple[str, ...]) -> tuple[BoardFault, ...]:
+    """Faults of a kind of board by their words."""
+    return tuple(parse_fault(text, kind.kinds) for text in texts)
+
+
 def _board(bus_map: BusMap, faults: tuple[str, ...], servos: LegServos, baud: int | None = None) -> BusBoard:
-    given = tuple(parse_fault(fault, BusBoard.kinds) for fault in faults)
-    return BusBoard(servos, bus_map, baud=baud or DEFAULT_BAUDS[bus_map.driver], faults=given)
+    baud = baud or DEFAULT_BAUDS[bus_map.driver]
+    return BusBoard(servos, bus_map, baud=baud, faults=faults_of(BusBoard, faults))
 
 
 @contextmanager
@@ -151,67 +156,21 @@ class LateServoLine(MemoryLine):
         self.coming.append((self.time.now() + delay_s, answer))
 
 
-class BoardLine(MemoryLine):
-    """A line with a simulated bus, whose servos move a mock robot and take their time to answer.
-
-    Attributes:
-        board: the bus.
-        robot: what its servos move, a MockServos unless another kind of it is given.
-    """
-
-    def __init__(self, bus_map: BusMap, *faults: str, kind: type[MockServos] = MockServos) -> None:
-        time = FakeTime()
-        super().__init__(time, DEFAULT_BAUDS[bus_map.driver])
-        self.robot = kind(shipped("phantomx"), clock=time.clock())
-        self.board = _board(bus_map, faults, self.robot)
-        self.board._line.close()
-        self.board._line, self._sent = self, b""  # type: ignore[assignment]
-        self.robot.connect()
-        self.robot.clock.tick()
-        self.board._start()
-
-    @property
-    def speed(self) -> int:
-        """Speed as a terminal has it: none that it knows."""
-        return -1
-
-    def receive(self, timeout_s: float) -> bytes:
-        """Bytes for the board."""
-        sent, self._sent = self._sent, b""
-        return sent
-
-    def send(self, data: bytes) -> None:
-        """Bytes from the board."""
-        self.coming.append((self.time.now(), data))
-
-    def pass_time(self, duration_s: float) -> None:
-        """Let a time pass, in s, in which the board has its control periods."""
-        until_s = self.time.now() + duration_s
-        while self.robot.clock.due_in_s <= until_s - self.time.now():
-            self.robot.clock.tick()
-            self.board._tick()
-        self.time.sleep(max(0.0, until_s - self.time.now()))
-
-    def _put(self, data: bytes, deadline_s: float) -> None:
-        self._sent += data
-        self.board._serve(0.0)  # answers are sent once the line has carried them
-        self.pass_time(0.0)
-
-
-class MemoryDevice:
+class MemoryDevice(Generic[Board]):
     """A simulated board in the place of a port: any thread may open it, and no one waits for it.
 
     Its control periods pass when somebody speaks to it.
 
     Attributes:
+        board: the board.
         time: of everything on it; it passes while the test's own thread waits.
         path: where it is.
         unplugged: whether the device has gone.
     """
 
-    def __init__(self, board: SimulatedBoard, time: FakeTime) -> None:
+    def __init__(self, board: Board, time: FakeTime) -> None:
         self.time, self.path, self.unplugged, self.opened_baud = time, board.path, False, 0
-        self._simulated, self._clock = board, board._robot.clock
+        self.board, self._clock = board, board._robot.clock
         self._ticked_s = time.now() - PERIOD_S
         self._sent, self._answers = b"", b""
         board._line.close()  # type: ignore[attr-defined]
@@ -233,9 +192,9 @@ class MemoryDevice:
         if self.time.now() - self._ticked_s >= PERIOD_S:
             self._ticked_s = self.time.now()
             self._clock.tick()
-            self._simulated._tick()
+            self.board._tick()
         self._sent += data
-        self._simulated._serve(0.0)
+        self.board._serve(0.0)
         answers, self._answers = self._answers, b""
         return answers
 
@@ -254,25 +213,24 @@ class MemoryDevice:
         self._answers += data
 
 
-class MemoryBus(MemoryDevice):
-    """A simulated bus in memory, whose servos move a mock robot.
-
-    Attributes:
-        board: the bus.
-        robot: the mock.
-    """
+class MemoryBus(MemoryDevice[BusBoard]):
+    """A simulated bus in memory, whose servos move `robot`, a mock."""
 
     def __init__(
-        self, bus_map: BusMap, *faults: str, baud: int | None = None, kind: type[MockServos] = MockServos
+        self,
+        bus_map: BusMap,
+        *faults: str,
+        baud: int | None = None,
+        kind: type[MockServos] = MockServos,
+        waits: bool = False,
     ) -> None:
         time = FakeTime()
-        self.robot = kind(shipped("phantomx"), clock=WallClock(time=Standing(time)))
-        self.board = _board(bus_map, faults, self.robot, baud)
-        super().__init__(self.board, time)
+        self.robot = kind(shipped("phantomx"), clock=WallClock(time=time if waits else Standing(time)))
+        super().__init__(_board(bus_map, faults, self.robot, baud), time)
 
 
 class _MemoryDeviceLine(MemoryLine):
-    def __init__(self, device: MemoryDevice, baud: int) -> None:
+    def __init__(self, device: MemoryDevice[Any], baud: int) -> None:
         super().__init__(device.time, baud)
         self._end, self.path = device, device.path
 
@@ -286,6 +244,29 @@ class _MemoryDeviceLine(MemoryLine):
         if self._end.unplugged:
             raise OSError(5, "Input/output error")
         return super()._take(wait_s)
+
+
+class BoardLine(_MemoryDeviceLine):
+    """A line of one thread with a simulated bus, whose servos take their time to answer.
+
+    Attributes:
+        board: the bus.
+        robot: what its servos move, a MockServos unless another kind of it is given.
+    """
+
+    def __init__(self, bus_map: BusMap, *faults: str, kind: type[MockServos] = MockServos) -> None:
+        bus = MemoryBus(bus_map, *faults, kind=kind, waits=True)
+        super().__init__(bus, DEFAULT_BAUDS[bus_map.driver])
+        self.board, self.robot = bus.board, bus.robot
+        bus.opened_baud = self.baud
+
+    def pass_time(self, duration_s: float) -> None:
+        """Let a time pass, in s, in which the board has its control periods."""
+        until_s = self.time.now() + duration_s
+        while (left_s := until_s - self.time.now()) > 0:
+            self.time.sleep(min(left_s, PERIOD_S))
+            if answers := self._end.speak(b""):
+                self.coming.append((self.time.now(), answers))
 
 
 @contextmanager

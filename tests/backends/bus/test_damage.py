@@ -3,7 +3,6 @@
 import random
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 
 from hexctl.backends.bus import tools
@@ -18,7 +17,6 @@ from hexctl.backends.bus.tools import (
     the_servo,
 )
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.simulators.bus_board import overlapping
 from tests.backends.bus.boards import MODELS, BoardLine, MemoryLine, a_map
 from tests.backends.fake_time import FakeTime
 
@@ -149,8 +147,3 @@ def test_nothing_is_said_of_servos_that_mostly_answer(
     found, damages = scanned(driver)
     assert damages == []
     assert found == [each for each in range(1, 10) if "mute" not in str(fault) or each != 3]
-
-
-def test_bits_of_answers_at_once_are_and_ed() -> None:
-    assert overlapping([b"\xff\x00\x0f", b"\xf0\xff\xff"]) == bytes([0x00 & 0xF0, 0x0F, 0xFF])
-    assert np.array_equal(list(overlapping([b"\x01\x02"])), [2])

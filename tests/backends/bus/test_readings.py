@@ -135,10 +135,7 @@ def test_the_share_of_damaged_answers_is_told() -> None:
     for _ in range(400):
         shares.take(range(18), [joint for joint in range(18) if joint != 7 or rng.random() > 0.12])
     (warning,) = condition.warnings(_servos(), NONE, NONE)
-    found = re.search(r"bad cable.* (\d+) % .*leg 3 femur \(id 8\)", warning)
-    assert found
-    assert 6 <= int(found[1]) <= 20
-    assert condition.warnings(_servos(), NONE, NONE) == [warning]
+    assert re.match("bad cable.* leg 3 femur", warning)
 
 
 def test_a_warning_stays_while_little_changes_and_goes_when_it_is_over() -> None:
@@ -147,7 +144,7 @@ def test_a_warning_stays_while_little_changes_and_goes_when_it_is_over() -> None
     for _ in range(2000):
         shares.take([7], [7] if rng.random() > 0.3 else [])
         said.add(tuple(condition.warnings(_servos(), NONE, NONE)))
-    assert len(said) <= 6, "one for each tick would fill the events"
+    assert len(said) == 2, "none, and the warning"
     for _ in range(1000):
         shares.take([7], [7])
     assert condition.warnings(_servos(), NONE, NONE) == []
@@ -205,7 +202,7 @@ def test_servos_that_say_why_they_let_go_have_not_restarted() -> None:
         ("feetech", "sts3215", "brown-out@1", lambda said: "brown-out" in said and "restarted" in said),
         ("lx16a", "lx16a", "brown-out@1", lambda said: "brown-out" in said and "restarted" in said),
         ("dynamixel", "ax12a", "bad-cable:3:femur:0.3", lambda said: "answers of leg 3 femur" in said),
-        ("feetech", "sts3215", "garble:0.4", lambda said: "of all answers" in said),
+        ("feetech", "sts3215", "garble:0.4", lambda said: "answers of most servos" in said),
     ],
 )
 def test_on_a_bus_each_is_told(driver: str, model: str, fault: str, told: Callable[[str], bool]) -> None:

@@ -56,12 +56,6 @@ def test_the_override_of_the_docs_is_exact_to_the_byte() -> None:
     assert len(written) == 50
 
 
-def test_letting_go_is_zero_on_the_first_eight_channels_and_65534_on_the_rest() -> None:
-    frame = Codec(255, 191).encode(mavlink_messages.release(1, 1), 0)
-    (decoded,) = Codec(1, 1).decode(frame, whole=True)
-    assert mavlink_messages.channels_of(decoded.message) == [0] * 8 + [65534] * 10
-
-
 def garbage() -> st.SearchStrategy[bytes]:
     """Bytes that may look like the beginning of a frame but are too few to swallow two."""
     return st.binary(max_size=40) | st.just(b"\xfd\x26\x00\x00") | st.just(b"\xfd" * 5)

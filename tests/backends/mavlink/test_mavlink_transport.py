@@ -12,7 +12,6 @@ from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_messages import (
     euler_of_quaternion,
     flipped_quaternion,
-    flipped_vector,
 )
 from hexctl.backends.mavlink.mavlink_transport import (
     FORGET_AFTER_S,
@@ -146,10 +145,3 @@ def test_an_orientation_is_the_same_rotation_in_other_axes(roll: float, pitch: f
     np.testing.assert_allclose(ours, AXES @ ned @ AXES.T, atol=1e-9)
     back = euler_of_quaternion(quaternion_of_euler(roll, pitch, yaw))
     np.testing.assert_allclose(back, (roll, pitch, yaw), atol=1e-6)
-
-
-def test_a_position_above_the_ground_and_to_the_left() -> None:
-    """North 1, east 2, 3 above the ground is x 1, y -2, z 3."""
-    ned = np.array([1.0, 2.0, -3.0])
-    np.testing.assert_array_equal(flipped_vector(ned), [1.0, -2.0, 3.0])
-    np.testing.assert_array_equal(flipped_vector(flipped_vector(ned)), ned)

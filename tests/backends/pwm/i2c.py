@@ -7,10 +7,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from smbus2 import i2c_msg
 
-from hexctl.backends.pwm.i2c_socket import I2cMessage
+from hexctl.backends.pwm.i2c_socket import I2cMessage, fill, messages_of
+from hexctl.backends.pwm.pca9685 import I2cBus
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.types import FloatArray
+
+
+def byte_of(bus: I2cBus, address: int, register: int) -> int:
+    """The byte of a register."""
+    answer = i2c_msg.read(address, 1)
+    bus.i2c_rdwr(i2c_msg.write(address, [register]), answer)
+    return bytes(answer)[0]
 
 
 @dataclass
@@ -29,19 +38,13 @@ class ChipBus:
     )
     log: list[list[I2cMessage]] = field(default_factory=list)
     fails: Callable[[int], bool] = lambda _: False
-    spoils: Callable[[int], Any] = lambda value: value
+    spoils: Callable[[int], int] = lambda value: value
     lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def write_byte_data(self, address: int, register: int, value: int) -> None:
-        self._transfer([I2cMessage(address, data=bytes([register, value]))])
-
-    def read_byte_data(self, address: int, register: int) -> int:
-        read = self._transfer([I2cMessage(address, data=bytes([register])), I2cMessage(address, 1)])
-        value: int = self.spoils(read[0])
-        return value
-
     def i2c_rdwr(self, *messages: Any) -> None:
-        self._transfer([I2cMessage(message.addr, data=bytes(message)) for message in messages])
+        came = self._transfer(messages_of(messages))
+        if came:
+            fill(messages[-1], bytes(map(self.spoils, came)))
 
     def close(self) -> None:
         """The chips stay."""
@@ -71,16 +74,12 @@ class FlatBus:
     def __init__(self) -> None:
         self.memories = {0x40: bytearray(256), 0x41: bytearray(256)}
 
-    def write_byte_data(self, address: int, register: int, value: int) -> None:
-        self.memories[address][register] = value
-
-    def read_byte_data(self, address: int, register: int) -> int:
-        return self.memories[address][register]
-
     def i2c_rdwr(self, *messages: Any) -> None:
-        for message in messages:
-            register, *data = list(message)
-            self.memories[message.addr][register : register + len(data)] = bytes(data)
+        address, register, *data = messages[0].addr, *list(messages[0])
+        memory = self.memories[address]
+        memory[register : register + len(data)] = bytes(data)
+        if len(messages) > 1:
+            fill(messages[1], bytes(memory[register : register + messages[1].len]))
 
     def close(self) -> None:
         """The bytes stay."""

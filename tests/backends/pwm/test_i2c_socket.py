@@ -15,6 +15,7 @@ from smbus2 import i2c_msg
 
 from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket, decode_transaction, encode_transaction
 from tests.backends.pwm.boards import a_map, i2c_servos_on, pca9685_board
+from tests.backends.pwm.i2c import byte_of
 from tests.backends.standing import until
 from tests.robots import shipped
 
@@ -35,20 +36,20 @@ def test_a_transaction_comes_back(messages: list[I2cMessage]) -> None:
 def test_registers_are_written_and_read() -> None:
     with pca9685_board() as board:
         bus = I2cSocket(board.path)
-        assert bus.read_byte_data(0x40, 0xFE) == 0x1E
-        bus.write_byte_data(0x41, 0xFE, 121)
-        assert bus.read_byte_data(0x41, 0xFE) == 121
-        assert bus.read_byte_data(0x40, 0xFE) == 0x1E
-        bus.write_byte_data(0x40, 0x00, 0x30)
+        assert byte_of(bus, 0x40, 0xFE) == 0x1E
+        bus.i2c_rdwr(i2c_msg.write(0x41, [0xFE, 121]))
+        assert byte_of(bus, 0x41, 0xFE) == 121
+        assert byte_of(bus, 0x40, 0xFE) == 0x1E
+        bus.i2c_rdwr(i2c_msg.write(0x40, [0x00, 0x30]))
         answer = i2c_msg.read(0x40, 5)
         bus.i2c_rdwr(i2c_msg.write(0x40, [0x02]), answer)
         assert bytes(answer) == bytes([0xE2, 0xE4, 0xE8, 0xE0, 0x00])
         with pytest.raises(OSError, match="Remote I/O error"):
-            bus.read_byte_data(0x42, 0)
-        assert bus.read_byte_data(0x40, 0) == 0x30, "the next transfer is as good as any"
+            byte_of(bus, 0x42, 0)
+        assert byte_of(bus, 0x40, 0) == 0x30, "the next transfer is as good as any"
         bus.close()
         with pytest.raises(OSError, match=r"."):
-            bus.read_byte_data(0x40, 0)
+            byte_of(bus, 0x40, 0)
 
 
 def test_boards_outlive_clients_that_leave_or_talk_nonsense() -> None:
@@ -60,7 +61,7 @@ def test_boards_outlive_clients_that_leave_or_talk_nonsense() -> None:
             client.send(data)
             client.close()
         bus = I2cSocket(board.path)
-        assert bus.read_byte_data(0x40, 0x00) == 0x30
+        assert byte_of(bus, 0x40, 0x00) == 0x30
         bus.close()
 
 
@@ -82,9 +83,9 @@ def test_an_answer_that_does_not_come_ends_the_connection(
     thread.start()
     bus = I2cSocket(str(tmp_path / "i2c"))
     with pytest.raises(TimeoutError):
-        bus.read_byte_data(0x40, 0)
+        byte_of(bus, 0x40, 0)
     with pytest.raises(OSError, match=r"."):
-        bus.write_byte_data(0x40, 0, 0)
+        bus.i2c_rdwr(i2c_msg.write(0x40, [0, 0]))
     over.set()
     thread.join()
     listener.close()
@@ -116,6 +117,6 @@ def test_a_simulated_robot_moves_as_the_pulses_say_and_outlasts_faults() -> None
 def test_transfers_take_no_less_than_their_bits() -> None:
     with pca9685_board(bits_per_s=10_000) as board:
         bus, began_s = I2cSocket(board.path), time.monotonic()
-        bus.read_byte_data(0x40, 0)  # four bytes
+        byte_of(bus, 0x40, 0)  # four bytes
         assert time.monotonic() - began_s >= 0.0036
         bus.close()

@@ -4,7 +4,6 @@ import os
 import select
 import tty
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.time_source import WALL_TIME
 from hexctl.types import JointTargets
-from tests.backends.pwm.boards import a_map, memory_servo2040, servo2040_board, servos_on
+from tests.backends.pwm.boards import a_map, memory_servo2040, servos_on
 from tests.backends.standing import until
 from tests.robots import shipped
 
@@ -120,28 +119,6 @@ def test_a_pose_is_one_frame_below_64_bytes_and_staged_before_the_relay() -> Non
     alone = bytes([0xD3, 0, 18]) + encoded([0] * 15 + [round(pulse) for pulse in pulses[2::-1]])
     assert line.written == [pose, bytes.fromhex("D31A010100"), alone, bytes.fromhex("D31A010000")]
     assert len(pose) == 39
-
-
-@pytest.mark.realtime
-def test_a_board_on_a_pseudo_terminal_is_driven_and_found_again(tmp_path: Path) -> None:
-    """On the wall clock, with a device that goes and comes back."""
-    device = tmp_path / "ttyACM0"
-    with servo2040_board() as board:
-        device.symlink_to(board.path)
-        servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=str(device))
-        servos.connect()
-        until(servos, lambda _: board.enabled.all())
-        assert board.report()["torn"] == 0
-    device.unlink()
-    with servos:
-        state = until(servos, lambda state: not state.healthy)
-        assert str(device) in str(state.fault)
-        with servo2040_board() as board:
-            device.symlink_to(board.path)
-            until(servos, lambda state: state.healthy, write=False)
-            assert not board.relay, "nothing is switched on by itself"
-            until(servos, lambda _: board.relay)
-        assert servos.link_counts["reopened"] == 1
 
 
 @pytest.mark.parametrize("firmware", ["stock", "fork"])

@@ -160,16 +160,6 @@ def test_a_simulation_that_diverges_says_so(array: str, value: float) -> None:
             servos.clock.tick()
 
 
-def test_each_tick_steps_once_and_no_time_but_its_own_passes() -> None:
-    steps: list[float] = []
-    clock = SimClock(lambda: steps.append(clock.now_s))
-    for index in range(1, 4):
-        tick = clock.tick()
-        assert (tick.index, tick.late_s) == (index, 0.0)
-        assert clock.now_s == tick.time_s == index * PERIOD_S
-    assert len(steps) == 3
-
-
 def test_a_paced_clock_waits_for_the_wall() -> None:
     time = FakeTime(50.0)
     clock = SimClock(lambda: time.work(0.004), time.clock())

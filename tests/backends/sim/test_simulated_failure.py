@@ -225,6 +225,9 @@ def test_torque_comes_back_after_a_leg_fails_while_the_servos_are_off() -> None:
         gains = servos.compiled.physics.model.actuator_gainprm[:, 0]
         assert (gains[JOINTS] == 0).all()
         assert (np.delete(gains, np.arange(18)[JOINTS]) > 0).all()
+        servos.disable_torque()
+        servos.change_leg(LEG, None)
+        assert (gains == 0).all(), "they stay off when the leg heals"
 
 
 KINDS = ("locked", "limp", "missing", "stuck:femur", "limp:tibia", "weak:0.2")
@@ -263,16 +266,6 @@ def test_a_world_file_has_failures_to_come(tmp_path: Path) -> None:
             servos.clock.tick()
             seen.append(len(servos.failures))
     assert seen == [0] * 16 + [1] * 15 + [0] * 19
-
-
-def test_servos_that_are_off_stay_off_when_a_leg_heals() -> None:
-    with SimServos(shipped()) as servos:
-        servos.change_leg(LEG, Failure(leg=LEG, kind="limp"))
-        servos.disable_torque()
-        servos.change_leg(LEG, None)
-        assert (servos.compiled.physics.model.actuator_gainprm[:, 0] == 0).all()
-        servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
-        assert (servos.compiled.physics.model.actuator_gainprm[:, 0] > 0).all()
 
 
 @pytest.mark.parametrize("failure", [Failure(leg=5), Failure(leg=LEG, kind="unknown")])

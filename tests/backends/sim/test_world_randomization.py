@@ -69,11 +69,6 @@ def test_a_member_is_the_same_whatever_it_is_asked_with(first: int, count: int, 
         assert len(set(members)) == count
 
 
-def test_another_seed_draws_other_worlds() -> None:
-    other = family().model_copy(update={"seed": 21})
-    assert set(family().members(0, 16)).isdisjoint(other.members(0, 16))
-
-
 @pytest.mark.slow
 @given(block=st.integers(0, MAX_MEMBERS // 16 - 1))
 def test_each_sixteen_members_are_spread_evenly(block: int) -> None:
@@ -166,38 +161,26 @@ def test_members_that_a_family_does_not_have_are_refused(first: int, count: int)
 #: Ranges that a family cannot have, and what is named of each.
 WRONG_RANGES = {
     "friction: {low: 1, high: 0.4}": "ranges.friction",
-    "slope_deg: {low: 0, high: 1, scale: log}": "log",
     "friction: {low: -1, high: 1, scale: log}": "log",
     "friction: {low: .nan, high: 1}": "ranges.friction.low",
-    "friction: {low: 0.4, high: .inf}": "ranges.friction.high",
-    "friction: {low: no, high: 1}": "ranges.friction.low",
     "friction: {low: 1, high: 2, scale: cubic}": "cubic",
-    "friction: {low: 1, hi: 2}": "ranges.friction.hi",
-    "friction: {low: 1}": "ranges.friction.high",
-    "friction: 1": "ranges.friction",
     "friction: {low: -1, high: 1}": "friction",
     "fricton: {low: 0.4, high: 1}": "fricton",
-    "slope_deg: {low: 0, high: 90}": "slope_deg",
     "friction_cone: {low: 0, high: 1}": "friction_cone",
-    "time_step_s: {low: 0.001, high: 0.005}": "time_step_s",
     "friction.coxa: {low: 1, high: 2}": "friction.coxa",
     "joint_friction_nm.coxa: {low: 0.1, high: 0.2}": "joint_friction_nm.coxa",
     "joint_stiffness: {low: 1, high: 2}, joint_stiffness.tibia: {low: 1, high: 2}": "joint_stiffness.tibia",
     "joint_stiffness.knee: {low: 1, high: 2}": "joint_stiffness.knee",
-    "joint_stiffness.coxa: {low: -1, high: 2}": "joint_stiffness",
 }
 
 WRONG_FAMILIES = {
     **{f"seed: 1\nranges: {{{ranges}}}": named for ranges, named in WRONG_RANGES.items()},
-    "seed: 1\nranges: 1": "ranges",
     "seed: 1\n": "ranges",
     "": "ranges",
     SMALL.removeprefix("seed: 1\n"): "seed",
     SMALL.replace("seed: 1", "seed: -1"): "seed",
-    SMALL.replace("seed: 1", "seed: 1.5"): "seed",
     SMALL + "kindz: []": "kindz",
     SMALL + "kinds: []": "kinds",
-    SMALL + "kinds: [{world: {friction: 1}}]": r"kinds\[0\].name",
     SMALL + "kinds: [{name: a, world: {fricton: 1}}]": r"kinds\[0\].world.fricton",
     SMALL + "kinds: [{name: a}, {name: b, world: {friction: -1}}]": r"kinds\[1\].world.friction",
 }

@@ -17,8 +17,8 @@ from hexctl.backends.pwm.i2c_socket import I2cMessage, decode_transaction, encod
 from hexctl.backends.pwm.servo2040 import get_frame, set_frame
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
+from hexctl.simulators.board_faults import BusFaults
 from hexctl.simulators.bus_board import FAMILIES
-from hexctl.simulators.bus_faults import BusFaults
 from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServo, SimulatedServos
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.simulators.servo2040_board import Servo2040Board

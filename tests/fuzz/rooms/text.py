@@ -25,8 +25,7 @@ from hexctl.robot.failure_grammar import (
     parse_legs,
     read_failures,
 )
-from hexctl.simulators.board_faults import parse_fault
-from hexctl.simulators.bus_faults import BUS_FAULTS
+from hexctl.simulators.board_faults import BUS_FAULTS, parse_fault
 from hexctl.simulators.pca9685_board import PCA9685_FAULTS
 from hexctl.simulators.servo2040_board import SERVO2040_FAULTS
 from hexctl.teleop.picture_relay import PictureRelay
