@@ -153,6 +153,26 @@ def runs_folder() -> Path:
     return find_settings().runs
 
 
+def given(context: typer.Context) -> Mapping[str, Any]:
+    """Values of the typed options and arguments, by flag (`--seed`) or by argument name."""
+    return {
+        next((name for name in parameter.opts if name.startswith("--")), str(parameter.name)): value
+        for parameter in context.command.params
+        if (value := context.params.get(str(parameter.name))) is not None
+        and is_typed(context, str(parameter.name))
+    }
+
+
+def is_typed(context: typer.Context, name: str) -> bool:
+    """Whether a parameter was typed."""
+    return getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
+
+
+def is_said(context: typer.Context, name: str) -> bool:
+    """Whether a parameter was typed or follows a setting."""
+    return getattr(context.get_parameter_source(name), "name", "DEFAULT") != "DEFAULT"
+
+
 def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]":
     """Typed values of settings that a command follows; raises InputError unless in `UNSTOPPABLE`."""
     from hexctl.settings import find_settings

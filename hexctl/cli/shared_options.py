@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.console import print_message
-from hexctl.cli.values import checked
+from hexctl.cli.signature import checked
 from hexctl.errors import InputError
 from hexctl.options import Range
 

@@ -161,7 +161,9 @@ def test_a_second_ctrl_c_in_a_walk_names_the_recording(
     assert exit_code(["run", "--record", str(path)]) == 130
     assert str(path) in capsys.readouterr().err
     assert exit_code(["run", "--no-record"]) == 130
-    assert "recorded" not in capsys.readouterr().err
+    assert capsys.readouterr().err == "hexctl: interrupted without a soft stop\n"
+    assert exit_code(["run", "--no-record", "--backend", "mock"]) == 130
+    assert capsys.readouterr().err.endswith(f"without a soft stop. {NOT_CONFIRMED}\n")
 
 
 def test_a_ctrl_c_after_a_walk_is_not_before_it(

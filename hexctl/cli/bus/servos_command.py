@@ -20,8 +20,7 @@ from hexctl.cli.console import DONE, FAULT, INTERRUPTED, StopOnInterrupt, print_
 from hexctl.cli.progress import ScanProgress
 from hexctl.cli.settings import Commands
 from hexctl.cli.shared_options import JsonOption
-from hexctl.cli.signature import with_options
-from hexctl.cli.values import checked
+from hexctl.cli.signature import checked, with_options
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 

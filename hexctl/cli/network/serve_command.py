@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.console import StopOnInterrupt, print_note
-from hexctl.cli.settings import SettingsCommand
+from hexctl.cli.settings import SettingsCommand, is_said
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_said
 from hexctl.robot.loader import load_robot_file
 from hexctl.server.ros.router import DEFAULT_ROUTER
 from hexctl.server.serve_options import ServeOptions

@@ -11,8 +11,7 @@ import typer
 from hexctl.cli.console import StopOnInterrupt, print_message, print_note, print_result
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.shared_options import JsonOption
-from hexctl.cli.signature import with_options
-from hexctl.cli.values import checked
+from hexctl.cli.signature import checked, with_options
 from hexctl.robot.failure_grammar import parse_leg
 from hexctl.simulators.board_service import BoardService
 from hexctl.vision.twin.twin_camera import TwinCamera

@@ -8,10 +8,9 @@ import typer
 from hexctl.backends.sim.world import load_world
 from hexctl.cli import completion
 from hexctl.cli.console import BAD_INPUT, print_message, print_result
-from hexctl.cli.settings import runs_folder
+from hexctl.cli.settings import is_said, runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_said
 from hexctl.control.assessment.check_options import CheckOptions
 from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
 from hexctl.errors import InputError

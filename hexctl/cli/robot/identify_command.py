@@ -18,10 +18,9 @@ from hexctl.cli.console import (
 )
 from hexctl.cli.progress import StatusLine, interruptible
 from hexctl.cli.render.stop_reasons import why_in_words
-from hexctl.cli.settings import runs_folder
+from hexctl.cli.settings import is_said, runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_said
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.identify.options import WITHOUT_LOGS, IdentifyOptions, picture_of

@@ -12,7 +12,7 @@ from hexctl.cli import completion
 from hexctl.cli.console import print_message, print_result
 from hexctl.cli.settings import Commands
 from hexctl.cli.shared_options import JsonOption
-from hexctl.cli.values import choice
+from hexctl.cli.signature import choice
 from hexctl.errors import InputError, printable
 from hexctl.options import listed
 from hexctl.robot.configs import config_names, find_config, read_mapping

@@ -22,7 +22,7 @@ from hexctl.cli.console import (
     print_message,
     print_result,
 )
-from hexctl.cli.settings import runs_folder
+from hexctl.cli.settings import given, runs_folder
 from hexctl.cli.shared_options import (
     ArenaOption,
     JsonOption,
@@ -32,7 +32,6 @@ from hexctl.cli.shared_options import (
     recovery_policy,
 )
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import given, rare
 from hexctl.cli.walk.diagnose_command import found_failure
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
@@ -49,11 +48,10 @@ WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--qu
 
 NoBaselineOption = Annotated[
     bool,
-    rare(
-        typer.Option(
-            "--no-baseline",
-            help="Leave out the walks before the first trial with gaits that need no search.",
-        )
+    typer.Option(
+        "--no-baseline",
+        hidden=True,
+        help="Leave out the walks before the first trial with gaits that need no search.",
     ),
 ]
 ResumeOption = Annotated[
@@ -66,7 +64,8 @@ ResumeOption = Annotated[
     ),
 ]
 TrustOption = Annotated[
-    bool, rare(typer.Option("--trust", help="With --resume: import custom code that the session names."))
+    bool,
+    typer.Option("--trust", hidden=True, help="With --resume: import custom code that the session names."),
 ]
 ViewOption = Annotated[
     bool,
@@ -250,7 +249,7 @@ def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> N
 
     parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
     print_result(*parts)
-    finished = finished_line(result.session.spec, result.ended)
+    finished = finished_line(result.ended)
     if resumed and not result.walked and finished is not None:
         print_message(finished)
 

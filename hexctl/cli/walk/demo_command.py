@@ -2,10 +2,7 @@
 
 import json
 import math
-import os
 import shlex
-import shutil
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +20,7 @@ from hexctl.cli.console import (
 )
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.shared_options import JsonOption
-from hexctl.cli.values import number
+from hexctl.cli.signature import number
 from hexctl.errors import RecordingError
 from hexctl.files import check_writable
 from hexctl.recording.viewer import has_display
@@ -172,23 +169,10 @@ def _ending(result: "DemoResult") -> "list[RenderableType]":
         *finding_parts(search.session),
         f"both walks as a GIF: {picture}",
         "next:",
-        *([f"  source {_activate()}"] if _activate() else []),
         f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
         f"  hexctl sessions show {search.session.name}",
-        *_another_walk(),
+        f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}",
     ]
-
-
-def _another_walk() -> list[str]:
-    return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}"]
-
-
-def _activate() -> str | None:
-    """Script that puts the command on the path, or None if it is there."""
-    script = Path(sys.executable).with_name("activate")
-    if shutil.which("hexctl") is not None or not script.is_file():
-        return None
-    return os.path.relpath(script) if script.is_relative_to(Path.cwd()) else str(script)
 
 
 def _show(result: "DemoResult") -> int:

@@ -19,6 +19,7 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
+from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.shared_options import (
@@ -222,11 +223,11 @@ class _WalkProgress(WithBar):
     def interrupted(self) -> str:
         """Line about an interrupt that is no soft stop, with the recording."""
         path = None if self.run is None else self.run.recording_path
-        if path is not None:
-            return (
-                f"interrupted {self.moment}; recorded{'' if self.moment == AFTER else ' until then'}: {path}"
-            )
-        return f"interrupted {self.moment}{': nothing was recorded' if self.moment == BEFORE else ''}"
+        kept = f"; recorded{'' if self.moment == AFTER else ' until then'}: {path}" if path else ""
+        if self.moment == BEFORE and not path:
+            kept = ": nothing was recorded"
+        moves = self.moment == DURING and self.run is not None and not self.run.spec.simulated
+        return f"interrupted {self.moment}{kept}{f'. {NOT_CONFIRMED}' if moves else ''}"
 
     def pause(self) -> None:
         self._bar.stop()
