@@ -18,7 +18,7 @@ from hexctl.recording import recording
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.rrd import ROOM_BYTES
 from tests.cli.kits import Kit
-from tests.cli.terminals import OnTerminal, wait_until_it_grows
+from tests.cli.terminals import on_terminal, wait_until_it_grows
 from tests.vision.test_place import saved
 
 SHORT = ["run", "--no-record", "--duration", "3"]
@@ -244,13 +244,11 @@ def test_ctrl_c_stops_softly_and_keeps_the_recording(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_a_terminal_shows_progress_and_the_result_at_the_end(tmp_path: Path) -> None:
-    shown = OnTerminal(["--duration", "1"], tmp_path, command="run", variables={"TERM": "xterm"})
-    try:
+    arguments = ("--duration", "1")
+    with on_terminal(tmp_path, *arguments, command="run", variables={"TERM": "xterm"}) as shown:
         shown.wait("loading")
         assert shown.code() == 0
         text = shown.wait("next: hexctl view")
-    finally:
-        shown.end()
     assert text.index("loading") < text.index("1 of 1 s") < text.index("ant in world flat")
 
 
