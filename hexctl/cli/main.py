@@ -17,7 +17,7 @@ from typer.main import get_group
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
 from hexctl.cli.grouped_help import HelpGroup
 from hexctl.cli.interrupts import not_begun, raise_deferred
-from hexctl.cli.settings import Commands, has_begun, origin_of
+from hexctl.cli.settings import Commands, SettingsCommand, has_begun, origin_of
 from hexctl.cli.suggestions import usage_text
 from hexctl.errors import (
     EXTRAS,
@@ -34,12 +34,11 @@ from hexctl.errors import (
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command as the help lists it: its module below `hexctl.cli`, and its class if special."""
+    """A command as the help lists it, and the folder of its module."""
 
-    module: str
+    folder: str
     panel: str
     summary: str
-    kind: str = ""
 
 
 class _CutOffError(Exception):
@@ -58,105 +57,79 @@ def _cut_off(context: Any = None) -> Iterator[None]:
         raise _CutOffError(began=context is not None and has_begun(context)) from None
 
 
-WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
-
-#: All commands, in the order of the help: module below `hexctl.cli`, group in the help, and summary.
-COMMANDS = {
-    "run": Command("walk.run_command", WALK, "Walk, record the walk, and report the result."),
-    "adapt": Command(
-        "walk.adapt_command", WALK, "Find a gait for a failed leg in few trials; each is kept and recorded."
-    ),
-    "drive": Command(
-        "walk.drive_command", WALK, "Drive a robot by hand: keyboard, gamepad, or a page for a phone."
-    ),
-    "view": Command(
-        "results.view_command",
-        WALK,
-        "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
-    ),
-    "demo": Command(
-        "walk.demo_command", WALK, "Break a leg of a simulated robot in mid-walk, and see it recover."
-    ),
-    "sessions": Command(
-        "results.sessions_command", WALK, "List, compare and delete sessions of hexctl adapt."
-    ),
-    "export": Command(
-        "results.export_command",
-        WALK,
-        "Write a robot, recordings or a session in a format of other programs.",
-    ),
-    "check": Command(
-        "robot.check_command",
-        ROBOT,
-        "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
-    ),
-    "robot": Command("robot.robot_command", ROBOT, "List the shipped robots, and make robot files."),
-    "gaits": Command("robot.robot_command", ROBOT, "List the named gaits."),
-    "worlds": Command("robot.robot_command", ROBOT, "List the shipped simulated worlds."),
-    "diagnose": Command(
-        "walk.diagnose_command",
-        ROBOT,
-        "Find which leg and joint failed, and how, in 12 s of small motions at rest.",
-    ),
-    "identify": Command(
-        "robot.identify_command",
-        ROBOT,
-        "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
-    ),
-    "see": Command(
-        "network.see_commands",
-        ROBOT,
-        "Measure a robot's position with a camera and printed tags, and send it to the robot, until Ctrl-C.",
-    ),
-    "calibrate": Command(
-        "bus.calibrate_command",
-        ROBOT,
-        "Find direction, offset and limits of each servo, and write them to the robot file.",
-    ),
-    "ports": Command("bus.ports_command", ROBOT, "List serial ports with a device, and their adapters."),
-    "doctor": Command(
-        "doctor_command", ROBOT, "Report what this computer has and what works on it, for a bug report."
-    ),
-    "servos": Command(
-        "bus.servos_command",
-        ROBOT,
-        "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
-    ),
-    "sim": Command(
-        "network.sim_commands",
-        ROBOT,
-        "Simulate servo boards, servo buses and a camera, and let simulated legs fail.",
-    ),
-    "serve": Command(
-        "network.serve_command",
-        NETWORK,
-        "Serve a robot, real or simulated, on the network, with its own guard and stop.",
-        "ServeCommand",
-    ),
-    "status": Command(
-        "network.status_command",
-        NETWORK,
-        "Show who commands a robot on the network, why it is stopped, and which messages were dropped.",
-    ),
-    "estop": Command(
-        "network.estop_command",
-        NETWORK,
-        "Stop a robot on the network from anywhere, whichever client commands it.",
-    ),
-    "keys": Command(
-        "network.keys_command", NETWORK, "Make and show certificates for robots beyond this computer."
-    ),
-    "study": Command(
-        "study.study_command",
-        STUDY,
-        "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
-    ),
-    "prior": Command(
-        "study.prior_command",
-        STUDY,
-        "Make and show priors: what hexctl adapt believes before its first trial.",
-    ),
+#: Commands by group and in the order of the help: folder in `hexctl.cli`, and summary.
+GROUPS = {
+    "Walk and adapt": {
+        "run": ("walk", "Walk, record the walk, and report the result."),
+        "adapt": ("walk", "Find a gait for a failed leg in few trials; each is kept and recorded."),
+        "drive": ("walk", "Drive a robot by hand: keyboard, gamepad, or a page for a phone."),
+        "view": (
+            "results",
+            "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
+        ),
+        "demo": ("walk", "Break a leg of a simulated robot in mid-walk, and see it recover."),
+        "sessions": ("results", "List, compare and delete sessions of hexctl adapt."),
+        "export": ("results", "Write a robot, recordings or a session in a format of other programs."),
+    },
+    "Your robot": {
+        "check": (
+            "robot",
+            "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
+        ),
+        "robot": ("robot", "List the shipped robots, and make robot files."),
+        "gaits": ("robot", "List the named gaits."),
+        "worlds": ("robot", "List the shipped simulated worlds."),
+        "diagnose": ("walk", "Find which leg and joint failed, and how, in 12 s of small motions at rest."),
+        "identify": (
+            "robot",
+            "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
+        ),
+        "see": (
+            "network",
+            "Measure a robot's position with a camera and printed tags, and send it to the robot, "
+            "until Ctrl-C.",
+        ),
+        "calibrate": (
+            "bus",
+            "Find direction, offset and limits of each servo, and write them to the robot file.",
+        ),
+        "ports": ("bus", "List serial ports with a device, and their adapters."),
+        "doctor": ("robot", "Report what this computer has and what works on it, for a bug report."),
+        "servos": (
+            "bus",
+            "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
+        ),
+        "sim": ("network", "Simulate servo boards, servo buses and a camera, and let simulated legs fail."),
+    },
+    "Over the network": {
+        "serve": (
+            "network",
+            "Serve a robot, real or simulated, on the network, with its own guard and stop.",
+        ),
+        "status": (
+            "network",
+            "Show who commands a robot on the network, why it is stopped, and which messages were dropped.",
+        ),
+        "estop": ("network", "Stop a robot on the network from anywhere, whichever client commands it."),
+        "keys": ("network", "Make and show certificates for robots beyond this computer."),
+    },
+    "Simulate a lot": {
+        "study": (
+            "study",
+            "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
+        ),
+        "prior": ("study", "Make and show priors: what hexctl adapt believes before its first trial."),
+    },
 }
+
+COMMANDS = {
+    name: Command(folder, panel, summary)
+    for panel, commands in GROUPS.items()
+    for name, (folder, summary) in commands.items()
+}
+
+#: Commands in the module of another one.
+MODULES = {"gaits": "robot", "worlds": "robot"}
 
 
 class _Loaded(UserDict[str, Any]):
@@ -208,15 +181,15 @@ class _Commands(HelpGroup):
 
 
 def _build(name: str, declared: Command) -> Any:
-    module = importlib.import_module(f"hexctl.cli.{declared.module}")
+    module = importlib.import_module(f"hexctl.cli.{declared.folder}.{MODULES.get(name, name)}_command")
     raise_deferred()
     found, app = getattr(module, name), Commands()
     if isinstance(found, typer.Typer):
         own: dict[str, Any] = {} if found.registered_callback else {"help": declared.summary}
         app.add_typer(found, name=name, rich_help_panel=declared.panel, **own)
     else:
-        kind = getattr(module, declared.kind) if declared.kind else None
-        app.command(name, rich_help_panel=declared.panel, **({"cls": kind} if kind else {}))(found)
+        kind = getattr(module, "COMMAND_CLASS", SettingsCommand)
+        app.command(name, rich_help_panel=declared.panel, cls=kind)(found)
     return get_group(app).commands[name]
 
 

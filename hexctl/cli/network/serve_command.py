@@ -35,6 +35,9 @@ class ServeCommand(SettingsCommand):
         return super().parse_args(ctx, full)
 
 
+COMMAND_CLASS = ServeCommand
+
+
 @with_options(ServeOptions, rare=("failed_leg",))
 def serve(
     asked: dict[str, Any],
