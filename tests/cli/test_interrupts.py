@@ -331,8 +331,8 @@ def test_a_search_and_a_server_end_as_by_ctrl_c(
     monkeypatch.chdir(tmp_path)
     assert exit_code(["sessions", "list", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)) == 1
-    arguments = ("--backend", "mock", "--listen", f"tcp/127.0.0.1:{free_port()}")
-    with on_terminal(tmp_path, *arguments, command="serve", program=WITH_TERMINAL) as terminal:
+    served = ("--backend", "mock", "--listen", f"tcp/127.0.0.1:{free_port()}")
+    with on_terminal(tmp_path, *served, command="serve", program=WITH_TERMINAL) as terminal:
         terminal.wait("serving|listens|at tcp")
         terminal.close()
         assert terminal.code() == 0

@@ -1,6 +1,5 @@
 """`hexctl check`: validate a robot file, with numbers."""
 
-import json
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -45,7 +44,7 @@ def check(
     checked = _checked(options)
     report = checked.to_dict() | _further(checked, options)
     if as_json:
-        print_result(json.dumps(report))
+        print_result(report)
     else:
         from hexctl.cli.render.check_output import report_parts
 

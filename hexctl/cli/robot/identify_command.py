@@ -1,6 +1,5 @@
 """`hexctl identify`: the servos and the trunk of a robot from its own motions."""
 
-import json
 import math
 import shlex
 from dataclasses import fields, replace
@@ -101,7 +100,7 @@ def identify(
             f"continue with: {_again(paths, replace(options, output='FILE.yaml'))}"
         ) from error
     if as_json:
-        print_result(json.dumps(found.to_dict() | {"output": written}))
+        print_result(found.to_dict() | {"output": written})
     elif written is not None:
         print_result("", f"wrote {written}")
     else:

@@ -1,6 +1,5 @@
 """`hexctl adapt`: find a gait for a failed leg."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
@@ -247,7 +246,7 @@ def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> N
     """A resumed session may have been finished before."""
     from hexctl.cli.render.session_summary import closing_parts, finished_line
 
-    parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
+    parts = [result.to_dict()] if as_json else closing_parts(result.session, result.ended)
     print_result(*parts)
     finished = finished_line(result.ended)
     if resumed and not result.walked and finished is not None:

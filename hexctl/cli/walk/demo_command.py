@@ -1,6 +1,5 @@
 """`hexctl demo`: a leg fails during a walk, the robot recovers, and a gait for the other legs is searched."""
 
-import json
 import math
 import shlex
 from pathlib import Path
@@ -62,7 +61,7 @@ def demo(
         print_message(_what_is_left(result))
         raise typer.Exit(INTERRUPTED)
     if as_json:
-        print_result(json.dumps(result.to_dict()))
+        print_result(result.to_dict())
     else:
         print_result(*_ending(result))
     if result.adaptation is not None and result.adaptation.trouble is not None:

@@ -1,6 +1,5 @@
 """`hexctl diagnose`: find the failed leg at rest."""
 
-import json
 import sys
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -51,7 +50,7 @@ def diagnose(
         record_folder=None if no_record or where["record"] is not None else runs_folder(),
     )
     done, code = diagnosed(spec)
-    print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome)))
+    print_result(*([done.outcome] if as_json else summary(done.outcome)))
     if done.diagnosis.source == "none" and not done.diagnosis.unfinished and _operator() is None:
         print_message("on a terminal, hexctl diagnose asks the operator which legs move as they should")
     if (error := done.recording_error) is not None:

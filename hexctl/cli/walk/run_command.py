@@ -1,6 +1,5 @@
 """`hexctl run`: walk."""
 
-import json
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -147,7 +146,7 @@ def _walk(
         check_commanded(done.outcome)
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
-    print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome, clear)))
+    print_result(*([done.outcome] if as_json else summary(done.outcome, clear)))
     if (error := done.recording_error) is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {error}") from error
     if live is not None and live.lost is not None:
