@@ -306,13 +306,13 @@ def _problems(root: Any, settings: "Settings") -> Iterator[str]:
     """A line for each key of a file, and each variable of a command, that matches no option."""
     from hexctl.settings import Setting
 
-    for file in settings.files:
-        for path, setting in file.items():
-            yield from _unknown(root, path, setting)
     for name, text in settings.variables.items():
         command, path = _meant(root, name)
         if command is not root:
             yield from _unknown(root, path, Setting(text, name))
+    for file in settings.files:
+        for path, setting in file.items():
+            yield from _unknown(root, path, setting)
 
 
 def _unknown(root: Any, path: "OptionPath", setting: "Setting") -> Iterator[str]:

@@ -68,27 +68,27 @@ def show(
     left_out = LeftOut()
     session = load_session(name, runs_folder(), on_damage=left_out.name)
     if pareto is not None:
-        print_result(_pareto(session, pareto, as_json=as_json))
+        print_result(*_pareto(session, pareto, as_json=as_json))
     else:
         print_result(*([session.as_json()] if as_json else session_lines(session)))
     raise typer.Exit(left_out.code())
 
 
-def _pareto(session: "Session", wanted: str, *, as_json: bool) -> str | dict[str, Any]:
+def _pareto(session: "Session", wanted: str, *, as_json: bool) -> list[Any]:
     from hexctl.adapt.objectives import OBJECTIVES, make_objective
-    from hexctl.cli.render.session_tables import pareto_lines
+    from hexctl.cli.render.session_tables import pareto_parts
 
     names = list(dict.fromkeys(listed(wanted)))
     if len(names) < 2:
         raise InputError(f"--pareto: got {wanted!r}; allowed: two or more of {', '.join(OBJECTIVES)}")
     objectives = [make_objective(name) for name in names]
     if not as_json:
-        return "\n".join(pareto_lines(session, objectives))
+        return pareto_parts(session, objectives)
     front = [
         {**trial.as_json(), "scores": dict(zip(names, scores, strict=True))}
         for trial, scores in session.pareto(objectives)
     ]
-    return {"session": session.name, "objectives": names, "trials": front}
+    return [{"session": session.name, "objectives": names, "trials": front}]
 
 
 @sessions.command()

@@ -17,8 +17,8 @@ from hexctl.cli.console import (
 )
 from hexctl.cli.progress import StatusLine, interruptible
 from hexctl.cli.render.stop_reasons import why_in_words
-from hexctl.cli.settings import is_said, runs_folder
-from hexctl.cli.shared_options import JsonOption
+from hexctl.cli.settings import is_said
+from hexctl.cli.shared_options import JsonOption, record_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.errors import InputError, MissingExtraError
@@ -154,9 +154,7 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     from hexctl.runs.run_spec import RunSpec
 
     where = {field.name: given[field.name] for field in fields(RecordedOptions) if field.name in given}
-    run = IdentificationRun(
-        RunSpec(**where, record_folder=None if where["record"] is not None else runs_folder())
-    )
+    run = IdentificationRun(RunSpec(**where, record_folder=record_folder(where["record"], no_record=False)))
     clear = clear_command(run.spec)
     ask_consent(CONSENT.format(run.motions_s, math.degrees(MOST_RAD)), yes=yes or run.spec.simulated)
     with connected(run) as interrupt:

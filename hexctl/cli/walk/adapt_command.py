@@ -21,6 +21,7 @@ from hexctl.cli.console import (
     print_message,
     print_result,
 )
+from hexctl.cli.results.view_command import view_afterwards
 from hexctl.cli.settings import given, runs_folder
 from hexctl.cli.shared_options import (
     ArenaOption,
@@ -32,7 +33,7 @@ from hexctl.cli.shared_options import (
 )
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.diagnose_command import found_failure
-from hexctl.errors import HexctlError, InputError, RecordingError, argument
+from hexctl.errors import HexctlError, InputError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 
 if TYPE_CHECKING:
@@ -238,7 +239,7 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
     if result.ended == "interrupted":
         return INTERRUPTED
     if view and result.trials:
-        _show(session.name)
+        view_afterwards(session.name)
     return DONE if result.best is not None else ABORTED
 
 
@@ -251,16 +252,6 @@ def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> N
     finished = finished_line(result.ended)
     if resumed and not result.walked and finished is not None:
         print_message(finished)
-
-
-def _show(name: str) -> None:
-    """A missing screen does not make the search a failure."""
-    from hexctl.adapt.sessions.session_viewing import view_runs
-
-    try:
-        view_runs([name], runs_folder())
-    except RecordingError as error:
-        print_message(str(error))
 
 
 def _code_of_stop(error: HexctlError) -> int:

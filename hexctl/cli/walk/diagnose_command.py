@@ -14,8 +14,7 @@ from hexctl.cli.console import (
     print_message,
     print_result,
 )
-from hexctl.cli.settings import runs_folder
-from hexctl.cli.shared_options import JsonOption, NoRecordOption
+from hexctl.cli.shared_options import JsonOption, NoRecordOption, record_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, connected
 from hexctl.errors import InputError, RecordingError
@@ -43,12 +42,7 @@ def diagnose(
     """
     from hexctl.runs.run_spec import RunSpec
 
-    if no_record and where["record"] is not None:
-        raise InputError("--no-record: got --record too; allowed: one or the other")
-    spec = RunSpec(
-        **where,
-        record_folder=None if no_record or where["record"] is not None else runs_folder(),
-    )
+    spec = RunSpec(**where, record_folder=record_folder(where["record"], no_record=no_record))
     done, code = diagnosed(spec)
     print_result(*([done.outcome] if as_json else summary(done.outcome)))
     if done.diagnosis.source == "none" and not done.diagnosis.unfinished and _operator() is None:

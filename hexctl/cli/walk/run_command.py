@@ -20,6 +20,7 @@ from hexctl.cli.console import (
 )
 from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.progress import WithBar
+from hexctl.cli.results.view_command import view_afterwards
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.shared_options import (
     JsonOption,
@@ -27,6 +28,7 @@ from hexctl.cli.shared_options import (
     RecoverOption,
     WalkArenaOption,
     geofence,
+    record_folder,
     recovery_policy,
 )
 from hexctl.cli.signature import with_options
@@ -35,7 +37,6 @@ from hexctl.cli.walk.diagnose_command import Found, found_failure
 from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError
 from hexctl.recording.live import LiveView, open_window
-from hexctl.recording.viewer import open_viewer
 from hexctl.robot.failure_grammar import AUTO_LEG
 from hexctl.runs.run_spec import RunSpec
 
@@ -82,10 +83,7 @@ def run(
     progress = _WalkProgress(walk["duration_s"], quiet=as_json)
     with _reporting_interrupts(progress), progress:
         walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
-        spec = RunSpec(
-            **walk,
-            record_folder=None if no_record or walk["record"] is not None else runs_folder(),
-        )
+        spec = RunSpec(**walk, record_folder=record_folder(walk["record"], no_record=no_record))
         fence = None if arena is None else geofence(arena, str(spec.robot), simulated=spec.simulated)
         found = None
         if spec.failed_leg == AUTO_LEG:
@@ -187,10 +185,7 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
         print_note("close the viewer, or press Ctrl-C, to end")
         live.wait()
     elif recording is not None:
-        try:
-            open_viewer([recording])
-        except RecordingError as error:
-            print_message(error)
+        view_afterwards(str(recording))
 
 
 def _turn_note(run: "Run") -> str:
