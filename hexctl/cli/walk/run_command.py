@@ -34,7 +34,6 @@ from hexctl.cli.shared_options import (
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.cli.walk.diagnose_command import Found, found_failure
-from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError
 from hexctl.recording.live import LiveView, open_window
 from hexctl.robot.failure_grammar import AUTO_LEG
@@ -136,7 +135,7 @@ def _walk(
         live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
         if live is not None:
             stack.enter_context(live)
-        progress.of_turn = _turn_note(run) if spec.paced else ""
+        progress.announces_turn = spec.paced
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         progress.moment = DURING
         done = run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
@@ -188,27 +187,19 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
         view_afterwards(str(recording))
 
 
-def _turn_note(run: "Run") -> str:
-    """Line about the self-rotation before a walk; empty if it is short."""
-    plan = run.plan
-    if plan.belief is None or abs(turn_needed_rad(run.robot, plan)) <= SMALL_TURN_RAD:
-        return ""
-    points = "trails" if plan.self_rotation == "rear" else "leads"
-    first = f"turns until leg {plan.belief.leg} {points}"
-    return f"hexctl: {first}, then walks {plan.duration_s:g} s; Ctrl-C stops it"
-
-
 class _WalkProgress(WithBar):
-    """Progress on stderr during load and walk; `of_turn` is printed if the robot turns first.
+    """Progress on stderr during load and walk.
 
-    `moment` is when an interrupt comes that is no soft stop.
+    Attributes:
+        announces_turn: whether a line is printed if the robot turns first.
+        moment: when an interrupt comes that is no soft stop.
     """
 
     #: A second: drawing must not delay the ticks.
     block_ticks: int | None = 50
 
     def __init__(self, total_s: float, *, quiet: bool) -> None:
-        self.of_turn, self.moment = "", BEFORE
+        self.announces_turn, self.moment = False, BEFORE
         self.run: Run | None = None
         self._total_s = total_s
         self._bar = make_bar("{task.fields[walked]}", quiet=quiet)
@@ -227,9 +218,9 @@ class _WalkProgress(WithBar):
         self._bar.stop()
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
-        if self.of_turn and log.phase == "turn":
-            print_above(self._bar, self.of_turn, err=True)
-            self.of_turn = ""
+        if self.announces_turn and log.phase == "turn":
+            print_above(self._bar, f"hexctl: {DOING['turn']}", err=True)
+            self.announces_turn = False
         walked_s = min(self._total_s, log.walked_ticks * PERIOD_S)
         self._bar.update(
             self._task,
