@@ -66,9 +66,9 @@ def print_result(*parts: "RenderableType | JsonValue") -> None:
         typer.echo(text)
         sys.stdout.flush()
     except BrokenPipeError:
-        _discard_stdout()
+        discard_stdout()
     except OSError as error:
-        _discard_stdout()
+        discard_stdout()
         raise RobotFaultError(f"the result cannot be printed: {error.strerror}") from error
 
 
@@ -87,7 +87,7 @@ def _text(part: "RenderableType | JsonValue") -> str:
     return "\n".join(line.rstrip() for line in written.getvalue().splitlines())
 
 
-def _discard_stdout() -> None:
+def discard_stdout() -> None:
     """Python would report the closed pipe again at its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

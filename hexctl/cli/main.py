@@ -4,19 +4,19 @@ import importlib
 import os
 import sys
 from collections import UserDict
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 from typer.exceptions import TyperException
-from typer.main import get_group
+from typer.main import get_command, get_group
 
-from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
+from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, discard_stdout, in_flags, print_note
 from hexctl.cli.grouped_help import HelpGroup
 from hexctl.cli.interrupts import not_begun, raise_deferred
+from hexctl.cli.network.early_stop import COMPLETION
 from hexctl.cli.settings import Commands, SettingsCommand, has_begun, origin_of
 from hexctl.cli.suggestions import usage_text
 from hexctl.errors import (
@@ -39,22 +39,6 @@ class Command:
     folder: str
     panel: str
     summary: str
-
-
-class _CutOffError(Exception):
-    """Ctrl-C before a command, or in one that does not handle it."""
-
-    def __init__(self, *, began: bool) -> None:
-        super().__init__()
-        self.began = began
-
-
-@contextmanager
-def _cut_off(context: Any = None) -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise _CutOffError(began=context is not None and has_begun(context)) from None
 
 
 #: Commands by group and in the order of the help: folder in `hexctl.cli`, and summary.
@@ -170,15 +154,6 @@ class _Commands(HelpGroup):
         finally:
             self._listing = False
 
-    # Typer would end an interrupted command silently.
-    def make_context(self, *arguments: Any, **more: Any) -> Any:
-        with _cut_off():
-            return super().make_context(*arguments, **more)
-
-    def invoke(self, ctx: Any) -> Any:
-        with _cut_off(ctx):
-            return super().invoke(ctx)
-
 
 def _build(name: str, declared: Command) -> Any:
     module = importlib.import_module(f"hexctl.cli.{declared.folder}.{MODULES.get(name, name)}_command")
@@ -225,8 +200,14 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     if given[:1] == ["help"]:
         given = [*given[1:], "--help"]
-    try:
-        code = app(args=given, prog_name="hexctl", standalone_mode=False)
+    command, context = get_command(app), None
+    if COMPLETION in os.environ:
+        command.main(args=given, prog_name="hexctl")  # which ends the process
+    try:  # not by main(), which would end an interrupted command silently
+        with command.make_context("hexctl", given) as context:
+            code = command.invoke(context)
+    except typer.Exit as error:
+        return error.exit_code
     except typer.BadParameter as error:
         return _print_error(_bad_value(error), BAD_INPUT)
     except TyperException as error:
@@ -235,6 +216,9 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
         return _print_error(_worded(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
     except HexctlError as error:
         return _print_error(_worded(error), FAULT)
+    except BrokenPipeError:
+        discard_stdout()
+        return 1
     except OSError as error:
         if not isinstance(error.filename, str | bytes):
             raise
@@ -245,8 +229,8 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
         if extra is None:
             raise
         return _print_error(str(MissingExtraError("this", extra)), BAD_INPUT)
-    except (KeyboardInterrupt, _CutOffError) as error:
-        began = not isinstance(error, _CutOffError) or error.began
+    except KeyboardInterrupt:
+        began = context is not None and has_begun(context)
         return _print_error("interrupted" if began else not_begun(given), INTERRUPTED)
     return code if isinstance(code, int) else 0
 
