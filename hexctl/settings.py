@@ -14,7 +14,6 @@ only if it exists.
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -54,13 +53,26 @@ RUNS = Path("runs")
 
 MOST_BYTES = 100_000
 
+#: A command and its option, such as `("prior", "build", "worlds")`; without a command: `("robot",)`.
+OptionPath = tuple[str, ...]
+
 
 @dataclass(frozen=True, slots=True)
-class Origin:
-    """Origin of a setting: a file and its key, such as `run.duration`, or a variable without key."""
+class Setting:
+    """One value of a file or a variable.
 
+    Attributes:
+        place: file, or variable.
+        key: key in the file, such as `run.duration`; empty for a variable.
+        folder: base of its relative paths.
+        nearby: whether its file is in the working folder or above, and therefore possibly another person's.
+    """
+
+    value: Any
     place: str
     key: str = ""
+    folder: Path = Path()
+    nearby: bool = False
 
     def __str__(self) -> str:
         return f"{self.place}: {self.key}" if self.key else self.place
@@ -70,69 +82,9 @@ class Origin:
         """Whether it is a variable of the environment."""
         return not self.key
 
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """One value of a file or a variable.
-
-    Attributes:
-        folder: base of its relative paths.
-        nearby: whether its file is in the working folder or above, and therefore possibly another person's.
-    """
-
-    value: Any
-    origin: Origin
-    folder: Path = Path()
-    nearby: bool = False
-
     def placed(self, text: str) -> str:
         """A path of this setting: relative to `folder` unless absolute, `~` is the home folder."""
         return str(self.folder / _expanded(text))
-
-
-@dataclass(frozen=True, slots=True)
-class Layer:
-    """Settings of one file (nested by command) or of the variables; earlier layers have priority."""
-
-    place: str
-    values: Mapping[str, Any]
-    folder: Path | None
-    nearby: bool = False
-
-    def common(self, key: str) -> Setting | None:
-        """Setting of robot and connection, by its name in `COMMON`."""
-        return self.option((), key)
-
-    def option(self, command: tuple[str, ...], option: str) -> Setting | None:
-        """Setting of one option of a command: `("prior", "build"), "worlds"`; None if absent."""
-        words = (*command, option)
-        if self.folder is None:
-            name = PREFIX + "_".join(words).replace("-", "_").upper()
-            text = self.values.get(name)
-            return Setting(text, Origin(name)) if text else None
-        for path in _tables(command):
-            if (value := self._table(path).get(option)) is not None:
-                origin = Origin(self.place, ".".join((*path, option)))
-                return Setting(value, origin, self.folder, self.nearby)
-        return None
-
-    def options(self, command: tuple[str, ...]) -> dict[str, Any]:
-        """Values of a file for one command, by option; none for the environment."""
-        return {key: value for path in _tables(command) for key, value in self._table(path).items()}
-
-    def _table(self, path: tuple[str, ...]) -> dict[str, Any]:
-        """Values of a table of a file, without the tables in it; none for the environment."""
-        here: Any = self.values if self.folder is not None else None
-        for word in path:
-            here = here.get(word) if isinstance(here, Mapping) else None
-        if not isinstance(here, Mapping):
-            return {}
-        return {key: value for key, value in here.items() if not isinstance(value, Mapping)}
-
-
-def _tables(command: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Tables with the options of a command; the empty command has the settings above all tables."""
-    return (command, (COMMANDS, *command)) if command else ((),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,13 +92,14 @@ class Settings:
     """Settings of files and variables, for programs and for the command line.
 
     Attributes:
-        layers: variables and files, by priority.
+        variables: those that are not empty, by name; they have priority.
+        files: settings of each file, by priority.
         problems: why a file or a variable is invalid, one line each.
     """
 
-    layers: tuple[Layer, ...] = ()
+    variables: Mapping[str, str] = field(default_factory=dict)
+    files: tuple[Mapping[OptionPath, Setting], ...] = ()
     problems: tuple[str, ...] = ()
-    _common: Mapping[str, Setting] = field(default_factory=dict, repr=False)
 
     @property
     def values(self) -> dict[str, str]:
@@ -156,7 +109,7 @@ class Settings:
     @property
     def origins(self) -> dict[str, str]:
         """Origin of each of `values`."""
-        return {key: str(setting.origin) for key, setting in self._common.items()}
+        return {key: str(setting) for key, setting in self._common.items()}
 
     @property
     def runs(self) -> Path:
@@ -165,10 +118,21 @@ class Settings:
 
     def of(self, *command: str) -> dict[str, Any]:
         """Options in files for one command, such as `of("run")` or `of("prior", "build")`, by option."""
-        options: dict[str, Any] = {}
-        for layer in reversed(self.layers):
-            options |= layer.options(command)
-        return options
+        files = (file.items() for file in reversed(self.files))
+        return {path[-1]: setting.value for file in files for path, setting in file if path[:-1] == command}
+
+    def find(self, *paths: OptionPath) -> Setting | None:
+        """The setting with the highest priority, of the first of these options that its place has."""
+        for path in paths:
+            name = PREFIX + "_".join(path).replace("-", "_").upper()
+            if name in self.variables:
+                return Setting(self.variables[name], name)
+        found = (file[path] for file in self.files for path in paths if path in file)
+        return next(found, None)
+
+    @property
+    def _common(self) -> dict[str, Setting]:
+        return {key: setting for key in COMMON if (setting := self.find((key,))) is not None}
 
 
 def read_settings(folder: Path | str = ".") -> Settings:
@@ -188,24 +152,25 @@ def read_settings(folder: Path | str = ".") -> Settings:
 
 def find_settings(folder: Path = Path()) -> Settings:
     """Settings in force in a folder; errors are in their `problems`."""
-    variables = {name: text for name, text in os.environ.items() if name.startswith(PREFIX)}
-    layers, problems = [Layer("environment", variables, None)], []
+    variables = {name: text for name, text in os.environ.items() if name.startswith(PREFIX) and text}
+    files, problems = list[Mapping[OptionPath, Setting]](), list[str]()
     for path in settings_files(folder):
         try:
-            layers.append(Layer(shown_path(path), _content(path), path.parent, path not in _own_files()))
+            content = _content(path)
         except InputError as error:
             problems.append(str(error))
-    common: dict[str, Setting] = {}
-    for layer in reversed(layers):
-        for key in COMMON:
-            if (setting := layer.common(key)) is None:
-                continue
-            if isinstance(setting.value, str) and setting.value:
-                common[key] = setting
-            else:
-                problems.append(f"{setting.origin}: got {shown(setting.value)}; allowed: text, {COMMON[key]}")
+            continue
+        wrong = [key for key in COMMON if (key,) in content and not _is_text(content[key,].value)]
+        for key in wrong:
+            setting = content.pop((key,))
+            problems.append(f"{setting}: got {shown(setting.value)}; allowed: text, {COMMON[key]}")
+        files.append(content)
     problems += _misspelt(variables)
-    return Settings(layers=tuple(layers), problems=tuple(problems), _common=common)
+    return Settings(variables=variables, files=tuple(files), problems=tuple(problems))
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and bool(value)
 
 
 def is_endpoint(place: object) -> bool:
@@ -226,35 +191,23 @@ def settings_files(folder: Path = Path()) -> tuple[Path, ...]:
     """
     if os.environ.get(CHOSEN):
         return _own_files()
-    near = (place / FILE for place in _upwards(folder, _home()))
-    return (*islice(filter(_is_there, near), 1), *filter(_is_there, _own_files()))
+    near = (place / FILE for place in _upwards(folder, _expanded("~")))
+    return (*islice(filter(os.path.lexists, near), 1), *filter(os.path.lexists, _own_files()))
 
 
 def _own_files() -> tuple[Path, ...]:
-    chosen, users, home = os.environ.get(CHOSEN, ""), os.environ.get("XDG_CONFIG_HOME"), _home()
+    chosen = os.environ.get(CHOSEN, "")
     if chosen:
         return () if chosen == "none" else (_expanded(chosen),)
-    config = Path(users) if users else None if home is None else home / ".config"
-    return () if config is None else (config / "hexctl" / FILE,)
+    return (_expanded(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "hexctl" / FILE,)
 
 
 def _expanded(text: str) -> Path:
     """Path with `~` expanded, if the home folder is known."""
-    path = Path(text)
-    with suppress(RuntimeError, ValueError):
-        return path.expanduser()
-    return path
+    return Path(os.path.expanduser(text))
 
 
-def _is_there(path: Path) -> bool:
-    try:
-        path.lstat()
-    except (OSError, ValueError):
-        return False
-    return True
-
-
-def _upwards(folder: Path, home: Path | None) -> Iterator[Path]:
+def _upwards(folder: Path, home: Path) -> Iterator[Path]:
     try:
         here = folder.resolve()
     except OSError:
@@ -266,64 +219,45 @@ def _upwards(folder: Path, home: Path | None) -> Iterator[Path]:
         yield from parents[1 : parents.index(roots[0]) + 1]
 
 
-def _home() -> Path | None:
-    try:
-        return Path.home()
-    except RuntimeError:
-        return None
-
-
 def shown_path(path: Path) -> str:
     """Path in messages: relative in the current folder, with `~` in the home folder."""
-    home = _home()
-    if path.is_absolute() and home is not None and path.is_relative_to(home) and home != Path("/"):
+    home = _expanded("~")
+    if path.is_absolute() and path.is_relative_to(home) and home != Path("/"):
         return f"~/{path.relative_to(home)}"
     return str(path)
 
 
-def _content(path: Path) -> dict[str, Any]:
-    """Keys get hyphens; raises InputError that names the file."""
+def _content(path: Path) -> dict[OptionPath, Setting]:
+    """Settings of a file, with the keys in the spelling of options; raises InputError that names it."""
     import tomllib
 
     name = shown_path(path)
     try:
-        content = tomllib.loads(read_file(path, MOST_BYTES).decode("utf-8"))
+        values = list(_flat(tomllib.loads(read_file(path, MOST_BYTES).decode("utf-8"))))
     except OSError as error:
         raise InputError(f"{name}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: cannot be read as text: {error}") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{name}: is not valid TOML: {error}") from error
-    try:
-        values = _hyphenated(content, name)
-    except RecursionError as error:
-        raise InputError(f"{name}: has tables in tables without end; allowed: those of commands") from error
-    if isinstance(below := values.get(COMMANDS), dict):
-        _check_once(values, below, name, ())
-    return values
+    found: dict[OptionPath, Setting] = {}
+    nearby = path not in _own_files()
+    for words, value in values:
+        setting = Setting(value, name, ".".join(words), path.parent, nearby)
+        option = words[1:] if words[0] == COMMANDS and len(words) > 2 else words
+        if option in found:
+            raise InputError(f"{setting}: is given twice; allowed: once")
+        found[option] = setting
+    return found
 
 
-def _hyphenated(table: Mapping[str, Any], place: str) -> dict[str, Any]:
-    """Table with keys in the spelling of options; raises InputError for one key in two spellings."""
-    plain: dict[str, Any] = {}
+def _flat(table: Mapping[str, Any], path: OptionPath = ()) -> Iterator[tuple[OptionPath, Any]]:
     for key, value in table.items():
-        name = key.strip().casefold().replace("_", "-")
-        if name in plain:
-            raise InputError(f"{place}: {key}: is given twice; allowed: once")
-        plain[name] = _hyphenated(value, place) if isinstance(value, dict) else value
-    return plain
-
-
-def _check_once(
-    table: Mapping[str, Any], below: Mapping[str, Any], place: str, path: tuple[str, ...]
-) -> None:
-    """Raise InputError for an option both in a table and below `COMMANDS`."""
-    for key in table.keys() & below.keys():
-        tables = isinstance(table[key], dict), isinstance(below[key], dict)
-        if all(tables):
-            _check_once(table[key], below[key], place, (*path, key))
-        elif not any(tables):
-            raise InputError(f"{place}: {'.'.join((COMMANDS, *path, key))}: is given twice; allowed: once")
+        words = (*path, key.strip().casefold().replace("_", "-"))
+        if isinstance(value, dict):
+            yield from _flat(value, words)
+        else:
+            yield words, value
 
 
 def _misspelt(variables: Mapping[str, str]) -> Iterator[str]:

@@ -85,12 +85,6 @@ def test_a_variable_names_the_only_file_or_none(tmp_path: Path, monkeypatch: pyt
         hexctl.read_settings()
 
 
-def test_tables_without_end_are_refused() -> None:
-    Path("hexctl.toml").write_text("a." * 3000 + "b = 1\n")
-    with pytest.raises(hexctl.InputError, match=r"hexctl\.toml: has tables in tables"):
-        hexctl.read_settings()
-
-
 @pytest.mark.parametrize(
     ("content", "line"),
     [
@@ -98,8 +92,9 @@ def test_tables_without_end_are_refused() -> None:
         (b"\xff\xfe", r"^hexctl\.toml: cannot be read as text"),
         (b"robot = 3", r"^hexctl\.toml: robot: got 3; allowed: text, a shipped name or a robot file$"),
         (b'robot = ""', r"^hexctl\.toml: robot: got ''; allowed: text"),
-        (b"run.a-b = 1\nrun.a_b = 2", r"^hexctl\.toml: a_b: is given twice"),
+        (b"run.a-b = 1\nrun.a_b = 2", r"^hexctl\.toml: run\.a-b: is given twice"),
         (b"x = 1\n" * 200_000, r"^hexctl\.toml: cannot be read: it is larger than 0\.1 MB"),
+        (b"a." * 3000 + b"b = 1", r"^hexctl\.toml: is not valid TOML"),
         (b"x = " + b"[" * 5000, r"^hexctl\.toml: is not valid TOML"),
     ],
 )

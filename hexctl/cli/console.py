@@ -1,11 +1,12 @@
 """The terminal: results on stdout, notes and progress on stderr, Ctrl-C, exit codes."""
 
 import io
+import json
 import os
 import signal
 import sys
 from types import FrameType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import typer
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from hexctl.control.trial_result import TrialResult
+
+JsonValue = dict[str, Any] | list[Any]
 
 # Exit codes of every command.
 DONE = 0
@@ -53,23 +56,27 @@ def printable_lines(text: str) -> str:
     return "\n".join(map(printable, text.split("\n")))
 
 
-def print_result(*parts: "RenderableType") -> None:
-    """Print on stdout: texts as they are, tables as wide as the terminal; a closed pipe is ignored.
+def print_result(*parts: "RenderableType | JsonValue") -> None:
+    """Print on stdout: texts as they are, tables as wide as the terminal, objects and arrays as JSON.
 
-    Raises RobotFaultError when the result cannot be written, as on a full disk.
+    A closed pipe is ignored. Raises RobotFaultError when the result cannot be written, as on a full disk.
     """
-    text = "\n".join(printable_lines(part) if isinstance(part, str) else _rendered(part) for part in parts)
+    text = "\n".join(map(_text, parts))
     try:
         typer.echo(text)
         sys.stdout.flush()
     except BrokenPipeError:
-        _discard_stdout()
+        discard_stdout()
     except OSError as error:
-        _discard_stdout()
+        discard_stdout()
         raise RobotFaultError(f"the result cannot be printed: {error.strerror}") from error
 
 
-def _rendered(part: "RenderableType") -> str:
+def _text(part: "RenderableType | JsonValue") -> str:
+    if isinstance(part, dict | list):
+        return json.dumps(part)
+    if isinstance(part, str):
+        return printable_lines(part)
     from rich.console import Console
 
     terminal = sys.stdout.isatty()
@@ -80,7 +87,7 @@ def _rendered(part: "RenderableType") -> str:
     return "\n".join(line.rstrip() for line in written.getvalue().splitlines())
 
 
-def _discard_stdout() -> None:
+def discard_stdout() -> None:
     """Python would report the closed pipe again at its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -4,20 +4,20 @@ import importlib
 import os
 import sys
 from collections import UserDict
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 from typer.exceptions import TyperException
-from typer.main import get_group
+from typer.main import get_command, get_group
 
-from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
+from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, discard_stdout, in_flags, print_note
 from hexctl.cli.grouped_help import HelpGroup
 from hexctl.cli.interrupts import not_begun, raise_deferred
-from hexctl.cli.settings import Commands, has_begun, origin_of
+from hexctl.cli.network.early_stop import COMPLETION
+from hexctl.cli.settings import Commands, SettingsCommand, has_begun, origin_of
 from hexctl.cli.suggestions import usage_text
 from hexctl.errors import (
     EXTRAS,
@@ -34,129 +34,86 @@ from hexctl.errors import (
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command as the help lists it: its module below `hexctl.cli`, and its class if special."""
+    """A command as the help lists it, and the folder of its module."""
 
-    module: str
+    folder: str
     panel: str
     summary: str
-    kind: str = ""
 
 
-class _CutOffError(Exception):
-    """Ctrl-C before a command, or in one that does not handle it."""
-
-    def __init__(self, *, began: bool) -> None:
-        super().__init__()
-        self.began = began
-
-
-@contextmanager
-def _cut_off(context: Any = None) -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise _CutOffError(began=context is not None and has_begun(context)) from None
-
-
-WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
-
-#: All commands, in the order of the help: module below `hexctl.cli`, group in the help, and summary.
-COMMANDS = {
-    "run": Command("walk.run_command", WALK, "Walk, record the walk, and report the result."),
-    "adapt": Command(
-        "walk.adapt_command", WALK, "Find a gait for a failed leg in few trials; each is kept and recorded."
-    ),
-    "drive": Command(
-        "walk.drive_command", WALK, "Drive a robot by hand: keyboard, gamepad, or a page for a phone."
-    ),
-    "view": Command(
-        "results.view_command",
-        WALK,
-        "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
-    ),
-    "demo": Command(
-        "walk.demo_command", WALK, "Break a leg of a simulated robot in mid-walk, and see it recover."
-    ),
-    "sessions": Command(
-        "results.sessions_command", WALK, "List, compare and delete sessions of hexctl adapt."
-    ),
-    "export": Command(
-        "results.export_command",
-        WALK,
-        "Write a robot, recordings or a session in a format of other programs.",
-    ),
-    "check": Command(
-        "robot.check_command",
-        ROBOT,
-        "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
-    ),
-    "robot": Command("robot.robot_command", ROBOT, "List the shipped robots, and make robot files."),
-    "gaits": Command("robot.robot_command", ROBOT, "List the named gaits."),
-    "worlds": Command("robot.robot_command", ROBOT, "List the shipped simulated worlds."),
-    "diagnose": Command(
-        "walk.diagnose_command",
-        ROBOT,
-        "Find which leg and joint failed, and how, in 12 s of small motions at rest.",
-    ),
-    "identify": Command(
-        "robot.identify_command",
-        ROBOT,
-        "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
-    ),
-    "see": Command(
-        "network.see_commands",
-        ROBOT,
-        "Measure a robot's position with a camera and printed tags, and send it to the robot, until Ctrl-C.",
-    ),
-    "calibrate": Command(
-        "bus.calibrate_command",
-        ROBOT,
-        "Find direction, offset and limits of each servo, and write them to the robot file.",
-    ),
-    "ports": Command("bus.ports_command", ROBOT, "List serial ports with a device, and their adapters."),
-    "doctor": Command(
-        "doctor_command", ROBOT, "Report what this computer has and what works on it, for a bug report."
-    ),
-    "servos": Command(
-        "bus.servos_command",
-        ROBOT,
-        "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
-    ),
-    "sim": Command(
-        "network.sim_commands",
-        ROBOT,
-        "Simulate servo boards, servo buses and a camera, and let simulated legs fail.",
-    ),
-    "serve": Command(
-        "network.serve_command",
-        NETWORK,
-        "Serve a robot, real or simulated, on the network, with its own guard and stop.",
-        "ServeCommand",
-    ),
-    "status": Command(
-        "network.status_command",
-        NETWORK,
-        "Show who commands a robot on the network, why it is stopped, and which messages were dropped.",
-    ),
-    "estop": Command(
-        "network.estop_command",
-        NETWORK,
-        "Stop a robot on the network from anywhere, whichever client commands it.",
-    ),
-    "keys": Command(
-        "network.keys_command", NETWORK, "Make and show certificates for robots beyond this computer."
-    ),
-    "study": Command(
-        "study.study_command",
-        STUDY,
-        "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
-    ),
-    "prior": Command(
-        "study.prior_command",
-        STUDY,
-        "Make and show priors: what hexctl adapt believes before its first trial.",
-    ),
+#: Commands by group and in the order of the help: folder in `hexctl.cli`, and summary.
+GROUPS = {
+    "Walk and adapt": {
+        "run": ("walk", "Walk, record the walk, and report the result."),
+        "adapt": ("walk", "Find a gait for a failed leg in few trials; each is kept and recorded."),
+        "drive": ("walk", "Drive a robot by hand: keyboard, gamepad, or a page for a phone."),
+        "view": (
+            "results",
+            "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
+        ),
+        "demo": ("walk", "Break a leg of a simulated robot in mid-walk, and see it recover."),
+        "sessions": ("results", "List, compare and delete sessions of hexctl adapt."),
+        "export": ("results", "Write a robot, recordings or a session in a format of other programs."),
+    },
+    "Your robot": {
+        "check": (
+            "robot",
+            "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
+        ),
+        "robot": ("robot", "List the shipped robots, and make robot files."),
+        "gaits": ("robot", "List the named gaits."),
+        "worlds": ("robot", "List the shipped simulated worlds."),
+        "diagnose": ("walk", "Find which leg and joint failed, and how, in 12 s of small motions at rest."),
+        "identify": (
+            "robot",
+            "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
+        ),
+        "see": (
+            "network",
+            "Measure a robot's position with a camera and printed tags, and send it to the robot, "
+            "until Ctrl-C.",
+        ),
+        "calibrate": (
+            "bus",
+            "Find direction, offset and limits of each servo, and write them to the robot file.",
+        ),
+        "ports": ("bus", "List serial ports with a device, and their adapters."),
+        "doctor": ("robot", "Report what this computer has and what works on it, for a bug report."),
+        "servos": (
+            "bus",
+            "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
+        ),
+        "sim": ("network", "Simulate servo boards, servo buses and a camera, and let simulated legs fail."),
+    },
+    "Over the network": {
+        "serve": (
+            "network",
+            "Serve a robot, real or simulated, on the network, with its own guard and stop.",
+        ),
+        "status": (
+            "network",
+            "Show who commands a robot on the network, why it is stopped, and which messages were dropped.",
+        ),
+        "estop": ("network", "Stop a robot on the network from anywhere, whichever client commands it."),
+        "keys": ("network", "Make and show certificates for robots beyond this computer."),
+    },
+    "Simulate a lot": {
+        "study": (
+            "study",
+            "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
+        ),
+        "prior": ("study", "Make and show priors: what hexctl adapt believes before its first trial."),
+    },
 }
+
+COMMANDS = {
+    name: Command(folder, panel, summary)
+    for panel, commands in GROUPS.items()
+    for name, (folder, summary) in commands.items()
+}
+
+#: Commands in the module of another one.
+MODULES = {"gaits": "robot", "worlds": "robot"}
 
 
 class _Loaded(UserDict[str, Any]):
@@ -197,26 +154,17 @@ class _Commands(HelpGroup):
         finally:
             self._listing = False
 
-    # Typer would end an interrupted command silently.
-    def make_context(self, *arguments: Any, **more: Any) -> Any:
-        with _cut_off():
-            return super().make_context(*arguments, **more)
-
-    def invoke(self, ctx: Any) -> Any:
-        with _cut_off(ctx):
-            return super().invoke(ctx)
-
 
 def _build(name: str, declared: Command) -> Any:
-    module = importlib.import_module(f"hexctl.cli.{declared.module}")
+    module = importlib.import_module(f"hexctl.cli.{declared.folder}.{MODULES.get(name, name)}_command")
     raise_deferred()
     found, app = getattr(module, name), Commands()
     if isinstance(found, typer.Typer):
         own: dict[str, Any] = {} if found.registered_callback else {"help": declared.summary}
         app.add_typer(found, name=name, rich_help_panel=declared.panel, **own)
     else:
-        kind = getattr(module, declared.kind) if declared.kind else None
-        app.command(name, rich_help_panel=declared.panel, **({"cls": kind} if kind else {}))(found)
+        kind = getattr(module, "COMMAND_CLASS", SettingsCommand)
+        app.command(name, rich_help_panel=declared.panel, cls=kind)(found)
     return get_group(app).commands[name]
 
 
@@ -252,8 +200,14 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     if given[:1] == ["help"]:
         given = [*given[1:], "--help"]
-    try:
-        code = app(args=given, prog_name="hexctl", standalone_mode=False)
+    command, context = get_command(app), None
+    if COMPLETION in os.environ:
+        command.main(args=given, prog_name="hexctl")  # which ends the process
+    try:  # not by main(), which would end an interrupted command silently
+        with command.make_context("hexctl", given) as context:
+            code = command.invoke(context)
+    except typer.Exit as error:
+        return error.exit_code
     except typer.BadParameter as error:
         return _print_error(_bad_value(error), BAD_INPUT)
     except TyperException as error:
@@ -262,18 +216,22 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
         return _print_error(_worded(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
     except HexctlError as error:
         return _print_error(_worded(error), FAULT)
+    except BrokenPipeError:
+        discard_stdout()
+        return 1
     except OSError as error:
-        if not isinstance(error.filename, str | bytes):
+        if not isinstance(error.filename, str | bytes) and not is_of_disk(error):
             raise
-        text = f"{os.fsdecode(error.filename)}: {error.strerror}{room_hint(error)}"
+        place = os.fsdecode(error.filename or "output")
+        text = f"{place}: {error.strerror}{room_hint(error)}"
         return _print_error(text, FAULT if is_of_disk(error) else BAD_INPUT)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:
             raise
         return _print_error(str(MissingExtraError("this", extra)), BAD_INPUT)
-    except (KeyboardInterrupt, _CutOffError) as error:
-        began = not isinstance(error, _CutOffError) or error.began
+    except KeyboardInterrupt:
+        began = context is not None and has_begun(context)
         return _print_error("interrupted" if began else not_begun(given), INTERRUPTED)
     return code if isinstance(code, int) else 0
 

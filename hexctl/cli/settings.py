@@ -19,7 +19,7 @@ from hexctl.robot.servos.drivers import PWM_DRIVERS
 from hexctl.typed_names import nearest
 
 if TYPE_CHECKING:
-    from hexctl.settings import Origin, Setting, Settings
+    from hexctl.settings import OptionPath, Setting, Settings
 
 FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
@@ -52,7 +52,7 @@ ON_PORT = ("serve", "calibrate", "servos")
 #: Backends whose device is not a servo bus; the commands of `hexctl servos` ignore it.
 WITHOUT_BUS = ("mavlink", *PWM_DRIVERS)
 
-#: Key of a context's `meta` with the origins of its settings, by parameter.
+#: Key of a context's `meta` with its settings, by parameter.
 _ORIGINS = "hexctl.settings.origins"
 
 #: Key that is there once a command, not only its group, was called.
@@ -75,7 +75,7 @@ class _FollowsSettings:
             alone = not (rest and isinstance(self, TyperGroup))
             if alone and not (typed.get("help") or typed.get("help_all")):
                 said = _said(ctx, {name: value for name, value in typed.items() if value is not None})
-                ctx.meta[_ORIGINS] = {name: setting.origin for name, (setting, _) in said.items()}
+                ctx.meta[_ORIGINS] = {name: setting for name, (setting, _) in said.items()}
                 ctx.default_map = {name: value for name, (_, value) in said.items()}
         rest = super().parse_args(ctx, args)  # type: ignore[misc]
         _drop_unused(ctx)
@@ -140,8 +140,8 @@ def has_begun(context: Any) -> bool:
     return _BEGUN in context.meta
 
 
-def origin_of(error: typer.BadParameter) -> "Origin | None":
-    """Origin of the setting that an error is about; None for a typed value."""
+def origin_of(error: typer.BadParameter) -> "Setting | None":
+    """The setting that an error is about; None for a typed value."""
     origins = {} if error.ctx is None else error.ctx.meta.get(_ORIGINS, {})
     return None if error.param is None else origins.get(error.param.name)
 
@@ -151,6 +151,26 @@ def runs_folder() -> Path:
     from hexctl.settings import find_settings
 
     return find_settings().runs
+
+
+def given(context: typer.Context) -> Mapping[str, Any]:
+    """Values of the typed options and arguments, by flag (`--seed`) or by argument name."""
+    return {
+        next((name for name in parameter.opts if name.startswith("--")), str(parameter.name)): value
+        for parameter in context.command.params
+        if (value := context.params.get(str(parameter.name))) is not None
+        and is_typed(context, str(parameter.name))
+    }
+
+
+def is_typed(context: typer.Context, name: str) -> bool:
+    """Whether a parameter was typed."""
+    return getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
+
+
+def is_said(context: typer.Context, name: str) -> bool:
+    """Whether a parameter was typed or follows a setting."""
+    return getattr(context.get_parameter_source(name), "name", "DEFAULT") != "DEFAULT"
 
 
 def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]":
@@ -203,7 +223,7 @@ class _Following:
     def __init__(
         self, ctx: Any, path: tuple[str, ...], settings: "Settings", typed: Mapping[str, Any]
     ) -> None:
-        self._path, self._layers, self._typed = path, settings.layers, typed
+        self._path, self._settings, self._typed = path, settings, typed
         self._program = next(iter(path), "")
         self._options = {_flag(param): param for param in ctx.command.params if _flag(param)}
         self._found: dict[str, Setting] = {}
@@ -222,22 +242,28 @@ class _Following:
         return {self._options[option].name: setting for option, setting in self._found.items()}
 
     def _setting(self, option: str) -> "Setting | None":
-        common = self._common(option)
-        for layer in self._layers:
-            setting = layer.option(self._path, option) or (layer.common(common) if common else None)
-            if setting is not None:
-                return setting
-        return None
+        common = [(option,)] if self._follows(option) else []
+        return self._settings.find((*self._path, option), *common)
 
-    def _common(self, option: str) -> str | None:
-        """The setting of robot and connection that an option follows, or None."""
+    def _follows(self, option: str) -> bool:
+        """Whether an option follows the setting of robot and connection of its name.
+
+        That is if it has a use with the values typed and found so far.
+        """
+        from hexctl.settings import is_port
+
         if option not in FOLLOWERS or self._path not in (FOLLOWERS[option] or (self._path,)):
-            return None
+            return False
+        if option == "robot":
+            return "robot_name" not in self._typed
+        if option == "backend":
+            return self._path != ("serve",) or self._any("backend") != "zenoh"
+        if option == "world":
+            return True  # dropped if the backend has none
         on_port = self._program in ON_PORT or self._backend not in (None, "zenoh")
-        if option == "connect" and on_port:
-            return option if self._has_port else None
-        on_link = not on_port or self._path == ("serve",)
-        return option if self._path != ("sim", "board") and self._useful(option, on_link=on_link) else None
+        if option == "connect" and (on_port or is_port(self._any("connect"))):
+            return on_port and self._has_port
+        return (not on_port or self._path == ("serve",)) and self._link_follows(option)
 
     @property
     def _has_port(self) -> bool:
@@ -249,26 +275,12 @@ class _Following:
         place = self._any("connect")
         return not (place is None or is_endpoint(place)) and backend not in without and ":" not in backend
 
-    def _useful(self, option: str, *, on_link: bool) -> bool:
-        """Whether an option has a use with the values typed and found so far."""
-        from hexctl.settings import is_port
-
-        if option == "robot":
-            return "robot_name" not in self._typed
-        if option == "backend":
-            return self._path != ("serve",) or self._any("backend") != "zenoh"
-        if option == "world":
-            return True  # dropped if the backend has none
-        if option == "connect" and is_port(self._any("connect")):
-            return False
-        return on_link and self._link_follows(option)
-
     def _link_follows(self, option: str) -> bool:
         typed = {"connect", "listen", "link"} & self._typed.keys()
+        if self._path == ("sim", "board") or self._typed.get("no_link"):
+            return False
         if self._path == ("view",) and not typed:
             return False  # recordings are viewed
-        if self._typed.get("no_link"):
-            return False
         if option != "keys":
             return not typed
         place = self._value("listen") if self._path == ("serve",) else self._value("connect")
@@ -286,84 +298,78 @@ class _Following:
         return self._typed.get(self._options[option].name) if option in self._options else None
 
     def _any(self, common: str) -> Any:
-        found = (layer.common(common) for layer in self._layers)
-        return next((setting.value for setting in found if setting is not None), None)
+        setting = self._settings.find((common,))
+        return None if setting is None else setting.value
 
 
 def _problems(root: Any, settings: "Settings") -> Iterator[str]:
     """A line for each key of a file, and each variable of a command, that matches no option."""
-    from hexctl.settings import CHOSEN, COMMON, PREFIX
+    from hexctl.settings import Setting
 
-    for layer in settings.layers:
-        if layer.folder is not None:
-            yield from _unknown_keys(root, layer.values, layer.place, ())
-            continue
-        names = [*(PREFIX + key.upper() for key in COMMON), CHOSEN]
-        for name in layer.values:
-            if name not in names:
-                yield from _unknown_variable(root, name)
+    for name, text in settings.variables.items():
+        command, path = _meant(root, name)
+        if command is not root:
+            yield from _unknown(root, path, Setting(text, name))
+    for file in settings.files:
+        for path, setting in file.items():
+            yield from _unknown(root, path, setting)
 
 
-def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tuple[str, ...]) -> Iterator[str]:
+def _unknown(root: Any, path: "OptionPath", setting: "Setting") -> Iterator[str]:
+    """Why a setting is none of a command, if so."""
     from hexctl.settings import COMMANDS, COMMON
 
-    options = [flag for param in command.params if (flag := _flag(param))]
-    if path in ((), (COMMANDS,)):
-        options = [] if path else list(COMMON)
+    inner = path[0] == COMMANDS and len(path) > 1
+    command, depth = _command(root, path[1:] if inner else path)
+    depth += inner
     below = getattr(command, "commands", {})
-    for key, value in table.items():
-        name = ".".join((*path, key))
-        if isinstance(value, Mapping) and key == COMMANDS and not path:
-            yield from _unknown_keys(command, value, place, (COMMANDS,))
-        elif isinstance(value, Mapping) and key in below:
-            yield from _unknown_keys(below[key], value, place, (*path, key))
-        elif key in TYPED_ONLY and path:
-            yield f"{place}: {name}: got {shown(value)}; allowed: only typed, as --{key}"
-        elif isinstance(value, Mapping) and key in options:
-            yield f"{place}: {name}: got a table; allowed: one value"
-        elif key in options:
-            continue
-        elif key in below:
-            yield f"{place}: {name}: got {shown(value)}; allowed: a table [{name}] of the command's options"
-        else:
-            known = [*options, *below]
-            what = "setting or command" if not path else "option" if options else "command"
-            hint = nearest(key, known) or ("" if path else _owner_hint(below, key))
-            yield f"{place}: {name}: unknown {what}; allowed: {', '.join(dict.fromkeys(known))}{hint}"
+    options = _flags(command) if command is not root else [] if inner else list(COMMON)
+    key, more = path[depth], len(path) - depth - 1
+    origin = f"{setting.place}: {setting.key.rsplit('.', more)[0]}" if more else str(setting)
+    if key in TYPED_ONLY and depth:
+        yield f"{origin}: got {shown(setting.value)}; allowed: only typed, as --{key}"
+    elif key in options:
+        yield from [f"{origin}: got a table; allowed: one value"] if more else []
+    elif key in below:
+        table = ".".join(path)
+        yield f"{origin}: got {shown(setting.value)}; allowed: a table [{table}] of the command's options"
+    else:
+        known = [*options, *below]
+        what = "setting or command" if not depth else "option" if options else "command"
+        hint = nearest(key, known) or ("" if depth else _owner_hint(below, key))
+        yield f"{origin}: unknown {what}; allowed: {', '.join(dict.fromkeys(known))}{hint}"
 
 
 def _owner_hint(commands: Mapping[str, Any], key: str) -> str:
-    owners = (name for name in commands if key in map(_flag, commands[name].params))
-    owner = next(owners, None)
+    owner = next((name for name in commands if key in _flags(commands[name])), None)
     return "" if owner is None else f"; an option of a command stands in its table, such as [{owner}]"
+
+
+def _command(root: Any, path: "OptionPath") -> tuple[Any, int]:
+    """The command that a path begins with, and its number of words; the last word is an option."""
+    command, depth = root, 0
+    while depth < len(path) - 1 and path[depth] in getattr(command, "commands", {}):
+        command, depth = command.commands[path[depth]], depth + 1
+    return command, depth
 
 
 def is_option(root: Any, variable: str) -> bool:
     """Whether a variable such as `HEXCTL_RUN_SEED` is an option that may be a setting."""
-    options, option = _meant(root, variable)
-    return option in options and option not in TYPED_ONLY
+    command, path = _meant(root, variable)
+    return command is not root and path[-1] in _flags(command) and path[-1] not in TYPED_ONLY
 
 
-def _meant(root: Any, variable: str) -> tuple[list[str], str]:
-    """Command's options and option name of a variable; empty for none."""
+def _meant(root: Any, variable: str) -> "tuple[Any, OptionPath]":
+    """The command of a variable, the root for none, and the path of its option."""
     from hexctl.settings import PREFIX
 
-    command, words = root, variable.removeprefix(PREFIX).lower().split("_")
-    while len(words) > 1 and words[0] in getattr(command, "commands", {}):
-        command, words = command.commands[words[0]], words[1:]
-    if command is root:
-        return [], ""
-    return [flag for param in command.params if (flag := _flag(param))], "-".join(words)
+    words = tuple(variable.removeprefix(PREFIX).lower().split("_"))
+    command, depth = _command(root, words)
+    return command, (*words[:depth], "-".join(words[depth:]))
 
 
-def _unknown_variable(root: Any, name: str) -> Iterator[str]:
-    options, option = _meant(root, name)
-    if not option:
-        return
-    if option in TYPED_ONLY:
-        yield f"{name}: allowed: only typed, as --{option}"
-    elif option not in options:
-        yield f"{name}: unknown option {option!r}; allowed: {', '.join(options)}{nearest(option, options)}"
+def _flags(command: Any) -> list[str]:
+    return [flag for param in command.params if (flag := _flag(param))]
 
 
 def _flag(param: Any) -> str:
@@ -374,7 +380,7 @@ def _check_no_code(option: str, setting: "Setting") -> None:
     """Refuse code in a file of the working folder, which may be another person's."""
     if setting.nearby and option in CODE_OPTIONS and ":" in str(setting.value):
         raise InputError(
-            f"{setting.origin}: got {shown(setting.value)}, code to be imported; allowed here: names that "
+            f"{setting}: got {shown(setting.value)}, code to be imported; allowed here: names that "
             f"hexctl ships; if you trust it, type --{option}, or set it in ~/.config/hexctl/hexctl.toml"
         )
 
@@ -385,7 +391,7 @@ def _as_typed(param: Any, setting: "Setting") -> Any:
     if param.is_flag:
         return _switched(setting)
     if param.multiple:
-        texts = value.split() if setting.origin.is_variable else value if isinstance(value, list) else [value]
+        texts = value.split() if setting.is_variable else value if isinstance(value, list) else [value]
         return [_one_text(param, setting, one) for one in texts]
     if isinstance(value, list):
         return ",".join(_one_text(param, setting, one) for one in value)
@@ -395,11 +401,11 @@ def _as_typed(param: Any, setting: "Setting") -> Any:
 def _switched(setting: "Setting") -> bool:
     words = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
     value = setting.value
-    if setting.origin.is_variable and str(value).lower() in words:
+    if setting.is_variable and str(value).lower() in words:
         return words[str(value).lower()]
     if isinstance(value, bool):
         return value
-    raise InputError(f"{setting.origin}: got {shown(value)}; allowed: true, false")
+    raise InputError(f"{setting}: got {shown(value)}; allowed: true, false")
 
 
 def _one_text(param: Any, setting: "Setting", value: Any) -> str:
@@ -407,14 +413,14 @@ def _one_text(param: Any, setting: "Setting", value: Any) -> str:
     from hexctl.settings import is_path
 
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise InputError(f"{setting.origin}: got {shown(value)}; allowed: text or a number")
+        raise InputError(f"{setting}: got {shown(value)}; allowed: text or a number")
     text = str(value)
     relative = param.type_descriptor.annotation is Path or text.startswith(("./", "../", "~/"))
     starts_there = isinstance(value, str) and (relative or is_path(_flag(param), text))
     return setting.placed(text) if starts_there else text
 
 
-def _by_place(ctx: Any, origins: "Mapping[str, Origin]") -> dict[str, list[str]]:
+def _by_place(ctx: Any, origins: "Mapping[str, Setting]") -> dict[str, list[str]]:
     """Options that follow settings, as typed, by file or variable."""
     lines: dict[str, list[str]] = {}
     for param in ctx.command.params:
@@ -429,7 +435,7 @@ def _by_place(ctx: Any, origins: "Mapping[str, Origin]") -> dict[str, list[str]]
     return {place: options for place, options in lines.items() if options}
 
 
-def _with_origin(text: str, ctx: Any, origins: "Mapping[str, Origin]") -> str | None:
+def _with_origin(text: str, ctx: Any, origins: "Mapping[str, Setting]") -> str | None:
     """Text of an error with the place of its setting; None if it is about none."""
     for param in ctx.command.params:
         origin = origins.get(param.name)

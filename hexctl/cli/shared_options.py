@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.console import print_message
-from hexctl.cli.values import checked
+from hexctl.cli.settings import runs_folder
+from hexctl.cli.signature import checked
 from hexctl.errors import InputError
 from hexctl.options import Range
 
@@ -19,6 +20,13 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON value o
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", hidden=True, help="Print the end only.")]
 
 NoRecordOption = Annotated[bool, typer.Option("--no-record", hidden=True, help="Leave no recording.")]
+
+
+def record_folder(record: object, *, no_record: bool) -> Path | None:
+    """Folder of a recording without a name, if one is left; raises InputError for --no-record with a name."""
+    if no_record and record is not None:
+        raise InputError("--no-record: got --record too; allowed: one or the other")
+    return None if no_record or record is not None else runs_folder()
 
 
 def _recover(text: str, *, rare: bool) -> Any:

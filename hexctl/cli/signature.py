@@ -1,4 +1,4 @@
-"""Turns the fields of a dataclass into options of a command."""
+"""Turns the fields of a dataclass into options of a command, and ranges and words into their parsers."""
 
 import inspect
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -12,9 +12,8 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import FLAGS
-from hexctl.cli.values import checked, choice, number
 from hexctl.errors import HexctlError, UnusedError
-from hexctl.options import Option, options_of
+from hexctl.options import Option, Range, options_of
 
 
 def with_options(
@@ -139,6 +138,39 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
         return list[str], typer.Option(flag, autocompletion=offered, help=option.text)
     kind = Path if Path in kinds and not typed.words else str
     return kind | None, typer.Option(flag, autocompletion=offered, help=option.text)
+
+
+def checked(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Option's parser from a function that raises ValueError with the value and the allowed ones."""
+
+    def parsed(text: str) -> Any:
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+
+    return parsed
+
+
+def number(flag: str, allowed: Range, text: str) -> Any:
+    """Option with a number; `{}` in the help text stands for its range."""
+    shown = text.replace("{}", str(allowed))
+    return typer.Option(flag, parser=checked(allowed.parse), autocompletion=allowed.complete, help=shown)
+
+
+def choice(flag: str, literal: Any, text: str) -> Any:
+    """Option with one of the words of a `Literal`, which the shell completes."""
+    words = get_args(literal)
+
+    def parse(word: str) -> str:
+        if word not in words:
+            raise typer.BadParameter(f"got {word}; allowed: {', '.join(words)}")
+        return word
+
+    def offered(incomplete: str) -> list[str]:
+        return [word for word in words if word.startswith(incomplete)]
+
+    return typer.Option(flag, parser=parse, autocompletion=offered, help=text)
 
 
 def _is_texts(kind: Any) -> bool:

@@ -114,7 +114,6 @@ def demo(
     budget: int = 20,
     folder: Path | str = RUNS,
     note: Note = log_note,
-    on_folder: Callable[[Path], object] | None = None,
     on_walk: OnWalk | None = None,
     on_begin: OnBegin | None = None,
     on_stored: OnStored | None = None,
@@ -126,7 +125,6 @@ def demo(
         budget: most trials of the search.
         folder: of the session, and of a folder for the walks.
         note: takes notes for the user; logged by default.
-        on_folder: called with the new folder of the walks and of the picture.
         on_walk: called with each of the two walks, first the one without recovery.
         on_begin: called with the session before its first trial.
         on_stored: called with the session and each stored walk of the search.
@@ -138,8 +136,6 @@ def demo(
     check_writable(folder)
     spec = new_spec(failure=EVENT.failure, budget=budget, world=WORLD, folder=folder, note=note)
     into = _new_folder(folder)
-    if on_folder is not None:
-        on_folder(into)
     walks: list[RunResult] = []
     for name, policy in (("walked-on", WALK_ON), ("recovered", RECOVER)):
         try:

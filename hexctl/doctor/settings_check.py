@@ -1,11 +1,11 @@
 """The settings of a computer: files and variables in force, and their values."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hexctl.settings import CHOSEN, COMMON, PREFIX, Layer, find_settings
+from hexctl.settings import CHOSEN, COMMON, PREFIX, find_settings
 
 #: Settings that name other computers, by the last word of their key; their values are hidden.
 ADDRESSES = ("connect", "listen", "camera", "dask", "ros", "page", "host", "port")
@@ -39,34 +39,19 @@ def read_settings_found(is_option: Callable[[str], bool] = no_option) -> Setting
     settings = find_settings()
     found: dict[str, SettingFound] = {}
     unknown: list[str] = []
-    for layer in settings.layers:
-        for key, value in _keys(layer):
-            if layer.folder is None and key not in COMMON and not is_option(key):
-                unknown.append(key)
-            else:
-                found.setdefault(key, SettingFound(key=key, value=_anonymous(key, value), origin=layer.place))
+    for name, text in settings.variables.items():
+        word = name.removeprefix(PREFIX).lower()
+        key = word if word in COMMON else name
+        if key in COMMON or is_option(key):
+            found[key] = SettingFound(key=key, value=_anonymous(key, text), origin="environment")
+        elif name != CHOSEN:
+            unknown.append(name)
+    for setting in (setting for file in settings.files for setting in file.values()):
+        key, value = setting.key, _anonymous(setting.key, setting.value)
+        found.setdefault(key, SettingFound(key=key, value=value, origin=setting.place))
     return SettingsFound(
         values=tuple(found.values()), problems=settings.problems, unknown=tuple(sorted(unknown))
     )
-
-
-def _keys(layer: Layer) -> Iterator[tuple[str, Any]]:
-    """Keys and values of a layer; a variable of robot and connection has the key of files."""
-    if layer.folder is not None:
-        yield from _flat(layer.values, ())
-        return
-    for name, text in layer.values.items():
-        word = name.removeprefix(PREFIX).lower()
-        if text and name != CHOSEN:
-            yield word if word in COMMON else name, text
-
-
-def _flat(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, (*path, key))
-        else:
-            yield ".".join((*path, key)), value
 
 
 def _anonymous(key: str, value: Any) -> str:

@@ -127,9 +127,15 @@ class OnTerminal:
 
 
 @contextmanager
-def on_terminal(folder: Path, *arguments: str) -> Iterator[OnTerminal]:
-    """Run `hexctl drive` on a terminal until the block ends."""
-    made = OnTerminal(arguments, folder)
+def on_terminal(
+    folder: Path,
+    *arguments: str,
+    command: str = "drive",
+    program: str = COMMAND,
+    variables: Mapping[str, str] | None = None,
+) -> Iterator[OnTerminal]:
+    """Run a command on a terminal until the block ends."""
+    made = OnTerminal(arguments, folder, program=program, variables=variables, command=command)
     try:
         yield made
     finally:

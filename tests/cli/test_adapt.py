@@ -81,7 +81,7 @@ def test_a_session_that_has_met_its_target_is_left_as_it_is(capsys: pytest.Captu
     met = run_json(capsys, *words, "--budget", "4")
     assert met["ended"] == "target"
     assert exit_code(["adapt", "--resume", met["session"], "--no-record", "--budget", "15"]) == 0
-    assert capsys.readouterr().err.endswith("such as hexctl adapt --failed-leg 5 --target 4.5\n")
+    assert capsys.readouterr().err.endswith("for another --target, begin a new session\n")
     assert load_session(met["session"], Path("runs")).spec.budget == 4
 
 

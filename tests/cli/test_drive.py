@@ -3,7 +3,6 @@
 import json
 import re
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,12 +19,9 @@ from hexctl.control.drive.drive import Drive
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
-from pictures.needed import MissingProgramError
-from tests.cli.stopping.measure import CAUSES, Measurement, Stops
 from tests.cli.terminals import WAIT_S, on_terminal
 from tests.recording.conftest import ReadBack
 from tests.server.processes import hexctl, served
-from tests.viewer.conftest import give_up
 
 
 @pytest.mark.realtime
@@ -162,46 +158,3 @@ def test_the_command_that_ends_a_stop_leads_to_the_robot_that_was_driven() -> No
         "hexctl estop --clear --connect tcp/127.0.0.1:7448 when it may move again"
     )
     assert "--clear" not in _why(Drive("ant"), "estop"), "no server keeps the stop of a simulation"
-
-
-TIMES = 100
-
-#: Those that no other test has, one of each kind.
-FEW = (
-    "pad-gone",
-    "page-silent",
-    "page-killed",
-    "terminal-closed",
-    "terminal-killed",
-    "terminal-frozen",
-    "link-held",
-)
-
-
-def measured(name: str, times: int, folder: Path) -> Stops:
-    """Stops of a cause; skips where there is no browser for it."""
-    try:
-        return Measurement(name, times, folder).run()
-    except MissingProgramError as error:
-        give_up(error)
-        raise
-
-
-@pytest.mark.realtime
-@pytest.mark.long
-@pytest.mark.parametrize("name", FEW)
-def test_a_robot_whose_driver_goes_comes_to_rest(name: str, tmp_path: Path) -> None:
-    assert len(measured(name, 2, tmp_path).rest_s) == 2
-
-
-@pytest.mark.realtime
-@pytest.mark.long
-@pytest.mark.soak
-@pytest.mark.parametrize("name", CAUSES)
-def test_a_robot_is_at_rest_in_time_a_hundred_times_of_a_hundred(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    stops = measured(name, TIMES, tmp_path)
-    with capsys.disabled():
-        sys.stdout.write(f"\n{name}: {stops}\n")
-    assert stops.within == len(stops.rest_s) >= TIMES, stops

@@ -190,22 +190,14 @@ SETTINGS: tuple[tuple[str, dict[str, str]], ...] = (
 )
 
 
-class FoundPlace:
+class FoundPlace(StoppedRobot):
     """In place of a stop: it notes where it would have been sent."""
 
-    link: Link | None = None
-
-    def __init__(self, *, again: bool, connect: str | None, link: str | None, **given: Any) -> None:
-        FoundPlace.link = load_link(link, connect=connect, **given)
-        raise RobotFaultError("not sent")
+    found: Link | None = None
 
     def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Nothing was begun."""
+        FoundPlace.found = self.link
+        raise RobotFaultError("not sent")
 
 
 @pytest.mark.parametrize("arguments", UNDERSTOOD)
@@ -228,7 +220,7 @@ def test_it_goes_where_the_command_line_would_send_it(
     if place is None:
         assert "link" in file
     else:
-        assert FoundPlace.link == load_link(**place)
+        assert FoundPlace.found == load_link(**place)
 
 
 @pytest.mark.parametrize(

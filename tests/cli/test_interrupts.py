@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -20,7 +19,7 @@ from hexctl.cli.main import exit_code
 from hexctl.cli.progress import StatusLine
 from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.signals import ending_signals
-from tests.cli.terminals import WITH_TERMINAL, OnTerminal, wait_until_it_grows
+from tests.cli.terminals import WITH_TERMINAL, on_terminal, wait_until_it_grows
 from tests.server.processes import ROOT, free_port
 
 #: Runs a command, and interrupts it where a module begins to be imported.
@@ -161,7 +160,9 @@ def test_a_second_ctrl_c_in_a_walk_names_the_recording(
     assert exit_code(["run", "--record", str(path)]) == 130
     assert str(path) in capsys.readouterr().err
     assert exit_code(["run", "--no-record"]) == 130
-    assert "recorded" not in capsys.readouterr().err
+    assert capsys.readouterr().err == "hexctl: interrupted without a soft stop\n"
+    assert exit_code(["run", "--no-record", "--backend", "mock"]) == 130
+    assert capsys.readouterr().err.endswith(f"without a soft stop. {NOT_CONFIRMED}\n")
 
 
 def test_a_ctrl_c_after_a_walk_is_not_before_it(
@@ -292,26 +293,13 @@ def test_a_status_is_rewritten_on_a_terminal_and_a_line_each_elsewhere(
         "    line.show('one'); line.show('two'); line.print_above('news'); line.show('three' * 100)\n"
         "print('over')\n"
     )
-    terminal = OnTerminal([], tmp_path, program=program, variables={"PYTHONPATH": str(ROOT)})
-    try:
+    with on_terminal(tmp_path, program=program, variables={"PYTHONPATH": str(ROOT)}) as terminal:
         shown = terminal.wait("over")
         assert terminal.code() == 0
-    finally:
-        terminal.end()
     rows = re.split(r"[\r\n]+", re.sub(r"\x1b\[[\d?]*\w", "", shown))
     assert "news" in rows
     assert max(map(len, rows)) <= 80
     assert "\x1b[2K" not in shown[shown.rindex("three") :], "the last one stays"
-
-
-@contextmanager
-def on_terminal(folder: Path, command: str, *arguments: str) -> Iterator[OnTerminal]:
-    """Run a command on a terminal of its own, which sends it SIGHUP when it goes, until the block ends."""
-    made = OnTerminal(arguments, folder, program=WITH_TERMINAL, command=command)
-    try:
-        yield made
-    finally:
-        made.end()
 
 
 @pytest.mark.realtime
@@ -319,7 +307,8 @@ def test_a_walk_ends_with_a_soft_stop_and_a_whole_recording(tmp_path: Path) -> N
     from hexctl.recording.recorded_trial import read_trial
 
     path = tmp_path / "walk.rrd"
-    with on_terminal(tmp_path, "run", "--realtime", "--duration", "600", "--record", str(path)) as terminal:
+    arguments = ("--realtime", "--duration", "600", "--record", str(path))
+    with on_terminal(tmp_path, *arguments, command="run", program=WITH_TERMINAL) as terminal:
         wait_until_it_grows(path)
         terminal.close()
         assert terminal.code() == 130
@@ -335,15 +324,15 @@ def test_a_search_and_a_server_end_as_by_ctrl_c(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arguments = ("--failed-leg", "5", "--duration", "20", "--budget", "500", "--no-record")
-    with on_terminal(tmp_path, "adapt", *arguments) as terminal:
+    with on_terminal(tmp_path, *arguments, command="adapt", program=WITH_TERMINAL) as terminal:
         terminal.wait(r"session \S+")
         terminal.close()
         assert terminal.code() == 130
     monkeypatch.chdir(tmp_path)
     assert exit_code(["sessions", "list", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)) == 1
-    listen = f"tcp/127.0.0.1:{free_port()}"
-    with on_terminal(tmp_path, "serve", "--backend", "mock", "--listen", listen) as terminal:
+    served = ("--backend", "mock", "--listen", f"tcp/127.0.0.1:{free_port()}")
+    with on_terminal(tmp_path, *served, command="serve", program=WITH_TERMINAL) as terminal:
         terminal.wait("serving|listens|at tcp")
         terminal.close()
         assert terminal.code() == 0

@@ -195,6 +195,7 @@ FOLLOWED: list[tuple[str, str, dict[str, Any]]] = [
     ('world = "rough"\n', "check", {}),
     ('robot = "lukas"\n', "check", {"robot": "lukas"}),
     ('robot = "lukas"\n', "check ant", {}),
+    ('robot = "lukas"\n', "sim board", {"robot": "lukas"}),
     ('robot = "lukas"\n', "study", {}),
     ("[run]\ntrim = 3", "run", {}),
     ("[run]\nhold = 'line'", "run --turn 20", {}),

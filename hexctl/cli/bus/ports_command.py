@@ -1,6 +1,5 @@
 """`hexctl ports`: serial ports of this computer."""
 
-import json
 from dataclasses import asdict
 from typing import Annotated
 
@@ -26,7 +25,7 @@ def ports(
     found = [_found_port()] if find else serial_ports()
     rows = [asdict(each) for each in found if each is not None]
     if as_json:
-        print_result(json.dumps(rows))
+        print_result(rows)
         return
     print_result(row_table(rows) if rows else "no serial ports")
     if not any(row["vendor"] for row in rows):

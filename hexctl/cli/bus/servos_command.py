@@ -1,6 +1,5 @@
 """`hexctl servos`: servos on a serial bus, one by one."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,8 +18,7 @@ from hexctl.cli.console import DONE, FAULT, INTERRUPTED, StopOnInterrupt, print_
 from hexctl.cli.progress import ScanProgress
 from hexctl.cli.settings import Commands
 from hexctl.cli.shared_options import JsonOption
-from hexctl.cli.signature import with_options
-from hexctl.cli.values import checked
+from hexctl.cli.signature import checked, with_options
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.servos.servo_models import DEFAULT_MODELS, SERVO_ID
 
@@ -92,7 +90,7 @@ def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as
         for note in id_differences(servo_map, [each.servo_id for each in found]):
             print_note(note)
     if as_json:
-        print_result(json.dumps(rows))
+        print_result(rows)
     elif rows:
         print_result(row_table([with_units(row) for row in rows]))
 
@@ -111,7 +109,7 @@ def set_id(
     bus = BusOptions(**options).address()
     with ScanProgress() as progress:
         servo = set_servo_id(bus.path, bus.driver, bus.baud, int(new_id), progress=progress.show).to_json()
-    print_result(json.dumps(servo) if as_json else row_table([with_units(servo)]))
+    print_result(servo if as_json else row_table([with_units(servo)]))
 
 
 @servos.command()
@@ -141,7 +139,7 @@ def identify(
     with StopOnInterrupt(plain=True) as interrupt:
         assign_servos(known, ids, CalibrationPrompt(), consent=yes, stop_requested=interrupt.requested)
         stopped = interrupt.requested()
-    print_result(json.dumps(known.ids) if as_json else known.section().rstrip())
+    print_result(known.ids if as_json else known.section().rstrip())
     if known.finish():
         print_note(f"written to {known.output}")
     elif known.output is not None:
@@ -197,7 +195,7 @@ def try_(
         trial = try_servo(servo)
     values = asdict(trial)
     shown = {name: value for name, value in values.items() if value != ""}
-    print_result(json.dumps(values) if as_json else value_table(shown))
+    print_result(values if as_json else value_table(shown))
     if not trial.followed:
         print_note("it did not follow: is its leg free, its horn fixed, and its supply strong enough?")
     raise typer.Exit(DONE if trial.followed else FAULT)
@@ -231,4 +229,4 @@ def adopt(
     robot = load_robot_file(asked.robot).robot
     joint, angle_deg, servo = adopt_servo(robot, servo_map, bus.path, bus.baud)
     rows = {"joint": JOINT_NAMES[joint], "angle_deg": angle_deg, **servo.to_json()}
-    print_result(json.dumps(rows) if as_json else value_table(with_units(rows)))
+    print_result(rows if as_json else value_table(with_units(rows)))

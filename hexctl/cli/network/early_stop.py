@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hexctl.client.stop_client import ReadyStop
-    from hexctl.settings import Layer, Setting
+    from hexctl.settings import Setting, Settings
 
 #: Wait for the robot's confirmation before the command line is loaded, in s.
 CONFIRM_S = 0.05
@@ -62,13 +62,13 @@ def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
     if settings.problems:
         return None
     connect, keys = typed.get("connect"), typed.get("keys")
-    if _setting(settings.layers, "link", common=connect is None) is not None:
+    if _setting(settings, "link", common=connect is None) is not None:
         return None  # a file that takes long to read
     if connect is None:
-        setting = _setting(settings.layers, "connect", common=True)
+        setting = _setting(settings, "connect", common=True)
         connect = None if setting is None else setting.value
     if keys is None:
-        setting = _setting(settings.layers, "keys", common=str(connect).startswith(("tls/", "quic/")))
+        setting = _setting(settings, "keys", common=str(connect).startswith(("tls/", "quic/")))
         keys = None if setting is None else setting.placed(setting.value)
     credentials = None if keys is None else Path(keys)
     return {"connect": connect, "credentials": credentials, "insecure": "insecure" in typed}
@@ -92,13 +92,10 @@ def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
     return typed
 
 
-def _setting(layers: "Sequence[Layer]", option: str, *, common: bool) -> "Setting | None":
+def _setting(settings: "Settings", option: str, *, common: bool) -> "Setting | None":
     from hexctl.settings import is_port
 
-    shared = next((known for layer in layers if (known := layer.common(option)) is not None), None)
+    shared = settings.find((option,))
     if option == "connect" and shared is not None and is_port(shared.value):
         common = False  # the port of servos
-    found = (
-        layer.option(("estop",), option) or (layer.common(option) if common else None) for layer in layers
-    )
-    return next((setting for setting in found if setting is not None), None)
+    return settings.find(("estop", option), *([(option,)] if common else []))

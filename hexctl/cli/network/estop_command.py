@@ -1,6 +1,5 @@
 """`hexctl estop`: stop a robot from anywhere, without a lease; or clear the stop."""
 
-import json
 import os
 import select
 import signal
@@ -124,19 +123,17 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
 
     if as_json:
         print_result(
-            json.dumps(
-                {
-                    "stopped": result.stopped,
-                    "stop_id": result.stop_id,
-                    "at_rest": result.at_rest,
-                    "echoed": result.echoed,
-                    "kept": result.kept,
-                    "ways": result.ways,
-                    "took_s": round(result.took_s, 3),
-                    "rested_s": round(result.rested_s, 3),
-                    "robots": result.answers,
-                }
-            )
+            {
+                "stopped": result.stopped,
+                "stop_id": result.stop_id,
+                "at_rest": result.at_rest,
+                "echoed": result.echoed,
+                "kept": result.kept,
+                "ways": result.ways,
+                "took_s": round(result.took_s, 3),
+                "rested_s": round(result.rested_s, 3),
+                "robots": result.answers,
+            }
         )
     else:
         told = f"stopped ({printable(str(result.stopped))}), {_rest_in_words(result)}"
@@ -170,7 +167,7 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     refused = next((str(answer["error"]) for answer in answers if "error" in answer), None)
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
     if as_json:
-        print_result(json.dumps({"stopped": stopped, "robots": answers}))
+        print_result({"stopped": stopped, "robots": answers})
     elif refused is not None:
         print_result(printable(f"not cleared, it is still stopped ({stopped}): {refused}"))
     elif stopped is not None:

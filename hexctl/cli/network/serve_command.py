@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.console import StopOnInterrupt, print_note
-from hexctl.cli.settings import SettingsCommand
+from hexctl.cli.settings import SettingsCommand, is_said
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_said
 from hexctl.robot.loader import load_robot_file
 from hexctl.server.serve_options import DEFAULT_ROUTER, ServeOptions
 from hexctl.wire.links import Link, Role
@@ -33,6 +32,9 @@ class ServeCommand(SettingsCommand):
         for word, following in zip_longest(args, args[1:], fillvalue="-"):
             full += [word, DEFAULT_ROUTER] if word == "--ros" and following.startswith("-") else [word]
         return super().parse_args(ctx, full)
+
+
+COMMAND_CLASS = ServeCommand
 
 
 @with_options(ServeOptions, rare=("failed_leg",))

@@ -1,6 +1,5 @@
 """`hexctl status`: state of the robots on a link."""
 
-import json
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -62,7 +61,7 @@ def status(
         if watch:
             _watch(robots)
         elif as_json:
-            print_result(json.dumps(statuses[0]))
+            print_result(statuses[0])
         else:
             Console(markup=False, emoji=False).print(status_table(statuses, robots.link.clear_command))
 

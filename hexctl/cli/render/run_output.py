@@ -16,12 +16,6 @@ from hexctl.gait.gait import AUTO, SWING_SHARE, is_crawl
 from hexctl.robot.failure import loses_leg
 from hexctl.wire.links import CLEAR_COMMAND
 
-#: Misses of a self-rotation up to this are usual.
-NOTED_MISS_DEG = 0.15
-
-#: The true deviation of a simulation is printed if the measurement differs by more than this.
-NOTED_ERROR_M = 0.02
-
 #: Share of its ideal distance that a robot on six good legs walks at least, and a missed line.
 USUAL_SHARE, MISSED_M = 0.9, 0.05
 
@@ -180,9 +174,8 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     turned = [] if turned_deg is None else [("turned", f"{turned_deg:z.1f} degrees{of_turn}")]
     if turn and ideal:
         return [*_turn_rows(outcome), *turned, *_hold_rows(outcome)]
-    missed = _turn_missed(outcome.get("turn_miss_deg"))
     moved = _turn_rows(outcome) if turn else _line_rows(outcome)
-    return [*moved, *turned, *missed, *_hold_rows(outcome), *_cost(outcome)]
+    return [*moved, *turned, *_hold_rows(outcome), *_cost(outcome)]
 
 
 def _turn_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
@@ -206,34 +199,12 @@ def _line_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
         f"{100 * distance / ideal:.0f} % of ideal ({ideal:.2f} m without slip or soft start)" if ideal else ""
     )
     walked = f"{distance:.2f} m in {outcome['duration_s']:.1f} s{', ' if share else ''}{share}"
-    return [("walked", walked), ("off line", _deviation(outcome["deviation_m"])), *_true_rows(outcome)]
+    return [("walked", walked), ("off line", _deviation(outcome["deviation_m"]))]
 
 
 def _unmeasured_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    return [("walked", f"{outcome['duration_s']:.1f} s; {_why_no_distance(outcome)}"), *_true_rows(outcome)]
-
-
-def _why_no_distance(outcome: dict[str, Any]) -> str:
-    if not outcome["duration_s"]:
-        return "it never set out"
-    if outcome["status"] == "no_progress":
-        return "its position did not change"
-    hold = outcome.get("hold")
-    if hold == "line" or (hold == "none" and not outcome.get("hold_caveat")):
-        return "its position was not measured at the end"
-    return "its position is not known"
-
-
-def _true_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """True position of a simulated robot, if its sensors measured something else or nothing."""
-    true, measured = outcome.get("true_deviation_m"), outcome["deviation_m"]
-    if not true or any(true.get(name) is None for name in ("signed", "mean")):
-        return []
-    if outcome["distance_m"] is None:
-        return [("in truth", _deviation(true))]
-    if max(abs(true[name] - measured[name]) for name in ("signed", "mean")) <= NOTED_ERROR_M:
-        return []
-    return [("in truth", f"{_deviation(true)} (the sensors were wrong)")]
+    walked = f"{outcome['duration_s']:.1f} s; its position is not known"
+    return [("walked", walked if outcome["duration_s"] else "it never set out")]
 
 
 def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
@@ -248,12 +219,6 @@ def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     if cost is None or energy_j is None:
         return []
     return [("energy", f"{energy_j:.1f} J mechanical, cost of transport {cost:.2f}")]
-
-
-def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
-    if miss_deg is None or abs(miss_deg) <= NOTED_MISS_DEG:
-        return []
-    return [("turn", f"the self-rotation missed its goal by {miss_deg:+.1f} degrees")]
 
 
 def _deviation(deviation_m: dict[str, Any]) -> str:

@@ -67,12 +67,12 @@ def _ending(session: Session, ended: str | None) -> str:
     return f"ended after {trials}{_others(session)}: {ENDS.get(ended, ended)}"
 
 
-def finished_line(spec: SessionSpec, ended: str) -> str | None:
+def finished_line(ended: str) -> str | None:
     """Message when a finished session is resumed, and how to walk more trials; None without an end."""
     if ended not in ENDS:
         return None
     more = {"budget": "; a greater --budget walks more", "exhausted": ""}
-    then = more.get(ended, f"; another target takes a new session, such as {stricter_command(spec)}")
+    then = more.get(ended, "; for another --target, begin a new session")
     return f"the session is finished, {ENDS[ended]}: nothing to walk{then}"
 
 
@@ -181,18 +181,6 @@ def resume_command(session: Session) -> str:
     """Command that continues a session of this user."""
     trust = " --trust" if session.spec.foreign_parts else ""
     return f"hexctl adapt --resume {shlex.quote(session.name)}{trust}"
-
-
-def stricter_command(spec: SessionSpec) -> str:
-    """Command that begins a session with half the target."""
-    asked, failure = option_of(spec.broken)
-    options = {
-        asked.replace("_", "-"): failure,
-        "objective": None if spec.objective == "final" else spec.objective,
-        **_walk_options(spec),
-        "target": None if spec.target_m is None else f"{spec.target_m / 2:g}",
-    }
-    return shlex.join(["hexctl", "adapt", *_as_words(options)])
 
 
 def after_stop(spec: SessionSpec, error: HexctlError) -> str:

@@ -81,22 +81,17 @@ def table_lines(session: Session) -> list[RenderableType]:
     ]
 
 
-def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]:
+def pareto_parts(session: Session, objectives: Sequence[Objective]) -> list[RenderableType]:
     """Table of the valid trials on the Pareto front of some objectives."""
     front = session.pareto(objectives)
     trials, names = trials_text(len(session.trials)), " and ".join(objective.name for objective in objectives)
-    heads = [f"{one.name} ({one.unit})" if one.unit else one.name for one in objectives]
-    lines = [
-        f"session {session.name}: {len(front)} of {trials} that no other beats in {names}",
-        f"trial  code  {'slots':<11}  " + "  ".join(f"{head:>12}" for head in heads),
-    ]
+    heads = (f"{one.name} ({one.unit})" if one.unit else one.name for one in objectives)
+    table = plain_table("trial", "code", "slots", *heads)
     for trial, scores in front:
-        slots = ",".join(str(slot) for slot in trial.slots)
-        values = "  ".join(
-            f"{score:>{max(12, len(head))}.3f}" for score, head in zip(scores, heads, strict=True)
-        )
-        lines.append(f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {values}")
-    return [*lines, *(f"{one.name}: {one.label}, smaller is better" for one in objectives)]
+        slots = ",".join(map(str, trial.slots))
+        table.add_row(str(trial.index), str(trial.code), slots, *(f"{score:.3f}" for score in scores))
+    head = f"session {session.name}: {len(front)} of {trials} that no other beats in {names}"
+    return [head, table, *(f"{one.name}: {one.label}, smaller is better" for one in objectives)]
 
 
 def header_line(session: Session) -> str:

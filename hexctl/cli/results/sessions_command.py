@@ -1,6 +1,5 @@
 """`hexctl sessions`: list, show, compare and delete recorded sessions."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -40,7 +39,7 @@ def list_sessions(as_json: JsonOption = False) -> None:
     left_out = LeftOut()
     found = all_sessions(runs_folder(), on_damage=left_out.name)
     if as_json:
-        print_result(json.dumps([{**session.as_json(), "trials": len(session.trials)} for session in found]))
+        print_result([{**session.as_json(), "trials": len(session.trials)} for session in found])
     elif not found and not left_out.count:
         print_result(f"no sessions under {runs_folder()}/ yet; hexctl adapt makes one")
     elif found:
@@ -69,27 +68,27 @@ def show(
     left_out = LeftOut()
     session = load_session(name, runs_folder(), on_damage=left_out.name)
     if pareto is not None:
-        print_result(_pareto_text(session, pareto, as_json=as_json))
+        print_result(*_pareto(session, pareto, as_json=as_json))
     else:
-        print_result(*([json.dumps(session.as_json())] if as_json else session_lines(session)))
+        print_result(*([session.as_json()] if as_json else session_lines(session)))
     raise typer.Exit(left_out.code())
 
 
-def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
+def _pareto(session: "Session", wanted: str, *, as_json: bool) -> list[Any]:
     from hexctl.adapt.objectives import OBJECTIVES, make_objective
-    from hexctl.cli.render.session_tables import pareto_lines
+    from hexctl.cli.render.session_tables import pareto_parts
 
     names = list(dict.fromkeys(listed(wanted)))
     if len(names) < 2:
         raise InputError(f"--pareto: got {wanted!r}; allowed: two or more of {', '.join(OBJECTIVES)}")
     objectives = [make_objective(name) for name in names]
     if not as_json:
-        return "\n".join(pareto_lines(session, objectives))
+        return pareto_parts(session, objectives)
     front = [
         {**trial.as_json(), "scores": dict(zip(names, scores, strict=True))}
         for trial, scores in session.pareto(objectives)
     ]
-    return json.dumps({"session": session.name, "objectives": names, "trials": front})
+    return [{"session": session.name, "objectives": names, "trials": front}]
 
 
 @sessions.command()
@@ -120,7 +119,7 @@ def compare(
         draw_comparison(found, out)
     if as_json:
         written = {"out": None if out is None else str(out), "differences": differences(found)}
-        print_result(json.dumps({"sessions": list(map(_compared, found)), **written}))
+        print_result({"sessions": list(map(_compared, found)), **written})
         raise typer.Exit(left_out.code())
     print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
     if unlike := differences(found):

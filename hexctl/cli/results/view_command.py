@@ -5,10 +5,10 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import DONE, LeftOut, StopOnInterrupt, note_refusal, print_note
+from hexctl.cli.console import DONE, LeftOut, StopOnInterrupt, note_refusal, print_message, print_note
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RecordingError, RobotFaultError
 from hexctl.wire.connection_diagnosis import RefusalWatch
 from hexctl.wire.links import WatchOptions, load_link
 
@@ -56,6 +56,16 @@ def _view_runs(names: list[str], *, web: bool) -> int:
             on_damage=left_out.name,
         )
     return left_out.code()
+
+
+def view_afterwards(*names: str) -> None:
+    """Open recordings and sessions that a command has made; a missing screen does not make it a failure."""
+    from hexctl.adapt.sessions.session_viewing import view_runs
+
+    try:
+        view_runs(names, runs_folder())
+    except RecordingError as error:
+        print_message(error)
 
 
 def _watch(place: dict[str, Any], *, web: bool) -> int:

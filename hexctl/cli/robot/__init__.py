@@ -1,1 +1,1 @@
-"""Commands about robot files, and about available names."""
+"""Commands about robot files, available names, and this computer."""

@@ -1,6 +1,5 @@
 """`hexctl check`: validate a robot file, with numbers."""
 
-import json
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -8,10 +7,9 @@ import typer
 from hexctl.backends.sim.world import load_world
 from hexctl.cli import completion
 from hexctl.cli.console import BAD_INPUT, print_message, print_result
-from hexctl.cli.settings import runs_folder
+from hexctl.cli.settings import is_said, runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_said
 from hexctl.control.assessment.check_options import CheckOptions
 from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
 from hexctl.errors import InputError
@@ -46,7 +44,7 @@ def check(
     checked = _checked(options)
     report = checked.to_dict() | _further(checked, options)
     if as_json:
-        print_result(json.dumps(report))
+        print_result(report)
     else:
         from hexctl.cli.render.check_output import report_parts
 

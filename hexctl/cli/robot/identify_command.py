@@ -1,6 +1,5 @@
 """`hexctl identify`: the servos and the trunk of a robot from its own motions."""
 
-import json
 import math
 import shlex
 from dataclasses import fields, replace
@@ -18,10 +17,9 @@ from hexctl.cli.console import (
 )
 from hexctl.cli.progress import StatusLine, interruptible
 from hexctl.cli.render.stop_reasons import why_in_words
-from hexctl.cli.settings import runs_folder
-from hexctl.cli.shared_options import JsonOption
+from hexctl.cli.settings import is_said
+from hexctl.cli.shared_options import JsonOption, record_folder
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_said
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.identify.options import WITHOUT_LOGS, IdentifyOptions, picture_of
@@ -102,7 +100,7 @@ def identify(
             f"continue with: {_again(paths, replace(options, output='FILE.yaml'))}"
         ) from error
     if as_json:
-        print_result(json.dumps(found.to_dict() | {"output": written}))
+        print_result(found.to_dict() | {"output": written})
     elif written is not None:
         print_result("", f"wrote {written}")
     else:
@@ -156,9 +154,7 @@ def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     from hexctl.runs.run_spec import RunSpec
 
     where = {field.name: given[field.name] for field in fields(RecordedOptions) if field.name in given}
-    run = IdentificationRun(
-        RunSpec(**where, record_folder=None if where["record"] is not None else runs_folder())
-    )
+    run = IdentificationRun(RunSpec(**where, record_folder=record_folder(where["record"], no_record=False)))
     clear = clear_command(run.spec)
     ask_consent(CONSENT.format(run.motions_s, math.degrees(MOST_RAD)), yes=yes or run.spec.simulated)
     with connected(run) as interrupt:

@@ -1,6 +1,5 @@
 """`hexctl robot`, `gaits` and `worlds`: shipped names, and new robot files."""
 
-import json
 import math
 import shlex
 from pathlib import Path
@@ -12,7 +11,7 @@ from hexctl.cli import completion
 from hexctl.cli.console import print_message, print_result
 from hexctl.cli.settings import Commands
 from hexctl.cli.shared_options import JsonOption
-from hexctl.cli.values import choice
+from hexctl.cli.signature import choice
 from hexctl.errors import InputError, printable
 from hexctl.options import listed
 from hexctl.robot.configs import config_names, find_config, read_mapping
@@ -53,7 +52,7 @@ def gaits(as_json: JsonOption = False) -> None:
     from hexctl.gait.gait import NAMED_SLOTS
 
     if as_json:
-        print_result(json.dumps(NAMED_SLOTS))
+        print_result(NAMED_SLOTS)
         return
     rows = {
         name: f"legs 1 to 6 step in slots {','.join(map(str, slots))}" for name, slots in NAMED_SLOTS.items()
@@ -65,7 +64,7 @@ def gaits(as_json: JsonOption = False) -> None:
 def _print_names(texts: dict[str, str], more: str, *, as_json: bool) -> None:
     from hexctl.cli.render.tables import label_table
 
-    print_result(*([json.dumps(texts)] if as_json else [label_table(texts.items()), "", more]))
+    print_result(*([texts] if as_json else [label_table(texts.items()), "", more]))
 
 
 def _first_sentence(text: str) -> str:

@@ -1,6 +1,5 @@
 """`hexctl prior`: build and show the priors of bayes."""
 
-import json
 from typing import Annotated, Any
 
 import typer
@@ -8,10 +7,9 @@ import typer
 from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
 from hexctl.cli.console import LeftOut, print_result
 from hexctl.cli.progress import finish
-from hexctl.cli.settings import Commands, runs_folder
+from hexctl.cli.settings import Commands, is_typed, runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_typed
 from hexctl.control.monitor.repertoire import describe_repertoire, list_repertoires, named_repertoire
 from hexctl.errors import InputError
 from hexctl.study.priors.prior_options import OF_PRIOR, PriorOptions
@@ -34,7 +32,7 @@ def build(asked: dict[str, Any], context: typer.Context, as_json: JsonOption = F
     options = PriorOptions(**{name: value for name, value in asked.items() if name not in unused})
     made = finish(planned_prior(options, runs=runs_folder()))
     if as_json:
-        print_result(json.dumps(made))
+        print_result(made)
     elif options.repertoire:
         print_result(repertoire_line(made))
     else:
@@ -59,7 +57,7 @@ def show(
     except InputError as error:
         raise InputError(error.worded(lambda _: "FILE")) from error
     line, none = (repertoire_line, "no repertoires yet") if repertoire else (prior_line, "no priors yet")
-    print_result(json.dumps(shown) if as_json else "\n".join(map(line, shown)) or none)
+    print_result(shown if as_json else "\n".join(map(line, shown)) or none)
     raise typer.Exit(left_out.code())
 
 

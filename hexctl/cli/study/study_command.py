@@ -1,6 +1,5 @@
 """`hexctl study`: the paper's experiments, and the benchmarks of transfer, holds and recovery."""
 
-import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -23,7 +22,7 @@ def study(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     options = StudyOptions(**asked)
     result = finish(planned_study(options, runs=runs_folder()), _not_judged(options))
     lines = [*result.lines(), f"report: {result.report}"]
-    print_result(json.dumps(result.to_json()) if as_json else "\n".join(lines))
+    print_result(result.to_json() if as_json else "\n".join(lines))
 
 
 def _not_judged(options: StudyOptions) -> Iterator[str]:

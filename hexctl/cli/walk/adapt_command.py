@@ -1,6 +1,5 @@
 """`hexctl adapt`: find a gait for a failed leg."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
@@ -22,7 +21,8 @@ from hexctl.cli.console import (
     print_message,
     print_result,
 )
-from hexctl.cli.settings import runs_folder
+from hexctl.cli.results.view_command import view_afterwards
+from hexctl.cli.settings import given, runs_folder
 from hexctl.cli.shared_options import (
     ArenaOption,
     JsonOption,
@@ -32,9 +32,8 @@ from hexctl.cli.shared_options import (
     recovery_policy,
 )
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import given, rare
 from hexctl.cli.walk.diagnose_command import found_failure
-from hexctl.errors import HexctlError, InputError, RecordingError, argument
+from hexctl.errors import HexctlError, InputError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 
 if TYPE_CHECKING:
@@ -49,11 +48,10 @@ WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--qu
 
 NoBaselineOption = Annotated[
     bool,
-    rare(
-        typer.Option(
-            "--no-baseline",
-            help="Leave out the walks before the first trial with gaits that need no search.",
-        )
+    typer.Option(
+        "--no-baseline",
+        hidden=True,
+        help="Leave out the walks before the first trial with gaits that need no search.",
     ),
 ]
 ResumeOption = Annotated[
@@ -66,7 +64,8 @@ ResumeOption = Annotated[
     ),
 ]
 TrustOption = Annotated[
-    bool, rare(typer.Option("--trust", help="With --resume: import custom code that the session names."))
+    bool,
+    typer.Option("--trust", hidden=True, help="With --resume: import custom code that the session names."),
 ]
 ViewOption = Annotated[
     bool,
@@ -240,7 +239,7 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
     if result.ended == "interrupted":
         return INTERRUPTED
     if view and result.trials:
-        _show(session.name)
+        view_afterwards(session.name)
     return DONE if result.best is not None else ABORTED
 
 
@@ -248,21 +247,11 @@ def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> N
     """A resumed session may have been finished before."""
     from hexctl.cli.render.session_summary import closing_parts, finished_line
 
-    parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
+    parts = [result.to_dict()] if as_json else closing_parts(result.session, result.ended)
     print_result(*parts)
-    finished = finished_line(result.session.spec, result.ended)
+    finished = finished_line(result.ended)
     if resumed and not result.walked and finished is not None:
         print_message(finished)
-
-
-def _show(name: str) -> None:
-    """A missing screen does not make the search a failure."""
-    from hexctl.adapt.sessions.session_viewing import view_runs
-
-    try:
-        view_runs([name], runs_folder())
-    except RecordingError as error:
-        print_message(str(error))
 
 
 def _code_of_stop(error: HexctlError) -> int:

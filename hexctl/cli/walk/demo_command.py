@@ -1,19 +1,13 @@
 """`hexctl demo`: a leg fails during a walk, the robot recovers, and a gait for the other legs is searched."""
 
-import json
 import math
-import os
 import shlex
-import shutil
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hexctl.adapt.adapt_options import BUDGET
 from hexctl.cli.console import (
-    DONE,
     FAULT,
     INTERRUPTED,
     StopOnInterrupt,
@@ -21,10 +15,10 @@ from hexctl.cli.console import (
     print_message,
     print_result,
 )
+from hexctl.cli.results.view_command import view_afterwards
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.shared_options import JsonOption
-from hexctl.cli.values import number
-from hexctl.errors import RecordingError
+from hexctl.cli.signature import number
 from hexctl.files import check_writable
 from hexctl.recording.viewer import has_display
 from hexctl.robot.failure import NoticedFailure
@@ -51,28 +45,18 @@ def demo(
     that goes straight without that leg. Ctrl-C stops it. Exit codes: 0 done, 3 fault, 130 interrupted.
     """
     check_writable(runs_folder())
-    begun: list[str] = []
-    folders: list[Path] = []
     with StopOnInterrupt(plain=True) as interrupt:
-        try:
-            result = _run(budget, interrupt, begun, folders, as_json=as_json)
-        except KeyboardInterrupt:
-            then = f"continue the search with: hexctl adapt --resume {begun[0]}; " if begun else ""
-            kept = [f"what was walked until then is under {folder}/" for folder in folders if folder.is_dir()]
-            print_message(f"interrupted; {then}{''.join(kept) or 'nothing was recorded'}")
-            raise typer.Exit(INTERRUPTED) from None
-    if result.interrupted:
+        result = _run(budget, interrupt, as_json=as_json)
+    search = result.adaptation
+    if result.interrupted or search is None:
         print_message(_what_is_left(result))
         raise typer.Exit(INTERRUPTED)
-    if as_json:
-        print_result(json.dumps(result.to_dict()))
-    else:
-        print_result(*_ending(result))
-    if result.adaptation is not None and result.adaptation.trouble is not None:
-        then = f"continue the search with: hexctl adapt --resume {result.adaptation.session.name}"
-        print_message(f"{in_flags(result.adaptation.trouble)}; {then}")
+    print_result(*([result.to_dict()] if as_json else _ending(result, search.session)))
+    if search.trouble is not None:
+        print_message(f"{in_flags(search.trouble)}; {_next_search(search.session)}")
         raise typer.Exit(FAULT)
-    raise typer.Exit(DONE if no_view or as_json else _show(result))
+    if not (no_view or as_json) and has_display():  # else the last line of the result is the next step
+        view_afterwards(*map(str, result.recordings), search.session.name)
 
 
 def _what_is_left(result: "DemoResult") -> str:
@@ -82,21 +66,20 @@ def _what_is_left(result: "DemoResult") -> str:
     seen = f"; look at it with: {_view_command()} {walks}"
     if result.adaptation is None:
         return f"interrupted before the search; what was walked is under {result.folder}/{seen}"
-    name = result.adaptation.session.name
-    return (
-        f"interrupted; continue the search with: hexctl adapt --resume {name}; both walks are under "
-        f"{result.folder}/{seen}"
-    )
+    then = _next_search(result.adaptation.session)
+    return f"interrupted; {then}; both walks are under {result.folder}/{seen}"
+
+
+def _next_search(session: "Session") -> str:
+    return f"continue the search with: hexctl adapt --resume {session.name}"
 
 
 def _view_command() -> str:
     return "hexctl view" if has_display() else "hexctl view --web"
 
 
-def _run(
-    budget: int, interrupt: StopOnInterrupt, begun: list[str], folders: list[Path], *, as_json: bool
-) -> "DemoResult":
-    """Print each result; `begun` gets the name of the session, `folders` the folder, for an interrupt."""
+def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResult":
+    """Print each result."""
     from hexctl.adapt.search_progress import SearchBar
     from hexctl.demo import rescue
 
@@ -117,18 +100,12 @@ def _run(
             f"{event.at_s:g} s on.",
         )
     with SearchBar(hidden=as_json) as bar:
-
-        def begin(session: "Session") -> None:
-            begun.append(session.name)
-            bar.begin(session)
-
         return rescue.demo(
             budget=budget,
             folder=runs_folder(),
             note=print_message,
-            on_folder=folders.append,
             on_walk=walked,
-            on_begin=begin,
+            on_begin=bar.begin,
             on_stored=bar.advance,
             stop_requested=interrupt.requested,
         )
@@ -162,45 +139,15 @@ def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
     )
 
 
-def _ending(result: "DemoResult") -> "list[RenderableType]":
+def _ending(result: "DemoResult", session: "Session") -> "list[RenderableType]":
     from hexctl.cli.render.session_summary import finding_parts
 
-    search = result.adaptation
-    assert search is not None  # noqa: S101  it was not interrupted
     picture = f"{result.picture}" if result.picture is not None else f"none: {result.no_picture}"
     return [
-        *finding_parts(search.session),
+        *finding_parts(session),
         f"both walks as a GIF: {picture}",
         "next:",
-        *([f"  source {_activate()}"] if _activate() else []),
         f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
-        f"  hexctl sessions show {search.session.name}",
-        *_another_walk(),
+        f"  hexctl sessions show {session.name}",
+        f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}",
     ]
-
-
-def _another_walk() -> list[str]:
-    return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}"]
-
-
-def _activate() -> str | None:
-    """Script that puts the command on the path, or None if it is there."""
-    script = Path(sys.executable).with_name("activate")
-    if shutil.which("hexctl") is not None or not script.is_file():
-        return None
-    return os.path.relpath(script) if script.is_relative_to(Path.cwd()) else str(script)
-
-
-def _show(result: "DemoResult") -> int:
-    """A missing screen does not make the demo a failure."""
-    from hexctl.adapt.sessions.session_viewing import view_runs
-
-    search = result.adaptation
-    assert search is not None  # noqa: S101  it was not interrupted
-    if not has_display():
-        return DONE  # the last line of the result is the next step
-    try:
-        return view_runs([*map(str, result.recordings), search.session.name], runs_folder())
-    except RecordingError as error:
-        print_message(error)
-        return DONE

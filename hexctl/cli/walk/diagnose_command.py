@@ -1,6 +1,5 @@
 """`hexctl diagnose`: find the failed leg at rest."""
 
-import json
 import sys
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,8 +14,7 @@ from hexctl.cli.console import (
     print_message,
     print_result,
 )
-from hexctl.cli.settings import runs_folder
-from hexctl.cli.shared_options import JsonOption, NoRecordOption
+from hexctl.cli.shared_options import JsonOption, NoRecordOption, record_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, connected
 from hexctl.errors import InputError, RecordingError
@@ -44,14 +42,9 @@ def diagnose(
     """
     from hexctl.runs.run_spec import RunSpec
 
-    if no_record and where["record"] is not None:
-        raise InputError("--no-record: got --record too; allowed: one or the other")
-    spec = RunSpec(
-        **where,
-        record_folder=None if no_record or where["record"] is not None else runs_folder(),
-    )
+    spec = RunSpec(**where, record_folder=record_folder(where["record"], no_record=no_record))
     done, code = diagnosed(spec)
-    print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome)))
+    print_result(*([done.outcome] if as_json else summary(done.outcome)))
     if done.diagnosis.source == "none" and not done.diagnosis.unfinished and _operator() is None:
         print_message("on a terminal, hexctl diagnose asks the operator which legs move as they should")
     if (error := done.recording_error) is not None:

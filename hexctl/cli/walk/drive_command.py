@@ -22,11 +22,11 @@ from hexctl.cli.console import (
     print_note,
 )
 from hexctl.cli.render.stop_reasons import why_in_words
-from hexctl.cli.shared_options import NoRecordOption
+from hexctl.cli.shared_options import NoRecordOption, record_folder
 from hexctl.cli.signature import with_options
 from hexctl.control.log import PACED_BLOCK_TICKS, Recorder, Recorders
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import EStopError, InputError
+from hexctl.errors import EStopError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure_grammar import read_failures
 from hexctl.robot.loader import load_robot_file
@@ -55,8 +55,7 @@ def drive(
     from hexctl.control.drive.drive import Drive
 
     options = DriveOptions(**asked)
-    if no_record and options.record is not None:
-        raise InputError("--no-record: got --record too; allowed: one or the other")
+    record_folder(options.record, no_record=no_record)  # a drive is recorded only if --record names a file
     options.check_keys(terminal=has_keys())
     options.check()
     where = option_values(options, but=("robot", "failure"))

@@ -1,6 +1,5 @@
 """`hexctl run`: walk."""
 
-import json
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -19,7 +18,9 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
+from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.progress import WithBar
+from hexctl.cli.results.view_command import view_afterwards
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.shared_options import (
     JsonOption,
@@ -27,15 +28,14 @@ from hexctl.cli.shared_options import (
     RecoverOption,
     WalkArenaOption,
     geofence,
+    record_folder,
     recovery_policy,
 )
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.cli.walk.diagnose_command import Found, found_failure
-from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError
 from hexctl.recording.live import LiveView, open_window
-from hexctl.recording.viewer import open_viewer
 from hexctl.robot.failure_grammar import AUTO_LEG
 from hexctl.runs.run_spec import RunSpec
 
@@ -82,10 +82,7 @@ def run(
     progress = _WalkProgress(walk["duration_s"], quiet=as_json)
     with _reporting_interrupts(progress), progress:
         walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
-        spec = RunSpec(
-            **walk,
-            record_folder=None if no_record or walk["record"] is not None else runs_folder(),
-        )
+        spec = RunSpec(**walk, record_folder=record_folder(walk["record"], no_record=no_record))
         fence = None if arena is None else geofence(arena, str(spec.robot), simulated=spec.simulated)
         found = None
         if spec.failed_leg == AUTO_LEG:
@@ -138,7 +135,7 @@ def _walk(
         live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
         if live is not None:
             stack.enter_context(live)
-        progress.of_turn = _turn_note(run) if spec.paced else ""
+        progress.announces_turn = spec.paced
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         progress.moment = DURING
         done = run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
@@ -146,7 +143,7 @@ def _walk(
         check_commanded(done.outcome)
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
-    print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome, clear)))
+    print_result(*([done.outcome] if as_json else summary(done.outcome, clear)))
     if (error := done.recording_error) is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {error}") from error
     if live is not None and live.lost is not None:
@@ -187,33 +184,22 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
         print_note("close the viewer, or press Ctrl-C, to end")
         live.wait()
     elif recording is not None:
-        try:
-            open_viewer([recording])
-        except RecordingError as error:
-            print_message(error)
-
-
-def _turn_note(run: "Run") -> str:
-    """Line about the self-rotation before a walk; empty if it is short."""
-    plan = run.plan
-    if plan.belief is None or abs(turn_needed_rad(run.robot, plan)) <= SMALL_TURN_RAD:
-        return ""
-    points = "trails" if plan.self_rotation == "rear" else "leads"
-    first = f"turns until leg {plan.belief.leg} {points}"
-    return f"hexctl: {first}, then walks {plan.duration_s:g} s; Ctrl-C stops it"
+        view_afterwards(str(recording))
 
 
 class _WalkProgress(WithBar):
-    """Progress on stderr during load and walk; `of_turn` is printed if the robot turns first.
+    """Progress on stderr during load and walk.
 
-    `moment` is when an interrupt comes that is no soft stop.
+    Attributes:
+        announces_turn: whether a line is printed if the robot turns first.
+        moment: when an interrupt comes that is no soft stop.
     """
 
     #: A second: drawing must not delay the ticks.
     block_ticks: int | None = 50
 
     def __init__(self, total_s: float, *, quiet: bool) -> None:
-        self.of_turn, self.moment = "", BEFORE
+        self.announces_turn, self.moment = False, BEFORE
         self.run: Run | None = None
         self._total_s = total_s
         self._bar = make_bar("{task.fields[walked]}", quiet=quiet)
@@ -222,19 +208,19 @@ class _WalkProgress(WithBar):
     def interrupted(self) -> str:
         """Line about an interrupt that is no soft stop, with the recording."""
         path = None if self.run is None else self.run.recording_path
-        if path is not None:
-            return (
-                f"interrupted {self.moment}; recorded{'' if self.moment == AFTER else ' until then'}: {path}"
-            )
-        return f"interrupted {self.moment}{': nothing was recorded' if self.moment == BEFORE else ''}"
+        kept = f"; recorded{'' if self.moment == AFTER else ' until then'}: {path}" if path else ""
+        if self.moment == BEFORE and not path:
+            kept = ": nothing was recorded"
+        moves = self.moment == DURING and self.run is not None and not self.run.spec.simulated
+        return f"interrupted {self.moment}{kept}{f'. {NOT_CONFIRMED}' if moves else ''}"
 
     def pause(self) -> None:
         self._bar.stop()
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
-        if self.of_turn and log.phase == "turn":
-            print_above(self._bar, self.of_turn, err=True)
-            self.of_turn = ""
+        if self.announces_turn and log.phase == "turn":
+            print_above(self._bar, f"hexctl: {DOING['turn']}", err=True)
+            self.announces_turn = False
         walked_s = min(self._total_s, log.walked_ticks * PERIOD_S)
         self._bar.update(
             self._task,

@@ -125,8 +125,7 @@ def _settings(path: Path) -> None:
     _ = settings.values, settings.origins, settings.runs
     settings.of("run")
     settings.of("prior", "build")
-    for layer in settings.layers:
-        layer.option(("prior", "build"), "worlds")
+    settings.find(("prior", "build", "worlds"), ("robot",))
 
 
 def _world(path: Path) -> None:

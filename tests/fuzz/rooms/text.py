@@ -11,7 +11,7 @@ from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.backends.sim.world import load_world
 from hexctl.cli.shared_options import arena_of
-from hexctl.cli.values import checked
+from hexctl.cli.signature import checked
 from hexctl.errors import HexctlError
 from hexctl.gait.encoding import code_from_slots, slots_from_code
 from hexctl.gait.gait import parse_slots

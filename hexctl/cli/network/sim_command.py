@@ -1,6 +1,5 @@
 """`hexctl sim`: simulated servo boards, servo buses and a camera; and legs that fail and heal in mid-walk."""
 
-import json
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +10,7 @@ import typer
 from hexctl.cli.console import StopOnInterrupt, print_message, print_note, print_result
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.shared_options import JsonOption
-from hexctl.cli.signature import with_options
-from hexctl.cli.values import checked
+from hexctl.cli.signature import checked, with_options
 from hexctl.robot.failure_grammar import parse_leg
 from hexctl.simulators.board_service import BoardService
 from hexctl.vision.twin.twin_camera import TwinCamera
@@ -51,7 +49,7 @@ def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     with StopOnInterrupt() as interrupt:
         report = service.run(interrupt.requested, on_started=on_started)
     if as_json:
-        print_result(json.dumps(report))
+        print_result(report)
 
 
 @sim.command()
@@ -74,7 +72,7 @@ def camera(options: dict[str, Any], as_json: JsonOption = False) -> None:
 
     with StopOnInterrupt(plain=True) as interrupt:
         report = service.run(interrupt.requested, on_started=on_started, on_event=print_message)
-    print_result(json.dumps(report.to_dict()) if as_json else _pictures_line(report))
+    print_result(report.to_dict() if as_json else _pictures_line(report))
 
 
 def _written(lens: "Lens") -> Path:
@@ -147,6 +145,6 @@ def _change(
     for note in sorted({str(answer["note"]) for answer in answers if "note" in answer}):
         print_message(note)
     if as_json:
-        print_result(json.dumps({"failures": failures, "robots": answers}))
+        print_result({"failures": failures, "robots": answers})
     else:
         print_result(f"failed now: {', '.join(failures) or 'none'}")

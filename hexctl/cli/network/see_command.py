@@ -1,6 +1,5 @@
 """`hexctl see`: the lens of a camera, the place that it sees, its delay, and the robot's position."""
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -43,7 +42,7 @@ def look(options: dict[str, Any], context: typer.Context, as_json: JsonOption = 
             on_status=lambda status: line.show(_status_line(status)),
             on_event=lambda text: line.print_above(f"hexctl: {text}"),
         )
-    print_result(json.dumps(report.to_dict()) if as_json else _report_line(report))
+    print_result(report.to_dict() if as_json else _report_line(report))
 
 
 def _print_started(started: CameraStarted, path: Path) -> None:
@@ -124,7 +123,7 @@ def calibrate(
     for sentence in result.missing:
         print_note(f"to make it better: {sentence}")
     output = options["output"]
-    print_result(json.dumps(_lens_json(result, output)) if as_json else _lens_text(result, output))
+    print_result(_lens_json(result, output) if as_json else _lens_text(result, output))
 
 
 def _print_kept(calibration: "LensCalibration") -> None:
@@ -171,7 +170,7 @@ def latency(options: dict[str, Any], as_json: JsonOption = False) -> None:
     if done is None:
         print_message("interrupted; nothing is stored")
         raise typer.Exit(INTERRUPTED)
-    print_result(json.dumps(_latency_json(done, place)) if as_json else _latency_text(done, place))
+    print_result(_latency_json(done, place) if as_json else _latency_text(done, place))
 
 
 def _warn(ahead: "TwistAhead") -> None:

@@ -1,6 +1,5 @@
 """`hexctl doctor`: what this computer has, and what works on it."""
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -24,7 +23,7 @@ def doctor(context: typer.Context, as_json: JsonOption = False) -> None:
     root = context.find_root().command
     checkup = look(runs_folder(), is_option=lambda variable: is_option(root, variable))
     if as_json:
-        print_result(json.dumps(checkup.to_dict()))
+        print_result(checkup.to_dict())
         return
     from hexctl.cli.render.tables import label_table
 

@@ -1,1 +1,0 @@
-"""How fast a robot that is driven comes to rest: real causes, measured at its servos."""
