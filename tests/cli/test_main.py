@@ -217,9 +217,10 @@ def test_a_reader_that_has_gone_is_no_error_and_a_full_disk_is_a_fault() -> None
     assert process("check", "ant", stdout=writing) == (0, "")
     os.close(writing)
     if Path("/dev/full").exists():
-        with open("/dev/full", "wb") as full:
-            code, said = process("check", "ant", stdout=full.fileno())
-        assert (code, os.strerror(errno.ENOSPC) in said) == (3, True)
+        for arguments in (("check", "ant"), ("run", "--help")):
+            with open("/dev/full", "wb") as full:
+                code, said = process(*arguments, stdout=full.fileno())
+            assert (code, os.strerror(errno.ENOSPC) in said, said.count("\n")) == (3, True, 1)
 
 
 @pytest.mark.parametrize("name", MAY_HANG)
