@@ -21,14 +21,13 @@ from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connected_robot, yaw_note
-from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted
+from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted, remove_unfinished
 from hexctl.adapt.search import check_parts, extended, new_spec
 from hexctl.adapt.search_progress import SearchBar
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
-from hexctl.adapt.sessions.unfinished import remove_unfinished
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.setting import (
     Note,
@@ -310,8 +309,8 @@ class Adaptation:
         # Loaded again under the lock: another process may have continued it. Damage is reported already.
         session = self._resumed = load_session(name, store.folder, on_damage=lambda _: None)
         session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since
-        left = remove_unfinished(store.folder_of(name), session)
-        self._tell(None if left is None else f"removed {left}: its walk was interrupted and is repeated")
+        for left in remove_unfinished(store.folder_of(name), session):
+            self._note(f"removed {left}: its walk was interrupted and is repeated")
         if self._budget is not None:
             session.spec = extended(session, self._budget)
         return session
@@ -354,7 +353,6 @@ class Adaptation:
         try:
             return loop.run(), None
         except (RobotFaultError, RecordingError) as error:
-            store.check_there(session)  # what is reported as stored must be on the disk
             return "stopped", error
 
     def _write_overview(self, session: Session, store: SessionStore) -> Path | None:

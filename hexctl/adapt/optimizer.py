@@ -107,24 +107,13 @@ class Prediction:
     chance: float
     target_m: float
 
-    @property
-    def interval_m(self) -> tuple[float, float]:
-        """The 90 % interval of the signed final deviation of one trial."""
-        reach_m = NINETY_PERCENT * self.trial_sd_m
-        return self.signed_m - reach_m, self.signed_m + reach_m
-
-    def holds(self, signed_m: float) -> bool:
-        """Whether an outcome lies in the interval."""
-        low_m, high_m = self.interval_m
-        return math.isfinite(signed_m) and low_m <= signed_m <= high_m
-
     def as_json(self) -> dict[str, Any]:
-        """The prediction as plain JSON values."""
-        low_m, high_m = self.interval_m
+        """The prediction as plain JSON values, with the 90 % interval of the end of one trial."""
+        reach_m = NINETY_PERCENT * self.trial_sd_m
         return {
             "signed_m": self.signed_m,
-            "low_m": low_m,
-            "high_m": high_m,
+            "low_m": self.signed_m - reach_m,
+            "high_m": self.signed_m + reach_m,
             "chance": self.chance,
             "target_m": self.target_m,
         }

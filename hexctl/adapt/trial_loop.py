@@ -18,7 +18,6 @@ from hexctl.adapt.runner import (
     WalkTrial,
     noticed_legs,
 )
-from hexctl.adapt.sessions.recommendation import next_to_confirm
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.store import SessionStore
@@ -191,7 +190,7 @@ class AdaptLoop:
             self._try(code, trim=trim, confirms=True)
 
     def _confirm_finely(self) -> None:
-        while self.walk_finely is not None and (found := next_to_confirm(self.session)) is not None:
+        while self.walk_finely is not None and (found := self.session.next_to_confirm) is not None:
             self._check_stop()
             self._walk_again(found.walk, self.walk_finely)
 

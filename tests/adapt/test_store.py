@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.adaptation import Adaptation
+from hexctl.adapt.runner import remove_unfinished
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
@@ -28,7 +29,6 @@ from hexctl.adapt.sessions.store import (
     load_session,
     stored_names,
 )
-from hexctl.adapt.sessions.unfinished import NOTE, remove_unfinished, unfinished
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.main import exit_code
 from hexctl.errors import HexctlError, InputError
@@ -154,12 +154,9 @@ def test_a_session_that_is_moved_or_replaced_meanwhile_takes_nothing_more(tmp_pa
     store = SessionStore(runs)
     session = store.create(SPEC)
     store.add(session, record(1), {"after": 1})
-    store.check_there(session)
     shutil.move(runs, tmp_path / "moved")
     with pytest.raises(StoreError):
         store.add(session, record(2), {"after": 2})
-    with pytest.raises(StoreError):
-        store.check_there(session)
     (runs / session.name).mkdir(parents=True)
     (runs / session.name / FILE_NAME).write_text("{}\n")
     with pytest.raises(StoreError):
@@ -396,74 +393,24 @@ def test_a_write_that_fails_leaves_the_session_as_it_was(
     assert load_session(session.name, tmp_path) == session
 
 
-@pytest.fixture
-def session(tmp_path: Path) -> Session:
-    store = SessionStore(tmp_path / "runs")
-    return store.create(SPEC)
+def test_only_the_recording_of_the_walk_that_is_repeated_is_removed(tmp_path: Path) -> None:
+    session = Session(name="s", spec=SPEC, created="now")
+    names = ("trial-001", "trial-002", "trial-002-2", "trial-003", "baseline-demo", "my-trial-002", "trial-2")
+    for name in names:
+        (tmp_path / f"{name}.rrd").touch()
+    session.trials = [replace(record(1), recording="elsewhere/trial-001.rrd")]
+    removed = remove_unfinished(tmp_path, session)
+    assert [path.stem for path in removed] == ["trial-002-2", "trial-002"]
+    assert {path.stem for path in tmp_path.iterdir()} == {*names} - {"trial-002-2", "trial-002"}
+    session.trials = []
+    assert [path.stem for path in remove_unfinished(tmp_path, session)] == ["baseline-demo", "trial-001"]
 
 
-def killed_while_recording(path: Path) -> None:
-    """Let a process end without any farewell while it writes a recording."""
-    child = os.fork()
-    if child == 0:
-        with unfinished(path):
-            path.write_bytes(b"half a walk")
-            os._exit(9)
-    os.waitpid(child, 0)
-
-
-@pytest.mark.parametrize("name", ["trial-002.rrd", "trial-002-2.rrd", "baseline-demo.rrd"])
-def test_the_recording_of_a_killed_trial_is_removed(name: str, session: Session, tmp_path: Path) -> None:
-    killed_while_recording(tmp_path / name)
-    assert remove_unfinished(tmp_path, session) == tmp_path / name
-    assert not (tmp_path / name).exists()
-    assert not (tmp_path / NOTE).exists()
-    assert remove_unfinished(tmp_path, session) is None
-
-
-def test_the_recording_of_an_interrupted_walk_is_removed_unless_it_is_stored(tmp_path: Path) -> None:
-    session, path = Session(name="s", spec=SPEC, created="now"), tmp_path / "baseline-tripod.rrd"
-    for stored in (False, True):
-        with unfinished(path, lambda: True):
-            path.write_bytes(b"half a walk")
-        session.trials = [replace(record(1), recording=str(path))] if stored else []
-        assert remove_unfinished(tmp_path, session) == (None if stored else path)
-        assert path.exists() == stored
-    with unfinished(path, lambda: False):
-        pass
-    assert not (tmp_path / NOTE).exists()
-
-
-def test_a_link_that_a_user_put_there_is_kept(session: Session, tmp_path: Path) -> None:
-    path = tmp_path / "trial-002.rrd"
-    killed_while_recording(path)
-    path.with_name("mine").write_bytes(b"mine")
-    path.unlink()
-    path.symlink_to("mine")
-    assert remove_unfinished(tmp_path, session) is None
-    assert path.read_bytes() == b"mine"
-
-
-@pytest.mark.parametrize(
-    "note",
-    ["", "walk.rrd", "../trial-002.rrd", "trial-002.rrd x", "/trial-002.rrd 1", "lock", "x" * 1000],
-)
-def test_a_note_of_another_person_removes_nothing(note: str, session: Session, tmp_path: Path) -> None:
-    folder = tmp_path / "runs" / session.name
-    for path in (folder / "walk.rrd", folder / "trial-002.rrd", folder.parent / "trial-002.rrd"):
-        path.touch()
-    before = sorted(tmp_path.rglob("*.rrd"))
-    (folder / NOTE).write_text(note)
-    assert remove_unfinished(folder, session) is None
-    assert sorted(tmp_path.rglob("*.rrd")) == before
-
-
-def test_a_note_that_is_a_link_changes_no_file_elsewhere(tmp_path: Path) -> None:
-    (tmp_path / "mine").write_text("mine")
-    (tmp_path / NOTE).symlink_to("mine")
-    with unfinished(tmp_path / "trial-001.rrd"):
-        pass
-    assert (tmp_path / "mine").read_text() == "mine"
+def test_a_link_that_a_user_put_there_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "mine").touch()
+    (tmp_path / "trial-001.rrd").symlink_to("mine")
+    assert remove_unfinished(tmp_path, Session(name="s", spec=SPEC, created="now")) == []
+    assert (tmp_path / "trial-001.rrd").is_symlink()
 
 
 @pytest.mark.slow
@@ -476,14 +423,13 @@ def test_a_session_that_was_killed_is_resumed_with_one_recording_of_each_trial(
         Adaptation(spec).run(stop_requested=lambda: len(list(tmp_path.rglob("trial-*.rrd"))) > 1).session.name
     )
     folder = tmp_path / "runs" / name
-    killed_while_recording(folder / "trial-002.rrd")
+    (folder / "trial-002.rrd").write_bytes(b"half a walk")
     notes: list[str] = []
     resumed = Adaptation.resume(name, note=notes.append).run()
     assert len(resumed.trials) == 2
     assert sorted(path.name for path in folder.glob("trial-*")) == ["trial-001.rrd", "trial-002.rrd"]
     assert (folder / "trial-002.rrd").stat().st_size > 10_000
     assert any("trial-002.rrd" in note for note in notes)
-    assert not (folder / NOTE).exists()
 
 
 #: Specs that are none, by what is wrong with them; None is an option that is missing.

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.sessions.recommendation import contenders
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.errors import InputError, MissingExtraError, argument
@@ -23,7 +22,7 @@ def best_so_far(session: Session) -> list[float | None]:
 
 def scores_without_search(session: Session) -> dict[str, float]:
     """Valid scores of the gaits that need no search, by name; empty before the first trial."""
-    walks = ((found.walk, found.score) for found in contenders(session))
+    walks = ((found.walk, found.score) for found in session.contenders())
     return {walk.gait: score for walk, score in walks if isinstance(walk, BaselineRecord)}
 
 

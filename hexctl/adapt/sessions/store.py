@@ -138,12 +138,6 @@ class SessionStore:
         """Folder of a session and its recordings."""
         return self.folder / name
 
-    def check_there(self, session: Session) -> None:
-        """Raise StoreError if the file of a session was deleted, moved or replaced meanwhile."""
-        with _opened(self.folder / session.name / FILE_NAME, session.name) as file:
-            if os.fstat(file).st_size < session.stored_bytes:
-                raise _moved(session.name)
-
     def _made_folder(self, stem: str) -> str:
         name, numbers = stem, count(2)
         while True:
