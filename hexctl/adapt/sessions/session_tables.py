@@ -6,9 +6,8 @@ from typing import Any
 
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
-from hexctl.adapt.sessions.walk_records import BASELINE_GAITS
+from hexctl.adapt.sessions.walk_records import BASELINE_GAITS, TrialRecord
 from hexctl.control.assessment.top_speed import STRIDE
-from hexctl.control.trial_result import QUALITIES
 from hexctl.errors import InputError, MissingExtraError, is_of_disk
 from hexctl.files import OnDamage, log_damage
 
@@ -16,16 +15,6 @@ from hexctl.files import OnDamage, log_damage
 EXPECTED = ("signed_m", "low_m", "high_m", "chance")
 
 FORMATS = (".csv", ".parquet")
-
-#: Columns before those of the baseline, and after them.
-LATER_COLUMNS = ("cause",)
-LAST_COLUMNS = (
-    "hold",
-    *QUALITIES,
-    "trim_deg",
-    "turn_trim_deg_s",
-    "margin_m",
-)
 
 #: Fields of `SessionSpec` that come last in an exported row.
 ASKED_COLUMNS = ("robot", "world", "failure", "duration_s", "target_m")
@@ -48,21 +37,23 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
 
     The baseline has its own columns, equal in all rows: its own row would look like a trial.
     """
-    rows = []
-    baseline, spec = _baseline_columns(session), session.spec.as_json()
-    for trial in session.trials:
-        values = trial.as_json()
-        deviation = values.pop("deviation_m")
-        expected = values.pop("expected") or {}
-        values |= {f"expected_{name}": expected.get(name) for name in EXPECTED}
-        values["slots"] = " ".join(str(slot) for slot in trial.slots)
-        stride = values.pop("stride") or dict.fromkeys(STRIDE)
-        values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
-        head = {"session": session.name, "optimizer": spec["optimizer"], "failed_leg": spec["failed_leg"]}
-        asked = {name: spec[name] for name in ASKED_COLUMNS}
-        later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
-        rows.append({**head, "seed": spec["seed"], **values, **later, **baseline, **last, **asked, **stride})
-    return rows
+    spec = session.spec.as_json()
+    head = {"session": session.name, **{name: spec[name] for name in ("optimizer", "failed_leg", "seed")}}
+    last = _baseline_columns(session) | {name: spec[name] for name in ASKED_COLUMNS}
+    return [head | _trial_columns(trial) | last for trial in session.trials]
+
+
+def _trial_columns(trial: TrialRecord) -> dict[str, Any]:
+    values = trial.as_json()
+    deviation, expected = values.pop("deviation_m"), values.pop("expected") or {}
+    stride = values.pop("stride") or dict.fromkeys(STRIDE)
+    return {
+        **values,
+        "slots": " ".join(map(str, trial.slots)),
+        **{f"deviation_{name}_m": value for name, value in deviation.items()},
+        **{f"expected_{name}": expected.get(name) for name in EXPECTED},
+        **stride,
+    }
 
 
 def _baseline_columns(session: Session) -> dict[str, Any]:
