@@ -166,8 +166,6 @@ class Adaptation:
         self._objective = as_objective(spec.objective if objective is None else objective)
         self._resumed: Session | None = None
         self._budget: int | None = None
-        self._given: set[str] = set()
-        self._trust = False
 
     @classmethod
     def resume(
@@ -197,7 +195,6 @@ class Adaptation:
         spec = session.spec if budget is None else extended(session, budget)
         adaptation = cls(spec, folder=folder, **options)
         adaptation._resumed, adaptation._budget = session, budget
-        adaptation._given, adaptation._trust = given, trust
         return adaptation
 
     def _finished(self) -> Session | None:
@@ -235,12 +232,14 @@ class Adaptation:
                 on_begin(done)
             took_s, ended = time.perf_counter() - began_s, done.ended or ""
             return AdaptationResult(session=done, ended=ended, trouble=None, walked=0, wall_s=took_s)
-        checked = self._checked(self.spec) if self._resumed is None else None  # before anything is written
+        setting = load_setting(self.spec)  # before anything is written
+        if self._record:
+            _ = setting.robot_file.meshes
         if self._resumed is None:
             check_not_interrupted(stop_requested)
         store = SessionStore(self._folder)
         with ExitStack() as stack:
-            session, setting, servos = self._begin(store, stack, stop_requested, checked)
+            session, servos = self._begin(store, stack, setting, stop_requested)
             before = len(session.trials) + len(session.confirmations)
             if on_begin is not None:
                 on_begin(session)
@@ -273,42 +272,35 @@ class Adaptation:
                 self._note(f"{live.lost}; the trials are not affected")
 
     def _begin(
-        self, store: SessionStore, stack: ExitStack, stop_requested: StopRequested, checked: Setting | None
-    ) -> tuple[Session, Setting, Guard | None]:
+        self, store: SessionStore, stack: ExitStack, setting: Setting, stop_requested: StopRequested
+    ) -> tuple[Session, Guard | None]:
         """Hold the session and connect its robot; a resumed session is held first, a new one made last."""
         session = None if self._resumed is None else self._held_again(self._resumed.name, store, stack)
         spec = self.spec if session is None else session.spec
-        setting = checked or self._checked(spec)
         begins = session is None or not session.trials
         servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
         if servos is not None:
             self._seen = SeenWarnings(servos.peek().warnings)  # the notes on the connection have them
         if session is None:
             spec = at_home(spec, servos)  # a robot that cannot be scored is refused before any advice
-        self._tell(start_note(spec, setting), budget_note(spec), baseline_note(spec) if begins else None)
-        self._tell(yaw_note(spec, servos))
+        notes = (
+            start_note(spec, setting),
+            budget_note(spec),
+            baseline_note(spec) if begins else None,
+            yaw_note(spec, servos),
+        )
+        for note in filter(None, notes):
+            self._note(note)
         if session is None:
             spec = with_stance(spec, setting, servos, stop_requested, self._note)
             check_not_interrupted(stop_requested)
             session = store.create(spec, stack)
-        return session, setting, servos
-
-    def _tell(self, *notes: str | None) -> None:
-        for note in notes:
-            if note is not None:
-                self._note(note)
-
-    def _checked(self, spec: SessionSpec) -> Setting:
-        setting = load_setting(spec)
-        if self._record:
-            _ = setting.robot_file.meshes
-        return setting
+        return session, servos
 
     def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
         stack.enter_context(store.held(name))
         # Loaded again under the lock: another process may have continued it. Damage is reported already.
         session = self._resumed = load_session(name, store.folder, on_damage=lambda _: None)
-        session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since
         for left in remove_unfinished(store.folder_of(name), session):
             self._note(f"removed {left}: its walk was interrupted and is repeated")
         if self._budget is not None:

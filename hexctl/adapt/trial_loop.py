@@ -64,7 +64,7 @@ class AdaptLoop:
     stop_requested: StopRequested = never
     on_stored: OnStored | None = None
     usual_slots: Mapping[str, Slots] = field(default_factory=lambda: NAMED_SLOTS)
-    margin_m_of: Callable[[Slots], float] | None = None
+    margin_m_of: Callable[[Slots], float | None] = lambda _slots: None
     walk_finely: WalkTrial | None = None
     repeats_exactly: bool = False
 
@@ -113,7 +113,7 @@ class AdaptLoop:
             code = _code_of(optimizer.space, slots)
             request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots, usual=name)
             one, measured = self._walked(self.walk, request, f"the baseline {name}")
-            record = BaselineRecord(gait=name, code=code, margin_m=self._margin_m(slots), **measured)
+            record = BaselineRecord(gait=name, code=code, margin_m=self.margin_m_of(slots), **measured)
             if learns := optimizer.trims and code is not None:
                 optimizer.repeat(code, record.score, Observation.of(one.result))
             self._keep(record, one, optimizer.state() if learns else None)
@@ -225,16 +225,13 @@ class AdaptLoop:
         trial = TrialRecord(
             index=index,
             code=code,
-            margin_m=self._margin_m(slots),
+            margin_m=self.margin_m_of(slots),
             **measured,
             stride=request.stride,
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),
         )
         self._keep(trial, walked, optimizer.state())
-
-    def _margin_m(self, slots: Slots) -> float | None:
-        return None if self.margin_m_of is None else self.margin_m_of(slots)
 
     def _walked(
         self, walk: WalkTrial, request: TrialRequest, what: str

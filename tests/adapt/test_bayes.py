@@ -25,9 +25,9 @@ from tests.adapt.priors import (
     GAITS,
     MadeUpModel,
     made_up_bayes,
-    path_of,
     standing_samples,
     tell,
+    whole_path_of,
 )
 
 MODEL = MadeUpModel()
@@ -205,16 +205,6 @@ def test_how_the_robot_stands_tells_which_world_this_is() -> None:
     assert np.mean(off_m[True]) < 0.8 * np.mean(off_m[False])
 
 
-def whole_path(features: FloatArray) -> FloatArray:
-    """A walk tick by tick."""
-    path = path_of(features)
-    ticks = round(DURATION_S / PERIOD_S)
-    knots = np.linspace(0, ticks, 11)
-    return np.column_stack(
-        [np.interp(np.arange(1, ticks + 1), knots, [0, *path[:, column]]) for column in (0, 1)]
-    )
-
-
 def stopped_after_s(optimizer: Bayes, code: int, path: FloatArray) -> float | None:
     enough = optimizer.early_stopping(code)
     for tick in range(50, len(path), 50):
@@ -228,7 +218,7 @@ def straight(code: int, final_m: float) -> FloatArray:
     features = BELIEVED.features[0, code - 1].copy()
     features[: FINAL + 1] = final_m * (np.arange(1, 11) / 10) ** 1.5
     features[-1] = 0.4 * final_m
-    return whole_path(features)
+    return whole_path_of(features)
 
 
 def promising(optimizer: Bayes, within_m: float = 0.15) -> list[int]:
