@@ -13,7 +13,7 @@ from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.runner import TrialRequest, WalkedTrial, WalkTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
+from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RecordingError
@@ -123,19 +123,6 @@ def test_a_greater_budget_has_the_best_confirmed_again(store: SessionStore) -> N
     assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
     assert [trial.index for trial in longer.trials if trial.confirms] == [5, 6, 13, 14]
     assert {trial.code for trial in longer.trials[-2:]} == {longer.best.code if longer.best else None}
-
-
-def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_path: Path) -> None:
-    seen: list[int] = []
-
-    class Watching(Landscape):
-        def __call__(self, request: TrialRequest) -> WalkedTrial:
-            other = SessionStore(tmp_path)
-            seen.append(len(load_session(stored_names(other.folder)[-1], other.folder).trials))
-            return super().__call__(request)
-
-    run(store, SPEC, Watching())
-    assert seen == list(range(12))
 
 
 def believing(**options: Any) -> Bayes:

@@ -85,14 +85,19 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
     believes = spec.optimizer == BAYES and not free
     repeats = spec.count_repeats and free and wanted is None
     wants = (free or believes or spec.optimizer == TRIM) and wanted != "none" and not repeats
-    for contradicts, got, allowed in _believing(spec) if wants else _unbelieving(spec, wanted, believes):
-        if contradicts:
-            raise InputError(f"{got}; allowed: {allowed}")
+    refuse(_believing(spec) if wants else _unbelieving(spec, wanted, believes))
     return wants
 
 
 #: Contradictions of options: whether they contradict one another, what was got, and what is allowed instead.
 Contradictions = Iterator[tuple[bool, str, str]]
+
+
+def refuse(found: Contradictions) -> None:
+    """Raise InputError for the first contradiction."""
+    for contradicts, got, allowed in found:
+        if contradicts:
+            raise InputError(f"{got}; allowed: {allowed}")
 
 
 def _unbelieving(spec: SessionSpec, wanted: str | None, believes: bool) -> Contradictions:

@@ -55,14 +55,12 @@ def _in_words(value: Any) -> str:
     return " and ".join(map(str, value)) or "none" if isinstance(value, tuple) else str(value)
 
 
-def draw_comparison(sessions: Sequence[Session], path: Path | str) -> None:
+def draw_comparison(sessions: Sequence[Session], path: Path) -> None:
     """Write a new PNG with the best score so far of sessions, a step line each.
 
-    A dotted line shows the best score without a search. Raises InputError as `check_comparable` does, and for
-    a path that does not end in .png, exists or cannot be written; MissingExtraError without matplotlib.
+    A dotted line shows the best score without a search. Raises InputError for a path that does not end in
+    .png, exists or cannot be written; MissingExtraError without matplotlib.
     """
-    check_comparable(sessions)
-    path = Path(path)
     if path.suffix != ".png":
         raise InputError(f"{argument('out')}: got {path.name}; allowed: a name that ends in .png")
     try:
