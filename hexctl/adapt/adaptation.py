@@ -33,7 +33,6 @@ from hexctl.adapt.setting import (
     Note,
     Setting,
     baseline_note,
-    budget_note,
     load_setting,
     log_note,
     start_note,
@@ -283,13 +282,8 @@ class Adaptation:
             self._seen = SeenWarnings(servos.peek().warnings)  # the notes on the connection have them
         if session is None:
             spec = at_home(spec, servos)  # a robot that cannot be scored is refused before any advice
-        notes = (
-            start_note(spec, setting),
-            budget_note(spec),
-            baseline_note(spec) if begins else None,
-            yaw_note(spec, servos),
-        )
-        for note in filter(None, notes):
+        advice = start_note(spec, setting), baseline_note(spec) if begins else None, yaw_note(spec, servos)
+        for note in filter(None, advice):
             self._note(note)
         if session is None:
             spec = with_stance(spec, setting, servos, stop_requested, self._note)

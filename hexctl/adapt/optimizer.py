@@ -277,9 +277,9 @@ class Optimizer(ABC):
         """Learn from scores and courses of the suggested codes; most searches need only the scores."""
         self._learn(codes, scores)
 
-    @abstractmethod
     def _learn(self, codes: list[int], scores: list[float]) -> None:
-        """Learn from the scores of the suggested codes."""
+        """Learn from the scores of the suggested codes, unless `_learn_observed` does."""
+        raise NotImplementedError
 
     @abstractmethod
     def _search_state(self) -> dict[str, Any]:
@@ -299,9 +299,6 @@ class TaughtOptimizer(Optimizer):
     def repeat(self, code: int, score: float, observation: Observation) -> None:
         """Learn from a walk without an ask."""
         self._take([code, *self._facts(score, observation)])
-
-    def _learn(self, codes: list[int], scores: list[float]) -> None:
-        self._learn_observed(codes, scores, [None] * len(codes))
 
     def _learn_observed(
         self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]

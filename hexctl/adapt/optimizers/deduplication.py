@@ -88,9 +88,6 @@ class Deduplication(Optimizer):
             if self._stale >= self._patience:
                 return self._untried(count)
 
-    def _learn(self, codes: list[int], scores: list[float]) -> None:
-        self._learn_observed(codes, scores, [None] * len(codes))
-
     def _learn_observed(
         self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
     ) -> None:
