@@ -195,16 +195,6 @@ def stood(trials: int = 0) -> Bayes:
     return optimizer
 
 
-def test_how_the_robot_stands_tells_which_world_this_is() -> None:
-    """Before any trial, the ends of all gaits are believed nearer to where they are."""
-    off_m: dict[bool, list[float]] = {True: [], False: []}
-    for world, sag_rad in zip(worlds(20), MODEL.sags(20, 500), strict=True):
-        for told_so in (True, False):
-            optimizer = made_up_bayes(STANDING, sag_rad=sag_rad if told_so else None)
-            off_m[told_so].append(float(np.abs(optimizer.forecast().mean_m - world[:, FINAL]).mean()))
-    assert np.mean(off_m[True]) < 0.8 * np.mean(off_m[False])
-
-
 def stopped_after_s(optimizer: Bayes, code: int, path: FloatArray) -> float | None:
     enough = optimizer.early_stopping(code)
     for tick in range(50, len(path), 50):

@@ -95,7 +95,8 @@ class SessionStore:
                 sync(self.folder)
             except OSError as error:
                 raise StoreError(f"session {stem}: cannot be stored: {error.strerror}") from error
-            stack.enter_context(self._holding(session.name, lock))
+            self._locks[session.name] = lock
+            stack.callback(self._locks.pop, session.name)
         session.stored_bytes = len(line)
         return session
 
@@ -105,16 +106,12 @@ class SessionStore:
 
         Raises InputError for an unknown name, or when another process holds it.
         """
-        with _locked(name, self.folder) as lock, self._holding(name, lock):
-            yield
-
-    @contextmanager
-    def _holding(self, name: str, lock: int) -> Iterator[None]:
-        self._locks[name] = lock
-        try:
-            yield
-        finally:
-            del self._locks[name]
+        with _locked(name, self.folder) as lock:
+            self._locks[name] = lock
+            try:
+                yield
+            finally:
+                del self._locks[name]
 
     def add(
         self,
