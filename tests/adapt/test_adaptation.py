@@ -85,16 +85,8 @@ def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> 
 
 def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
     notes: list[str] = []
-    result = adapt(
-        failure="5:unknown",
-        seed=1,
-        budget=1,
-        duration_s=1.0,
-        prior="none",
-        baseline=False,
-        note=notes.append,
-        record=False,
-    )
+    options: dict[str, Any] = {"budget": 1, "duration_s": 1.0, "prior": "none", "baseline": False}
+    result = adapt(failure="5:unknown", seed=1, note=notes.append, record=False, **options)
     assert result.session.spec.broken.kind == "unknown"
     assert "simulated failure: leg 5 limp; the controller assumes leg 5 unknown" in notes
 
@@ -183,18 +175,15 @@ class Measures:
         return Answer(word="measured", distance_m=0.9 * at_most_m / 2, signed_m=0.1)
 
 
+#: Two trials of a connected robot.
+TWO_TRIALS: dict[str, Any] = {
+    "budget": 2, "duration_s": 1.0, "prior": "none", "record": False, "baseline": False,
+}  # fmt: skip
+
+
 def test_a_connected_robot_and_an_operator() -> None:
     operator = Measures()
-    result = adapt(
-        5,
-        budget=2,
-        duration_s=1.0,
-        servos=Blind(shipped()),
-        operator=operator,
-        prior="none",
-        record=False,
-        baseline=False,
-    )
+    result = adapt(5, servos=Blind(shipped()), operator=operator, **TWO_TRIALS)
     assert [trial.score for trial in result.trials] == [pytest.approx(0.1)] * 2
     assert operator.placed == [trial.code for trial in result.trials]
     assert result.session.spec.backend == "tests.cli.adaptkits:Blind"
@@ -212,17 +201,7 @@ class Warned(Blind):
 
 def test_a_warning_that_a_robot_has_from_the_beginning_is_noted_once() -> None:
     notes: list[str] = []
-    adapt(
-        5,
-        budget=2,
-        duration_s=1.0,
-        servos=Warned(shipped()),
-        operator=Measures(),
-        prior="none",
-        record=False,
-        baseline=False,
-        note=notes.append,
-    )
+    adapt(5, servos=Warned(shipped()), operator=Measures(), note=notes.append, **TWO_TRIALS)
     told = [note.partition(": leg ")[2] for note in notes if note.startswith("servos: warm")]
     assert told == ["2 femur (id 5)", "5 femur (id 14)"]
 
