@@ -131,7 +131,7 @@ class AdaptOptions(RobotOptions):
     watched. (default: walk-on)
     """
 
-    arena_m: Annotated[float | None, UNTYPED] = None
+    arena_m: Annotated[float | None, Range(low=0, above=True, unit="m"), UNTYPED] = None
     """Radius in which a robot is kept that stays where a walk ends, around its first place."""
 
     home_m: Annotated[tuple[float, float] | list[float] | None, UNTYPED] = None

@@ -21,20 +21,18 @@ from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connected_robot, yaw_note
-from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted
+from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted, remove_unfinished
 from hexctl.adapt.search import check_parts, extended, new_spec
 from hexctl.adapt.search_progress import SearchBar
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
-from hexctl.adapt.sessions.unfinished import remove_unfinished
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.setting import (
     Note,
     Setting,
     baseline_note,
-    budget_note,
     load_setting,
     log_note,
     start_note,
@@ -167,8 +165,6 @@ class Adaptation:
         self._objective = as_objective(spec.objective if objective is None else objective)
         self._resumed: Session | None = None
         self._budget: int | None = None
-        self._given: set[str] = set()
-        self._trust = False
 
     @classmethod
     def resume(
@@ -198,7 +194,6 @@ class Adaptation:
         spec = session.spec if budget is None else extended(session, budget)
         adaptation = cls(spec, folder=folder, **options)
         adaptation._resumed, adaptation._budget = session, budget
-        adaptation._given, adaptation._trust = given, trust
         return adaptation
 
     def _finished(self) -> Session | None:
@@ -236,12 +231,14 @@ class Adaptation:
                 on_begin(done)
             took_s, ended = time.perf_counter() - began_s, done.ended or ""
             return AdaptationResult(session=done, ended=ended, trouble=None, walked=0, wall_s=took_s)
-        checked = self._checked(self.spec) if self._resumed is None else None  # before anything is written
+        setting = load_setting(self.spec)  # before anything is written
+        if self._record:
+            _ = setting.robot_file.meshes
         if self._resumed is None:
             check_not_interrupted(stop_requested)
         store = SessionStore(self._folder)
         with ExitStack() as stack:
-            session, setting, servos = self._begin(store, stack, stop_requested, checked)
+            session, servos = self._begin(store, stack, setting, stop_requested)
             before = len(session.trials) + len(session.confirmations)
             if on_begin is not None:
                 on_begin(session)
@@ -274,44 +271,32 @@ class Adaptation:
                 self._note(f"{live.lost}; the trials are not affected")
 
     def _begin(
-        self, store: SessionStore, stack: ExitStack, stop_requested: StopRequested, checked: Setting | None
-    ) -> tuple[Session, Setting, Guard | None]:
+        self, store: SessionStore, stack: ExitStack, setting: Setting, stop_requested: StopRequested
+    ) -> tuple[Session, Guard | None]:
         """Hold the session and connect its robot; a resumed session is held first, a new one made last."""
         session = None if self._resumed is None else self._held_again(self._resumed.name, store, stack)
         spec = self.spec if session is None else session.spec
-        setting = checked or self._checked(spec)
         begins = session is None or not session.trials
         servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
         if servos is not None:
             self._seen = SeenWarnings(servos.peek().warnings)  # the notes on the connection have them
         if session is None:
             spec = at_home(spec, servos)  # a robot that cannot be scored is refused before any advice
-        self._tell(start_note(spec, setting), budget_note(spec), baseline_note(spec) if begins else None)
-        self._tell(yaw_note(spec, servos))
+        advice = start_note(spec, setting), baseline_note(spec) if begins else None, yaw_note(spec, servos)
+        for note in filter(None, advice):
+            self._note(note)
         if session is None:
             spec = with_stance(spec, setting, servos, stop_requested, self._note)
             check_not_interrupted(stop_requested)
             session = store.create(spec, stack)
-        return session, setting, servos
-
-    def _tell(self, *notes: str | None) -> None:
-        for note in notes:
-            if note is not None:
-                self._note(note)
-
-    def _checked(self, spec: SessionSpec) -> Setting:
-        setting = load_setting(spec)
-        if self._record:
-            _ = setting.robot_file.meshes
-        return setting
+        return session, servos
 
     def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
         stack.enter_context(store.held(name))
         # Loaded again under the lock: another process may have continued it. Damage is reported already.
         session = self._resumed = load_session(name, store.folder, on_damage=lambda _: None)
-        session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since
-        left = remove_unfinished(store.folder_of(name), session)
-        self._tell(None if left is None else f"removed {left}: its walk was interrupted and is repeated")
+        for left in remove_unfinished(store.folder_of(name), session):
+            self._note(f"removed {left}: its walk was interrupted and is repeated")
         if self._budget is not None:
             session.spec = extended(session, self._budget)
         return session
@@ -354,7 +339,6 @@ class Adaptation:
         try:
             return loop.run(), None
         except (RobotFaultError, RecordingError) as error:
-            store.check_there(session)  # what is reported as stored must be on the disk
             return "stopped", error
 
     def _write_overview(self, session: Session, store: SessionStore) -> Path | None:

@@ -67,10 +67,8 @@ def check_radius(radius_m: float, *, ideal_m: float, least_m: float) -> str | No
         ideal_m: distance of a walk without slip.
         least_m: minimum distance of a valid walk.
 
-    Raises InputError for an invalid radius, and for an arena without room for a valid straight walk.
+    Raises InputError for an arena without room for a valid straight walk.
     """
-    if not (math.isfinite(radius_m) and radius_m > 0):
-        raise InputError(f"{argument('arena_m')}: got {radius_m}; allowed: above 0 m")
     advice = f"allowed: {ideal_m / 2:.2f} m or more, or a shorter {argument('duration_s')}"
     if 2 * radius_m < least_m:
         raise InputError(

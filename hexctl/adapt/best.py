@@ -15,7 +15,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.assessment.top_speed import STRIDE, Stride
-from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, GaitChange, TrialPlan, suited_rotation
+from hexctl.control.trial_plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
@@ -120,9 +120,8 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
             f"auto, which needs none, or best:{session or 'SESSION'}"
         )
     code = ranked_codes(open_prior(found.path), robot, failure.leg)[0]
-    walk = _walk_with(
-        spec, GaitSpace((failure.leg,)).slots_of(code), plan.gait.posture.body_raise, spec.self_rotation
-    )
+    slots, body_raise = GaitSpace((failure.leg,)).slots_of(code), plan.gait.posture.body_raise
+    walk = replace(spec, gait=slots, chosen_gait=True, body_raise=body_raise)
     searched = f"; the last search for this leg: best:{session}" if session else ""
     return BestGait(spec=walk, source=f"gait {code}, the best by the prior {found.path.name}{searched}")
 
@@ -160,7 +159,7 @@ def _of_session(
         source = f"gait {best.gait}, as good as any trial of the session {session.name}"
     else:
         source = f"gait {best.code}, trial {best.index} of the session {session.name}"
-    walk = _walk_with(spec, gait, body_raise, rotation)
+    walk = replace(spec, gait=gait, chosen_gait=True, body_raise=body_raise, self_rotation=rotation)
     if best.stride is not None:
         walk = _with_stride(walk, robot, best.stride, failure)
         source += f", at {best.stride.pace_hz:g} Hz"
@@ -195,9 +194,3 @@ def _with_trim(found: BestGait, walk: TrialResult) -> BestGait:
     if turn_rad_s is not None:
         text += f" and {math.degrees(turn_rad_s):.3f} degrees/s"
     return BestGait(spec=replace(spec, trim_rad=walk.trim_rad, turn_trim_rad_s=turn_rad_s), source=text)
-
-
-def _walk_with(spec: RunSpec, gait: str | Slots, body_raise: float, rotation: str) -> RunSpec:
-    gait = gait if isinstance(gait, str) else tuple(gait)
-    self_rotation = cast(AskedRotation, rotation)
-    return replace(spec, gait=gait, chosen_gait=True, body_raise=body_raise, self_rotation=self_rotation)

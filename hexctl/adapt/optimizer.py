@@ -107,24 +107,13 @@ class Prediction:
     chance: float
     target_m: float
 
-    @property
-    def interval_m(self) -> tuple[float, float]:
-        """The 90 % interval of the signed final deviation of one trial."""
-        reach_m = NINETY_PERCENT * self.trial_sd_m
-        return self.signed_m - reach_m, self.signed_m + reach_m
-
-    def holds(self, signed_m: float) -> bool:
-        """Whether an outcome lies in the interval."""
-        low_m, high_m = self.interval_m
-        return math.isfinite(signed_m) and low_m <= signed_m <= high_m
-
     def as_json(self) -> dict[str, Any]:
-        """The prediction as plain JSON values."""
-        low_m, high_m = self.interval_m
+        """The prediction as plain JSON values, with the 90 % interval of the end of one trial."""
+        reach_m = NINETY_PERCENT * self.trial_sd_m
         return {
             "signed_m": self.signed_m,
-            "low_m": low_m,
-            "high_m": high_m,
+            "low_m": self.signed_m - reach_m,
+            "high_m": self.signed_m + reach_m,
             "chance": self.chance,
             "target_m": self.target_m,
         }
@@ -288,9 +277,9 @@ class Optimizer(ABC):
         """Learn from scores and courses of the suggested codes; most searches need only the scores."""
         self._learn(codes, scores)
 
-    @abstractmethod
     def _learn(self, codes: list[int], scores: list[float]) -> None:
-        """Learn from the scores of the suggested codes."""
+        """Learn from the scores of the suggested codes, unless `_learn_observed` does."""
+        raise NotImplementedError
 
     @abstractmethod
     def _search_state(self) -> dict[str, Any]:
@@ -310,9 +299,6 @@ class TaughtOptimizer(Optimizer):
     def repeat(self, code: int, score: float, observation: Observation) -> None:
         """Learn from a walk without an ask."""
         self._take([code, *self._facts(score, observation)])
-
-    def _learn(self, codes: list[int], scores: list[float]) -> None:
-        self._learn_observed(codes, scores, [None] * len(codes))
 
     def _learn_observed(
         self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]

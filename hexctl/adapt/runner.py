@@ -1,14 +1,15 @@
 """Runners of single trials: each in its own simulation, or reset-free on one connected robot."""
 
+import re
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.optimizer import Trim
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
-from hexctl.adapt.sessions.unfinished import unfinished
 from hexctl.adapt.setting import Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
@@ -98,6 +99,11 @@ class TrialRequest:
     def title(self) -> str:
         """Title of the trial, or of the walk of the baseline."""
         return f"baseline: gait {self.usual}" if self.usual else f"trial {self.index}: gait {self.code}"
+
+    @property
+    def stem(self) -> str:
+        """Begins the name of its recording."""
+        return f"baseline-{self.usual}" if self.usual else f"trial-{self.index:03d}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,10 +198,7 @@ class TrialRunner:
         """Recording of a trial, or None; raises RecordingError if it cannot be written."""
         if self.folder is None:
             return None
-        world = self.setting.world
-        stem = f"baseline-{request.usual}" if request.usual else f"trial-{request.index:03d}"
-        path = _new_path(self.folder, stem)
-        stack.enter_context(unfinished(path, self.stop_requested))
+        world, path = self.setting.world, _new_path(self.folder, request.stem)
         try:
             recording = Recording(
                 path,
@@ -275,3 +278,23 @@ def _new_path(folder: Path, stem: str) -> Path:
     while path.exists():
         path, number = folder / f"{stem}-{number}.rrd", number + 1
     return path
+
+
+#: Names that hexctl gives to recordings of a session.
+_NAME = re.compile(r"(trial-\d{3,}|baseline-[a-z]+)(-\d+)?\.rrd")
+
+
+def remove_unfinished(folder: Path, session: Session) -> list[Path]:
+    """Remove recordings of the walk at which a held session was killed or interrupted: it is repeated."""
+    stored = {walk.recording_in(folder) for walk in (*session.trials, *session.baseline)}
+    following = f"trial-{session.trials[-1].index + 1 if session.trials else 1:03d}"
+    removed = []
+    for path in sorted(set(folder.glob("*.rrd")) - stored):
+        name = _NAME.fullmatch(path.name)
+        if name is None or path.is_symlink():
+            continue
+        if name[1] == following or (name[1].startswith("baseline") and not session.trials):
+            with suppress(OSError):
+                path.unlink()
+                removed.append(path)
+    return removed

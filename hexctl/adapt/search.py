@@ -1,7 +1,7 @@
 """From options to a checked session spec."""
 
 import math
-from collections.abc import Container, Iterator
+from collections.abc import Container
 from dataclasses import fields, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +13,14 @@ from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_o
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer, name_of
 from hexctl.adapt.optimizers.shipped import BAYES, NAMES, STRIDES, TRIM
-from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
+from hexctl.adapt.prior.prior_choice import (
+    DEFAULT_TARGET_M,
+    Advice,
+    Contradictions,
+    choose_prior,
+    no_advice,
+    refuse,
+)
 from hexctl.adapt.prior.prior_files import prior_folders
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
@@ -209,12 +216,11 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
     linked = option_values(spec, but=("robot", "world", "failure", "seed"))
     if ":" not in spec.backend or any(linked.values()):
         check_options(spec.backend, **linked)
-    for contradicts, got, allowed in (*_of_optimizer(spec), *_contradictions(spec, objective)):
-        if contradicts:
-            raise InputError(f"{got}; allowed: {allowed}")
+    refuse(_of_optimizer(spec))
+    refuse(_contradictions(spec, objective))
 
 
-def _of_optimizer(spec: SessionSpec) -> Iterator[tuple[bool, str, str]]:
+def _of_optimizer(spec: SessionSpec) -> Contradictions:
     """Contradictions of the optimizer and other options."""
     trims, strides = spec.optimizer == TRIM, spec.optimizer == STRIDES
     named, held = argument("objective"), argument("hold")
@@ -233,7 +239,7 @@ def _of_optimizer(spec: SessionSpec) -> Iterator[tuple[bool, str, str]]:
         yield (trims or strides) and given, f"{got} {argument(name)}", "without"
 
 
-def _contradictions(spec: SessionSpec, objective: Objective) -> Iterator[tuple[bool, str, str]]:
+def _contradictions(spec: SessionSpec, objective: Objective) -> Contradictions:
     """Whether options contradict one another, what was got, and what is allowed instead."""
     named, sim, ask = argument("objective"), f"{argument('backend')} sim", argument("ask")
     staying = ask if spec.ask else argument("arena_m")

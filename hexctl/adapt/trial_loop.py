@@ -18,7 +18,6 @@ from hexctl.adapt.runner import (
     WalkTrial,
     noticed_legs,
 )
-from hexctl.adapt.sessions.recommendation import next_to_confirm
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.store import SessionStore
@@ -65,7 +64,7 @@ class AdaptLoop:
     stop_requested: StopRequested = never
     on_stored: OnStored | None = None
     usual_slots: Mapping[str, Slots] = field(default_factory=lambda: NAMED_SLOTS)
-    margin_m_of: Callable[[Slots], float] | None = None
+    margin_m_of: Callable[[Slots], float | None] = lambda _slots: None
     walk_finely: WalkTrial | None = None
     repeats_exactly: bool = False
 
@@ -112,17 +111,9 @@ class AdaptLoop:
             self._check_stop()
             slots = self.usual_slots[name]
             code = _code_of(optimizer.space, slots)
-            what = f"the baseline {name}"
             request = TrialRequest(index=BASELINE_INDEX, code=code or 0, slots=slots, usual=name)
-            one = _counted(self.walk(request), what)
-            record = BaselineRecord(
-                gait=name,
-                code=code,
-                slots=slots,
-                score=self._scored(one, what),
-                margin_m=self._margin_m(slots),
-                **_stored(one),
-            )
+            one, measured = self._walked(self.walk, request, f"the baseline {name}")
+            record = BaselineRecord(gait=name, code=code, margin_m=self.margin_m_of(slots), **measured)
             if learns := optimizer.trims and code is not None:
                 optimizer.repeat(code, record.score, Observation.of(one.result))
             self._keep(record, one, optimizer.state() if learns else None)
@@ -191,24 +182,16 @@ class AdaptLoop:
             self._try(code, trim=trim, confirms=True)
 
     def _confirm_finely(self) -> None:
-        while self.walk_finely is not None and (found := next_to_confirm(self.session)) is not None:
+        while self.walk_finely is not None and (found := self.session.next_to_confirm) is not None:
             self._check_stop()
-            self._walk_again(found.walk, self.walk_finely)
-
-    def _walk_again(self, found: TrialRecord | BaselineRecord, walk: WalkTrial) -> None:
-        """Walk a gait again at a finer time step, and store it."""
-        index = found.index if isinstance(found, TrialRecord) else BASELINE_INDEX
-        code, slots, what = found.code, found.slots, f"the confirmation of gait {found.code}"
-        one = _counted(walk(TrialRequest(index=index, code=code or 0, slots=slots)), what)
-        record = ConfirmationRecord(
-            code=code,
-            slots=slots,
-            score=self._scored(one, what),
-            margin_m=found.margin_m,
-            time_step_s=CONFIRM_STEP_S,
-            **_stored(one),
-        )
-        self._keep(record, one)
+            again = found.walk
+            index = again.index if isinstance(again, TrialRecord) else BASELINE_INDEX
+            request = TrialRequest(index=index, code=again.code or 0, slots=again.slots)
+            one, measured = self._walked(self.walk_finely, request, f"the confirmation of gait {again.code}")
+            record = ConfirmationRecord(
+                code=again.code, margin_m=again.margin_m, time_step_s=CONFIRM_STEP_S, **measured
+            )
+            self._keep(record, one)
 
     def _try(
         self,
@@ -224,7 +207,7 @@ class AdaptLoop:
         """
         optimizer, trials, slots = self.optimizer, self.session.trials, self.optimizer.space.slots_of(code)
         index = trials[-1].index + 1 if trials else 1
-        predicted, what = optimizer.predict(code), f"trial {index}"
+        predicted = optimizer.predict(code)
         request = TrialRequest(
             index=index,
             code=code,
@@ -233,8 +216,8 @@ class AdaptLoop:
             stride=optimizer.stride(code),
             should_stop=should_stop,
         )
-        walked = _counted(self.walk(request), what)
-        score, seen = self._scored(walked, f"{what}, gait {code}"), Observation.of(walked.result)
+        walked, measured = self._walked(self.walk, request, f"trial {index}")
+        score, seen = measured["score"], Observation.of(walked.result)
         if confirms:
             optimizer.repeat(code, score, seen)
         else:
@@ -242,18 +225,27 @@ class AdaptLoop:
         trial = TrialRecord(
             index=index,
             code=code,
-            slots=slots,
-            score=score,
-            margin_m=self._margin_m(slots),
-            **_stored(walked),
+            margin_m=self.margin_m_of(slots),
+            **measured,
             stride=request.stride,
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),
         )
         self._keep(trial, walked, optimizer.state())
 
-    def _margin_m(self, slots: Slots) -> float | None:
-        return None if self.margin_m_of is None else self.margin_m_of(slots)
+    def _walked(
+        self, walk: WalkTrial, request: TrialRequest, what: str
+    ) -> tuple[WalkedTrial, dict[str, Any]]:
+        """A walk that was not interrupted, and the fields of its record."""
+        walked = _counted(walk(request), what)
+        points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
+        return walked, {
+            "slots": request.slots,
+            "score": self._scored(walked, f"{what}, gait {request.code}" if request.index else what),
+            "outcome": walked.result.to_dict(),
+            "path_m": points[np.isfinite(points).all(axis=1)].tolist(),
+            "recording": None if walked.recording is None else str(walked.recording),
+        }
 
     def _scored(self, walked: WalkedTrial, what: str) -> float:
         """Score of a walk; raises InputError when the objective fails: the walk can be repeated."""
@@ -304,12 +296,3 @@ def _check_recording(walked: WalkedTrial, done: str) -> None:
     error = walked.recording_error
     if error is not None:
         raise RecordingError(f"{done}, its recording is not whole: {error}") from error
-
-
-def _stored(walked: WalkedTrial) -> dict[str, Any]:
-    points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
-    return {
-        "outcome": walked.result.to_dict(),
-        "path_m": points[np.isfinite(points).all(axis=1)].tolist(),
-        "recording": None if walked.recording is None else str(walked.recording),
-    }

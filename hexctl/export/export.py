@@ -150,7 +150,8 @@ def export(
         if kind in ROBOT_FORMATS:
             _write_robot(sources, kind, path, ros2_control=asked.ros2_control)
         elif table:
-            export_session(str(sources[0]), path, folder, on_damage=on_damage)
+            with _draft(path) as draft:
+                export_session(str(sources[0]), kind, draft, Path(folder), on_damage=on_damage)
         else:
             trials = recordings_to_export(sources, Path(folder), robot, on_damage)
             _write_trials(trials, kind, path, asked, on_progress or (lambda *_: None))

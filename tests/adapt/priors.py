@@ -85,6 +85,14 @@ def path_of(features: FloatArray) -> FloatArray:
     return np.column_stack([at, features[: FINAL + 1]])
 
 
+def whole_path_of(features: FloatArray) -> FloatArray:
+    """The same path tick by tick."""
+    ticks = round(DURATION_S / PERIOD_S)
+    knots = np.linspace(0, ticks, CHECKPOINTS + 1)
+    columns = path_of(features).T
+    return np.column_stack([np.interp(np.arange(1, ticks + 1), knots, [0, *column]) for column in columns])
+
+
 def shown_of(features: FloatArray, status: str = "ok", duration_s: float = DURATION_S) -> Observation:
     """A walk that shows just these features."""
     return Observation(
@@ -101,20 +109,15 @@ def tell(search: Bayes, code: int, features: FloatArray, status: str = "ok") -> 
 class MadeUpWorld:
     """Walks the gaits of one made-up world as the loop wants it, and keeps their codes."""
 
-    def __init__(self, features: FloatArray, fallen: tuple[int, ...] = ()) -> None:
+    def __init__(self, features: FloatArray) -> None:
         self.walked: list[int] = []
-        self._features, self._fallen = features, fallen
+        self._features = features
 
     def __call__(self, request: TrialRequest) -> WalkedTrial:
         code, should_stop = request.code, request.should_stop
         self.walked.append(code)
-        path = path_of(self._features[code - 1])
-        ticks = round(DURATION_S / PERIOD_S)
-        knots = np.linspace(0, ticks, CHECKPOINTS + 1)
-        whole = np.column_stack(
-            [np.interp(np.arange(1, ticks + 1), knots, [0, *path[:, column]]) for column in (0, 1)]
-        )
-        status, walked = ("fell", ticks // 4) if code in self._fallen else ("ok", ticks)
+        whole = whole_path_of(self._features[code - 1])
+        status, walked = "ok", len(whole)
         for tick in range(LOOK_TICKS, walked, LOOK_TICKS):
             if should_stop is not None and should_stop(whole[:tick]):
                 status, walked = "cut_short", tick

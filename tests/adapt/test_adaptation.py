@@ -79,27 +79,14 @@ def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> 
     assert result.overview is not None
     assert all(Path(trial.recording or "").stat().st_size > 10_000 for trial in result.trials)
     assert f"best code {result.best.code}" in repr(result)
-    for walk in (result.best, *result.baseline, *result.trials):
-        assert "\n" not in str(walk)
-        assert len(str(walk)) < 160
-        assert ",".join(map(str, walk.slots)) in str(walk)
-    assert f"code {result.best.code}" in str(result.best)
-    assert f"trial {result.best.index}" in str(result.best)
+    assert all(len(str(walk)) < 160 for walk in (*result.baseline, *result.trials))
     assert "".join(capsys.readouterr()) == ""
 
 
 def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
     notes: list[str] = []
-    result = adapt(
-        failure="5:unknown",
-        seed=1,
-        budget=1,
-        duration_s=1.0,
-        prior="none",
-        baseline=False,
-        note=notes.append,
-        record=False,
-    )
+    options: dict[str, Any] = {"budget": 1, "duration_s": 1.0, "prior": "none", "baseline": False}
+    result = adapt(failure="5:unknown", seed=1, note=notes.append, record=False, **options)
     assert result.session.spec.broken.kind == "unknown"
     assert "simulated failure: leg 5 limp; the controller assumes leg 5 unknown" in notes
 
@@ -188,18 +175,15 @@ class Measures:
         return Answer(word="measured", distance_m=0.9 * at_most_m / 2, signed_m=0.1)
 
 
+#: Two trials of a connected robot.
+TWO_TRIALS: dict[str, Any] = {
+    "budget": 2, "duration_s": 1.0, "prior": "none", "record": False, "baseline": False,
+}  # fmt: skip
+
+
 def test_a_connected_robot_and_an_operator() -> None:
     operator = Measures()
-    result = adapt(
-        5,
-        budget=2,
-        duration_s=1.0,
-        servos=Blind(shipped()),
-        operator=operator,
-        prior="none",
-        record=False,
-        baseline=False,
-    )
+    result = adapt(5, servos=Blind(shipped()), operator=operator, **TWO_TRIALS)
     assert [trial.score for trial in result.trials] == [pytest.approx(0.1)] * 2
     assert operator.placed == [trial.code for trial in result.trials]
     assert result.session.spec.backend == "tests.cli.adaptkits:Blind"
@@ -217,17 +201,7 @@ class Warned(Blind):
 
 def test_a_warning_that_a_robot_has_from_the_beginning_is_noted_once() -> None:
     notes: list[str] = []
-    adapt(
-        5,
-        budget=2,
-        duration_s=1.0,
-        servos=Warned(shipped()),
-        operator=Measures(),
-        prior="none",
-        record=False,
-        baseline=False,
-        note=notes.append,
-    )
+    adapt(5, servos=Warned(shipped()), operator=Measures(), note=notes.append, **TWO_TRIALS)
     told = [note.partition(": leg ")[2] for note in notes if note.startswith("servos: warm")]
     assert told == ["2 femur (id 5)", "5 femur (id 14)"]
 
@@ -367,24 +341,14 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"target": "0%"}, "target"),
     ({"target": "much"}, "target"),
     ({"target": "1%", "target_m": 0.1}, "target"),
-    ({"worth_m": -1.0}, "worth_m"),
     ({"worth_m": 0.01, "prior": "none"}, "prior"),
     ({"worth_m": 0.01, "optimizer": "random"}, "prior"),
     ({"worth_m": 0.01, "duration_s": 7.0}, "prior"),
-    ({"worth_m": 0.01, "objective": "mean"}, "prior"),
-    ({"uncertainty_m": -1.0}, "uncertainty_m"),
     ({"uncertainty_m": 0.1, "backend": "mock"}, "uncertainty_m"),
     ({"uncertainty_m": 0.1, "objective": "progress"}, "uncertainty_m"),
-    ({"failed_leg": 7}, "7"),
-    ({"world": "mars"}, "mars"),
-    ({"budget": 0}, "budget"),
-    ({"optimizer": "magic"}, "magic"),
     ({"optimizer": Landscape}, "optimizer"),
     ({"optimizer": "pso", "early_stop": True}, "early_stop"),
-    ({"objective": "haste"}, "haste"),
-    ({"objective": 3}, "objective"),
     ({"objective": "tilt", "backend": "mock", "ask": True}, "objective"),
-    ({"hold": "sideways"}, "hold"),
     ({"hold": "line", "backend": "mock", "ask": True}, "hold"),
     ({"hold": "line", "objective": "speed", "prior": "ant-locked-rear-30s"}, "hold"),
     ({"arena_m": 3.0}, "arena_m"),

@@ -8,19 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.optimizer import Observation, Optimizer
-from hexctl.adapt.optimizers.baselines import ExhaustiveSearch, RandomSearch
+from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.trial_result import STATUSES
 from hexctl.errors import InputError
 from hexctl.testing.optimizer_conformance import (
     BATCHES,
     ONE_FAILED,
-    THREE_FAILED,
-    TWO_FAILED,
     Make,
     OptimizerConformance,
     search,
@@ -85,33 +81,6 @@ def found_best(make: Callable[[GaitSpace, int], Optimizer], trials: int, best: i
 def test_searches_find_the_best_of_a_smooth_landscape_far_sooner_than_chance(name: str, best: int) -> None:
     # 60 of 120 codes contain the best one with probability 1/2: 27 or more of 30 have probability 4e-6.
     assert found_best(fresh(name), trials=60, best=best, seeds=30) >= 27 / 30
-
-
-def shown(points: int = 50, duration_s: float = 10.0, status: str = "ok") -> Observation:
-    path = np.column_stack([np.arange(1.0, points + 1), -np.arange(1.0, points + 1)])
-    return Observation(path_m=path, duration_s=duration_s, yaw_change_rad=0.1, status=status)
-
-
-@pytest.mark.parametrize("status", STATUSES)
-def test_only_walks_of_their_whole_time_are_finished(status: str) -> None:
-    assert shown(status=status).finished == (status in ("ok", "no_progress"))
-
-
-ALL = {space.size: list(range(1, space.size + 1)) for space in (ONE_FAILED, TWO_FAILED, THREE_FAILED)}
-
-
-@pytest.mark.parametrize("space", [ONE_FAILED, TWO_FAILED, THREE_FAILED], ids=lambda space: space.size)
-@pytest.mark.parametrize("batch", [1, 7, 64])
-def test_random_goes_through_all_codes_in_another_order_each_round(space: GaitSpace, batch: int) -> None:
-    codes = search(RandomSearch(space, 5), 3 * space.size, batch=batch)
-    rounds = [codes[start : start + space.size] for start in range(0, len(codes), space.size)]
-    assert [sorted(one) for one in rounds] == [ALL[space.size]] * 3
-    assert rounds[0] != rounds[1] != rounds[2]
-
-
-@pytest.mark.parametrize("batch", [1, 7, 64])
-def test_exhaustive_counts_up_and_starts_again(batch: int) -> None:
-    assert search(ExhaustiveSearch(TWO_FAILED, 0), 60, batch=batch) == [*ALL[24], *ALL[24], *ALL[24][:12]]
 
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "extend.md"

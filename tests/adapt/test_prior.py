@@ -21,7 +21,6 @@ from hexctl.adapt.prior.prior import (
 )
 from hexctl.adapt.prior.prior_files import (
     check_prior,
-    describe_prior,
     find_prior,
     shipped_priors,
 )
@@ -99,21 +98,6 @@ def test_a_prior_comes_back_as_it_went(path: Path) -> None:
         np.testing.assert_allclose(got, wanted, rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda prior: replace(prior, key=key_of(duration_s=12.0)),
-        lambda prior: replace(prior, legs=(2, 4)),
-        lambda prior: replace(prior, origin={**prior.origin, "worlds": 3}),
-        *[lambda prior, name=name: replace(prior, **{name: getattr(prior, name) + 0.01}) for name in ARRAYS],
-    ],
-    ids=["question", "legs", "origin", *ARRAYS],
-)
-def test_the_digest_changes_with_anything(change: Any) -> None:
-    prior = prior_with_a_fall()
-    assert change(prior).digest != prior.digest
-
-
 @pytest.mark.parametrize("share", [0.001, 0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 0.999])
 def test_a_file_that_is_cut_off_is_refused(share: float, path: Path) -> None:
     content = path.read_bytes()
@@ -136,13 +120,10 @@ def parts_of(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     ("change", "words"),
     [
         ({"version": 3}, "it has version 3, this hexctl reads 1 and 2"),
-        ({"version": None}, "it has version None"),
         ({"format": "hexctl landscape"}, "it is not a prior"),
         ({"digest": "0" * 32}, "altered"),
         ({"legs": [2, 3]}, "altered"),
         ({"legs": [2]}, "damaged"),
-        ({"legs": 5}, "damaged"),
-        ({"question": {}}, "damaged"),
         ({"question": None}, "damaged"),
         ({"origin": {}}, "altered"),
     ],
@@ -299,13 +280,6 @@ def test_a_shipped_prior_is_whole_small_and_for_the_shipped_robot(path: Path) ->
         assert np.abs(samples.features).max() < 20
 
 
-def test_what_a_score_prior_is_for_is_told(tmp_path: Path) -> None:
-    save_prior(made_up_score_prior(), tmp_path / "scores.npz")
-    described = describe_prior(tmp_path / "scores.npz")
-    assert (described["hold"], described["posture"], described["worlds"]) == ("line", "auto", 3)
-    assert described["scores"] == ["speed", "cost", "tilt", "steadiness"]
-
-
 def weak(share: float) -> Failure:
     return parse_kind(5, f"weak:{share}")
 
@@ -316,8 +290,6 @@ DIFFERENCES: list[tuple[dict[str, Any], dict[str, Any], list[str]]] = [
     ({}, {"failure": Failure(leg=2)}, []),  # the failed leg points to the rear of wherever it goes
     ({}, {"heading_rad": 1.0}, []),
     ({}, {"duration_s": 12.5}, ["duration 30 s, not 12.5 s"]),
-    ({}, {"self_rotation": "front"}, ["self-rotation rear, not front"]),
-    ({}, {"failure": Failure(leg=5, kind="limp")}, ["failure locked, not limp"]),
     ({"failure": weak(0.5)}, {"failure": weak(0.25)}, ["failure weak:0.5, not weak:0.25"]),
     (
         {"self_rotation": "none"},

@@ -16,11 +16,10 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, load_session
+from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
-from hexctl.errors import HexctlError
 from tests.adapt.walking import baseline_record as usual
 from tests.adapt.walking import cut_off, record, result_of
 
@@ -198,16 +197,6 @@ def test_what_cannot_be_known_better_is_not_walked_again(store: SessionStore) ->
     assert finely.walked == []
     assert session.as_json()["recommended"]["confirmed"] is False
     assert session.within_target is None
-
-
-def test_a_damaged_confirmation_is_named(store: SessionStore) -> None:
-    name = search(store, Ends({2: 0.01}), target_m=NEVER_M).name
-    path = store.folder / name / FILE_NAME
-    path.write_text(path.read_text().replace('"time_step_s": 0.0005', '"time_step_s": -1.0'))
-    told: list[HexctlError] = []
-    session = load_session(name, store.folder, on_damage=told.append)
-    assert session.confirmations == []
-    assert "time_step_s" in str(told[0])
 
 
 @pytest.mark.slow

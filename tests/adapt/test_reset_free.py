@@ -417,14 +417,10 @@ def test_only_the_end_is_learned_from() -> None:
         (told("measured", 1.0, 0.0), "no_progress", None),
         (told("fell"), "fell", None),
         (told("skip"), "cut_short", "skipped"),
+        (told("quit"), "aborted", "requested"),
     ],
 )
 def test_what_counts_for_nothing(result: TrialResult, status: str, stopped: str | None) -> None:
     assert (result.status, result.stopped, result.valid) == (status, stopped, False)
     assert OBJECTIVES["final"](result) == INVALID_SCORE
     features_of(Observation.of(result), 30.0)
-
-
-def test_a_walk_after_which_the_operator_quits_is_not_kept() -> None:
-    result = told("quit")
-    assert (result.status, result.stopped) == ("aborted", "requested")

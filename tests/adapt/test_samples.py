@@ -10,8 +10,6 @@ from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES
 from hexctl.adapt.prior.samples import (
     DISTANCE,
-    FINAL,
-    N_FEATURES,
     YAW,
     Samples,
     features_of,
@@ -90,22 +88,6 @@ def test_a_mirrored_world_gives_the_mirrored_stance() -> None:
     assert np.abs(true - seen).max() > 1e-3, "the mirror is no formality"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("symmetry", [one for one in symmetries("ant") if not one.mirrored], ids=ids)
-def test_a_turned_payload_and_bent_joints_give_the_turned_stance(symmetry: BodySymmetry) -> None:
-    """Not on a slope: the robot stands there as it is, and turns only then."""
-    plain = WORLD.model_copy(update={"slope_deg": 0.0})
-    turned = plain.model_copy(
-        update={
-            "body_mass_shift_m": tuple(symmetry.points(np.array(plain.body_mass_shift_m)).tolist()),
-            "joint_offset_deg": tuple(symmetry.joints(np.array(plain.joint_offset_deg)).tolist()),
-        }
-    )
-    true, seen = standing(plain, 5), standing(turned, symmetry.legs[4])
-    np.testing.assert_allclose(symmetry.joints(true), seen, atol=1e-4)
-    assert symmetry.legs == tuple(LEGS) or np.abs(true - seen).max() > 1e-3
-
-
 ROW = 41  # of code 42
 
 
@@ -115,18 +97,6 @@ def rows_like(samples: Samples, features: FloatArray) -> int:
         all(np.abs(one - own).max() < 1e-12 for one, own in zip(block, features, strict=True))
         for block in np.split(samples.features, len(samples.features) // len(features))
     )
-
-
-def test_own_worlds_come_first_and_as_they_are() -> None:
-    prior = made_up_prior(legs=(5,), worlds=3)
-    samples = samples_of(prior, shipped("pexod"), 5)
-    assert samples.leg == 5
-    assert samples.features.shape == (3, 120, N_FEATURES)
-    np.testing.assert_allclose(samples.features[..., : FINAL + 1], prior.signed_m[0], rtol=1e-9)
-    np.testing.assert_allclose(samples.features[..., DISTANCE - 1], prior.progress_m[0][..., 4], rtol=1e-9)
-    np.testing.assert_allclose(samples.features[..., DISTANCE], prior.progress_m[0][..., -1], rtol=1e-9)
-    np.testing.assert_allclose(samples.features[..., YAW], prior.yaw_rad[0], rtol=1e-9)
-    np.testing.assert_array_equal(samples.finished, np.ones(120))
 
 
 @pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
@@ -220,12 +190,6 @@ def test_what_a_leg_or_an_objective_is_not_known_of_is_refused() -> None:
     ):  # fmt: skip
         with pytest.raises(InputError, match=field):
             score_samples_of(prior, shipped("pexod"), leg, objective)
-
-
-def test_a_gait_that_always_falls_has_numbers_all_the_same() -> None:
-    samples = with_falls(3, (0, 1, 2), from_checkpoint=0)
-    assert samples.finished[ROW] == 0
-    assert np.isfinite(samples.features).all()
 
 
 def test_walks_without_progress_show_all_and_those_that_diverged_or_never_began_nothing() -> None:

@@ -6,26 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
-from hexctl.adapt.optimizers.shipped import OPTIMIZERS, TRIM
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions import search_steps as module
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.search_steps import search_steps
 from hexctl.adapt.sessions.session_optimizer import make_search
-from hexctl.adapt.sessions.session_viewing import make_overview, write_overview
+from hexctl.adapt.sessions.session_viewing import make_overview
 from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.adapt.setting import load_setting
-from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import InputError
 from hexctl.recording.sessions.session_overview import make_table
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, MadeUpWorld
-from tests.adapt.walking import SPEC, Landscape, baseline_record, record, result_of
+from tests.adapt.walking import SPEC, baseline_record, record, result_of
 
 
 def make_session(*results: TrialResult) -> Session:
@@ -54,18 +49,6 @@ def test_a_trial_that_never_set_out_or_diverged_has_no_impossible_points() -> No
     overview = make_overview(make_session(lost, wild))
     assert [len(trial.path_m) for trial in overview.trials] == [0, 1]
     assert overview.best is None
-
-
-def test_it_is_written_beside_the_trials_and_replaced_after_more(tmp_path: Path) -> None:
-    import rerun as rr
-
-    session = make_session(result_of(0.3))
-    path = write_overview(session, tmp_path / "session")
-    assert path == tmp_path / "session" / "overview.rrd"
-    session.trials.append(record(2, result_of(0.2)))
-    assert write_overview(session, tmp_path / "session") == path
-    entities = {chunk.entity_path for chunk in rr.chunk.RrdReader(path).stream().to_chunks()}
-    assert {"/above/trials/001", "/above/trials/002", "/table"} <= entities
 
 
 TRIALS, REPEATS = 5, 1
@@ -130,39 +113,6 @@ def test_beliefs_that_are_not_those_of_the_session_are_not_shown(
             for step in steps
         )
         assert all("greatest expected gain" not in step.note for step in steps)
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        *((name, f"{name} expects nothing of gaits that it has not walked") for name in OPTIMIZERS),
-        (TRIM, "trim expects each trimmed gait to end on its line"),
-        ("no.such.module:Search", "what no.such.module:Search expects of the gaits is not known here"),
-    ],
-)
-def test_searches_without_beliefs_say_less(name: str, said: str, tmp_path: Path) -> None:
-    store = SessionStore(tmp_path)
-    session = store.create(replace(SPEC, budget=3))
-    search = make_optimizer("random", GaitSpace((5,)), 0)
-    AdaptLoop(session, store, search, Landscape()).run()
-    session.spec = replace(session.spec, optimizer=name)
-    steps = search_steps(session)
-    assert [step.beliefs for step in steps] == [None] * 4
-    assert [step.next_code for step in steps] == [*(trial.code for trial in session.trials), None]
-    assert all(said in step.note for step in steps)
-    assert all("9 of 10" not in step.note for step in steps)
-
-
-def test_the_facts_have_the_simulations_own_uncertainty_once_and_every_objective_a_name(
-    tmp_path: Path,
-) -> None:
-    session = make_session(result_of(0.3), result_of(0.02))
-    session.spec = replace(session.spec, uncertainty_m=0.027)
-    assert sum("± 2.7 cm" in fact for fact in make_overview(session).facts) == 1
-    for objective in OBJECTIVES:
-        assert make_overview(replace(session, spec=replace(SPEC, objective=objective))).objective
-    with pytest.raises(InputError):
-        write_overview(make_session(), tmp_path)
 
 
 def test_the_baseline_is_shown_before_the_trials_and_is_never_the_best() -> None:

@@ -57,18 +57,6 @@ def test_the_foot_is_on_the_floor_exactly_in_stance() -> None:
     assert in_stance(u).mean() == pytest.approx(2 / 3, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("times_s", "stop_s", "levels"),
-    [
-        ([-1, 0, 1, 2, 60], None, [0, 0, 0.5, 1, 1]),
-        ([60, 61, 62, 99], 60, [1, 0.5, 0, 0]),
-        ([1, 1.5, 2], 1, [0.5, 0.25, 0]),
-    ],
-)
-def test_levels_of_the_ramp(times_s: list[float], stop_s: float | None, levels: list[float]) -> None:
-    assert ramp(np.array(times_s), stop_s).tolist() == pytest.approx(levels)
-
-
 @given(times=st.lists(st.floats(-5, 100), min_size=2, max_size=2), stop_s=st.none() | st.floats(0, 100))
 def test_the_ramp_changes_by_half_a_stride_per_second_at_most(
     times: list[float], stop_s: float | None
@@ -166,11 +154,6 @@ def test_a_soft_stop_shrinks_evenly_to_the_stance(stop_s: float) -> None:
     np.testing.assert_allclose(_offsets(stop_s + RAMP_DURATION_S + 1e-9, stop_s), 0, atol=1e-12)
 
 
-def test_a_stop_changes_nothing_before_it() -> None:
-    times = np.linspace(0, 5, 100)
-    np.testing.assert_array_equal(_offsets(times, 5.0), _offsets(times))
-
-
 walks_of_all_kinds = st.tuples(
     slots_of_legs,
     st.floats(0.1, 2),
@@ -205,12 +188,3 @@ def test_many_walks_at_once_equal_each_alone_to_the_last_bit(
     )
     for row, (gait, motion) in zip(together, pairs, strict=True):
         assert np.array_equal(row, gait_feet_body(robot, gait, motion, times, stop_s))
-
-
-@pytest.mark.parametrize("shape", [(), (3, 4)])
-def test_times_of_any_shape_equal_each_time_alone(shape: tuple[int, ...]) -> None:
-    times = np.random.default_rng(1).uniform(0, 9, shape)
-    feet = gait_feet_body(shipped(), TRIPOD, Motion(heading_rad=0.3), times)
-    assert feet.shape == (*shape, 6, 3)
-    alone = [gait_feet_body(shipped(), TRIPOD, Motion(heading_rad=0.3), t) for t in times.ravel()]
-    np.testing.assert_array_equal(feet.reshape(-1, 6, 3), alone)

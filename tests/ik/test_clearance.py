@@ -60,17 +60,6 @@ def test_gaps_are_those_of_the_simulated_solids(name: str) -> None:
                 assert gap_m == pytest.approx(min(gaps), abs=robot.foot_radius_m)
 
 
-def test_legs_that_swap_sides_meet_in_their_axes() -> None:
-    robot = shipped("pexod")
-    joints_rad = robot.stance_angles_rad.copy()
-    apart = leg_clearance(robot, joints_rad)
-    assert (apart.depths == 0).all()
-    joints_rad[0], joints_rad[3] = np.radians(80), np.radians(-80)  # legs 1 and 2, toward one another
-    crossed = leg_clearance(robot, joints_rad)
-    assert crossed.gaps_m.argmin() == 0
-    assert crossed.depths[0] > 0
-
-
 def test_gap_and_depth_belong_to_the_parts_that_are_named() -> None:
     """Of parts of different thickness the deepest overlap, as a share, is not always the least gap."""
     robot = replace(shipped("pexod"), link_radii_m=np.array([0.06, 0.03, 0.01]))

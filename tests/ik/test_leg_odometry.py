@@ -8,8 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import InputError
-from hexctl.ik.leg_odometer import GAP_S, JUDGED_S, WINDOW_S, LegOdometer, LostLegWatch
-from hexctl.ik.leg_odometry import leg_motions, stance_motions, standing
+from hexctl.ik.leg_odometry import (
+    GAP_S,
+    JUDGED_S,
+    WINDOW_S,
+    LegOdometer,
+    LostLegWatch,
+    leg_motions,
+    stance_motions,
+    standing,
+)
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray

@@ -162,12 +162,6 @@ def test_a_joint_out_of_range_is_named_with_its_angle_and_range(leg: int, kind: 
         check_joint_limits(robot, angles)
 
 
-def test_the_end_of_the_range_itself_is_allowed() -> None:
-    robot = shipped()
-    check_joint_limits(robot, robot.joint_upper_rad)
-    check_joint_limits(robot, np.stack([robot.joint_lower_rad, robot.joint_upper_rad]))
-
-
 # Against MuJoCo.
 
 FILES = Path(__file__).parents[2] / "configs" / "robots"
@@ -249,19 +243,6 @@ def test_forward_kinematics_are_those_of_a_chain_built_by_hand(name: str) -> Non
 
 #: The functions without their types, for what a type checker would refuse as well.
 api: Any = hexctl
-
-
-def test_feet_come_back_from_their_angles_for_one_pose_and_for_many() -> None:
-    robot = shipped("phantomx")
-    stance = hexctl.feet_of_joint_angles(robot, robot.stance_angles_rad)
-    np.testing.assert_allclose(stance, robot.stance_feet_body, atol=1e-12)
-    np.testing.assert_allclose(
-        hexctl.joint_angles_of_feet(robot, stance), robot.stance_angles_rad, rtol=0, atol=1e-9
-    )
-    moved = stance + np.array([[[0.01, 0.0, 0.0]], [[0.0, -0.008, 0.005]]])
-    angles_rad = hexctl.joint_angles_of_feet(robot, moved)
-    assert angles_rad.shape == (2, 18)
-    np.testing.assert_allclose(hexctl.feet_of_joint_angles(robot, angles_rad), moved, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ from hexctl.backends.sim.world import World
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Motion, make_gait
 from hexctl.ik.legs import link_points_body, solve_legs
-from hexctl.ik.load_capacity import load_capacity
-from hexctl.ik.statics import arms_m, link_torques_nm, static_load
+from hexctl.ik.statics import arms_m, link_torques_nm, load_capacity, static_load
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.types import GRAVITY_M_S2, BoolArray, FloatArray, JointTargets
@@ -70,14 +69,6 @@ def test_forces_carry_the_weight_and_only_from_below() -> None:
         GRAVITY_M_S2 * robot.mass_kg, rel=0.01
     )
     assert (load.foot_heights_m[load.foot_forces_n > 0] < 1e-6).all()
-
-
-def test_a_robot_on_two_feet_on_one_side_comes_down_on_others() -> None:
-    robot = shipped("pexod")
-    lifts = np.array([0.0, 0.0, 0.0, 0.02, 0.02, 0.02])
-    feet = robot.stance_feet_body + np.stack([0 * lifts, 0 * lifts, lifts], axis=-1)
-    load = static_load(robot, solve_legs(robot, feet).joint_positions_rad)
-    assert (load.foot_forces_n[3:] > 0).any()
 
 
 def test_loads_of_a_robot_with_its_own_centres_of_mass_and_stiffness() -> None:
@@ -166,17 +157,6 @@ def test_a_robot_stands_above_a_capacity_of_one_and_sinks_below(name: str, world
     # Where friction between the feet has to help, feet creep a little before it does.
     assert lowered_m(with_capacity(robot, 1.1, world), world) < 0.008
     assert lowered_m(with_capacity(robot, 0.9, world), world) > 0.02
-
-
-def test_fewer_feet_carry_less_and_one_side_alone_nothing() -> None:
-    robot = shipped("pexod")
-    tripod = np.array([True, False, True, False, True, False])
-    left = np.array([True, True, True, False, False, False])
-    every, three, side = (
-        capacity_of(robot, robot.stance_angles_rad, feet) for feet in (EVERY_FOOT, tripod, left)
-    )
-    assert every > three > 0
-    assert side == 0
 
 
 def test_it_is_what_a_linear_program_finds() -> None:

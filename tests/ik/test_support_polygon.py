@@ -49,14 +49,6 @@ def test_the_centre_of_mass_is_that_of_the_simulated_body(name: str, own: bool) 
         np.testing.assert_allclose(mine[0], expected, atol=1e-9)
 
 
-def test_many_poses_at_once_equal_one_at_a_time() -> None:
-    robot = shipped("phantomx")
-    joints = robot.stance_angles_rad + np.random.default_rng(0).normal(0, 0.3, (4, 5, N_JOINTS))
-    together = centre_of_mass_body(robot, joints)
-    assert together.shape == (4, 5, 3)
-    np.testing.assert_allclose(together[2, 3], centre_of_mass_body(robot, joints[2, 3]), atol=1e-15)
-
-
 def test_foot_heights_are_those_of_the_kinematics() -> None:
     robot = shipped()
     joints = robot.stance_angles_rad + np.random.default_rng(1).normal(0, 0.5, (7, N_JOINTS))

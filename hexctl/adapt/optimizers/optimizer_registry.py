@@ -1,5 +1,6 @@
 """The registry of optimizers."""
 
+from functools import partial
 from importlib import import_module
 
 from hexctl.adapt.objectives import load_own
@@ -33,8 +34,11 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
         return name(space, seed)
     check_type(name, str, "optimizer", f"{BAYES} (with a prior), {known}, or an Optimizer class")
     if name in OPTIMIZERS:
-        module, _, kind = OPTIMIZERS[name].partition(":")
-        made: Optimizer = getattr(import_module(f"{__package__}.{module}"), kind)(space, seed)
+        place, _, kind = OPTIMIZERS[name].partition(":")
+        module = import_module(f"{__package__}.{place}")
+        found = getattr(module, kind)
+        of_codes = found if _is_optimizer(found) else partial(module.PopulationOptimizer, name, found)
+        made: Optimizer = of_codes(space, seed)
         return made
     if name in OF_SESSIONS:
         commands = "hexctl adapt and hexctl study --transfer" if name == BAYES else "hexctl adapt"

@@ -98,12 +98,11 @@ class PopulationOptimizer(Optimizer):
     A generation is handed out in pieces that do not change the search; an ask stays within it.
     """
 
-    #: The rule by which the population moves.
-    core: ClassVar[type[Population]]
-
-    def __init__(self, space: GaitSpace, seed: int) -> None:
+    def __init__(self, name: str, core: type[Population], space: GaitSpace, seed: int) -> None:
+        """Search by the rule of a core, under a name."""
         super().__init__(space, seed)
-        self._population = self.core([1.0], [float(space.size)], self._random)
+        self.name = name
+        self._population = core([1.0], [float(space.size)], self._random)
         self._scores: list[float] = []
 
     def _suggest(self, count: int) -> list[int]:
@@ -164,13 +163,6 @@ class ParticleSwarm(Population):
         return (self._draw(len(positions)) - positions) / 2
 
 
-class Pso(PopulationOptimizer):
-    """Particle swarm optimization over codes; see `ParticleSwarm`."""
-
-    name = "pso"
-    core = ParticleSwarm
-
-
 class SpeciatedSwarm(ParticleSwarm):
     """A swarm whose particles follow the seed of their species instead of one global best.
 
@@ -223,13 +215,6 @@ class SpeciatedSwarm(ParticleSwarm):
         ]
 
 
-class Psosp(PopulationOptimizer):
-    """Speciation particle swarm optimization over codes; see `SpeciatedSwarm`."""
-
-    name = "psosp"
-    core = SpeciatedSwarm
-
-
 class DifferentialSwarm(ParticleSwarm):
     """Particles moved by difference vectors, with parents from an archive of successes on stagnation.
 
@@ -276,13 +261,6 @@ class DifferentialSwarm(ParticleSwarm):
         self.archive = np.concatenate([self.archive, self.kept[better]])[-self.size :]
         scores = np.concatenate([self.archive_scores, self.kept_scores[better]])
         self.archive_scores = scores[-self.size :]
-
-
-class Dps(PopulationOptimizer):
-    """The reconstructed differential particle scheme over codes; see `DifferentialSwarm`."""
-
-    name = "dps"
-    core = DifferentialSwarm
 
 
 class DifferentialEvolution(Population):
@@ -338,17 +316,3 @@ class RandomEvolution(DifferentialEvolution):
 
     def _mutants(self, partners: FloatArray) -> FloatArray:
         return np.asarray(partners[0] + self.scale * (partners[1] - partners[2]))
-
-
-class DeBest(PopulationOptimizer):
-    """DE/best/1/bin over codes; see `DifferentialEvolution` and `BestEvolution`."""
-
-    name = "debest"
-    core = BestEvolution
-
-
-class DeRand(PopulationOptimizer):
-    """DE/rand/1/bin over codes; see `DifferentialEvolution` and `RandomEvolution`."""
-
-    name = "derand"
-    core = RandomEvolution

@@ -1,12 +1,13 @@
 """The optimizers that come with hexctl, by name: light to import, for the Tab key."""
 
-#: The optimizers that come with hexctl and need no prior: the classes of their names, in this package.
+#: The optimizers that come with hexctl and need no prior: their classes in this package, or the cores of
+#: populations.
 OPTIMIZERS = {
-    "pso": "population:Pso",
-    "psosp": "population:Psosp",
-    "dps": "population:Dps",
-    "debest": "population:DeBest",
-    "derand": "population:DeRand",
+    "pso": "population:ParticleSwarm",
+    "psosp": "population:SpeciatedSwarm",
+    "dps": "population:DifferentialSwarm",
+    "debest": "population:BestEvolution",
+    "derand": "population:RandomEvolution",
     "random": "baselines:RandomSearch",
     "exhaustive": "baselines:ExhaustiveSearch",
 }

@@ -1,6 +1,6 @@
 """Choice of a session's prior: none, the requested one, or the first that fits."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -83,36 +83,46 @@ def _other_objective(spec: SessionSpec) -> str:
 def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
     """Whether to search for a prior; raises InputError for contradicting options."""
     believes = spec.optimizer == BAYES and not free
-    if (
-        not (free or believes or spec.optimizer == TRIM)
-        or wanted == "none"
-        or (spec.count_repeats and free and wanted is None)
-    ):
-        if believes:
-            raise InputError(
-                f"{argument('prior')}: got none with {argument('optimizer')} bayes; allowed: auto or a file"
-            )
-        if wanted not in (None, "none"):
-            raise InputError(
-                f"{argument('prior')}: got {wanted} with {argument('optimizer')} {spec.optimizer}; allowed: "
-                "with trim or bayes"
-            )
-        if spec.early_stop and ":" not in spec.optimizer:
-            raise InputError(
-                f"{argument('early_stop')}: used without a prior; allowed: with bayes and a prior"
-            )
-        if spec.worth_m is not None:
-            raise InputError(
-                f"{argument('worth_m')}: got {spec.worth_m:g} without a prior; allowed: with bayes and "
-                "a prior"
-            )
-        return False
-    if spec.count_repeats:
-        raise InputError(
-            f"{argument('count_repeats')}: used with bayes; allowed: without, as bayes repeats a gait when "
-            "that is most informative"
-        )
-    return True
+    repeats = spec.count_repeats and free and wanted is None
+    wants = (free or believes or spec.optimizer == TRIM) and wanted != "none" and not repeats
+    refuse(_believing(spec) if wants else _unbelieving(spec, wanted, believes))
+    return wants
+
+
+#: Contradictions of options: whether they contradict one another, what was got, and what is allowed instead.
+Contradictions = Iterator[tuple[bool, str, str]]
+
+
+def refuse(found: Contradictions) -> None:
+    """Raise InputError for the first contradiction."""
+    for contradicts, got, allowed in found:
+        if contradicts:
+            raise InputError(f"{got}; allowed: {allowed}")
+
+
+def _unbelieving(spec: SessionSpec, wanted: str | None, believes: bool) -> Contradictions:
+    """Contradictions of the options of a session without a prior."""
+    prior, optimizer, early, worth = map(argument, ("prior", "optimizer", "early_stop", "worth_m"))
+    yield believes, f"{prior}: got none with {optimizer} bayes", "auto or a file"
+    other = wanted not in (None, "none")
+    yield other, f"{prior}: got {wanted} with {optimizer} {spec.optimizer}", "with trim or bayes"
+    stops = spec.early_stop and ":" not in spec.optimizer
+    yield stops, f"{early}: used without a prior", "with bayes and a prior"
+    given = spec.worth_m is not None
+    yield given, f"{worth}: got {spec.worth_m} without a prior", "with bayes and a prior"
+
+
+def _believing(spec: SessionSpec) -> Contradictions:
+    """Contradictions of the options of a session that is to have a prior."""
+    repeats, early, worth = map(argument, ("count_repeats", "early_stop", "worth_m"))
+    often = "without, as bayes repeats a gait when that is most informative"
+    yield spec.count_repeats, f"{repeats}: used with bayes", often
+    steered = spec.hold != "none" and spec.optimizer != TRIM
+    scored = f"with {argument('objective')} {spec.objective}"
+    ends = "with final, which can be predicted before the end of a walk"
+    yield steered and spec.early_stop, f"{early}: used {scored}", ends
+    got = f"{worth}: got {spec.worth_m} m {scored}"
+    yield steered and bool(spec.worth_m), got, "0, to spend the budget whatever the gain"
 
 
 def _with_prior(spec: SessionSpec, path: Path) -> SessionSpec:
@@ -122,34 +132,11 @@ def _with_prior(spec: SessionSpec, path: Path) -> SessionSpec:
         return kept
     kept = replace(kept, optimizer=BAYES)
     if spec.hold != "none":
-        _check_scored(spec)
         return kept
-    target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
-    believed_m = noise_m(spec)
-    worth_m = max(believed_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m
+    noise_m = SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
     return replace(
         kept,
-        target_m=target_m,
-        worth_m=worth_m,
-        noise_m=believed_m,
+        target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
+        worth_m=max(noise_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m,
+        noise_m=noise_m,
     )
-
-
-def _check_scored(spec: SessionSpec) -> None:
-    if spec.early_stop:
-        raise InputError(
-            f"{argument('early_stop')}: used with {argument('objective')} {spec.objective}; allowed: with "
-            "final, which can be predicted before the end of a walk"
-        )
-    if spec.worth_m:
-        raise InputError(
-            f"{argument('worth_m')}: got {spec.worth_m:g} m with {argument('objective')} {spec.objective}; "
-            "allowed: 0, to spend the budget whatever the gain"
-        )
-
-
-def noise_m(spec: SessionSpec) -> float:
-    """Standard deviation between trials of one gait that is assumed before any repeat."""
-    if spec.noise_m is not None:
-        return spec.noise_m
-    return SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.sessions.recommendation import contenders
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.errors import InputError, MissingExtraError, argument
@@ -23,7 +22,7 @@ def best_so_far(session: Session) -> list[float | None]:
 
 def scores_without_search(session: Session) -> dict[str, float]:
     """Valid scores of the gaits that need no search, by name; empty before the first trial."""
-    walks = ((found.walk, found.score) for found in contenders(session))
+    walks = ((found.walk, found.score) for found in session.contenders())
     return {walk.gait: score for walk, score in walks if isinstance(walk, BaselineRecord)}
 
 
@@ -56,14 +55,12 @@ def _in_words(value: Any) -> str:
     return " and ".join(map(str, value)) or "none" if isinstance(value, tuple) else str(value)
 
 
-def draw_comparison(sessions: Sequence[Session], path: Path | str) -> None:
+def draw_comparison(sessions: Sequence[Session], path: Path) -> None:
     """Write a new PNG with the best score so far of sessions, a step line each.
 
-    A dotted line shows the best score without a search. Raises InputError as `check_comparable` does, and for
-    a path that does not end in .png, exists or cannot be written; MissingExtraError without matplotlib.
+    A dotted line shows the best score without a search. Raises InputError for a path that does not end in
+    .png, exists or cannot be written; MissingExtraError without matplotlib.
     """
-    check_comparable(sessions)
-    path = Path(path)
     if path.suffix != ".png":
         raise InputError(f"{argument('out')}: got {path.name}; allowed: a name that ends in .png")
     try:

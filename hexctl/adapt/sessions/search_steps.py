@@ -11,11 +11,10 @@ import numpy as np
 
 from hexctl.adapt.optimizer import NINETY_PERCENT
 from hexctl.adapt.optimizers.bayes import Bayes, Choice
-from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, STRIDES, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_lines import DAMAGE
 from hexctl.adapt.sessions.session_optimizer import make_search
-from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.setting import load_setting
 from hexctl.errors import HexctlError, InputError
@@ -32,7 +31,7 @@ Known = tuple[GaitBeliefs, Choice]
 def search_steps(session: Session) -> tuple[SearchStep, ...]:
     """Steps from before the first trial to after the last one."""
     known: list[Known] = []
-    missing = _without(session.spec)
+    missing = ""
     try:
         if (search := _search_of(session)) is not None:
             known = list(_replayed(session, search))
@@ -45,16 +44,6 @@ def search_steps(session: Session) -> tuple[SearchStep, ...]:
         _step(session, done, known[done] if done < len(known) else None, missing)
         for done in range(len(session.trials) + 1)
     )
-
-
-def _without(spec: SessionSpec) -> str:
-    if spec.optimizer == BAYES:
-        return "with this objective bayes expects scores and not ends of walks, which are not shown"
-    if spec.optimizer == TRIM:
-        return "trim expects each trimmed gait to end on its line, give or take its noise"
-    if spec.optimizer in (STRIDES, *OPTIMIZERS):
-        return f"{spec.optimizer} expects nothing of gaits that it has not walked"
-    return f"what {spec.optimizer} expects of the gaits is not known here"
 
 
 def _search_of(session: Session) -> Bayes | None:
@@ -94,7 +83,7 @@ def _step(session: Session, done: int, known: Known | None, missing: str) -> Sea
     if done:
         lines += [f"- {_ended(session.trials[done - 1], session.spec.uncertainty_m)}"]
     lines += [f"- {_next(session, following, known)}"]
-    if known is None:
+    if known is None and missing:
         lines += [f"- {missing}"]
     if session.baseline and session.spec.optimizer != TRIM:
         gaits = ", ".join(walk.gait for walk in session.baseline)

@@ -6,26 +6,10 @@ from typing import Any
 
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
-from hexctl.adapt.sessions.walk_records import BASELINE_GAITS
+from hexctl.adapt.sessions.walk_records import BASELINE_GAITS, TrialRecord
 from hexctl.control.assessment.top_speed import STRIDE
-from hexctl.control.trial_result import QUALITIES
-from hexctl.errors import InputError, MissingExtraError, is_of_disk
-from hexctl.files import OnDamage, log_damage
-
-#: What was predicted for a trial, a column each.
-EXPECTED = ("signed_m", "low_m", "high_m", "chance")
-
-FORMATS = (".csv", ".parquet")
-
-#: Columns before those of the baseline, and after them.
-LATER_COLUMNS = ("cause",)
-LAST_COLUMNS = (
-    "hold",
-    *QUALITIES,
-    "trim_deg",
-    "turn_trim_deg_s",
-    "margin_m",
-)
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.files import OnDamage
 
 #: Fields of `SessionSpec` that come last in an exported row.
 ASKED_COLUMNS = ("robot", "world", "failure", "duration_s", "target_m")
@@ -48,21 +32,22 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
 
     The baseline has its own columns, equal in all rows: its own row would look like a trial.
     """
-    rows = []
-    baseline, spec = _baseline_columns(session), session.spec.as_json()
-    for trial in session.trials:
-        values = trial.as_json()
-        deviation = values.pop("deviation_m")
-        expected = values.pop("expected") or {}
-        values |= {f"expected_{name}": expected.get(name) for name in EXPECTED}
-        values["slots"] = " ".join(str(slot) for slot in trial.slots)
-        stride = values.pop("stride") or dict.fromkeys(STRIDE)
-        values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
-        head = {"session": session.name, "optimizer": spec["optimizer"], "failed_leg": spec["failed_leg"]}
-        asked = {name: spec[name] for name in ASKED_COLUMNS}
-        later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
-        rows.append({**head, "seed": spec["seed"], **values, **later, **baseline, **last, **asked, **stride})
-    return rows
+    spec = session.spec.as_json()
+    head = {"session": session.name, **{name: spec[name] for name in ("optimizer", "failed_leg", "seed")}}
+    last = _baseline_columns(session) | {name: spec[name] for name in ASKED_COLUMNS}
+    return [head | _trial_columns(trial) | last for trial in session.trials]
+
+
+def _trial_columns(trial: TrialRecord) -> dict[str, Any]:
+    values = trial.as_json()
+    deviation, stride = values.pop("deviation_m"), values.pop("stride") or dict.fromkeys(STRIDE)
+    del values["expected"]
+    return {
+        **values,
+        "slots": " ".join(map(str, trial.slots)),
+        **{f"deviation_{name}_m": value for name, value in deviation.items()},
+        **stride,
+    }
 
 
 def _baseline_columns(session: Session) -> dict[str, Any]:
@@ -77,44 +62,26 @@ def _baseline_columns(session: Session) -> dict[str, Any]:
     return columns
 
 
-def export_session(
-    name: str, path: Path | str, folder: Path | str = RUNS, *, on_damage: OnDamage = log_damage
-) -> None:
-    """Write a session's trials to a new .csv or .parquet file, without damaged ones, as in `load_session`.
+def export_session(name: str, kind: str, path: Path, folder: Path, *, on_damage: OnDamage) -> None:
+    """Write a session's trials, without damaged ones, to a new file of a kind, `csv` or `parquet`.
 
-    Raises InputError for an unknown name, another ending, a file that exists or cannot be written, or a
-    session without trials; StoreError for a damaged session.
+    Raises InputError for an unknown name, or a session without trials; StoreError for a damaged session;
+    MissingExtraError without a library for the kind.
     """
-    session, path = load_session(name, folder, on_damage=on_damage), Path(path)
-    if path.suffix not in FORMATS:
-        raise InputError(f"export: got {path.name}; allowed: a name that ends in {' or '.join(FORMATS)}")
+    session = load_session(name, folder, on_damage=on_damage)
     if not session.trials:
         raise InputError(f"session {session.name}: has no trials to export")
-    try:
-        with path.open("xb"):
-            pass
-        (_write_csv if path.suffix == ".csv" else _write_parquet)(flat_rows(session), path)
-    except FileExistsError:
-        raise InputError(f"export: {path} exists; allowed: a new file, nothing is replaced") from None
-    except OSError as error:
-        path.unlink(missing_ok=True)
-        allowed = "" if is_of_disk(error) else "; allowed: a new file"
-        raise InputError(f"export: {path} cannot be written ({error.strerror}){allowed}") from error
-
-
-def _write_csv(rows: list[dict[str, Any]], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def _write_parquet(rows: list[dict[str, Any]], path: Path) -> None:
+    rows = flat_rows(session)
+    if kind == "csv":
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+        return
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ModuleNotFoundError as error:
-        path.unlink()
         raise MissingExtraError("Parquet export", "study") from error
     pq.write_table(pa.Table.from_pylist(rows), path)
 
@@ -122,9 +89,9 @@ def _write_parquet(rows: list[dict[str, Any]], path: Path) -> None:
 def sessions(folder: Path | str = RUNS) -> Any:
     """All trials of all sessions of a folder, a row each.
 
-    Columns are those of `export_session` (`session`, `optimizer`, `failed_leg`, `slots`, `score`, `status`,
-    `deviation_signed_m`, ...), and of each session `created`, `robot`, `world`, `failure`, `objective`,
-    `duration_s` and `backend`.
+    Columns are those of an exported session (`session`, `optimizer`, `failed_leg`, `slots`, `score`,
+    `status`, `deviation_signed_m`, ...), and of each session `created`, `robot`, `world`, `failure`,
+    `objective`, `duration_s` and `backend`.
 
     Returns a `pandas.DataFrame` if pandas is installed (extra `data`), with `created` as times, else a list
     of dicts; without trials both are empty, the first with its usual columns.

@@ -95,7 +95,8 @@ class SessionStore:
                 sync(self.folder)
             except OSError as error:
                 raise StoreError(f"session {stem}: cannot be stored: {error.strerror}") from error
-            stack.enter_context(self._holding(session.name, lock))
+            self._locks[session.name] = lock
+            stack.callback(self._locks.pop, session.name)
         session.stored_bytes = len(line)
         return session
 
@@ -105,16 +106,12 @@ class SessionStore:
 
         Raises InputError for an unknown name, or when another process holds it.
         """
-        with _locked(name, self.folder) as lock, self._holding(name, lock):
-            yield
-
-    @contextmanager
-    def _holding(self, name: str, lock: int) -> Iterator[None]:
-        self._locks[name] = lock
-        try:
-            yield
-        finally:
-            del self._locks[name]
+        with _locked(name, self.folder) as lock:
+            self._locks[name] = lock
+            try:
+                yield
+            finally:
+                del self._locks[name]
 
     def add(
         self,
@@ -137,12 +134,6 @@ class SessionStore:
     def folder_of(self, name: str) -> Path:
         """Folder of a session and its recordings."""
         return self.folder / name
-
-    def check_there(self, session: Session) -> None:
-        """Raise StoreError if the file of a session was deleted, moved or replaced meanwhile."""
-        with _opened(self.folder / session.name / FILE_NAME, session.name) as file:
-            if os.fstat(file).st_size < session.stored_bytes:
-                raise _moved(session.name)
 
     def _made_folder(self, stem: str) -> str:
         name, numbers = stem, count(2)
@@ -253,13 +244,7 @@ def _found(folder: Path) -> list[str]:
         raise InputError(f"sessions: {folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
     except OSError as error:
         raise StoreError(f"sessions: {folder}/ cannot be read ({error.strerror})") from error
-    found = [name for name in names if os.path.lexists(folder / name / FILE_NAME)]
-    return sorted(found, key=_order)
-
-
-def _order(name: str) -> list[str | int]:
-    """Order of sessions: by name, which begins with their time, with numbers as such."""
-    return [int(part) if number % 2 else part for number, part in enumerate(re.split("([0-9]+)", name))]
+    return sorted(name for name in names if os.path.lexists(folder / name / FILE_NAME))
 
 
 @contextmanager

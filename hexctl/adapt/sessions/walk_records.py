@@ -1,6 +1,6 @@
 """Stored walks of a session: trials, the baseline, and confirmations of a gait."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -81,7 +81,7 @@ Settled = Annotated[dict[str, Any], _as(_Settled)]
 _Point = Annotated[list[Annotated[float, Field(allow_inf_nan=True)]], Field(min_length=2, max_length=2)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WalkRecord:
     """A stored walk of a session.
 
@@ -97,10 +97,10 @@ class WalkRecord:
 
     slots: Annotated[tuple[int, ...], Field(min_length=N_LEGS, max_length=N_LEGS)]
     score: float
-    outcome: Annotated[dict[str, Any], _as(_Outcome)]
-    path_m: list[_Point]
-    recording: str | None
-    margin_m: float | None = None
+    outcome: Annotated[dict[str, Any], _as(_Outcome)] = field(repr=False)
+    path_m: list[_Point] = field(repr=False)
+    recording: str | None = field(repr=False)
+    margin_m: float | None = field(default=None, repr=False)
     stride: Stride | None = None
 
     @property
@@ -127,20 +127,6 @@ class WalkRecord:
         """Whether the walk counts."""
         return self.score < INVALID_SCORE
 
-    def __repr__(self) -> str:
-        return self._in_words()
-
-    def _in_words(self, *names: str) -> str:
-        distance_m = self.outcome.get("distance_m")
-        facts = [
-            *names,
-            f"slots {','.join(map(str, self.slots))}",
-            str(self.outcome.get("status")),
-            *([f"score {self.score:.4g}"] if self.valid else []),
-            *([] if distance_m is None else [f"distance {distance_m:.3f} m"]),
-        ]
-        return f"{type(self).__name__}({', '.join(facts)})"
-
     def recording_in(self, folder: Path) -> Path | None:
         """Path of its recording in the folder of its session, existing or not; None without one.
 
@@ -162,7 +148,7 @@ class WalkRecord:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrialRecord(WalkRecord):
     """One trial of a session; index 1 is the first, `confirms` marks a repeat of the best gait.
 
@@ -172,15 +158,12 @@ class TrialRecord(WalkRecord):
     index: Annotated[int, Field(ge=1)]
     code: int
     confirms: bool = False
-    expected: Expected | None = None
+    expected: Expected | None = field(default=None, repr=False)
 
     @property
     def name(self) -> str:
         """Name in messages."""
         return f"trial {self.index}"
-
-    def __repr__(self) -> str:
-        return self._in_words(self.name, f"code {self.code}")
 
     def as_json(self) -> dict[str, Any]:
         """The trial as `hexctl adapt --json` prints it."""
@@ -202,7 +185,7 @@ BASELINE_GAITS = (AUTO, "demo", "tripod")
 BASELINE_INDEX = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BaselineRecord(WalkRecord):
     """A walk with a usual gait such as `demo`, before the trials.
 
@@ -217,9 +200,6 @@ class BaselineRecord(WalkRecord):
         """Name in messages."""
         return f"the baseline {self.gait}"
 
-    def __repr__(self) -> str:
-        return self._in_words(self.gait)
-
     def as_json(self) -> dict[str, Any]:
         """The walk as `hexctl adapt --json` prints it."""
         return {
@@ -232,7 +212,7 @@ class BaselineRecord(WalkRecord):
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ConfirmationRecord(WalkRecord):
     """A simulated walk that confirms a gait, no trial; `code` is None outside the session's gaits.
 

@@ -13,8 +13,7 @@ from hexctl.adapt.optimizers.bayes import SURE
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.runner import LegFailedError
 from hexctl.adapt.sessions.comparison import scores_without_search
-from hexctl.adapt.sessions.recommendation import Contender, contenders, recommended, straightest_baseline
-from hexctl.adapt.sessions.search_session import Session, trials_text
+from hexctl.adapt.sessions.search_session import Contender, Session, trials_text
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord, WalkRecord
 from hexctl.adapt.trial_loop import NOT_WORTH
@@ -55,7 +54,7 @@ def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
 
 def finding_parts(session: Session) -> list[RenderableType]:
     """Result of a search, its accuracy, and the baseline, a line each."""
-    found = recommended(session)
+    found = session.recommended
     known = [Text(line, style="green" if found else "red") for line in _found_lines(session, found)]
     return [*known, *_surety_lines(session, found), *_baseline_lines(session, found)]
 
@@ -152,12 +151,12 @@ def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
 
 
 def _gain(session: Session, found: Contender | None, scale: float, unit: str) -> str:
-    best = straightest_baseline(session)
+    best = session.straightest_baseline
     if found is None or best is None:
         return ""
     if found.searched:
         return f"; the search gains {scale * (best.score - found.score):.1f} {unit}".rstrip()
-    trials = [one for one in contenders(session) if one.searched and one.score < found.score]
+    trials = [one for one in session.contenders() if one.searched and one.score < found.score]
     if trials:
         trial = trials[0]
         return f"; not distinguishable from {trial.walk.name}, {scale * trial.score:.1f} {unit}".rstrip()

@@ -14,7 +14,6 @@ from hexctl.adapt.objectives import Objective
 from hexctl.adapt.optimizers.shipped import STRIDES, TRIM
 from hexctl.adapt.search_progress import CONFIRMATION_WALKS, SearchBar
 from hexctl.adapt.sessions.comparison import best_so_far, scores_without_search
-from hexctl.adapt.sessions.recommendation import recommended
 from hexctl.adapt.sessions.search_session import Session, trials_text
 from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
@@ -294,7 +293,7 @@ def comparison_table(sessions: Sequence[Session]) -> Table:
 
 
 def _found(session: Session) -> str:
-    found = recommended(session)
+    found = session.recommended
     if found is None:
         return "-"
     walk = found.walk
