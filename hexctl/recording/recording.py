@@ -15,7 +15,6 @@ from hexctl.recording import paths
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.rrd import (
     check_name,
-    check_whole,
     create_file,
     disconnect,
     flush,
@@ -138,7 +137,7 @@ class Recording:
             send_outcome(self._last, result)
         flush(self._stream, self.path)
         self.close()
-        check_whole(self.path) if self._indexed else check_end(self.path, written)
+        check_end(self.path, written, index=self._indexed)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""

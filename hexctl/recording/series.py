@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hexctl.palette import ALARM_COLOR, JOINT_COLORS, LEG_COLORS, MARGIN_COLOR
 from hexctl.recording import paths, style
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
@@ -38,7 +39,7 @@ class Series(NamedTuple):
     source: str | None = None
 
 
-_JOINT_COLORS = tuple(style.SERIES[kind][1] for kind in JOINT_KINDS) * N_LEGS
+_JOINT_COLORS = tuple(JOINT_COLORS[kind][1] for kind in JOINT_KINDS) * N_LEGS
 
 
 def _of_joints(path: str, title: str, source: str) -> Series:
@@ -56,7 +57,7 @@ MARGIN = Series(
     paths.MARGIN,
     "stability margin (m), unstable below 0",
     ("inside the feet (m)",),
-    (style.MARGIN_COLOR,),
+    (MARGIN_COLOR,),
     widths=(2.0,),
 )
 TORQUES = _of_joints(paths.TORQUES, "torques (N m)", "joint_torques_nm")
@@ -71,7 +72,7 @@ SUSPICION = Series(
     paths.SUSPICION,
     "evidence, alarm at 1",
     (*(f"leg {leg}" for leg in paths.LEGS), "alarm"),
-    (*style.LEG_COLORS, style.ALARM_COLOR),
+    (*LEG_COLORS, ALARM_COLOR),
     COARSE_BITS,
     widths=(1.5,) * (N_LEGS + 1),
 )
@@ -82,7 +83,7 @@ VOLTAGES = _of_joints(paths.VOLTAGES, "servos (V)", "voltages_v")
 def _angles(path: str, source: str, which: int, width: float) -> Series:
     """Angles of all joints; the first colour of a joint is for its commanded angle."""
     names = tuple(f"{name} {source.removesuffix('_rad')}" for name in JOINT_NAMES)
-    colors = tuple(style.SERIES[kind][which] for kind in JOINT_KINDS) * N_LEGS
+    colors = tuple(JOINT_COLORS[kind][which] for kind in JOINT_KINDS) * N_LEGS
     widths = (width,) * len(names)
     return Series(path, "joint angles (rad)", names, colors, ANGLE_BITS, widths, source)
 

@@ -21,7 +21,7 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.recording import paths, rrd
 from hexctl.recording import recording as module
 from hexctl.recording.recording import Recording
-from hexctl.recording.rrd import END
+from hexctl.recording.rrd_reader import END
 from hexctl.recording.series import VECTORS
 from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import ReadBack, Trial, write

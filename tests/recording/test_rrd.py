@@ -9,11 +9,12 @@ import pytest
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.recording.recorded_trial import read_trial
-from hexctl.recording.rrd import END_PADDING, check_whole, probe_file
+from hexctl.recording.rrd import probe_file
 from hexctl.recording.rrd_reader import (
     CHUNK,
     HEAD_BYTES,
     MESSAGE_HEAD,
+    check_end,
     read_chunks,
 )
 from tests.recording.conftest import ReadBack, Trial, messages, write
@@ -24,13 +25,13 @@ def test_a_recording_without_its_end_is_not_whole(
     missing_bytes: int, trial_file: Path, tmp_path: Path
 ) -> None:
     path = Path(shutil.copy(trial_file, tmp_path / "trial.rrd"))
-    check_whole(path)
-    os.truncate(path, path.stat().st_size - missing_bytes - END_PADDING)
+    check_end(path)
+    os.truncate(path, path.stat().st_size - missing_bytes)
     with pytest.raises(RecordingError):
-        check_whole(path)
+        check_end(path)
     os.truncate(path, 0)
     with pytest.raises(RecordingError):
-        check_whole(path)
+        check_end(path)
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from hexctl.control.trial import run_trial
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.ik.legs import foot_positions_body
 from hexctl.ik.support_polygon import centre_of_mass_body, support, to_world
+from hexctl.palette import FAILED_COLORS, LINK_COLORS
 from hexctl.recording import paths, style
 from hexctl.recording.recording import Recording
 from hexctl.runs.run import RunResult, run
@@ -194,7 +195,7 @@ def test_lanes_and_legs_show_what_is_broken_and_what_was_noticed(
     walked: RunResult, failing: ReadBack
 ) -> None:
     noticed, healed = (one.at_s for one in walked.trial.noticed)
-    whole, failed = (style.packed(colors["tibia"]) for colors in (style.LINK_COLORS, style.FAILED_COLORS))
+    whole, failed = (style.packed(colors["tibia"]) for colors in (LINK_COLORS, FAILED_COLORS))
     limp, told = "broken: leg 2 limp", "noticed: leg 2 limp"
     lanes = {
         paths.BROKEN: [(0, style.WHOLE), (BROKEN_S, limp), (HEALED_S, style.WHOLE)],

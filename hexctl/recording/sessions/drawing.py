@@ -7,7 +7,6 @@ import numpy as np
 
 from hexctl.palette import TEXT_COLOR
 from hexctl.recording.rrd import load_rerun
-from hexctl.types import FloatArray
 
 #: The timeline of an overview: the number of trials.
 TIMELINE = "trial"
@@ -31,9 +30,7 @@ def draw(stream: Any, path: str, thing: Any, trial: int | None = None) -> None:
     stream.send_columns(path, [trial_column([trial])], columns)
 
 
-def draw_names(
-    stream: Any, path: str, names: Iterable[tuple[FloatArray, str]], trial: int | None = None
-) -> None:
+def draw_names(stream: Any, path: str, names: Iterable[tuple[Any, str]], trial: int | None = None) -> None:
     """Send texts with their positions in the picture."""
     places, texts = zip(*names, strict=True)
     labels = load_rerun().Points2D(

@@ -20,7 +20,8 @@ from hexctl.palette import (
     deviation_color,
 )
 from hexctl.recording.blueprint import side_panels
-from hexctl.recording.rrd import check_whole, create_file, create_folders, load_rerun, new_recording
+from hexctl.recording.rrd import create_file, create_folders, load_rerun, new_recording
+from hexctl.recording.rrd_reader import check_end
 from hexctl.recording.sessions.belief_figure import STEPS, belief_view, send_steps
 from hexctl.recording.sessions.drawing import THIN, TIMELINE, draw, draw_names, trial_column
 from hexctl.recording.sessions.session_overview import (
@@ -345,7 +346,7 @@ def write_overview_file(path: Path, overview: Overview, *, several: bool = False
                 draft, APPLICATION_ID, overview.title, make_layout(overview, several=several)
             ) as stream:
                 _send(stream, overview)
-            check_whole(draft)
+            check_end(draft)
     except HexctlError:
         raise
     except OSError as error:
