@@ -4,7 +4,7 @@ import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,11 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import Floor
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
+from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
-from hexctl.gait.gait import NAMED_SLOTS, Gait
+from hexctl.gait.gait import make_gait
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd_reader import CHUNK, MESSAGE_HEAD
 from hexctl.recording.rrd_reader import HEAD_BYTES as STREAM_HEAD_BYTES
@@ -60,16 +60,16 @@ class Trial:
     log: TickLog
     result: TrialResult
 
+    def with_columns(self, **columns: np.ndarray) -> "Trial":
+        """The trial with other columns in its log."""
+        log = TickLog()
+        log.frame = self.log.frame
+        log.extend({name: columns.get(name, self.log[name]) for name in COLUMN_NAMES})
+        return replace(self, log=log)
+
 
 def make_plan(robot: Robot, **changes: Any) -> TrialPlan:
-    defaults = robot.gait
-    gait = Gait(
-        slots=NAMED_SLOTS["demo"],
-        pace_hz=defaults.pace_hz,
-        amplitude=defaults.amplitude,
-        height=defaults.height,
-    )
-    return TrialPlan(gait=gait, **changes)
+    return TrialPlan(gait=make_gait(robot, "demo"), **changes)
 
 
 @pytest.fixture(scope="session")
@@ -116,6 +116,11 @@ class ReadBack:
     def times_s(self, entity: str, component: str, timeline: str = "trial_time") -> np.ndarray:
         times = [time for time, _ in self._rows(entity, component, timeline) if time is not None]
         return np.array(times, dtype="int64") / 1e9
+
+    def time_type(self, entity: str, timeline: str) -> Any:
+        """Type of an entity's times on a timeline."""
+        schemas = [batch.schema for batch in self._chunks[entity]]
+        return next(schema.field(timeline).type for schema in schemas if timeline in schema.names)
 
     def _rows(
         self, entity: str, component: str, timeline: str = "trial_time"

@@ -1,6 +1,5 @@
 """What is drawn about a walk: gait, ribbon, support, servos, guard, events and failures."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMN_NAMES, TickLog
+from hexctl.control.log import TickLog
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.gait.foot_trajectory import gait_feet_body
@@ -28,18 +27,6 @@ WALK = PHASES.index("walk")
 @pytest.fixture(scope="module")
 def read(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
     return ReadBack(write(tmp_path_factory.mktemp("drawn") / "trial.rrd", trial))
-
-
-def rewritten(trial: Trial, **columns: np.ndarray) -> TickLog:
-    """The trial's log with other columns."""
-    log = TickLog()
-    log.frame = trial.log.frame
-    log.extend({name: columns.get(name, trial.log[name]) for name in COLUMN_NAMES})
-    return log
-
-
-def recorded(trial: Trial, log: TickLog, path: Path) -> ReadBack:
-    return ReadBack(write(path, replace(trial, log=log)))
 
 
 def lane(read: ReadBack, path: str, ticks: int) -> list[str]:
@@ -96,9 +83,9 @@ def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_
     sent[60:63, 4] += 0.01
     times = trial.log["time_s"].copy()
     times[100:] += 0.06
-    log = rewritten(trial, commanded_rad=sent, time_s=times)
-    log.notes = [(90, "noticed: leg 5 locked")]
-    read = recorded(trial, log, tmp_path / "troubled.rrd")
+    troubled = trial.with_columns(commanded_rad=sent, time_s=times)
+    troubled.log.notes = [(90, "noticed: leg 5 locked")]
+    read = ReadBack(write(tmp_path / "troubled.rrd", troubled))
     at = np.round(read.times_s(f"/{paths.GUARD}", "StateChange:state") * 50).astype(int).tolist()
     states = [value[0] for value in read.values(f"/{paths.GUARD}", "StateChange:state")]
     usual, clipped, missed = style.GUARD_STATES
@@ -142,7 +129,7 @@ def test_a_robot_that_knows_its_position_alone_is_drawn_on_its_way(
     read: ReadBack, trial: Trial, tmp_path: Path
 ) -> None:
     without = np.full((len(trial.log), 4), np.nan)
-    alone = recorded(trial, rewritten(trial, base_quaternion_world=without), tmp_path / "alone.rrd")
+    alone = ReadBack(write(tmp_path / "alone.rrd", trial.with_columns(base_quaternion_world=without)))
     for path, component in (
         (paths.TRAIL, "LineStrips3D:strips"),
         (paths.RIBBON, "Mesh3D:vertex_positions"),

@@ -64,18 +64,17 @@ def test_a_browser_is_sent_to_the_dark_viewer_of_all_recordings(
     assert live == {"theme": ["dark"], "url": ["rerun+http://127.0.0.1:1234/proxy"]}
 
 
-def test_a_missing_display_comes_with_a_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    message = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
-    recording = stand_in(tmp_path, f'echo "{message}" >&2; exit 1', monkeypatch)
-    with pytest.raises(RecordingError, match="--web") as refusal:
+NO_DISPLAY = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
+
+
+@pytest.mark.parametrize(("said", "told"), [(NO_DISPLAY, "--web"), ("info\\nError: no GPU", "no GPU")])
+def test_an_error_of_the_viewer_is_passed_on_in_one_line(
+    said: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = stand_in(tmp_path, f'printf "{said}\\n" >&2; exit 3', monkeypatch)
+    with pytest.raises(RecordingError, match=told) as refusal:
         open_viewer([recording])
     assert "\n" not in str(refusal.value)
-
-
-def test_another_error_is_passed_on_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording = stand_in(tmp_path, 'printf "info\\nError: no GPU\\n" >&2; exit 3', monkeypatch)
-    with pytest.raises(RecordingError, match="no GPU"):
-        open_viewer([recording])
 
 
 ORIGIN = "http://127.0.0.1:9090"
