@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +23,7 @@ from faults.process import Program
 from faults.programs.relay import Frames
 from faults.programs.truth import FAULT, STATE, TOLD, Truth, TruthWriter
 from hexctl.types import FloatArray
+from tests.faults.outcomes import outcome
 
 TIMES_S: FloatArray = np.linspace(0.0, 1.98, 100)
 
@@ -121,22 +121,6 @@ def test_what_a_twin_writes_is_read(tmp_path: Path) -> None:
     assert truth.cos_tilt.tolist() == [0.5]
     assert truth.told_rad.tolist() == [[1.0] * 18]
     assert truth.fault_at_s.size == 1
-
-
-def outcome(**given: Any) -> Outcome:
-    values: dict[str, Any] = {
-        "fault": "none",
-        "backend": "zenoh",
-        "phase": "walking",
-        "repetition": 0,
-        "rest_s": None,
-        "told_s": 1.0,
-        "step": 1.0,
-        "fell": False,
-        "goes_on": True,
-        **given,
-    }
-    return Outcome(**values)
 
 
 def test_an_outcome_is_the_same_from_its_line() -> None:
