@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S, WallClock
@@ -156,13 +155,9 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
         "frame": log.frame,
         "pose_known": log.pose_known,
         "contacts_known": log.contacts_known,
-        "servo_rows": [(row - start, servos) for row, servos in log.servo_rows.between(start, stop)],
-        "notes": [(row - start, text) for row, text in log.notes if start <= row < stop],
-        "leg_changes": [
-            replace(change, row=change.row - start)
-            for change in log.leg_changes
-            if start <= change.row < stop
-        ],
+        "servo_rows": log.servo_rows.between(start, stop),
+        "notes": [note for note in log.notes if start <= note[0] < stop],
+        "leg_changes": [change for change in log.leg_changes if start <= change.row < stop],
     }
 
 

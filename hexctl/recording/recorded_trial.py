@@ -142,7 +142,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     check_name(path)
     columns = _Columns(path)
     times_ns, joints_rad = _joints(columns, path)
-    properties = columns.properties("trial") or {"title": columns.name()}
+    properties = columns.properties("trial") or {"title": _title(columns)}
     position_m, quaternion = _pose(columns)
     servos = {str(series.source): columns.samples(series) for series in SERVOS}
     return RecordedTrial(
@@ -164,7 +164,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         leg_suspicion=_without_alarm(columns.samples(SUSPICION)),
         servos={name: samples for name, samples in servos.items() if samples.rows.size},
         events=tuple(_events(columns)),
-        floor_quaternion=columns.static_quaternion(paths.GROUND),
+        floor_quaternion=_floor_quaternion(columns),
         on_stand=bool(columns.properties("robot").get("on_stand")),
         course_world=_course(columns),
     )
@@ -240,17 +240,10 @@ class _Columns:
                     found[column] = value[0] if len(value) == 1 else value
         return dict(sorted(found.items()))
 
-    def name(self) -> str:
-        for batch in self._chunks.get("/__properties", ()):
-            if "RecordingInfo:name" in batch.schema.names:
-                return str(batch.column("RecordingInfo:name").to_pylist()[0][0])
-        return ""
-
-    def static_quaternion(self, entity: str) -> FloatArray:
-        for batch in self._chunks.get(f"/{entity}", ()):
-            if "Transform3D:quaternion" in batch.schema.names:
-                return wxyz(np.asarray(_flat(batch.column("Transform3D:quaternion")), dtype=float)[:4])
-        return np.array([1.0, 0.0, 0.0, 0.0])
+    def static(self, entity: str, component: str) -> Any:
+        """Value of a static component, or None."""
+        batches = [one for one in self._chunks.get(f"/{entity}", ()) if component in one.schema.names]
+        return batches[0].column(component).to_pylist()[0] if batches else None
 
     def times_ns(self, timeline: str) -> Rows:
         """Times of all ticks on a timeline, as the commanded angles have them."""
@@ -277,6 +270,15 @@ def _robot(columns: _Columns, path: Path) -> Robot:
         raise InputError(
             f"recording: {path} does not hold its robot; allowed: --robot FILE with it"
         ) from error
+
+
+def _title(columns: _Columns) -> str:
+    return str((columns.static("__properties", "RecordingInfo:name") or [""])[0])
+
+
+def _floor_quaternion(columns: _Columns) -> FloatArray:
+    values = columns.static(paths.GROUND, "Transform3D:quaternion")
+    return wxyz(np.array(values[0] if values else [0.0, 0.0, 0.0, 1.0]))
 
 
 def _pose(columns: _Columns) -> tuple[FloatArray, FloatArray]:

@@ -130,8 +130,7 @@ class Recording:
         flush(self._stream, self.path)
         written = size_of(self.path)
         self._send_summary(result, facts)
-        subject, share = self._subject, self._tally.share
-        properties = make_properties(self._title, subject.robot, subject.plan, result, share, facts)
+        properties = make_properties(self._title, self._subject, result, self._tally.share, facts)
         self._stream.send_property("trial", rr.AnyValues(**properties))
         if self._last is not None:
             send_outcome(self._last, result)
@@ -152,8 +151,7 @@ class Recording:
         self.path.unlink(missing_ok=True)
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
-        subject, share = self._subject, self._tally.share
-        text = make_markdown(self._title, subject.robot, subject.plan, result, share, facts)
+        text = make_markdown(self._title, self._subject, result, self._tally.share, facts)
         document = load_rerun().TextDocument(text, media_type="text/markdown")
         self._stream.log(paths.SUMMARY, document, static=True)
 

@@ -161,8 +161,7 @@ def _summary(lane: _Lane) -> Any:
 
 
 def _layout(lanes: Sequence[_Lane]) -> Any:
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     deviations = [f"+ {lane.root}/{paths.DEVIATION}" for lane in lanes]
     results = [rrb.TextDocumentView(origin=f"{lane.root}/{paths.SUMMARY}", name=lane.name) for lane in lanes]
     side = rrb.Vertical(
@@ -185,8 +184,7 @@ def _layout(lanes: Sequence[_Lane]) -> Any:
 
 
 def _scene_view(lanes: Sequence[_Lane]) -> Any:
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     ends_m = np.concatenate([_ends_m(lane) for lane in lanes])
     low_m, high_m = ends_m.min(axis=0), ends_m.max(axis=0)
     middle_m, length_m = (low_m + high_m) / 2, float(np.linalg.norm(high_m - low_m)) + 0.5

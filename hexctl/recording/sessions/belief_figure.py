@@ -79,7 +79,7 @@ def _send_axes(stream: Any, gaits: int) -> None:
     lines = [[(0.0, height(mark)), (gaits + 1.0, height(mark))] for mark in (*marks_m, 0.0)]
     colors = [AXIS_COLOR] * len(marks_m) + [LINE_COLOR]
     draw(stream, AXES, rr.LineStrips2D(lines, colors=colors, radii=[THIN], draw_order=AXIS_ORDER))
-    names = [
+    names: list[tuple[Any, str]] = [
         ((-4.0, height(mark) - 1.5), f"{'-' if mark < 0 else '+'}{mark_text(abs(mark))}") for mark in marks_m
     ]
     names += [((code, HEIGHT), f"gait {code}") for code in range(NAMED_GAITS, gaits + 1, NAMED_GAITS)]
@@ -129,8 +129,7 @@ def _send_next(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
 
 def belief_view(overview: Overview) -> Any | None:
     """View of the beliefs, or None."""
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     beliefs = next((step.beliefs for step in overview.steps if step.beliefs is not None), None)
     if beliefs is None:
         return None

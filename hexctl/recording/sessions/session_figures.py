@@ -267,8 +267,7 @@ LEGEND_SHARE = 0.15
 
 def make_layout(overview: Overview, *, several: bool = False) -> Any:
     """Blueprint of an overview; `several` opens the list of recordings."""
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     views = [_above_view(overview), belief_view(overview), _curve_view(overview)]
     shares = [share for view, share in zip(views, (5, 4, 2), strict=True) if view is not None]
     left = rrb.Vertical(*(view for view in views if view is not None), row_shares=shares)
@@ -287,8 +286,7 @@ def make_layout(overview: Overview, *, several: bool = False) -> Any:
 
 
 def _above_view(overview: Overview) -> Any:
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     (x_low, bottom), (x_high, top) = picture(visible_m(overview))
     return rrb.Spatial2DView(
         origin=ABOVE,
@@ -300,8 +298,7 @@ def _above_view(overview: Overview) -> Any:
 
 
 def _curve_view(overview: Overview) -> Any:
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     first, last = overview.trials[0].index, overview.trials[-1].index
     # Room for the legend.
     last += max(1, round(LEGEND_SHARE * (last - first)))
