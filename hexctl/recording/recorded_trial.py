@@ -16,7 +16,7 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import check_name
 from hexctl.recording.rrd_reader import entity_of, read_chunks
-from hexctl.recording.series import SERVOS, SUSPICION, TORQUES, VECTORS, VELOCITY, Series
+from hexctl.recording.series import ACTION, SERVOS, SUSPICION, TORQUES, VECTORS, VELOCITY, Series
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wxyz
@@ -248,7 +248,7 @@ class _Columns:
     def times_ns(self, timeline: str) -> Rows:
         """Times of all ticks on a timeline, as the commanded angles have them."""
         parts = [
-            (times, np.asarray(others.cast("int64"))) for times, others in self._rows(paths.ACTION, timeline)
+            (times, np.asarray(others.cast("int64"))) for times, others in self._rows(ACTION.path, timeline)
         ]
         return np.asarray(_joined(parts, np.empty(0, dtype=np.int64))[1])
 

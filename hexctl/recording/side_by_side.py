@@ -17,6 +17,7 @@ from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import load_rerun, new_recording
 from hexctl.recording.rrd_reader import rerun_chunks
+from hexctl.recording.series import DEVIATION
 from hexctl.robot.failure import loses_leg
 
 #: Differs from that of trials: a viewer keeps one layout per application.
@@ -29,7 +30,7 @@ LANE_SHARE = 2.8
 EYE = (0.62, 0.42)
 
 #: Entities of each recording in the common scene, besides its result.
-SHOWN = (paths.WORLD, paths.DEVIATION)
+SHOWN = (paths.WORLD, DEVIATION.path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +140,7 @@ def _send_looks(stream: Any, lane: _Lane) -> None:
     label = rr.Points3D(above, radii=[0.0], colors=[TEXT_COLOR], labels=[lane.name], show_labels=True)
     stream.log(f"{lane.root}/{paths.BODY}/name", label, static=True)
     line = rr.SeriesLines(colors=[lane.color], names=[lane.name], widths=[2.0])
-    stream.log(f"{lane.root}/{paths.DEVIATION}", line, static=True)
+    stream.log(f"{lane.root}/{DEVIATION.path}", line, static=True)
     stream.log(f"{lane.root}/{paths.SUMMARY}", _summary(lane), static=True)
 
 
@@ -162,13 +163,13 @@ def _summary(lane: _Lane) -> Any:
 
 def _layout(lanes: Sequence[_Lane]) -> Any:
     rrb = load_rerun().blueprint
-    deviations = [f"+ {lane.root}/{paths.DEVIATION}" for lane in lanes]
+    deviations = [f"+ {lane.root}/{DEVIATION.path}" for lane in lanes]
     results = [rrb.TextDocumentView(origin=f"{lane.root}/{paths.SUMMARY}", name=lane.name) for lane in lanes]
     side = rrb.Vertical(
         *results,
         plot(
             "/",
-            "deviation from the line (m), left +",
+            DEVIATION.title,
             contents=deviations,
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
         ),

@@ -11,7 +11,6 @@ import pytest
 
 from hexctl.control.table import ServoRows
 from hexctl.errors import InputError
-from hexctl.recording import paths
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.recording.recording import Recording
 from hexctl.robot.loader import load_robot
@@ -190,11 +189,11 @@ def test_action_and_state_are_vectors_at_every_tick(trial: Trial, tmp_path: Path
     read = ReadBack(write(tmp_path / "trial.rrd", trial))
     assert pa.types.is_timestamp(read.time_type("/action", "wall_time")), "rerun-lerobot reads no durations"
     times_s, same_s = (
-        read.times_s(f"/{one}", "Scalars:scalars", "wall_time") for one in (paths.ACTION, paths.OBSERVATION)
+        read.times_s(f"/{one}", "Scalars:scalars", "wall_time") for one in ("action", "observation/state")
     )
     assert np.array_equal(times_s, same_s), "one row holds both"
     assert np.diff(times_s) == pytest.approx(np.diff(trial.log["time_s"]), abs=1e-6)
-    for entity, name in ((paths.ACTION, "commanded_rad"), (paths.OBSERVATION, "measured_rad")):
+    for entity, name in (("action", "commanded_rad"), ("observation/state", "measured_rad")):
         values = np.array(read.values(f"/{entity}", "Scalars:scalars"))
         assert values.shape == (len(trial.log), 18)
         assert values == pytest.approx(trial.log[name], abs=np.radians(0.09)), "finer than servos resolve"

@@ -196,7 +196,7 @@ def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Pa
         child.wait(10)
         child.stdout.close()
     read = ReadBack(path)
-    assert len(read.values(f"/{paths.OBSERVATION}", "Scalars:scalars")) == 200
+    assert len(read.values("/observation/state", "Scalars:scalars")) == 200
     assert len(read.blueprints) == 1
 
 

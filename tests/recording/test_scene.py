@@ -15,6 +15,7 @@ from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.recording import Recording
 from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
+from hexctl.recording.series import DEVIATION
 from hexctl.recording.side_by_side import names_of, write_together
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_meshes
@@ -145,7 +146,7 @@ def test_all_walks_are_in_one_scene_each_in_a_lane(written: list[Path], recordin
         left_m.append(place[1])
         moved = scene.values(f"/lane{number}/{paths.ROBOT}", "Transform3D:translation")
         np.testing.assert_allclose(moved[-1][0][:2], trial.base_position_world[-1, :2], atol=1e-3)
-        assert scene.values(f"/lane{number}/{paths.DEVIATION}", "Scalars:scalars")
+        assert scene.values(f"/lane{number}/{DEVIATION.path}", "Scalars:scalars")
         (name,) = [one for (one,) in scene.values(f"/lane{number}/{paths.BODY}/name", "Points3D:labels")]
         names.append(name)
     assert len(set(names)) == 2

@@ -133,7 +133,7 @@ def test_a_robot_that_knows_its_position_alone_is_drawn_on_its_way(
     for path, component in (
         (paths.TRAIL, "LineStrips3D:strips"),
         (paths.RIBBON, "Mesh3D:vertex_positions"),
-        (paths.DEVIATION, "Scalars:scalars"),
+        ("deviation", "Scalars:scalars"),
         (paths.ROBOT, "Transform3D:translation"),
     ):
         drawn = alone.values(f"/{path}", component)
@@ -207,4 +207,4 @@ def test_a_walk_that_watches_no_legs_has_no_lane_of_what_it_noticed(trial: Trial
     failing = ReadBack(write(tmp_path / "a.rrd", trial))
     assert timed(failing, paths.BROKEN, "StateChange:state") == [(0, ["broken: leg 5 locked"])]
     assert not timed(failing, paths.NOTICED, "StateChange:state")
-    assert not timed(failing, paths.SUSPICION, "Scalars:scalars")
+    assert not timed(failing, "leg_suspicion", "Scalars:scalars")
