@@ -1,11 +1,8 @@
 """A short simulated trial with a failed leg, a made-up session, and a reader of recordings."""
 
-import subprocess
-import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -21,35 +18,12 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.recording.recording import Recording
-from hexctl.recording.rrd_reader import CHUNK, MESSAGE_HEAD
 from hexctl.recording.rrd_reader import HEAD_BYTES as STREAM_HEAD_BYTES
+from hexctl.recording.rrd_reader import MESSAGE_HEAD
 from hexctl.recording.sessions.session_overview import Overview, OverviewTrial
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-
-#: Damages one byte after the other, and reads with Rerun's reader in a child: prints the byte that ends it.
-DAMAGE = """
-import os, signal, sys
-from pathlib import Path
-from rerun.chunk import RrdReader
-path, places = Path(sys.argv[1]), map(int, sys.argv[2:])
-whole = path.read_bytes()
-for at in places:
-    path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-    child = os.fork()
-    if not child:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-        for chunk in RrdReader(path).stream().to_chunks():
-            chunk.to_record_batch()
-        os._exit(0)
-    if os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGABRT:
-        sys.exit(0)
-sys.exit(1)
-"""
-
-#: Bytes from one place of a message that is damaged to the next that is tried.
-STRIDE = 13
 
 
 @dataclass
@@ -171,18 +145,6 @@ def make_overview(*trials: OverviewTrial) -> Overview:
 SESSION = make_overview(
     make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
 )
-
-
-def damage(path: Path) -> Path:
-    """A copy of a recording with one other byte, at which Rerun's reader ends its process (SIGABRT)."""
-    whole, damaged = path.read_bytes(), path.with_name(f"{path.stem}-damaged.rrd")
-    damaged.write_bytes(whole)
-    # The last quarter of most messages holds lengths of their columns, which Rerun does not check.
-    chosen = islice(messages(whole, CHUNK), 1, 9)
-    places = (at for start, stop in chosen for at in range(start + (stop - start) * 3 // 4, stop, STRIDE))
-    command = [sys.executable, "-c", DAMAGE, str(damaged), *map(str, places)]
-    assert subprocess.run(command, timeout=120, check=False).returncode == 0, "no byte ends Rerun's reader"
-    return damaged
 
 
 def messages(content: bytes, *kinds: int) -> Iterator[tuple[int, int]]:
