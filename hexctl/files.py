@@ -92,10 +92,19 @@ def folder_trouble(folder: Path, error: OSError) -> str:
     return file_instead(folder) or f"{folder}/: cannot be used ({error.strerror})"
 
 
-def check_writable(folder: Path) -> None:
+def check_writable(folder: Path, allowed: str = ALLOWED_FOLDER) -> None:
     """Raise InputError unless a folder exists or can be made, and is writable."""
     if (trouble := write_trouble(folder)) is not None:
-        raise InputError(f"{trouble}; {ALLOWED_FOLDER}")
+        raise InputError(f"{trouble}; {allowed}")
+
+
+def make_folder(folder: Path, allowed: str = ALLOWED_FOLDER) -> None:
+    """Make a folder unless it exists; raises InputError if it cannot be made or is not writable."""
+    check_writable(folder, allowed)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder_trouble(folder, error)}; {allowed}") from error
 
 
 def write_trouble(folder: Path) -> str | None:
