@@ -191,7 +191,7 @@ def measured(name: str, times: int, folder: Path) -> Stops:
 @pytest.mark.long
 @pytest.mark.parametrize("name", FEW)
 def test_a_robot_whose_driver_goes_comes_to_rest(name: str, tmp_path: Path) -> None:
-    assert len(measured(name, 2, tmp_path).rest_s) == 2
+    assert len(measured(name, 2, tmp_path).rest_s) >= 2
 
 
 @pytest.mark.realtime

@@ -71,10 +71,11 @@ class Driven(ABC):
     Args:
         folder: for its files, empty.
         chance: of what it is told.
+        how: its walks end.
     """
 
-    def __init__(self, folder: Path, chance: random.Random) -> None:
-        self.folder, self.chance = folder, chance
+    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
+        self.folder, self.chance, self._how = folder, chance, how
         self.drive: Process | None = None
         self.servos = Servos(folder / "servos")
         self.servos.path.touch()

@@ -1,7 +1,6 @@
 """Hands that are lifted or go, and links that are lost: gamepads, pages, terminals, cables."""
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -40,10 +39,6 @@ class PadDriven(Driven):
         how: `released`, `ended` (its event file reads as ended) or `gone` (reading it is an error).
     """
 
-    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
-        super().__init__(folder, chance)
-        self._how = how
-
     def begin(self) -> None:
         self._pad = Pad(self.folder / "pad", pipe=self._how != "gone")
         self._pad.plug_in()
@@ -72,10 +67,7 @@ class PageDriven(Driven):
             `killed`, its process with SIGKILL; or `silent`, with SIGSTOP: its socket stays open.
     """
 
-    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
-        super().__init__(folder, chance)
-        self._how = how
-        self._finger: subprocess.Popen[str] | None = None
+    _finger: subprocess.Popen[str] | None = None
 
     def begin(self) -> None:
         self.drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
@@ -145,12 +137,8 @@ class BrowserDriven(Driven):
         how: `lifted` or `left`.
     """
 
-    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
-        super().__init__(folder, chance)
-        self._how = how
-        self._stack = ExitStack()
-
     def begin(self) -> None:
+        self._stack = ExitStack()
         self.drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
         self._url = self.drive.wait_for(r"http://127\.0\.0\.1:\d+/")[0]
         self._page = self._stack.enter_context(browser((800, 900), self.folder))
@@ -197,20 +185,16 @@ class KeysDriven(Driven):
             SIGHUP; `killed` or `frozen`, the process with the terminal by SIGKILL or SIGSTOP.
     """
 
-    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
-        super().__init__(folder, chance)
-        self._how = how
-        self._terminal: OnTerminal | Emulated | None = None
+    _terminal: "OnTerminal | Emulated | None" = None
 
     def begin(self) -> None:
         arguments = ["--backend", RECORDED, "--gamepad", "none"]
         variables = {VARIABLE: str(self.servos.path)}
         if self._how in ("killed", "frozen"):
             self._terminal = Emulated(arguments, self.folder, variables)
-            self._terminal.wait("tripod · driving")
-            return
-        program = WITH_TERMINAL if self._how == "closed" else COMMAND
-        self._terminal = OnTerminal(arguments, self.folder, program=program, variables=variables)
+        else:
+            program = WITH_TERMINAL if self._how == "closed" else COMMAND
+            self._terminal = OnTerminal(arguments, self.folder, program=program, variables=variables)
         self._terminal.wait("tripod · driving")
 
     def end(self) -> None:
@@ -336,12 +320,8 @@ class LinkDriven(Driven):
             is sent and passes nothing on, as a pulled plug does; `cut`, it closes the connections.
     """
 
-    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
-        super().__init__(folder, chance)
-        self._how = how
-        self._stack, self._drives = ExitStack(), ExitStack()
-
     def begin(self) -> None:
+        self._stack, self._drives = ExitStack(), ExitStack()
         # It does not sit down while it waits for the next drive.
         self._robot = self._stack.enter_context(served(self.folder, "--sit-after", "3600", name="served"))
         self.servos = type(self.servos)(self._robot.log_path)
