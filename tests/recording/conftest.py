@@ -85,10 +85,10 @@ class ReadBack:
 
     def values(self, entity: str, component: str) -> list[Any]:
         """The component's value per row, static ones included."""
-        return [value for _, value in self._rows(entity, component)]
+        return [value for _, value in self.rows(entity, component)]
 
     def times_s(self, entity: str, component: str, timeline: str = "trial_time") -> np.ndarray:
-        times = [time for time, _ in self._rows(entity, component, timeline) if time is not None]
+        times = [time for time, _ in self.rows(entity, component, timeline) if time is not None]
         return np.array(times, dtype="int64") / 1e9
 
     def time_type(self, entity: str, timeline: str) -> Any:
@@ -96,9 +96,8 @@ class ReadBack:
         schemas = [batch.schema for batch in self._chunks[entity]]
         return next(schema.field(timeline).type for schema in schemas if timeline in schema.names)
 
-    def _rows(
-        self, entity: str, component: str, timeline: str = "trial_time"
-    ) -> list[tuple[int | None, Any]]:
+    def rows(self, entity: str, component: str, timeline: str = "trial_time") -> list[tuple[int | None, Any]]:
+        """Times, None of static values, and values of a component in the order of time."""
         rows: list[tuple[int | None, Any]] = []
         for batch in self._chunks[entity]:
             if component not in batch.schema.names:
@@ -117,7 +116,7 @@ class ReadBack:
         for entity, batches in self._chunks.items():
             names = {name for batch in batches for name in batch.schema.names if ":" in name}
             for name in names:
-                rows = [row for row in self._rows(entity, name) if row[0] is not None]
+                rows = [row for row in self.rows(entity, name) if row[0] is not None]
                 if rows:
                     found[entity, name] = rows
         return found

@@ -42,10 +42,6 @@ def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
     assert np.diff(sparse.rows).max() == 5
     assert np.isnan(sparse.at_every_tick(len(log))[1]).all()
     assert not read.servos
-
-
-@pytest.mark.slow
-def test_it_holds_the_robot_the_outcome_and_what_happened(read: RecordedTrial, trial: Trial) -> None:
     assert read.robot == trial.robot
     assert read.properties["status"] == trial.result.status
     assert read.properties["failed_leg"] == 5

@@ -29,16 +29,9 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def rows(path: Path, entity: str, component: str) -> dict[int, Any]:
     """What an entity shows from which trial on."""
-    import rerun as rr
-
-    found: dict[int, Any] = {}
-    for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
-        batch = chunk.to_record_batch()
-        if chunk.entity_path == entity and {"trial", component} <= set(batch.schema.names):
-            found |= dict(
-                zip(batch.column("trial").to_pylist(), batch.column(component).to_pylist(), strict=True)
-            )
-    return dict(sorted(found.items()))
+    return {
+        trial: value for trial, value in ReadBack(path).rows(entity, component, "trial") if trial is not None
+    }
 
 
 def test_the_curve_has_scores_best_so_far_and_invalid_trials_above(written: Path) -> None:
