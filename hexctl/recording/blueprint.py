@@ -64,25 +64,25 @@ def make_blueprint(
         ),
         row_shares=[10, 4, 4, 6],
     )
+    time = {"play_state": "following", "loop_mode": "off"} if live else {}
+    return two_columns(scene, side, paths.WALK_TIMELINE, several=several, **time)
+
+
+def two_columns(left: Any, right: Any, timeline: str, *, several: bool, **time: Any) -> Any:
+    """Blueprint of two columns with a timeline, played in a loop unless `time` has other options.
+
+    The list of recordings is open if there are `several`.
+    """
+    rrb = load_rerun().blueprint
+    time = {"play_state": "playing", "loop_mode": "all", **time}
     return rrb.Blueprint(
-        rrb.Horizontal(scene, side, column_shares=[5, 3]),
-        *side_panels(several=several),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=paths.WALK_TIMELINE,
-            play_state="following" if live else "playing",
-            loop_mode="off" if live else "all",
-        ),
+        rrb.Horizontal(left, right, column_shares=[5, 3]),
+        rrb.BlueprintPanel(state="expanded" if several else "hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, **time),
         auto_views=False,
         auto_layout=False,
     )
-
-
-def side_panels(*, several: bool) -> tuple[Any, Any]:
-    """The list of recordings, open if there are several, and the selection."""
-    rrb = load_rerun().blueprint
-    left = rrb.BlueprintPanel(state="expanded" if several else "hidden")
-    return left, rrb.SelectionPanel(state="hidden")
 
 
 def scene_view(robot: Robot, heading_rad: float, floor: Floor) -> Any:

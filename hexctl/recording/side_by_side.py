@@ -12,7 +12,7 @@ import numpy as np
 from hexctl.backends.sim.terrain import Floor
 from hexctl.palette import BACKGROUND, LEG_COLORS, TEXT_COLOR
 from hexctl.recording import paths, style
-from hexctl.recording.blueprint import make_blueprint, plot, side_panels, up_to_cursor
+from hexctl.recording.blueprint import make_blueprint, plot, two_columns, up_to_cursor
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import load_rerun, new_recording
@@ -175,13 +175,7 @@ def _layout(lanes: Sequence[_Lane]) -> Any:
         ),
         row_shares=[*(3 for _ in results), 4],
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(_scene_view(lanes), side, column_shares=[5, 3]),
-        *side_panels(several=True),
-        rrb.TimePanel(state="collapsed", timeline=paths.WALK_TIMELINE, play_state="playing", loop_mode="all"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return two_columns(_scene_view(lanes), side, paths.WALK_TIMELINE, several=True)
 
 
 def _scene_view(lanes: Sequence[_Lane]) -> Any:

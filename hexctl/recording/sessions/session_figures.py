@@ -19,7 +19,7 @@ from hexctl.palette import (
     baseline_color,
     deviation_color,
 )
-from hexctl.recording.blueprint import side_panels
+from hexctl.recording.blueprint import two_columns
 from hexctl.recording.rrd import create_file, create_folders, load_rerun, new_recording
 from hexctl.recording.rrd_reader import check_end
 from hexctl.recording.sessions.belief_figure import STEPS, belief_view, send_steps
@@ -275,14 +275,9 @@ def make_layout(overview: Overview, *, several: bool = False) -> Any:
     heights = [4, 3] if len(shares) == len(views) else [2, 1]
     steps = rrb.TextDocumentView(origin=STEPS, name="why this gait")
     right = rrb.Vertical(table, steps, row_shares=heights) if overview.steps else table
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[5, 3]),
-        *side_panels(several=several),
-        # Following: the time cursor begins at the last trial, so that all are shown.
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following", fps=4.0),
-        auto_views=False,
-        auto_layout=False,
-    )
+    # Following: the time cursor begins at the last trial, so that all are shown.
+    time = {"play_state": "following", "loop_mode": None, "fps": 4.0}
+    return two_columns(left, right, TIMELINE, several=several, **time)
 
 
 def _above_view(overview: Overview) -> Any:
