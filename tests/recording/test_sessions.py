@@ -69,7 +69,8 @@ def test_rerun_finds_nothing_wrong_with_any_session(tmp_path: Path) -> None:
         make_trial(1, 0.0, valid=False), deviation_m=None, distance_m=None, path_m=np.zeros((0, 2))
     )
     flown = make_overview(make_trial(1, 0.1), make_trial(2, 900.0, valid=False))
-    for number, session in enumerate((make_overview(none), flown)):
+    short = replace(SESSION, course_m=0.1)
+    for number, session in enumerate((make_overview(none), flown, short)):
         path = tmp_path / f"{number}.rrd"
         write_overview_file(path, session)
         command = [str(viewer_binary()), "rrd", "verify", str(path)]

@@ -1,6 +1,6 @@
 """Things in the overview of a session: always there, or from a trial on."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,10 +30,9 @@ def draw(stream: Any, path: str, thing: Any, trial: int | None = None) -> None:
     stream.send_columns(path, [trial_column([trial])], columns)
 
 
-def draw_names(stream: Any, path: str, names: Iterable[tuple[Any, str]], trial: int | None = None) -> None:
+def draw_names(stream: Any, path: str, names: Sequence[tuple[Any, str]], trial: int | None = None) -> None:
     """Send texts with their positions in the picture."""
-    places, texts = zip(*names, strict=True)
-    labels = load_rerun().Points2D(
-        np.array(places), radii=[0.0], colors=[TEXT_COLOR], labels=list(texts), show_labels=True
-    )
-    draw(stream, path, labels, trial)
+    places = np.array([place for place, _ in names]).reshape(-1, 2)
+    texts = [text for _, text in names]
+    look = {"radii": [0.0], "colors": [TEXT_COLOR], "labels": texts, "show_labels": True}
+    draw(stream, path, load_rerun().Points2D(places, **look), trial)
