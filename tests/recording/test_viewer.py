@@ -10,7 +10,7 @@ import pytest
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.recording import viewer
-from hexctl.recording.viewer import FileServer, newest_recording, open_viewer, serve_web, web_url
+from hexctl.recording.viewer import FileServer, newest_recording, open_viewer, serve_web, web_page, web_url
 
 
 def test_the_newest_recording_of_all_folders_is_found(tmp_path: Path) -> None:
@@ -56,9 +56,10 @@ def test_a_browser_is_sent_to_the_dark_viewer_of_all_recordings(
     stand_in(tmp_path, "sleep 60", monkeypatch)
     urls = ["http://127.0.0.1:1/a session/1.rrd", "http://127.0.0.1:1/b.rrd?x=1&y=2"]
     with serve_web(9090, urls) as served:
-        served.check()
-        assert served.url.startswith("http://127.0.0.1:9090/?")
-        asked = parse_qs(urlsplit(served.url).query)
+        assert served.poll() is None
+    page = web_page(9090, urls)
+    assert page.startswith("http://127.0.0.1:9090/?")
+    asked = parse_qs(urlsplit(page).query)
     assert asked == {"theme": ["dark"], "url": urls}
     live = parse_qs(urlsplit(web_url(1234, 9090)).query)
     assert live == {"theme": ["dark"], "url": ["rerun+http://127.0.0.1:1234/proxy"]}
