@@ -8,15 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl.archive import MOST_ARCHIVE_BYTES, MOST_ARRAYS, open_archive
 from hexctl.cli.main import exit_code
 from hexctl.files import (
-    MOST_ARCHIVE_BYTES,
-    MOST_ARRAYS,
     atomic_write,
     folder_trouble,
     is_file,
     is_folder,
-    open_archive,
     read_file,
     read_secret,
     replacing,
