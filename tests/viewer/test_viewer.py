@@ -180,8 +180,11 @@ def viewer_of(walk: Program) -> int:
 
     def found() -> int | None:
         assert walk.process.poll() is None, walk.said()
-        started = children_of(walk.process.pid)
-        return next((one for one in started if Path(f"/proc/{one}/comm").read_text() == "rerun\n"), None)
+        for child in children_of(walk.process.pid):
+            with suppress(OSError):  # it has ended meanwhile
+                if Path(f"/proc/{child}/comm").read_text() == "rerun\n":
+                    return child
+        return None
 
     return int(wait_until(found, "the viewer"))
 
