@@ -3,16 +3,21 @@
 import hashlib
 import io
 import json
+import math
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from hexctl.errors import HexctlError, InputError, argument, check_type
-from hexctl.files import ARCHIVE_DAMAGE, OnDamage, atomic_write, damage_reason, open_archive
+from hexctl.files import OnDamage, atomic_write, read_file
 
 #: Name of the head among the arrays of a file.
 _HEAD = "head"
@@ -20,11 +25,77 @@ _HEAD = "head"
 #: Entries of the head in addition to the content.
 _ADDED = ("format", "version", "digest")
 
-_DAMAGE: tuple[type[Exception], ...] = (*ARCHIVE_DAMAGE, AttributeError)
+#: Maximum size of an archive, packed and unpacked; a prior has half a million bytes.
+MOST_ARCHIVE_BYTES = 100_000_000
+
+#: Maximum arrays in an archive; a landscape has five.
+MOST_ARRAYS = 64
+
+#: Bytes of an element when an array is read as numbers.
+_NUMBER_BYTES = 8
+
+#: Exceptions of numpy and zipfile for a damaged archive (.npz).
+_DAMAGE: tuple[type[Exception], ...] = (
+    OSError,
+    AttributeError,
+    EOFError,
+    ValueError,
+    KeyError,
+    TypeError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+    MemoryError,  # an array with a header beyond the memory
+    RuntimeError,  # zipfile, for a file marked as encrypted
+    tokenize.TokenError,  # numpy, for a truncated array header
+)
 
 Arrays = Mapping[str, NDArray[Any]]
 
 Content = TypeVar("Content")
+
+
+def open_archive(path: Path | str) -> Any:
+    """The archive (.npz) of an untrusted file; a context manager.
+
+    Raises OSError as `read_file` does, ValueError if it needs too much memory, and `_DAMAGE`.
+    """
+    content = io.BytesIO(read_file(Path(path), MOST_ARCHIVE_BYTES))
+    with zipfile.ZipFile(content) as packed:
+        _check_size(packed)
+    content.seek(0)
+    return np.load(content, allow_pickle=False)
+
+
+def damage_reason(error: BaseException) -> str:
+    """Why an archive cannot be read, as the end of a message."""
+    return " ".join(str(error).split())[:120] or type(error).__name__
+
+
+def _check_size(packed: zipfile.ZipFile) -> None:
+    """Raise ValueError for an archive that would fill the memory; only heads of arrays are unpacked."""
+    members = packed.infolist()
+    if len(members) > MOST_ARRAYS:
+        raise ValueError(f"it has {len(members)} arrays; allowed: {MOST_ARRAYS}")
+    if any(each.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for each in members):
+        raise ValueError("it is packed in a way that numpy does not use")
+    size = sum(_unpacked_bytes(packed, member) for member in members)
+    if size > MOST_ARCHIVE_BYTES:
+        raise ValueError(
+            f"it unpacks to {size / 1e6:.0f} MB; allowed: up to {MOST_ARCHIVE_BYTES / 1e6:.0f} MB"
+        )
+
+
+def _unpacked_bytes(packed: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """Memory of an array as its head declares it, or as numbers if these take more."""
+    with packed.open(member) as file:
+        try:
+            version = npy.read_magic(file)
+        except ValueError:  # numpy does not read it as an array
+            return member.file_size
+        read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, _, kind = read_head(file)
+    return max(member.file_size, math.prod(shape) * max(kind.itemsize, _NUMBER_BYTES))
 
 
 class ArchiveFileError(HexctlError, OSError):

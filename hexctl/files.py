@@ -1,19 +1,13 @@
 """Atomic writes: a reader, or a power cut, finds the old file or the new one, never a part."""
 
 import errno
-import io
 import logging
-import math
 import os
 import shutil
 import stat
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from hexctl.errors import HexctlError, InputError
 from hexctl.scratch import scratch_folder
@@ -25,30 +19,6 @@ OnDamage = Callable[[HexctlError], object]
 
 #: Allowed folders of recordings and sessions, and a next step.
 ALLOWED_FOLDER = "allowed: a folder; call hexctl from one that you can write to, or set HEXCTL_RUNS=FOLDER"
-
-#: Maximum size of an archive, packed and unpacked; a prior has half a million bytes.
-MOST_ARCHIVE_BYTES = 100_000_000
-
-#: Maximum arrays in an archive; a landscape has five.
-MOST_ARRAYS = 64
-
-#: Bytes of an element when an array is read as numbers.
-_NUMBER_BYTES = 8
-
-#: Exceptions of numpy and zipfile for a damaged archive (.npz).
-ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
-    OSError,
-    EOFError,
-    ValueError,
-    KeyError,
-    TypeError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-    MemoryError,  # an array with a header beyond the memory
-    RuntimeError,  # zipfile, for a file marked as encrypted
-    tokenize.TokenError,  # numpy, for a truncated array header
-)
 
 
 def log_damage(error: HexctlError) -> None:
@@ -92,10 +62,19 @@ def folder_trouble(folder: Path, error: OSError) -> str:
     return file_instead(folder) or f"{folder}/: cannot be used ({error.strerror})"
 
 
-def check_writable(folder: Path) -> None:
+def check_writable(folder: Path, allowed: str = ALLOWED_FOLDER) -> None:
     """Raise InputError unless a folder exists or can be made, and is writable."""
     if (trouble := write_trouble(folder)) is not None:
-        raise InputError(f"{trouble}; {ALLOWED_FOLDER}")
+        raise InputError(f"{trouble}; {allowed}")
+
+
+def make_folder(folder: Path, allowed: str = ALLOWED_FOLDER) -> None:
+    """Make a folder unless it exists; raises InputError if it cannot be made or is not writable."""
+    check_writable(folder, allowed)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder_trouble(folder, error)}; {allowed}") from error
 
 
 def write_trouble(folder: Path) -> str | None:
@@ -123,53 +102,6 @@ def read_file(path: Path, most_bytes: int) -> bytes:
     if len(content) > most_bytes:
         raise OSError(errno.EINVAL, f"it is larger than {most_bytes / 1e6:g} MB", str(path))
     return content
-
-
-def open_archive(path: Path | str) -> Any:
-    """The archive (.npz) of an untrusted file; a context manager.
-
-    Raises OSError as `read_file` does, ValueError if it needs too much memory, and `ARCHIVE_DAMAGE`.
-    """
-    import numpy as np
-
-    content = io.BytesIO(read_file(Path(path), MOST_ARCHIVE_BYTES))
-    with zipfile.ZipFile(content) as packed:
-        _check_size(packed)
-    content.seek(0)
-    return np.load(content, allow_pickle=False)
-
-
-def damage_reason(error: BaseException) -> str:
-    """Why an archive cannot be read, as the end of a message."""
-    return " ".join(str(error).split())[:120] or type(error).__name__
-
-
-def _check_size(packed: zipfile.ZipFile) -> None:
-    """Raise ValueError for an archive that would fill the memory; only heads of arrays are unpacked."""
-    members = packed.infolist()
-    if len(members) > MOST_ARRAYS:
-        raise ValueError(f"it has {len(members)} arrays; allowed: {MOST_ARRAYS}")
-    if any(each.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for each in members):
-        raise ValueError("it is packed in a way that numpy does not use")
-    size = sum(_unpacked_bytes(packed, member) for member in members)
-    if size > MOST_ARCHIVE_BYTES:
-        raise ValueError(
-            f"it unpacks to {size / 1e6:.0f} MB; allowed: up to {MOST_ARCHIVE_BYTES / 1e6:.0f} MB"
-        )
-
-
-def _unpacked_bytes(packed: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """Memory of an array as its head declares it, or as numbers if these take more."""
-    from numpy.lib import format as npy
-
-    with packed.open(member) as file:
-        try:
-            version = npy.read_magic(file)
-        except ValueError:  # numpy does not read it as an array
-            return member.file_size
-        read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, _, kind = read_head(file)
-    return max(member.file_size, math.prod(shape) * max(kind.itemsize, _NUMBER_BYTES))
 
 
 def read_secret(path: Path, most_bytes: int) -> bytes:

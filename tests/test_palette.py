@@ -5,35 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hexctl.palette import (
-    ALARM_COLOR,
-    BACKGROUND,
-    BAR_COLOR,
-    BASELINE_COLORS,
-    BEST_COLOR,
-    BEST_OF_ALL_COLOR,
-    FAILED_COLORS,
-    INVALID_COLOR,
-    JOINT_COLORS,
-    LEG_COLORS,
-    LEGEND_M,
-    LINE_COLOR,
-    LINK_COLORS,
-    MARGIN_COLOR,
-    NOTICED_COLORS,
-    OPTIMIZER_COLORS,
-    OPTIMIZER_DASHES,
-    OTHER_BASELINE_COLOR,
-    OTHER_OPTIMIZER_COLORS,
-    OTHER_OPTIMIZER_DASHES,
-    SCALE,
-    TEXT_COLOR,
-    VERDICT_COLORS,
-    WAY_COLOR,
-    Color,
-    baseline_color,
-    deviation_color,
-)
+from hexctl import palette
+from hexctl.palette import Color, deviation_color
 from hexctl.types import FloatArray
 
 WHITE: Color = (255, 255, 255)
@@ -44,15 +17,15 @@ LABELS: tuple[Color, ...] = ((34, 36, 40), (124, 126, 130), (138, 142, 147))
 
 #: The lines and marks of the viewer and of the reports, by what they show.
 LINES: dict[str, tuple[Color, ...]] = {
-    "deviation": tuple(color for _, color in SCALE),
-    "invalid": (INVALID_COLOR,),
-    "line of travel, way, best": (LINE_COLOR, WAY_COLOR, BEST_COLOR),
-    "baseline": (*BASELINE_COLORS.values(), OTHER_BASELINE_COLOR),
-    "legs": (*LEG_COLORS, ALARM_COLOR),
-    "commanded": tuple(commanded for commanded, _ in JOINT_COLORS.values()),
-    "measured": tuple(measured for _, measured in JOINT_COLORS.values()),
-    "margin": (MARGIN_COLOR,),
-    "verdicts": tuple(VERDICT_COLORS.values()),
+    "deviation": tuple(color for _, color in palette.SCALE),
+    "invalid": (palette.INVALID_COLOR,),
+    "line of travel, way, best": (palette.LINE_COLOR, palette.WAY_COLOR, palette.BEST_COLOR),
+    "baseline": (*palette.BASELINE_COLORS.values(), palette.OTHER_BASELINE_COLOR),
+    "legs": (*palette.LEG_COLORS, palette.ALARM_COLOR),
+    "commanded": tuple(commanded for commanded, _ in palette.JOINT_COLORS.values()),
+    "measured": tuple(measured for _, measured in palette.JOINT_COLORS.values()),
+    "margin": (palette.MARGIN_COLOR,),
+    "verdicts": tuple(palette.VERDICT_COLORS.values()),
 }
 
 #: Those that stand beside one another in one view, and are told apart by their colour alone.
@@ -61,9 +34,11 @@ TOGETHER = {
     "commanded": LINES["commanded"],
     "measured": LINES["measured"],
     "verdicts": LINES["verdicts"],
-    "curve": (*BASELINE_COLORS.values(), BEST_COLOR),
-    "scene": (LINE_COLOR, WAY_COLOR),
-    "conditions of a leg": tuple(links["femur"] for links in (LINK_COLORS, FAILED_COLORS, NOTICED_COLORS)),
+    "curve": (*palette.BASELINE_COLORS.values(), palette.BEST_COLOR),
+    "scene": (palette.LINE_COLOR, palette.WAY_COLOR),
+    "conditions of a leg": tuple(
+        links["femur"] for links in (palette.LINK_COLORS, palette.FAILED_COLORS, palette.NOTICED_COLORS)
+    ),
 }
 
 #: What the three kinds of colour blindness make of linear red, green and blue (Machado et al. 2009).
@@ -115,17 +90,22 @@ def contrast(one: Color, other: Color) -> float:
 def test_lines_are_seen_in_the_light_and_in_the_dark(what: str) -> None:
     for color in LINES[what]:
         assert contrast(color, WHITE) >= 3, color
-        assert contrast(color, BACKGROUND) >= 3, color
+        assert contrast(color, palette.BACKGROUND) >= 3, color
 
 
 def test_lines_of_reports_are_seen_on_paper() -> None:
-    optimizers = (*OPTIMIZER_COLORS.values(), *OTHER_OPTIMIZER_COLORS, BAR_COLOR, BEST_OF_ALL_COLOR)
+    optimizers = (
+        *palette.OPTIMIZER_COLORS.values(),
+        *palette.OTHER_OPTIMIZER_COLORS,
+        palette.BAR_COLOR,
+        palette.BEST_OF_ALL_COLOR,
+    )
     for color in optimizers:
         assert contrast(color, WHITE) >= 3, color
 
 
 def test_labels_are_read_in_both_themes() -> None:
-    assert min(contrast(TEXT_COLOR, label) for label in LABELS) >= 3
+    assert min(contrast(palette.TEXT_COLOR, label) for label in LABELS) >= 3
 
 
 def difference(one: Color, other: Color, kind: str) -> float:
@@ -142,23 +122,27 @@ def test_what_stands_together_is_told_apart_with_colour_blindness(view: str, kin
 
 @pytest.mark.parametrize("kind", BLINDNESS)
 def test_optimizers_are_told_apart_by_their_colours_or_by_the_dashes_of_one_colour(kind: str) -> None:
-    for one, other in combinations(OPTIMIZER_COLORS, 2):
-        if OPTIMIZER_COLORS[one] == OPTIMIZER_COLORS[other]:
-            assert OPTIMIZER_DASHES.get(one) != OPTIMIZER_DASHES.get(other), (one, other)
+    for one, other in combinations(palette.OPTIMIZER_COLORS, 2):
+        if palette.OPTIMIZER_COLORS[one] == palette.OPTIMIZER_COLORS[other]:
+            assert palette.OPTIMIZER_DASHES.get(one) != palette.OPTIMIZER_DASHES.get(other), (one, other)
         else:
-            assert difference(OPTIMIZER_COLORS[one], OPTIMIZER_COLORS[other], kind) >= APART, (one, other)
-    assert OTHER_OPTIMIZER_DASHES not in OPTIMIZER_DASHES.values()
-    for pair in combinations(OTHER_OPTIMIZER_COLORS, 2):
+            assert (
+                difference(palette.OPTIMIZER_COLORS[one], palette.OPTIMIZER_COLORS[other], kind) >= APART
+            ), (one, other)
+    assert palette.OTHER_OPTIMIZER_DASHES not in palette.OPTIMIZER_DASHES.values()
+    for pair in combinations(palette.OTHER_OPTIMIZER_COLORS, 2):
         assert difference(*pair, kind) >= APART, pair
 
 
 def test_a_gait_without_a_search_has_its_colour_by_name() -> None:
-    assert [baseline_color(name) for name in BASELINE_COLORS] == list(BASELINE_COLORS.values())
-    assert baseline_color("1,2,3,4,5,6") == OTHER_BASELINE_COLOR
+    assert [palette.baseline_color(name) for name in palette.BASELINE_COLORS] == list(
+        palette.BASELINE_COLORS.values()
+    )
+    assert palette.baseline_color("1,2,3,4,5,6") == palette.OTHER_BASELINE_COLOR
 
 
 def test_luminance_falls_with_the_deviation() -> None:
-    luminances = [luminance(deviation_color(off_m, valid=True)) for off_m in LEGEND_M]
+    luminances = [luminance(deviation_color(off_m, valid=True)) for off_m in palette.LEGEND_M]
     assert luminances == sorted(luminances, reverse=True)
 
 
@@ -172,5 +156,5 @@ def test_straight_is_green_and_far_off_is_red() -> None:
 
 @pytest.mark.parametrize("unknown", [None, float("nan"), float("inf")])
 def test_what_does_not_count_is_grey(unknown: float | None) -> None:
-    assert deviation_color(unknown, valid=True) == INVALID_COLOR
-    assert deviation_color(0.1, valid=False) == INVALID_COLOR
+    assert deviation_color(unknown, valid=True) == palette.INVALID_COLOR
+    assert deviation_color(0.1, valid=False) == palette.INVALID_COLOR

@@ -43,8 +43,7 @@ def make_blueprint(
         live: whether it is shown during the walk: the time cursor follows, and events replace the summary.
         several: whether to open the list of recordings.
     """
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     hidden = rrb.PlotLegend(visible=False)
     summary = rrb.TextDocumentView(origin=paths.SUMMARY, name="trial")
     events = rrb.TextLogView(origin=paths.EVENTS, name="events")
@@ -65,32 +64,30 @@ def make_blueprint(
         ),
         row_shares=[10, 4, 4, 6],
     )
+    time = {"play_state": "following", "loop_mode": "off"} if live else {}
+    return two_columns(scene, side, paths.WALK_TIMELINE, several=several, **time)
+
+
+def two_columns(left: Any, right: Any, timeline: str, *, several: bool, **time: Any) -> Any:
+    """Blueprint of two columns with a timeline, played in a loop unless `time` has other options.
+
+    The list of recordings is open if there are `several`.
+    """
+    rrb = load_rerun().blueprint
+    time = {"play_state": "playing", "loop_mode": "all", **time}
     return rrb.Blueprint(
-        rrb.Horizontal(scene, side, column_shares=[5, 3]),
-        *side_panels(several=several),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=paths.WALK_TIMELINE,
-            play_state="following" if live else "playing",
-            loop_mode="off" if live else "all",
-        ),
+        rrb.Horizontal(left, right, column_shares=[5, 3]),
+        rrb.BlueprintPanel(state="expanded" if several else "hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, **time),
         auto_views=False,
         auto_layout=False,
     )
 
 
-def side_panels(*, several: bool) -> tuple[Any, Any]:
-    """The list of recordings, open if there are several, and the selection."""
-    import rerun.blueprint as rrb
-
-    left = rrb.BlueprintPanel(state="expanded" if several else "hidden")
-    return left, rrb.SelectionPanel(state="hidden")
-
-
 def scene_view(robot: Robot, heading_rad: float, floor: Floor) -> Any:
     """3-D view: the eye follows the robot, trail and ribbon end at the time cursor."""
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
     back, left, up = (robot.stance_radius_m * share for share in EYE)
     position = np.array([cos * back - sin * left, sin * back + cos * left, up])
@@ -124,8 +121,7 @@ def scene_view(robot: Robot, heading_rad: float, floor: Floor) -> Any:
 
 def up_to_cursor() -> Any:
     """Time range of everything up to the time cursor."""
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
     return rrb.VisibleTimeRanges(
         [
@@ -137,8 +133,7 @@ def up_to_cursor() -> Any:
 
 def _lanes_view() -> Any:
     """Lanes of the trial's phases, the guard and the gait; states in `WORDLESS` have no label."""
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     lanes = load_rerun().StateConfiguration(
         values=list(style.LANE_COLORS),
         colors=list(style.LANE_COLORS.values()),
@@ -155,8 +150,7 @@ def _lanes_view() -> Any:
 
 def _leg_view(leg: int) -> Any:
     """View of the angles of a leg, which are among those of all joints."""
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     shown = [name.startswith(f"leg{leg}_") for name in JOINT_NAMES]
     return plot(
         "/",
@@ -174,12 +168,8 @@ def plot_of(series: Series, **more: Any) -> Any:
 
 def plot(origin: str, name: str, **more: Any) -> Any:
     """View of scalars over the shared time axis."""
-    import rerun.blueprint as rrb
-
-    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=_linked(), **more)
+    return load_rerun().blueprint.TimeSeriesView(origin=origin, name=name, axis_x=_linked(), **more)
 
 
 def _linked() -> Any:
-    import rerun.blueprint as rrb
-
-    return rrb.TimeAxis(link="LinkToGlobal")
+    return load_rerun().blueprint.TimeAxis(link="LinkToGlobal")

@@ -6,8 +6,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import replace
 from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S, WallClock
@@ -30,7 +28,7 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import JointTargets, RobotState
-from hexctl.waiting import wait_for
+from hexctl.waiting import comes_true
 
 LIVE_BLOCK_TICKS = 5
 
@@ -90,8 +88,8 @@ class LiveView:
         servos: bool = False,
     ) -> None:
         """Begin another walk, with arguments as for a `Recording`; `looks` is a robot file with meshes."""
-        header = {"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks}
-        self._send({**header, "watched": watched, "servos": servos})
+        shown = {"floor": floor, "looks": looks, "watched": watched, "servos": servos}
+        self._send({"robot": robot, "plan": plan, "title": title, **shown})
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Pass rows [start, stop) of a log on; an exception is also stored in `lost`."""
@@ -113,8 +111,7 @@ class LiveView:
     def close(self, *, leave_viewer: bool = True) -> None:
         """End the feeder, by force if it hangs; the viewer stays open unless `leave_viewer` is False."""
         deadline_s = time.monotonic() + END_TIMEOUT_S
-        with suppress(RobotFaultError):  # a feeder that hangs is ended below
-            wait_for(self._passed_on, END_TIMEOUT_S, "the feeder hangs")
+        comes_true(self._passed_on, END_TIMEOUT_S)  # a feeder that hangs is ended below
         stdin = self._feeder.stdin
         if stdin is not None and not stdin.closed:
             stdin.close()
@@ -156,13 +153,9 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
         "frame": log.frame,
         "pose_known": log.pose_known,
         "contacts_known": log.contacts_known,
-        "servo_rows": [(row - start, servos) for row, servos in log.servo_rows.between(start, stop)],
-        "notes": [(row - start, text) for row, text in log.notes if start <= row < stop],
-        "leg_changes": [
-            replace(change, row=change.row - start)
-            for change in log.leg_changes
-            if start <= change.row < stop
-        ],
+        "servo_rows": log.servo_rows.between(start, stop),
+        "notes": [note for note in log.notes if start <= note[0] < stop],
+        "leg_changes": [change for change in log.leg_changes if start <= change.row < stop],
     }
 
 

@@ -7,7 +7,6 @@ import sys
 import uuid
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, BinaryIO
 
 from hexctl.control.log import TickLog
@@ -63,13 +62,12 @@ class Feed:
 
 def append(log: TickLog, block: dict[str, Any]) -> None:
     """Append the rows of a block and their events, as made by `rows_of`."""
-    start = len(log)
     log.frame, log.pose_known = block["frame"], block["pose_known"]
     log.contacts_known = block["contacts_known"]
-    for row, servos in block["servo_rows"]:
-        log.servo_rows.append((start + row, servos))
-    log.notes += [(start + row, text) for row, text in block["notes"]]
-    log.leg_changes += [replace(change, row=start + change.row) for change in block["leg_changes"]]
+    for reading in block["servo_rows"]:
+        log.servo_rows.append(reading)
+    log.notes += block["notes"]
+    log.leg_changes += block["leg_changes"]
     log.extend(block["rows"])
 
 

@@ -1,4 +1,4 @@
-"""Entity paths of a recording, shared by tracks, scene and blueprint."""
+"""Entity paths of a recording, shared by tracks, scene and blueprint; those of numbers are in `series`."""
 
 from hexctl.types import JOINT_KINDS, N_LEGS
 
@@ -19,22 +19,8 @@ ROBOT = "world/robot"
 BODY = "world/robot/body"
 #: Invisible and as large as the robot: the viewer's eye follows it and fits it into the picture.
 FRAME = "world/robot/frame"
-DEVIATION = "deviation"
-MARGIN = "stability_margin"
-#: 18 scalars at 10 Hz: the torque of each joint in N m.
-TORQUES = "joint_torques"
-#: 18 scalars each at every tick, the commanded and the measured angle of each joint in rad: the
-#: vectors that converters to LeRobot look for.
-ACTION, OBSERVATION = "action", "observation/state"
-#: 18 scalars each, at 1 Hz: the servos' degrees Celsius, V and A, and ages of angles.
-TEMPERATURES, VOLTAGES, CURRENTS = "servos/temperatures", "servos/voltages", "servos/currents"
-AGES = "servos/ages"
-#: Three scalars at 10 Hz: the commanded velocity of a steered walk, m/s, m/s and rad/s.
-VELOCITY = "commanded_velocity"
-#: The same as an arrow above the body: the distance of two seconds.
+#: The commanded velocity as an arrow above the body: the distance of two seconds.
 VELOCITY_ARROW = "world/robot/body/velocity"
-#: Seven scalars at 10 Hz: the evidence against each leg, and the alarm level, 1.
-SUSPICION = "leg_suspicion"
 #: Broken legs, if known, and legs that the walk suspects or considers broken.
 BROKEN, NOTICED = "failures/world", "failures/noticed"
 PHASE = "phase"

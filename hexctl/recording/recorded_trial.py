@@ -16,7 +16,7 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import check_name
 from hexctl.recording.rrd_reader import entity_of, read_chunks
-from hexctl.recording.series import SERVOS, SUSPICION, TORQUES, VECTORS, VELOCITY, Series
+from hexctl.recording.series import ACTION, SERVOS, SUSPICION, TORQUES, VECTORS, VELOCITY, Series
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wxyz
@@ -142,30 +142,29 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     check_name(path)
     columns = _Columns(path)
     times_ns, joints_rad = _joints(columns, path)
-    properties = columns.properties("trial") or {"title": columns.name()}
-    at = _Ticks(times_ns)
-    position_m, quaternion = _pose(columns, at)
-    servos = {str(series.source): at.samples(columns, series) for series in SERVOS}
+    properties = columns.properties("trial") or {"title": _title(columns)}
+    position_m, quaternion = _pose(columns)
+    servos = {str(series.source): columns.samples(series) for series in SERVOS}
     return RecordedTrial(
         path=path,
         robot=robot or _robot(columns, path),
         properties=properties,
-        stamps_ns=columns.ticks_ns(paths.WALL_TIMELINE),
+        stamps_ns=columns.times_ns(paths.WALL_TIMELINE),
         time_s=times_ns / 1e9,
-        walk_s=columns.ticks_ns(paths.WALK_TIMELINE) / 1e9,
-        phases=at.held(*columns.texts(paths.PHASE, "StateChange:state"), PHASES),
+        walk_s=columns.times_ns(paths.WALK_TIMELINE) / 1e9,
+        phases=columns.held(*columns.texts(paths.PHASE, "StateChange:state"), PHASES),
         commanded_rad=joints_rad[:, 0],
         measured_rad=joints_rad[:, 1],
         base_position_world=position_m,
         base_quaternion_world=quaternion,
-        foot_contacts=_contacts(columns, at),
-        torques_nm=at.samples(columns, TORQUES),
-        velocity_body=at.samples(columns, VELOCITY),
-        leg_conditions=_leg_conditions(columns, at),
-        leg_suspicion=_without_alarm(at.samples(columns, SUSPICION)),
+        foot_contacts=_contacts(columns),
+        torques_nm=columns.samples(TORQUES),
+        velocity_body=columns.samples(VELOCITY),
+        leg_conditions=_leg_conditions(columns),
+        leg_suspicion=_without_alarm(columns.samples(SUSPICION)),
         servos={name: samples for name, samples in servos.items() if samples.rows.size},
-        events=tuple(_events(columns, at)),
-        floor_quaternion=columns.static_quaternion(paths.GROUND),
+        events=tuple(_events(columns)),
+        floor_quaternion=_floor_quaternion(columns),
         on_stand=bool(columns.properties("robot").get("on_stand")),
         course_world=_course(columns),
     )
@@ -183,19 +182,37 @@ def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
     times_ns = series[0][0][:ticks]
     if not all(np.array_equal(others_ns[:ticks], times_ns) for others_ns, _ in series):
         raise InputError(f"recording: {path} is damaged: its joints have different ticks")
-    columns.cut(int(times_ns[-1]))
+    columns.ticks_ns = times_ns
     return times_ns, np.stack([angles_rad[:ticks] for _, angles_rad in series], axis=1)
 
 
 class _Columns:
+    """The content of a file. Once its ticks are known, later rows are dropped."""
+
     def __init__(self, path: Path) -> None:
         self._chunks: dict[str, list[Any]] = defaultdict(list)
-        self._end_ns: int | None = None
+        self.ticks_ns: Rows = np.empty(0, dtype=np.int64)
         for batch in read_chunks(path):
             self._chunks[entity_of(batch)].append(batch)
 
-    def cut(self, end_ns: int) -> None:
-        self._end_ns = end_ns
+    def rows(self, times_ns: Rows) -> Rows:
+        """Row of the tick at or before each time."""
+        found = np.searchsorted(self.ticks_ns, times_ns, side="right") - 1
+        return np.asarray(np.clip(found, 0, len(self.ticks_ns) - 1), dtype=np.int64)
+
+    def samples(self, series: Series) -> Samples:
+        times_ns, values = self.numbers(series.path, "Scalars:scalars", len(series.names))
+        return Samples(self.rows(times_ns), values)
+
+    def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
+        """Index of the state at each tick, from states recorded on change, (T,)."""
+        indices = np.array([names.index(state) if state in names else 0 for state in states], dtype=np.int64)
+        return self.last(times_ns, indices)
+
+    def last(self, times_ns: Rows, values: Rows) -> Rows:
+        """Value at each tick, 0 before the first one, (T,)."""
+        found = np.searchsorted(times_ns, self.ticks_ns, side="right")
+        return np.asarray(np.concatenate([[0], values])[found])
 
     def numbers(self, entity: str, component: str, width: int) -> tuple[Rows, FloatArray]:
         """Times in ns, (N,), and values, (N, width), of a numeric component."""
@@ -223,67 +240,27 @@ class _Columns:
                     found[column] = value[0] if len(value) == 1 else value
         return dict(sorted(found.items()))
 
-    def name(self) -> str:
-        for batch in self._chunks.get("/__properties", ()):
-            if "RecordingInfo:name" in batch.schema.names:
-                return str(batch.column("RecordingInfo:name").to_pylist()[0][0])
-        return ""
+    def static(self, entity: str, component: str) -> Any:
+        """Value of a static component, or None."""
+        batches = [one for one in self._chunks.get(f"/{entity}", ()) if component in one.schema.names]
+        return batches[0].column(component).to_pylist()[0] if batches else None
 
-    def static_quaternion(self, entity: str) -> FloatArray:
-        for batch in self._chunks.get(f"/{entity}", ()):
-            if "Transform3D:quaternion" in batch.schema.names:
-                return wxyz(np.asarray(_flat(batch.column("Transform3D:quaternion")), dtype=float)[:4])
-        return np.array([1.0, 0.0, 0.0, 0.0])
-
-    def ticks_ns(self, timeline: str) -> Rows:
+    def times_ns(self, timeline: str) -> Rows:
         """Times of all ticks on a timeline, as the commanded angles have them."""
         parts = [
-            (_times(batch, paths.TIMELINE), _times(batch, timeline))
-            for batch in self._batches(paths.ACTION, "Scalars:scalars")
+            (times, np.asarray(others.cast("int64"))) for times, others in self._rows(ACTION.path, timeline)
         ]
-        times_ns, others_ns = _joined(parts, np.empty(0, dtype=np.int64))
-        return np.asarray(others_ns if self._end_ns is None else others_ns[times_ns <= self._end_ns])
+        return np.asarray(_joined(parts, np.empty(0, dtype=np.int64))[1])
 
-    def _batches(self, entity: str, component: str) -> list[Any]:
-        return [
-            batch
-            for batch in self._chunks.get(f"/{entity}", ())
-            if {component, paths.TIMELINE} <= set(batch.schema.names)
-        ]
-
-    def _rows(self, entity: str, component: str) -> Iterator[tuple[Rows, Any]]:
-        for batch in self._batches(entity, component):
-            values = batch.column(component)
-            times_ns = _times(batch, paths.TIMELINE)
-            there = np.asarray(values.is_valid())
-            if self._end_ns is not None:
-                there &= times_ns <= self._end_ns
-            yield times_ns[there], values.filter(there)
-
-
-class _Ticks:
-    """The ticks of a trial, which place sparser records."""
-
-    def __init__(self, times_ns: Rows) -> None:
-        self.times_ns = times_ns
-
-    def rows(self, times_ns: Rows) -> Rows:
-        """Row of the tick at or before each time."""
-        found = np.searchsorted(self.times_ns, times_ns, side="right") - 1
-        return np.asarray(np.clip(found, 0, len(self.times_ns) - 1), dtype=np.int64)
-
-    def samples(self, columns: _Columns, series: Series) -> Samples:
-        times_ns, values = columns.numbers(series.path, "Scalars:scalars", len(series.names))
-        return Samples(self.rows(times_ns), values)
-
-    def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
-        """Index of the state at each tick, from states recorded on change, (T,)."""
-        indices = np.array([names.index(state) if state in names else 0 for state in states], dtype=np.int64)
-        return self.last(times_ns, indices, 0)
-
-    def last(self, times_ns: Rows, values: Rows, before: int) -> Rows:
-        found = np.searchsorted(times_ns, self.times_ns, side="right")
-        return np.asarray(np.concatenate([[before], values])[found])
+    def _rows(self, entity: str, column: str) -> Iterator[tuple[Rows, Any]]:
+        for batch in self._chunks.get(f"/{entity}", ()):
+            if {column, paths.TIMELINE} <= set(batch.schema.names):
+                values = batch.column(column)
+                times_ns = np.asarray(batch.column(paths.TIMELINE).cast("int64"))
+                there = np.asarray(values.is_valid())
+                if len(self.ticks_ns):
+                    there &= times_ns <= self.ticks_ns[-1]
+                yield times_ns[there], values.filter(there)
 
 
 def _robot(columns: _Columns, path: Path) -> Robot:
@@ -295,13 +272,22 @@ def _robot(columns: _Columns, path: Path) -> Robot:
         ) from error
 
 
-def _pose(columns: _Columns, at: _Ticks) -> tuple[FloatArray, FloatArray]:
+def _title(columns: _Columns) -> str:
+    return str((columns.static("__properties", "RecordingInfo:name") or [""])[0])
+
+
+def _floor_quaternion(columns: _Columns) -> FloatArray:
+    values = columns.static(paths.GROUND, "Transform3D:quaternion")
+    return wxyz(np.array(values[0] if values else [0.0, 0.0, 0.0, 1.0]))
+
+
+def _pose(columns: _Columns) -> tuple[FloatArray, FloatArray]:
     """Position (T, 3) and orientation (T, 4) of the base, NaN if unknown."""
-    ticks = len(at.times_ns)
+    ticks = len(columns.ticks_ns)
     position_m, quaternion = np.full((ticks, 3), np.nan), np.full((ticks, 4), np.nan)
     times_ns, places_m = columns.numbers(paths.ROBOT, "Transform3D:translation", 3)
     _, quaternions = columns.numbers(paths.ROBOT, "Transform3D:quaternion", 4)
-    rows = at.rows(times_ns)
+    rows = columns.rows(times_ns)
     quaternion[rows] = wxyz(quaternions)
     known = _posed(times_ns, places_m)
     position_m[rows[known]] = places_m[known]
@@ -324,26 +310,26 @@ def _course(columns: _Columns) -> FloatArray | None:
     return lines[-1].reshape(2, 3) if len(lines) else None
 
 
-def _contacts(columns: _Columns, at: _Ticks) -> BoolArray | None:
+def _contacts(columns: _Columns) -> BoolArray | None:
     touching = style.packed(style.TOUCHING_COLOR)
-    contacts, felt = np.zeros((len(at.times_ns), N_LEGS), dtype=bool), False
+    contacts, felt = np.zeros((len(columns.ticks_ns), N_LEGS), dtype=bool), False
     for leg in paths.LEGS:
         times_ns, colors = columns.numbers(paths.foot_path(leg), "Points3D:colors", 1)
         felt |= bool((colors != style.packed(style.UNFELT_COLOR)).any())
-        contacts[:, leg - 1] = at.last(times_ns, (colors[:, 0] == touching).astype(np.int64), 0)
+        contacts[:, leg - 1] = columns.last(times_ns, (colors[:, 0] == touching).astype(np.int64))
     return contacts if felt else None
 
 
-def _leg_conditions(columns: _Columns, at: _Ticks) -> Rows:
+def _leg_conditions(columns: _Columns) -> Rows:
     """Index of the condition of each leg, (T, 6), from the labels at its foot and its hip."""
-    indices = np.zeros((len(at.times_ns), N_LEGS), dtype=np.int64)
+    indices = np.zeros((len(columns.ticks_ns), N_LEGS), dtype=np.int64)
     for leg in paths.LEGS:
         for entity, condition in (
             (paths.noticed_path(leg), _noticed_condition),
             (paths.foot_path(leg), _failed_condition),
         ):
             times_ns, labels = columns.texts(entity, "Points3D:labels")
-            shown = at.held(times_ns, [condition(label) for label in labels], LEG_CONDITIONS)
+            shown = columns.held(times_ns, [condition(label) for label in labels], LEG_CONDITIONS)
             indices[:, leg - 1] = np.maximum(indices[:, leg - 1], shown)
     return indices
 
@@ -362,15 +348,11 @@ def _without_alarm(samples: Samples) -> Samples:
     return Samples(samples.rows, samples.values[:, :N_LEGS])
 
 
-def _events(columns: _Columns, at: _Ticks) -> Iterator[RecordedEvent]:
+def _events(columns: _Columns) -> Iterator[RecordedEvent]:
     times_ns, texts = columns.texts(paths.EVENTS, "TextLog:text")
     _, levels = columns.texts(paths.EVENTS, "TextLog:level")
-    for row, level, text in zip(at.rows(times_ns).tolist(), levels, texts, strict=True):
+    for row, level, text in zip(columns.rows(times_ns).tolist(), levels, texts, strict=True):
         yield RecordedEvent(row, level, text)
-
-
-def _times(batch: Any, timeline: str) -> Rows:
-    return np.asarray(batch.column(timeline).cast("int64"))
 
 
 def _flat(values: Any) -> Any:

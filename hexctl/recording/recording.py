@@ -15,7 +15,6 @@ from hexctl.recording import paths
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.rrd import (
     check_name,
-    check_whole,
     create_file,
     disconnect,
     flush,
@@ -131,14 +130,13 @@ class Recording:
         flush(self._stream, self.path)
         written = size_of(self.path)
         self._send_summary(result, facts)
-        subject, share = self._subject, self._tally.share
-        properties = make_properties(self._title, subject.robot, subject.plan, result, share, facts)
+        properties = make_properties(self._title, self._subject, result, self._tally.share, facts)
         self._stream.send_property("trial", rr.AnyValues(**properties))
         if self._last is not None:
             send_outcome(self._last, result)
         flush(self._stream, self.path)
         self.close()
-        check_whole(self.path) if self._indexed else check_end(self.path, written)
+        check_end(self.path, written, index=self._indexed)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
@@ -153,8 +151,7 @@ class Recording:
         self.path.unlink(missing_ok=True)
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
-        subject, share = self._subject, self._tally.share
-        text = make_markdown(self._title, subject.robot, subject.plan, result, share, facts)
+        text = make_markdown(self._title, self._subject, result, self._tally.share, facts)
         document = load_rerun().TextDocument(text, media_type="text/markdown")
         self._stream.log(paths.SUMMARY, document, static=True)
 

@@ -124,10 +124,8 @@ def new_recording(
 
 def flush(stream: Any, path: Path) -> None:
     """Write a stream to its file; raises RecordingError if the disk is full or the folder was deleted."""
-    try:
+    with still_there(path):
         room = os.statvfs(path.parent)
-    except OSError as error:
-        raise _gone(path, error) from error
     full = room.f_bavail * room.f_frsize < FULL_BYTES
     raised = _bounded(
         partial(stream.flush, timeout_sec=FLUSH_TIMEOUT_S), FULL_TIMEOUT_S if full else 2 * FLUSH_TIMEOUT_S
@@ -137,16 +135,19 @@ def flush(stream: Any, path: Path) -> None:
         raise RecordingError(f"{path}: the recording is incomplete; is the disk full? ({reason})") from raised
 
 
+@contextmanager
+def still_there(path: Path) -> Iterator[None]:
+    """Raise RecordingError if a recording was deleted while it was written."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(f"{path}: the recording was deleted or moved ({error.strerror})") from error
+
+
 def size_of(path: Path) -> int:
     """Bytes of a recording during writing; raises RecordingError if it was deleted."""
-    try:
+    with still_there(path):
         return path.stat().st_size
-    except OSError as error:
-        raise _gone(path, error) from error
-
-
-def _gone(path: Path, error: OSError) -> RecordingError:
-    return RecordingError(f"{path}: the recording was deleted or moved ({error.strerror})")
 
 
 def disconnect(stream: Any) -> None:
@@ -193,9 +194,6 @@ def _bounded(call: Callable[[], object], timeout_s: float) -> Exception | None:
 #: Rerun recognizes its files by this suffix.
 SUFFIX = ".rrd"
 
-#: A file with an index ends with this, up to a few bytes.
-END, END_PADDING = b"RRF2FOOT", 8
-
 #: Rerun 0.41 hangs when layout and scene, which take less than this, do not fit on the disk.
 ROOM_BYTES = 500_000
 
@@ -238,23 +236,6 @@ def _check_room(file: BinaryIO, path: Path) -> None:
     except BaseException:  # Ctrl-C, too
         path.unlink()
         raise
-
-
-def reopen(path: Path) -> BinaryIO:
-    """Open a closed recording, to check its end; raises RecordingError if it was deleted."""
-    try:
-        return path.open("rb")
-    except OSError as error:
-        raise _gone(path, error) from error
-
-
-def check_whole(path: Path) -> None:
-    """Raise RecordingError for a closed file without its index: Rerun may not report a full disk."""
-    with reopen(path) as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(-min(len(END) + END_PADDING, size), os.SEEK_END)
-        if END not in file.read():
-            raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
 
 def check_name(path: Path, what: str = "recording") -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
-from hexctl.recording.rrd import END, RERUN, reopen
+from hexctl.recording.rrd import RERUN, still_there
 
 _LOG = logging.getLogger(__name__)
 
@@ -20,7 +20,7 @@ _LOG = logging.getLogger(__name__)
 MAGIC, HEAD_BYTES, MESSAGE_HEAD = b"RRF2", 12, struct.Struct("<QQ")
 
 #: Bytes after the last message of a file with an index: its place, and `END`.
-INDEX_END_BYTES = 32
+INDEX_END_BYTES, END = 32, b"RRF2FOOT"
 
 #: Kind of a message with a chunk.
 CHUNK = 2
@@ -77,18 +77,24 @@ def check_viewable(path: Path) -> None:
         pass
 
 
-def check_end(path: Path, start: int) -> None:
-    """Raise RecordingError unless complete messages follow the first `start` bytes of a recording."""
-    at = start
-    with reopen(path) as file:
-        size = file.seek(0, os.SEEK_END)
-        while at < size:
+def check_end(path: Path, start: int = HEAD_BYTES, *, index: bool = True) -> None:
+    """Raise RecordingError unless complete messages, and an index, follow the first bytes of a recording.
+
+    Rerun may not report a full disk.
+    """
+    with still_there(path), path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        end = size - INDEX_END_BYTES if index else size
+        at = start
+        while at < end:
             file.seek(at)
             head = file.read(MESSAGE_HEAD.size)
             if len(head) < MESSAGE_HEAD.size:
                 break
             at += MESSAGE_HEAD.size + MESSAGE_HEAD.unpack(head)[1]
-    if not start < at == size:
+        file.seek(end if end > 0 else 0)
+        whole = start < at == end and (not index or _is_index_end(file.read()))
+    if not whole:
         raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
 

@@ -11,15 +11,14 @@ from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import ideal_speed_m_s
-from hexctl.palette import TEXT_COLOR
+from hexctl.palette import BODY_COLOR, GROUND_COLOR, TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.series import SERVOS, WALK, rounded
-from hexctl.recording.style import GROUND_COLOR
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
-from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, FloatArray
+from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
 
 #: Visible distance to each side of the robot, in stance radii. The viewer uses this size or the layout's
 #: eye, whichever it gets first; both give the same picture.
@@ -105,23 +104,15 @@ def _send_looks(stream: Any, robot: Robot) -> None:
 
 
 def _send_floor(stream: Any, floor: Floor, end_m: FloatArray) -> None:
-    rr = load_rerun()
-    mesh = make_floor_mesh(floor.heights_m, end_m)
-    solid = rr.Mesh3D(
-        vertex_positions=mesh.positions,
-        triangle_indices=mesh.triangles,
-        vertex_normals=mesh.normals,
-        vertex_colors=mesh.colors,
-    )
-    pose = rr.Transform3D(quaternion=xyzw(floor.quaternion_world))
-    stream.log(paths.GROUND, solid, pose, static=True)
+    pose = load_rerun().Transform3D(quaternion=xyzw(floor.quaternion_world))
+    stream.log(paths.GROUND, make_floor_mesh(floor.heights_m, end_m), pose, static=True)
 
 
 def _send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
     """Send the trunk and a mark at its front: the `ant` is symmetric."""
     rr = load_rerun()
     if "body" in meshes:
-        stream.log(paths.BODY, *_asset(meshes["body"], style.BODY_COLOR), static=True)
+        stream.log(paths.BODY, *_asset(meshes["body"], BODY_COLOR), static=True)
     else:
         stream.log(paths.BODY, _trunk(robot), static=True)
     length, _, height = robot.body.size_m
@@ -160,7 +151,7 @@ def _send_leg(stream: Any, subject: Subject, leg: int) -> None:
 def _trunk(robot: Robot) -> Any:
     rr = load_rerun()
     length, width, height = robot.body.size_m
-    look = {"colors": [style.BODY_COLOR], "fill_mode": "solid"}
+    look = {"colors": [BODY_COLOR], "fill_mode": "solid"}
     if robot.body.shape == "box":
         return rr.Boxes3D(half_sizes=[[length / 2, width / 2, height / 2]], **look)
     return rr.Cylinders3D(lengths=[height], radii=[length / 2], **look)
@@ -201,18 +192,8 @@ NORMAL_BITS = 6
 SUNK_M = 0.002
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FloorMesh(ArrayFields):
-    """Triangles in the floor's plane: positions (V, 3) in m, indices (T, 3), normals, RGB colours."""
-
-    positions: NDArray[np.float32]
-    triangles: NDArray[np.uint32]
-    normals: NDArray[np.float32]
-    colors: NDArray[np.uint8]
-
-
-def make_floor_mesh(heights_m: FloatArray | None, path_end_m: FloatArray) -> FloorMesh:
-    """Mesh of heights (rows along y) around a straight path from the origin to `path_end_m`, (2,)."""
+def make_floor_mesh(heights_m: FloatArray | None, path_end_m: FloatArray) -> Any:
+    """Rerun's mesh of heights (rows along y) around a straight path from the origin to `path_end_m`, (2,)."""
     margin_m = EVEN_MARGIN_M if heights_m is None else FLOOR_MARGIN_M
     low = np.minimum(path_end_m, 0.0) - margin_m
     high = np.maximum(path_end_m, 0.0) + margin_m
@@ -235,7 +216,7 @@ def _cells(low_m: float, high_m: float, count: int) -> NDArray[np.int64]:
     return inside if inside.size > 1 else np.array([0, 1])
 
 
-def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> FloorMesh:
+def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> Any:
     positions = np.stack([*np.meshgrid(x, y), heights], axis=-1)
     slope_y, slope_x = np.gradient(heights, y, x)
     normals = np.stack([-slope_x, -slope_y, np.ones_like(heights)], axis=-1)
@@ -245,9 +226,9 @@ def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> FloorMesh:
     corner = np.arange(heights.size, dtype=np.uint32).reshape(heights.shape)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
     triangles = np.stack([a, b, c, a, c, d], -1).reshape(-1, 3)  # neighbours compress well
-    return FloorMesh(
-        positions.reshape(-1, 3).astype(np.float32),
-        triangles,
-        rounded(normals, NORMAL_BITS).reshape(-1, 3).astype(np.float32),
-        colors.reshape(-1, 3).astype(np.uint8),
+    return load_rerun().Mesh3D(
+        vertex_positions=positions.reshape(-1, 3).astype(np.float32),
+        triangle_indices=triangles,
+        vertex_normals=rounded(normals, NORMAL_BITS).reshape(-1, 3).astype(np.float32),
+        vertex_colors=colors.reshape(-1, 3).astype(np.uint8),
     )

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hexctl.palette import ALARM_COLOR, JOINT_COLORS, LEG_COLORS, MARGIN_COLOR
 from hexctl.recording import paths, style
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
@@ -38,7 +39,7 @@ class Series(NamedTuple):
     source: str | None = None
 
 
-_JOINT_COLORS = tuple(style.SERIES[kind][1] for kind in JOINT_KINDS) * N_LEGS
+_JOINT_COLORS = tuple(JOINT_COLORS[kind][1] for kind in JOINT_KINDS) * N_LEGS
 
 
 def _of_joints(path: str, title: str, source: str) -> Series:
@@ -46,51 +47,51 @@ def _of_joints(path: str, title: str, source: str) -> Series:
 
 
 DEVIATION = Series(
-    paths.DEVIATION,
+    "deviation",
     "deviation from the line (m), left +",
     ("left of the line (m)",),
     (style.DEVIATION_COLOR,),
     widths=(2.0,),
 )
 MARGIN = Series(
-    paths.MARGIN,
+    "stability_margin",
     "stability margin (m), unstable below 0",
     ("inside the feet (m)",),
-    (style.MARGIN_COLOR,),
+    (MARGIN_COLOR,),
     widths=(2.0,),
 )
-TORQUES = _of_joints(paths.TORQUES, "torques (N m)", "joint_torques_nm")
+TORQUES = _of_joints("joint_torques", "torques (N m)", "joint_torques_nm")
 VELOCITY = Series(
-    paths.VELOCITY,
+    "commanded_velocity",
     "commanded velocity",
     ("forward (m/s)", "left (m/s)", "turn (rad/s)"),
     _JOINT_COLORS[:3],
     source="velocity_body",
 )
 SUSPICION = Series(
-    paths.SUSPICION,
+    "leg_suspicion",
     "evidence, alarm at 1",
     (*(f"leg {leg}" for leg in paths.LEGS), "alarm"),
-    (*style.LEG_COLORS, style.ALARM_COLOR),
+    (*LEG_COLORS, ALARM_COLOR),
     COARSE_BITS,
     widths=(1.5,) * (N_LEGS + 1),
 )
-TEMPERATURES = _of_joints(paths.TEMPERATURES, "servos (°C)", "temperatures_c")
-VOLTAGES = _of_joints(paths.VOLTAGES, "servos (V)", "voltages_v")
+TEMPERATURES = _of_joints("servos/temperatures", "servos (°C)", "temperatures_c")
+VOLTAGES = _of_joints("servos/voltages", "servos (V)", "voltages_v")
 
 
 def _angles(path: str, source: str, which: int, width: float) -> Series:
     """Angles of all joints; the first colour of a joint is for its commanded angle."""
     names = tuple(f"{name} {source.removesuffix('_rad')}" for name in JOINT_NAMES)
-    colors = tuple(style.SERIES[kind][which] for kind in JOINT_KINDS) * N_LEGS
+    colors = tuple(JOINT_COLORS[kind][which] for kind in JOINT_KINDS) * N_LEGS
     widths = (width,) * len(names)
     return Series(path, "joint angles (rad)", names, colors, ANGLE_BITS, widths, source)
 
 
-#: Series at every tick.
-VECTORS = (
-    _angles(paths.ACTION, "commanded_rad", 0, 3.0),
-    _angles(paths.OBSERVATION, "measured_rad", 1, 1.2),
+#: Series at every tick: the vectors that converters to LeRobot look for.
+VECTORS = ACTION, OBSERVATION = (
+    _angles("action", "commanded_rad", 0, 3.0),
+    _angles("observation/state", "measured_rad", 1, 1.2),
 )
 
 #: Series at 10 Hz of the log, if all of it is known.
@@ -100,8 +101,8 @@ SAMPLED = (TORQUES, VELOCITY)
 SERVOS = (
     TEMPERATURES,
     VOLTAGES,
-    _of_joints(paths.CURRENTS, "servos (A)", "currents_a"),
-    _of_joints(paths.AGES, "ages of the joint angles (s)", "ages_s"),
+    _of_joints("servos/currents", "servos (A)", "currents_a"),
+    _of_joints("servos/ages", "ages of the joint angles (s)", "ages_s"),
 )
 
 #: Series of each walk, if known.

@@ -12,11 +12,12 @@ import numpy as np
 from hexctl.backends.sim.terrain import Floor
 from hexctl.palette import BACKGROUND, LEG_COLORS, TEXT_COLOR
 from hexctl.recording import paths, style
-from hexctl.recording.blueprint import make_blueprint, plot, side_panels, up_to_cursor
+from hexctl.recording.blueprint import make_blueprint, plot, two_columns, up_to_cursor
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import load_rerun, new_recording
 from hexctl.recording.rrd_reader import rerun_chunks
+from hexctl.recording.series import DEVIATION
 from hexctl.robot.failure import loses_leg
 
 #: Differs from that of trials: a viewer keeps one layout per application.
@@ -29,7 +30,7 @@ LANE_SHARE = 2.8
 EYE = (0.62, 0.42)
 
 #: Entities of each recording in the common scene, besides its result.
-SHOWN = (paths.WORLD, paths.DEVIATION)
+SHOWN = (paths.WORLD, DEVIATION.path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +140,7 @@ def _send_looks(stream: Any, lane: _Lane) -> None:
     label = rr.Points3D(above, radii=[0.0], colors=[TEXT_COLOR], labels=[lane.name], show_labels=True)
     stream.log(f"{lane.root}/{paths.BODY}/name", label, static=True)
     line = rr.SeriesLines(colors=[lane.color], names=[lane.name], widths=[2.0])
-    stream.log(f"{lane.root}/{paths.DEVIATION}", line, static=True)
+    stream.log(f"{lane.root}/{DEVIATION.path}", line, static=True)
     stream.log(f"{lane.root}/{paths.SUMMARY}", _summary(lane), static=True)
 
 
@@ -161,32 +162,24 @@ def _summary(lane: _Lane) -> Any:
 
 
 def _layout(lanes: Sequence[_Lane]) -> Any:
-    import rerun.blueprint as rrb
-
-    deviations = [f"+ {lane.root}/{paths.DEVIATION}" for lane in lanes]
+    rrb = load_rerun().blueprint
+    deviations = [f"+ {lane.root}/{DEVIATION.path}" for lane in lanes]
     results = [rrb.TextDocumentView(origin=f"{lane.root}/{paths.SUMMARY}", name=lane.name) for lane in lanes]
     side = rrb.Vertical(
         *results,
         plot(
             "/",
-            "deviation from the line (m), left +",
+            DEVIATION.title,
             contents=deviations,
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
         ),
         row_shares=[*(3 for _ in results), 4],
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(_scene_view(lanes), side, column_shares=[5, 3]),
-        *side_panels(several=True),
-        rrb.TimePanel(state="collapsed", timeline=paths.WALK_TIMELINE, play_state="playing", loop_mode="all"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return two_columns(_scene_view(lanes), side, paths.WALK_TIMELINE, several=True)
 
 
 def _scene_view(lanes: Sequence[_Lane]) -> Any:
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     ends_m = np.concatenate([_ends_m(lane) for lane in lanes])
     low_m, high_m = ends_m.min(axis=0), ends_m.max(axis=0)
     middle_m, length_m = (low_m + high_m) / 2, float(np.linalg.norm(high_m - low_m)) + 0.5

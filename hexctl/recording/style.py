@@ -1,15 +1,8 @@
-"""The colours of a recording, (red, green, blue), and the series of the plots."""
+"""The colours of a recording in addition to those of `hexctl.palette`, and the states of its lanes."""
 
 from itertools import combinations
 
-from hexctl.palette import ALARM_COLOR as ALARM_COLOR
-from hexctl.palette import BODY_COLOR as BODY_COLOR
-from hexctl.palette import FAILED_COLORS as FAILED_COLORS
-from hexctl.palette import GROUND_COLOR as GROUND_COLOR
-from hexctl.palette import JOINT_COLORS, LINE_COLOR, NOTICED_COLORS, WAY_COLOR
-from hexctl.palette import LEG_COLORS as LEG_COLORS
-from hexctl.palette import LINK_COLORS as LINK_COLORS
-from hexctl.palette import MARGIN_COLOR as MARGIN_COLOR
+from hexctl.palette import FAILED_COLORS, LINE_COLOR, NOTICED_COLORS, WAY_COLOR
 from hexctl.robot.failure import FAILURE_KINDS
 from hexctl.types import JOINT_KINDS, N_LEGS
 
@@ -33,9 +26,6 @@ RIGHT_COLOR = (226, 96, 190, 110)
 STEADY_COLOR, STEADY_FILL = (90, 230, 140), (60, 200, 110, 70)
 UNSTEADY_COLOR, UNSTEADY_FILL = (255, 70, 60), (255, 60, 50, 110)
 PLUMB_COLOR = (200, 206, 214)
-
-#: Commanded and measured angle, by joint.
-SERIES = JOINT_COLORS
 
 #: States of a foot: commanded to be in stance or swing; with contacts also lifted or touching.
 STANCE, SWING = "stance", "swing"

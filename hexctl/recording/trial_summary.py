@@ -11,6 +11,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import SWING_SHARE, Gait
 from hexctl.gait.posture import STANCE, Posture
+from hexctl.recording.scene import Subject
 from hexctl.robot.model import Robot
 
 Row = tuple[str, str]
@@ -21,8 +22,7 @@ PENDING: Row = ("**result**", "*appears when the recording is complete*")
 
 def make_markdown(
     title: str,
-    robot: Robot,
-    plan: TrialPlan,
+    subject: Subject,
     result: TrialResult | None,
     stability: float | None,
     facts: Mapping[str, Any],
@@ -30,23 +30,18 @@ def make_markdown(
     """Text panel in Markdown, with a placeholder for a missing result."""
     outcome = [PENDING] if result is None else _result_rows(result, stability)
     controller = None if result is None else result.controller
-    rows = [*outcome, *_plan_rows(robot, plan, controller), *_fact_rows(result, facts)]
+    rows = [*outcome, *_plan_rows(subject.robot, subject.plan, controller), *_fact_rows(result, facts)]
     return f"## {_cell(title)}\n\n{_table(rows)}\n"
 
 
 def make_properties(
-    title: str,
-    robot: Robot,
-    plan: TrialPlan,
-    result: TrialResult,
-    stability: float | None,
-    facts: Mapping[str, Any],
+    title: str, subject: Subject, result: TrialResult, stability: float | None, facts: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Title, plan, result and facts as named plain values, without None."""
-    gait = plan.gait
+    plan, gait = subject.plan, subject.plan.gait
     values = {
         "title": title,
-        "robot": robot.name,
+        "robot": subject.robot.name,
         "gait_slots": list(gait.slots),
         "gait_code": gait.code(plan.failed_legs),
         "then": [str(change) for change in plan.changes] or None,

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -101,19 +100,6 @@ def _why(messages: str, paths: Sequence[Path]) -> str:
     return f"the viewer ended with an error: {' '.join(last.split())[:200]}"
 
 
-@dataclass(frozen=True, slots=True)
-class WebViewer:
-    """A served viewer; `url` is for a browser."""
-
-    url: str
-    process: "subprocess.Popen[bytes]"
-
-    def check(self) -> None:
-        """Raise RecordingError when the server has ended."""
-        if self.process.poll() is not None:
-            raise RecordingError(f"the viewer's server ended with {self.process.returncode}")
-
-
 def web_options(web_port: int) -> list[str]:
     """Options of Rerun for a server of the viewer at a loopback port."""
     return ["--bind", LOCAL, "--serve-web", "--web-viewer-port", str(web_port)]
@@ -121,23 +107,23 @@ def web_options(web_port: int) -> list[str]:
 
 def web_url(port: int, web_port: int) -> str:
     """Address of the page that shows the data served at `port`."""
-    return _page(web_port, [f"rerun+http://{LOCAL}:{port}/proxy"])
+    return web_page(web_port, [f"rerun+http://{LOCAL}:{port}/proxy"])
 
 
 @contextmanager
-def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
+def serve_web(web_port: int, urls: Sequence[str]) -> Iterator["subprocess.Popen[bytes]"]:
     """Serve the viewer with recordings at some URLs; raises RecordingError or MissingExtraError."""
     quiet = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     process = start_process([str(viewer_binary()), *web_options(web_port), *urls], **quiet)
     try:
-        yield WebViewer(_page(web_port, urls), process)
+        yield process
     finally:
         process.kill()
         process.wait()
 
 
-def _page(web_port: int, urls: Sequence[str]) -> str:
-    """Always in the dark theme: light lines would be invisible on white."""
+def web_page(web_port: int, urls: Sequence[str]) -> str:
+    """Address of a page of recordings, in the dark theme: light lines would be invisible on white."""
     return f"{web_origin(web_port)}/?{urlencode([('theme', 'dark'), *(('url', url) for url in urls)])}"
 
 

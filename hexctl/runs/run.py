@@ -34,7 +34,7 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.ground_contact import contact_notes
 from hexctl.control.walks.turning import body_heading_rad, check_plan
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
-from hexctl.files import folder_trouble, write_trouble
+from hexctl.files import make_folder
 from hexctl.gait.gait import DEFAULT_GAIT
 from hexctl.options import check_names, chosen_options
 from hexctl.robot.failure import FailureEvent, check_events
@@ -306,13 +306,7 @@ class Run:
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
         failed = "".join(f"_leg{one.leg}-{one.kind}" for one in self.plan.failures)
         stem = f"{now}_{self.robot.name}_{self._what}{failed}"
-        allowed = f"allowed: a folder, {argument('record')} FILE, or {argument('no_record')}"
-        if (trouble := write_trouble(folder)) is not None:
-            raise InputError(f"{trouble}; {allowed}")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{folder_trouble(folder, error)}; {allowed}") from error
+        make_folder(folder, f"allowed: a folder, {argument('record')} FILE, or {argument('no_record')}")
         path, number = folder / f"{stem}.rrd", 2
         while path.exists():
             path, number = folder / f"{stem}_{number}.rrd", number + 1

@@ -14,10 +14,11 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter
 
+from hexctl.archive import damage_reason
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.errors import HexctlError
-from hexctl.files import atomic_write, damage_reason, write_trouble
+from hexctl.files import atomic_write, write_trouble
 from hexctl.robot.model import Robot
 from hexctl.study.versions import code_versions, source_digest
 

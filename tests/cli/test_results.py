@@ -19,7 +19,7 @@ from hexctl.recording import viewer
 from hexctl.recording.viewer import viewer_binary
 from hexctl.runs.run import run
 from tests.adapt.walking import SPEC, result_of
-from tests.recording.conftest import damage
+from tests.recording.made_up import damaged_recordings
 from tests.server.processes import TIMEOUT_S, Program, controlling, hexctl, program, served, wait_until
 
 SPACE = GaitSpace((SPEC.broken.leg,))
@@ -186,16 +186,13 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def damaged(walk: Path) -> Path:
-    return damage(walk)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--web",)])
 def test_a_damaged_recording_is_named_before_anything_is_shown(
-    options: tuple[str, ...], walk: Path, damaged: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+    options: tuple[str, ...], walk: Path, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    damaged = tmp_path / "damaged.rrd"
+    damaged.write_bytes(damaged_recordings()[0])
     monkeypatch.setattr(viewer, "viewer_binary", viewer_binary)
     assert exit_code(["view", str(walk), str(damaged), *options]) == 2
     told = capsys.readouterr().err

@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 import tomllib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -21,7 +20,7 @@ import typer
 
 from hexctl.cli.main import app, exit_code
 from tests.docs.pages import PAGES, ROOT, commands
-from tests.server.processes import free_port
+from tests.server.processes import free_port, program
 
 #: Appended, so that it takes less time: of two the last one holds.
 SHORTER = {
@@ -70,9 +69,6 @@ READERS_ROBOT = ROOT / "configs" / "robots" / "phantomx.yaml"
 #: The exit code of a walk that was stopped; in real time a machine that is too busy for 0.2 s is a reason.
 STOPPED = 3
 ATTEMPTS = 3
-
-#: How long a robot or a board may take to come up on a busy machine.
-PATIENCE_S = 60.0
 
 
 #: Commands of which each distinct one is run on one page only: what they leave behind, no other needs.
@@ -261,30 +257,17 @@ class Shell:
 
     def _start(self, arguments: list[str], ready: str, programs: ExitStack | None = None) -> str:
         """Start a program that is ended with the shell, by its id, and return what it said once ready."""
-        programs = self._programs if programs is None else programs
-        output = self._folder / f"program-{free_port()}.out"
-        with output.open("w", encoding="utf-8") as file:
-            process = subprocess.Popen(
-                [sys.executable, "-u", "-m", "hexctl", *arguments],
-                cwd=self._folder,
-                stdin=subprocess.DEVNULL,
-                stdout=file,
-                stderr=subprocess.STDOUT,
-            )
-        programs.callback(process.wait, 30)
-        programs.callback(process.terminate)
-        until_s = time.monotonic() + PATIENCE_S
-        while ready not in (said := output.read_text(encoding="utf-8")):
-            assert process.poll() is None, said
-            assert time.monotonic() < until_s, said
-            time.sleep(0.02)
-        return said
+        started = program(self._folder, f"program-{free_port()}", "hexctl", *arguments, cwd=self._folder)
+        running = (programs or self._programs).enter_context(started)
+        running.wait_for(ready)
+        return running.said()
 
     def _python(self, words: list[str]) -> None:
         """Run a program that the page has saved, or hexctl as a module."""
         if len(words) == 1 and (self._folder / words[0]).is_file():
-            program = [sys.executable, words[0]]
-            done = subprocess.run(program, cwd=self._folder, capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                [sys.executable, words[0]], cwd=self._folder, capture_output=True, text=True, check=False
+            )
             assert done.returncode == 0, done.stderr
             return
         _require(words[:2] == ["-m", "hexctl"])

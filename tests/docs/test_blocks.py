@@ -62,14 +62,12 @@ def worlds(values: dict[str, Any], _folder: Path) -> None:
     (DomainRandomization if "ranges" in values else World).model_validate(values)
 
 
-def bus_servos(content: dict[str, Any], folder: Path) -> object:
+def driven_servos(content: dict[str, Any], folder: Path) -> object:
+    """Servos on a bus, or on a board that makes pulses."""
+    driver = content["servos"]["driver"]
     file = load_robot_file(edited_file(folder, put("servos", content["servos"])))
-    return bus_map_of(file.content.servos, content["servos"]["driver"])
-
-
-def pwm_servos(content: dict[str, Any], folder: Path) -> object:
-    file = load_robot_file(edited_file(folder, put("servos", content["servos"])))
-    return pwm_map_of(file.content.servos, content["servos"]["driver"])
+    map_of = pwm_map_of if driver in ("servo2040", "pca9685") else bus_map_of
+    return map_of(file.content.servos, driver)
 
 
 def ros_parameters(content: dict[str, Any], _folder: Path) -> None:
@@ -98,11 +96,7 @@ READERS: dict[str, Callable[[Any, Path], object]] = {
     "endpoint": a_link,
     "amcl": ros_parameters,
     "controller_manager": ros_parameters,
-    "servo2040": pwm_servos,
-    "pca9685": pwm_servos,
-    "dynamixel": bus_servos,
-    "feetech": bus_servos,
-    "lx16a": bus_servos,
+    **dict.fromkeys(("servo2040", "pca9685", "dynamixel", "feetech", "lx16a"), driven_servos),
     "servos": servos,
 }
 

@@ -5,18 +5,13 @@ from pathlib import Path
 
 import pytest
 import typer
-from _pytest.mark import ParameterSet
 
+from hexctl.cli.main import app
 from tests.docs.pages import LANGUAGES, PAGES, ROOT, blocks, commands, inline_commands, save_programs, tabs
 from tests.docs.shell import Shell, of_hexctl, parse
 
 #: The beginning of a line that somebody would type.
 COMMAND = re.compile(r"\s*(\$ |# )?(hexctl|make|pip|python3?|git|sudo|mkdocs|dask)\s")
-
-
-def marked(page: Path) -> ParameterSet:
-    """A page as a parameter."""
-    return pytest.param(page, id=page.name)
 
 
 @pytest.mark.long
@@ -44,16 +39,12 @@ def test_the_commands_of_a_page(
             shell.do(words)
 
 
-@pytest.mark.parametrize("page", [marked(page) for page in PAGES if commands(page)])
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
 def test_each_command_is_one_that_hexctl_takes(page: Path) -> None:
     """Run are those of some pages by `.ci/run` and of all by `make test-all`."""
     for words in commands(page):
         for arguments in of_hexctl(words):
             parse(arguments)
-
-
-def test_there_are_many_commands() -> None:
-    assert sum(len(commands(page)) for page in PAGES) >= 50
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -77,7 +68,7 @@ def test_commands_in_the_text_exist_with_their_options(page: Path) -> None:
 
 def assert_exists(words: list[str]) -> None:
     """Check a command that may have placeholders: SESSION, FILE or three dots."""
-    command = typer.main.get_command(app_of())
+    command = typer.main.get_command(app)
     while hasattr(command, "commands") and words and not words[0].startswith("-"):
         command = command.commands[words[0]]
         words = words[1:]
@@ -85,9 +76,3 @@ def assert_exists(words: list[str]) -> None:
     known |= {"--help", "--version"}
     for word in words:
         assert not word.startswith("--") or word in known, f"{word} of {command.name}"
-
-
-def app_of() -> typer.Typer:
-    from hexctl.cli.main import app
-
-    return app

@@ -23,10 +23,6 @@ def test_a_page_has_the_figures_of_the_file(page: Path) -> None:
     assert results.updated(text, TABLES) == text, "python -m benchmarks.results writes the figures"
 
 
-def test_the_readme_shows_figures() -> None:
-    assert len(MARK.findall((results.ROOT / "README.md").read_text(encoding="utf-8"))) >= 4
-
-
 def test_each_table_says_how_it_was_measured() -> None:
     for name, table in TABLES.items():
         assert date.fromisoformat(table["date"]), name

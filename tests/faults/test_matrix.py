@@ -1,7 +1,6 @@
 """Which cells are run, which are not and why, and how a run goes on."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,18 +12,7 @@ from faults.phase import PHASES
 from faults.results import Results
 from faults.sense import cells, left_out, why_not
 from faults.table import HOLDS, UNMEASURED, bars
-
-
-def an_outcome(fault: str = "none", repetition: int = 0, **given: Any) -> Outcome:
-    values: dict[str, Any] = {
-        "rest_s": None,
-        "told_s": 1.5,
-        "step": 0.9,
-        "fell": False,
-        "goes_on": True,
-        **given,
-    }
-    return Outcome(fault=fault, backend="zenoh", phase="walking", repetition=repetition, **values)
+from tests.faults.outcomes import outcome
 
 
 def test_every_combination_is_run_or_has_a_reason() -> None:
@@ -42,7 +30,7 @@ def test_a_run_goes_on_where_it_was(tmp_path: Path) -> None:
     only = ["none/zenoh/walking"]
     assert [job.wanted for job in jobs(only, 2, [])] == [(("walking", 0), ("walking", 1))]
     results = Results(tmp_path / "results.jsonl")
-    results.add(an_outcome())
+    results.add(outcome())
     with (tmp_path / "results.jsonl").open("a") as file:
         file.write('{"fault": "none", "backe')  # a run that was killed
     assert [job.wanted for job in jobs(only, 2, results.read())] == [(("walking", 1),)]
@@ -66,7 +54,7 @@ def test_an_error_of_one_injection_ends_no_other(tmp_path: Path, monkeypatch: py
 
 
 def test_a_share_holds_only_with_as_many_injections_as_show_it() -> None:
-    good = an_outcome("controller-killed", rest_s=0.04, stops=("expired",), goes_on=False)
+    good = outcome(fault="controller-killed", rest_s=0.04, stops=("expired",), goes_on=False)
     name = "at rest within 0.25 s in 99.9 % of the injections"
     assert bars([])[name] == UNMEASURED
     assert bars([good] * 100)[name] == "not shown yet (100 of 100; more than 97.05 % with 95 % confidence)"
@@ -80,8 +68,8 @@ def test_a_line_behind_one_that_was_cut_off_is_kept_and_one_of_another_version_i
     path = tmp_path / "results.jsonl"
     path.write_text('{"fault": "none", "backe', encoding="utf-8")
     results = Results(path)
-    results.add(an_outcome())
-    assert results.read() == [an_outcome()]
+    results.add(outcome())
+    assert results.read() == [outcome()]
     with path.open("a") as file:
         file.write('{"flavour": 1}\n')
     with pytest.raises(ValueError, match=r"results.jsonl, line 3: .*flavour"):

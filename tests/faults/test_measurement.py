@@ -5,8 +5,8 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +24,7 @@ from faults.process import Program
 from faults.programs.relay import Frames
 from faults.programs.truth import FAULT, STATE, TOLD, Truth, TruthWriter
 from hexctl.types import FloatArray
+from tests.faults.outcomes import outcome
 
 TIMES_S: FloatArray = np.linspace(0.0, 1.98, 100)
 
@@ -74,11 +75,9 @@ def test_steps_count_across_the_fault_in_limits_of_a_control_period() -> None:
 def test_a_servo_that_gets_its_torque_is_told_a_step_from_where_its_joint_is() -> None:
     truth = truth_of(0 * TIMES_S)
     told_rad = np.where(TIMES_S[:, np.newaxis] < 1.0, np.nan, np.full((1, 18), 0.1))
-    limp = Truth(truth.at_s, truth.joints_rad, truth.cos_tilt, truth.told_at_s, told_rad, truth.fault_at_s)
+    limp = replace(truth, told_rad=told_rad)
     assert largest_steps(limp, 0.5, np.full(18, 2.0)) == pytest.approx((2.5, 2.0))
-    here = Truth(
-        truth.at_s, truth.joints_rad + 0.1, truth.cos_tilt, truth.told_at_s, told_rad, truth.fault_at_s
-    )
+    here = replace(limp, joints_rad=truth.joints_rad + 0.1)
     assert largest_steps(here, 0.5, np.full(18, 2.0)) == pytest.approx((0.0, 0.0))
 
 
@@ -103,10 +102,7 @@ def test_a_body_that_leans_for_as_long_as_a_fall_takes_has_fallen() -> None:
 def test_a_twin_that_is_kept_waiting_is_noticed() -> None:
     truth = truth_of(0 * TIMES_S)
     assert late_s(truth, 0.0) == pytest.approx(0.0, abs=1e-9)
-    held = Truth(
-        np.where(TIMES_S < 1, TIMES_S, TIMES_S + 0.05),
-        *(getattr(truth, name) for name in ("joints_rad", "cos_tilt", "told_at_s", "told_rad", "fault_at_s")),
-    )
+    held = replace(truth, at_s=np.where(TIMES_S < 1, TIMES_S, TIMES_S + 0.05))
     assert late_s(held, 0.0) == pytest.approx(0.05)
 
 
@@ -121,22 +117,6 @@ def test_what_a_twin_writes_is_read(tmp_path: Path) -> None:
     assert truth.cos_tilt.tolist() == [0.5]
     assert truth.told_rad.tolist() == [[1.0] * 18]
     assert truth.fault_at_s.size == 1
-
-
-def outcome(**given: Any) -> Outcome:
-    values: dict[str, Any] = {
-        "fault": "none",
-        "backend": "zenoh",
-        "phase": "walking",
-        "repetition": 0,
-        "rest_s": None,
-        "told_s": 1.0,
-        "step": 1.0,
-        "fell": False,
-        "goes_on": True,
-        **given,
-    }
-    return Outcome(**values)
 
 
 def test_an_outcome_is_the_same_from_its_line() -> None:

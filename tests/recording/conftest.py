@@ -1,11 +1,8 @@
 """A short simulated trial with a failed leg, a made-up session, and a reader of recordings."""
 
-import subprocess
-import sys
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import islice
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,41 +12,18 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import Floor
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
+from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
-from hexctl.gait.gait import NAMED_SLOTS, Gait
+from hexctl.gait.gait import make_gait
 from hexctl.recording.recording import Recording
-from hexctl.recording.rrd_reader import CHUNK, MESSAGE_HEAD
 from hexctl.recording.rrd_reader import HEAD_BYTES as STREAM_HEAD_BYTES
+from hexctl.recording.rrd_reader import MESSAGE_HEAD
 from hexctl.recording.sessions.session_overview import Overview, OverviewTrial
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-
-#: Damages one byte after the other, and reads with Rerun's reader in a child: prints the byte that ends it.
-DAMAGE = """
-import os, signal, sys
-from pathlib import Path
-from rerun.chunk import RrdReader
-path, places = Path(sys.argv[1]), map(int, sys.argv[2:])
-whole = path.read_bytes()
-for at in places:
-    path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-    child = os.fork()
-    if not child:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-        for chunk in RrdReader(path).stream().to_chunks():
-            chunk.to_record_batch()
-        os._exit(0)
-    if os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGABRT:
-        sys.exit(0)
-sys.exit(1)
-"""
-
-#: Bytes from one place of a message that is damaged to the next that is tried.
-STRIDE = 13
 
 
 @dataclass
@@ -60,16 +34,16 @@ class Trial:
     log: TickLog
     result: TrialResult
 
+    def with_columns(self, **columns: np.ndarray) -> "Trial":
+        """The trial with other columns in its log."""
+        log = TickLog()
+        log.frame = self.log.frame
+        log.extend({name: columns.get(name, self.log[name]) for name in COLUMN_NAMES})
+        return replace(self, log=log)
+
 
 def make_plan(robot: Robot, **changes: Any) -> TrialPlan:
-    defaults = robot.gait
-    gait = Gait(
-        slots=NAMED_SLOTS["demo"],
-        pace_hz=defaults.pace_hz,
-        amplitude=defaults.amplitude,
-        height=defaults.height,
-    )
-    return TrialPlan(gait=gait, **changes)
+    return TrialPlan(gait=make_gait(robot, "demo"), **changes)
 
 
 @pytest.fixture(scope="session")
@@ -111,15 +85,19 @@ class ReadBack:
 
     def values(self, entity: str, component: str) -> list[Any]:
         """The component's value per row, static ones included."""
-        return [value for _, value in self._rows(entity, component)]
+        return [value for _, value in self.rows(entity, component)]
 
     def times_s(self, entity: str, component: str, timeline: str = "trial_time") -> np.ndarray:
-        times = [time for time, _ in self._rows(entity, component, timeline) if time is not None]
+        times = [time for time, _ in self.rows(entity, component, timeline) if time is not None]
         return np.array(times, dtype="int64") / 1e9
 
-    def _rows(
-        self, entity: str, component: str, timeline: str = "trial_time"
-    ) -> list[tuple[int | None, Any]]:
+    def time_type(self, entity: str, timeline: str) -> Any:
+        """Type of an entity's times on a timeline."""
+        schemas = [batch.schema for batch in self._chunks[entity]]
+        return next(schema.field(timeline).type for schema in schemas if timeline in schema.names)
+
+    def rows(self, entity: str, component: str, timeline: str = "trial_time") -> list[tuple[int | None, Any]]:
+        """Times, None of static values, and values of a component in the order of time."""
         rows: list[tuple[int | None, Any]] = []
         for batch in self._chunks[entity]:
             if component not in batch.schema.names:
@@ -138,7 +116,7 @@ class ReadBack:
         for entity, batches in self._chunks.items():
             names = {name for batch in batches for name in batch.schema.names if ":" in name}
             for name in names:
-                rows = [row for row in self._rows(entity, name) if row[0] is not None]
+                rows = [row for row in self.rows(entity, name) if row[0] is not None]
                 if rows:
                     found[entity, name] = rows
         return found
@@ -166,18 +144,6 @@ def make_overview(*trials: OverviewTrial) -> Overview:
 SESSION = make_overview(
     make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
 )
-
-
-def damage(path: Path) -> Path:
-    """A copy of a recording with one other byte, at which Rerun's reader ends its process (SIGABRT)."""
-    whole, damaged = path.read_bytes(), path.with_name(f"{path.stem}-damaged.rrd")
-    damaged.write_bytes(whole)
-    # The last quarter of most messages holds lengths of their columns, which Rerun does not check.
-    chosen = islice(messages(whole, CHUNK), 1, 9)
-    places = (at for start, stop in chosen for at in range(start + (stop - start) * 3 // 4, stop, STRIDE))
-    command = [sys.executable, "-c", DAMAGE, str(damaged), *map(str, places)]
-    assert subprocess.run(command, timeout=120, check=False).returncode == 0, "no byte ends Rerun's reader"
-    return damaged
 
 
 def messages(content: bytes, *kinds: int) -> Iterator[tuple[int, int]]:

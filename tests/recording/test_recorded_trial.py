@@ -9,29 +9,19 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.control.table import ServoRows
 from hexctl.errors import InputError
-from hexctl.recording import paths
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.recording.recording import Recording
-from hexctl.recording.rrd_reader import read_chunks
 from hexctl.robot.loader import load_robot
 from hexctl.runs.run import run
 from hexctl.types import N_JOINTS, ServoReadings
-from tests.recording.conftest import Trial, write
+from tests.recording.conftest import ReadBack, Trial, write
 
 
 @pytest.fixture(scope="module")
 def read(tmp_path_factory: Any, trial: Trial) -> RecordedTrial:
     return read_trial(write(tmp_path_factory.mktemp("read") / "a.rrd", trial, block_ticks=40))
-
-
-def changed(trial: Trial, **columns: Any) -> Trial:
-    """The trial with other columns in its log."""
-    log = TickLog()
-    log.extend({name: trial.log[name] for name in COLUMN_NAMES} | columns)
-    return replace(trial, log=log)
 
 
 @pytest.mark.slow
@@ -52,10 +42,6 @@ def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
     assert np.diff(sparse.rows).max() == 5
     assert np.isnan(sparse.at_every_tick(len(log))[1]).all()
     assert not read.servos
-
-
-@pytest.mark.slow
-def test_it_holds_the_robot_the_outcome_and_what_happened(read: RecordedTrial, trial: Trial) -> None:
     assert read.robot == trial.robot
     assert read.properties["status"] == trial.result.status
     assert read.properties["failed_leg"] == 5
@@ -110,9 +96,9 @@ def test_legs_that_fail_are_noticed_and_heal_in_a_walk(tmp_path: Path) -> None:
 def test_a_place_and_contacts_that_are_not_known_are_none(trial: Trial, tmp_path: Path) -> None:
     position_m = trial.log["base_position_world"].copy()
     position_m[:70] = np.nan
-    read = read_trial(write(tmp_path / "later.rrd", changed(trial, base_position_world=position_m)))
+    read = read_trial(write(tmp_path / "later.rrd", trial.with_columns(base_position_world=position_m)))
     assert np.array_equal(read.posed, np.arange(len(read)) >= 70)
-    never = changed(trial, base_position_world=np.full_like(position_m, np.nan))
+    never = trial.with_columns(base_position_world=np.full_like(position_m, np.nan))
     never.log.contacts_known = False
     never.robot = replace(trial.robot, name="mine", foot_radius_m=0.009)
     unfelt = read_trial(write(tmp_path / "never.rrd", never))
@@ -122,7 +108,7 @@ def test_a_place_and_contacts_that_are_not_known_are_none(trial: Trial, tmp_path
 
 
 def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
-    told = changed(trial)
+    told = trial.with_columns()
     values = np.linspace(20, 40, N_JOINTS)
     unknown = np.full(N_JOINTS, np.nan)
     readings = ServoReadings(
@@ -195,29 +181,15 @@ def test_a_recording_without_its_robot_is_read_with_one(
     assert read_trial(unknown, robot=load_robot("ant")).robot == trial.robot
 
 
-def column(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times of day in ns and values of a column, as the index of a query joins them."""
-    found: list[tuple[Any, Any]] = []
-    for batch in read_chunks(path):
-        if {"Scalars:scalars", paths.WALL_TIMELINE} <= set(batch.schema.names):
-            if batch.schema.metadata[b"rerun:entity_path"].decode() != f"/{entity}":
-                continue
-            index = batch.column(paths.WALL_TIMELINE)
-            assert pa.types.is_timestamp(index.type), "rerun-lerobot reads no durations"
-            assert index.type.unit == "ns"
-            found.append((index.cast(pa.int64()).to_numpy(), batch.column("Scalars:scalars").to_pylist()))
-    times, values = zip(*found, strict=True)
-    return np.concatenate(times), np.array([one for part in values for one in part])
-
-
 def test_action_and_state_are_vectors_at_every_tick(trial: Trial, tmp_path: Path) -> None:
-    path = write(tmp_path / "trial.rrd", trial)
-    times_ns, action = column(path, paths.ACTION)
-    same_ns, state = column(path, paths.OBSERVATION)
-    assert np.array_equal(times_ns, same_ns), "one row holds both"
-    assert (np.diff(times_ns) > 0).all()
-    assert np.diff(times_ns) / 1e9 == pytest.approx(np.diff(trial.log["time_s"]), abs=1e-6)
-    for read, name in ((action, "commanded_rad"), (state, "measured_rad")):
-        assert read.shape == (len(trial.log), 18)
-        assert read == pytest.approx(trial.log[name], abs=np.radians(0.09)), "finer than servos resolve"
-        assert np.can_cast(read.dtype, np.float32, "same_kind")
+    read = ReadBack(write(tmp_path / "trial.rrd", trial))
+    assert pa.types.is_timestamp(read.time_type("/action", "wall_time")), "rerun-lerobot reads no durations"
+    times_s, same_s = (
+        read.times_s(f"/{one}", "Scalars:scalars", "wall_time") for one in ("action", "observation/state")
+    )
+    assert np.array_equal(times_s, same_s), "one row holds both"
+    assert np.diff(times_s) == pytest.approx(np.diff(trial.log["time_s"]), abs=1e-6)
+    for entity, name in (("action", "commanded_rad"), ("observation/state", "measured_rad")):
+        values = np.array(read.values(f"/{entity}", "Scalars:scalars"))
+        assert values.shape == (len(trial.log), 18)
+        assert values == pytest.approx(trial.log[name], abs=np.radians(0.09)), "finer than servos resolve"

@@ -13,16 +13,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.log import COLUMN_NAMES, TickLog
+from hexctl.control.log import TickLog
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.recording import paths, rrd
 from hexctl.recording import recording as module
 from hexctl.recording.recording import Recording
-from hexctl.recording.rrd import END
-from hexctl.recording.series import VECTORS
+from hexctl.recording.rrd_reader import END
 from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import ReadBack, Trial, write
 
@@ -35,16 +35,6 @@ def written(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def read(written: Path) -> ReadBack:
     return ReadBack(written)
-
-
-def _joints(read: ReadBack, which: int) -> np.ndarray:
-    """Commanded (0) or measured (1) angles, (ticks, 18)."""
-    return np.array(read.values(f"/{VECTORS[which].path}", "Scalars:scalars"))
-
-
-def test_joint_angles_are_those_of_the_log(read: ReadBack, trial: Trial) -> None:
-    np.testing.assert_allclose(_joints(read, 0), trial.log["commanded_rad"], atol=1.23e-4)
-    np.testing.assert_allclose(_joints(read, 1), trial.log["measured_rad"], atol=1.23e-4)
 
 
 def test_the_drawn_feet_are_where_the_kinematics_put_them(read: ReadBack, trial: Trial) -> None:
@@ -63,20 +53,11 @@ def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarra
     starts, turns = (
         read.values(path, f"Transform3D:{part}") for part in ("translation", "rotation_axis_angle")
     )
-    start = np.array(starts[0][0]) if starts else np.zeros(3)
-    if not turns:
-        moved: np.ndarray = point + start
-        return moved
-    # An angle is sent when it changes.
-    times_s = read.times_s(path, "Transform3D:rotation_axis_angle")
-    turn = turns[np.searchsorted(times_s, row * PERIOD_S + 1e-6) - 1][0]
-    axis, angle = np.array(turn["axis"]), turn["angle"]
-    turned = (
-        point * np.cos(angle)
-        + np.cross(axis, point) * np.sin(angle)
-        + axis * (axis @ point) * (1 - np.cos(angle))
-    )
-    placed: np.ndarray = turned + start
+    if turns:  # an angle is sent when it changes
+        times_s = read.times_s(path, "Transform3D:rotation_axis_angle")
+        turn = turns[np.searchsorted(times_s, row * PERIOD_S + 1e-6) - 1][0]
+        point = Rotation.from_rotvec(turn["angle"] * np.array(turn["axis"])).apply(point)
+    placed: np.ndarray = point + (np.array(starts[0][0]) if starts else 0.0)
     return placed
 
 
@@ -129,20 +110,13 @@ def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, t
     lost = slice(100, 110)
     position = trial.log["base_position_world"].copy()
     position[lost] = np.nan
-    log = TickLog()
-    log.frame = trial.log.frame
-    log.extend({name: trial.log[name] for name in COLUMN_NAMES} | {"base_position_world": position})
-    paths_read = []
-    for block_ticks in (len(log), 7):
-        path = tmp_path / f"{block_ticks}.rrd"
-        with Recording(path, trial.robot, trial.plan, title="lost", floor=trial.floor) as recording:
-            for stop in range(block_ticks, len(log) + block_ticks, block_ticks):
-                recording.write_block(log, stop - block_ticks, min(stop, len(log)))
-        paths_read.append(ReadBack(path))
-    whole, parts = paths_read
+    changed = trial.with_columns(base_position_world=position)
+    whole, parts = (
+        ReadBack(write(tmp_path / f"{block_ticks}.rrd", changed, block_ticks)) for block_ticks in (None, 7)
+    )
     assert whole.temporal() == parts.temporal()
     ticks = np.round(whole.times_s("/world/robot", "Transform3D:translation") * 50).astype(int)
-    np.testing.assert_array_equal(ticks, np.delete(np.arange(len(log)), lost))
+    np.testing.assert_array_equal(ticks, np.delete(np.arange(len(trial.log)), lost))
     for entity, component in (
         ("/world/trail", "LineStrips3D:strips"),
         ("/world/ribbon", "Mesh3D:vertex_positions"),
@@ -222,7 +196,7 @@ def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Pa
         child.wait(10)
         child.stdout.close()
     read = ReadBack(path)
-    assert len(_joints(read, 1)) == 200
+    assert len(read.values("/observation/state", "Scalars:scalars")) == 200
     assert len(read.blueprints) == 1
 
 

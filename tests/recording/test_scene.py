@@ -15,6 +15,7 @@ from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.recording import Recording
 from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
+from hexctl.recording.series import DEVIATION
 from hexctl.recording.side_by_side import names_of, write_together
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_meshes
@@ -63,26 +64,33 @@ def test_a_mesh_is_put_in_its_place(read: ReadBack) -> None:
     assert read.values(path, "InstancePoses3D:quaternions")[0][0] == pytest.approx([0, 0, half, half])
 
 
+def floor_mesh(heights_m: np.ndarray | None, path_end_m: np.ndarray) -> list[np.ndarray]:
+    """Positions, triangles and normals of the floor's mesh."""
+    mesh = make_floor_mesh(heights_m, path_end_m)
+    parts = (mesh.vertex_positions, mesh.triangle_indices, mesh.vertex_normals)
+    return [np.array(part.as_arrow_array().to_pylist(), dtype=float) for part in parts]
+
+
 def test_an_even_floor_is_two_triangles_around_the_whole_path() -> None:
-    mesh = make_floor_mesh(None, np.array([4.0, 0.0]))
-    assert len(mesh.triangles) == 2
-    assert mesh.positions[:, 0].min() < -1
-    assert mesh.positions[:, 0].max() > 5
+    positions, triangles, _ = floor_mesh(None, np.array([4.0, 0.0]))
+    assert len(triangles) == 2
+    assert positions[:, 0].min() < -1
+    assert positions[:, 0].max() > 5
 
 
 def test_bumps_have_the_heights_of_the_floor_and_face_up() -> None:
     floor = make_floor(World(roughness_m=0.01), seed=3)
     assert floor.heights_m is not None
-    mesh = make_floor_mesh(floor.heights_m, np.array([1.0, 0.0]))
+    positions, triangles, normals = floor_mesh(floor.heights_m, np.array([1.0, 0.0]))
     axis = np.linspace(-8, 8, 400)
-    column, row = (np.searchsorted(axis, mesh.positions[:, i].astype(float) - 1e-5) for i in (0, 1))
-    np.testing.assert_allclose(mesh.positions[:, 2], floor.heights_m[row, column], atol=1e-6)
-    corners = mesh.positions[mesh.triangles]
+    column, row = (np.searchsorted(axis, positions[:, i] - 1e-5) for i in (0, 1))
+    np.testing.assert_allclose(positions[:, 2], floor.heights_m[row, column], atol=1e-6)
+    corners = positions[triangles.astype(int)]
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (facing[:, 2] > 0).all()
-    assert (mesh.normals[:, 2] > 0).all()
-    long = make_floor_mesh(floor.heights_m, np.array([50.0, 50.0]))
-    assert len(long.positions) <= 1.1 * MAX_VERTICES
+    assert (normals[:, 2] > 0).all()
+    positions, _, _ = floor_mesh(floor.heights_m, np.array([50.0, 50.0]))
+    assert len(positions) <= 1.1 * MAX_VERTICES
 
 
 def test_a_recording_opens_with_the_time_of_the_walk_and_a_live_view_follows_it(
@@ -138,7 +146,7 @@ def test_all_walks_are_in_one_scene_each_in_a_lane(written: list[Path], recordin
         left_m.append(place[1])
         moved = scene.values(f"/lane{number}/{paths.ROBOT}", "Transform3D:translation")
         np.testing.assert_allclose(moved[-1][0][:2], trial.base_position_world[-1, :2], atol=1e-3)
-        assert scene.values(f"/lane{number}/{paths.DEVIATION}", "Scalars:scalars")
+        assert scene.values(f"/lane{number}/{DEVIATION.path}", "Scalars:scalars")
         (name,) = [one for (one,) in scene.values(f"/lane{number}/{paths.BODY}/name", "Points3D:labels")]
         names.append(name)
     assert len(set(names)) == 2

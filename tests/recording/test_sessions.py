@@ -29,16 +29,9 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def rows(path: Path, entity: str, component: str) -> dict[int, Any]:
     """What an entity shows from which trial on."""
-    import rerun as rr
-
-    found: dict[int, Any] = {}
-    for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
-        batch = chunk.to_record_batch()
-        if chunk.entity_path == entity and {"trial", component} <= set(batch.schema.names):
-            found |= dict(
-                zip(batch.column("trial").to_pylist(), batch.column(component).to_pylist(), strict=True)
-            )
-    return dict(sorted(found.items()))
+    return {
+        trial: value for trial, value in ReadBack(path).rows(entity, component, "trial") if trial is not None
+    }
 
 
 def test_the_curve_has_scores_best_so_far_and_invalid_trials_above(written: Path) -> None:
@@ -76,7 +69,8 @@ def test_rerun_finds_nothing_wrong_with_any_session(tmp_path: Path) -> None:
         make_trial(1, 0.0, valid=False), deviation_m=None, distance_m=None, path_m=np.zeros((0, 2))
     )
     flown = make_overview(make_trial(1, 0.1), make_trial(2, 900.0, valid=False))
-    for number, session in enumerate((make_overview(none), flown)):
+    short = replace(SESSION, course_m=0.1)
+    for number, session in enumerate((make_overview(none), flown, short)):
         path = tmp_path / f"{number}.rrd"
         write_overview_file(path, session)
         command = [str(viewer_binary()), "rrd", "verify", str(path)]

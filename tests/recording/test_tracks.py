@@ -1,6 +1,5 @@
 """What is drawn about a walk: gait, ribbon, support, servos, guard, events and failures."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +8,13 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMN_NAMES, TickLog
+from hexctl.control.log import TickLog
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.ik.legs import foot_positions_body
 from hexctl.ik.support_polygon import centre_of_mass_body, support, to_world
+from hexctl.palette import FAILED_COLORS, LINK_COLORS
 from hexctl.recording import paths, style
 from hexctl.recording.recording import Recording
 from hexctl.runs.run import RunResult, run
@@ -27,18 +27,6 @@ WALK = PHASES.index("walk")
 @pytest.fixture(scope="module")
 def read(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
     return ReadBack(write(tmp_path_factory.mktemp("drawn") / "trial.rrd", trial))
-
-
-def rewritten(trial: Trial, **columns: np.ndarray) -> TickLog:
-    """The trial's log with other columns."""
-    log = TickLog()
-    log.frame = trial.log.frame
-    log.extend({name: columns.get(name, trial.log[name]) for name in COLUMN_NAMES})
-    return log
-
-
-def recorded(trial: Trial, log: TickLog, path: Path) -> ReadBack:
-    return ReadBack(write(path, replace(trial, log=log)))
 
 
 def lane(read: ReadBack, path: str, ticks: int) -> list[str]:
@@ -95,9 +83,9 @@ def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_
     sent[60:63, 4] += 0.01
     times = trial.log["time_s"].copy()
     times[100:] += 0.06
-    log = rewritten(trial, commanded_rad=sent, time_s=times)
-    log.notes = [(90, "noticed: leg 5 locked")]
-    read = recorded(trial, log, tmp_path / "troubled.rrd")
+    troubled = trial.with_columns(commanded_rad=sent, time_s=times)
+    troubled.log.notes = [(90, "noticed: leg 5 locked")]
+    read = ReadBack(write(tmp_path / "troubled.rrd", troubled))
     at = np.round(read.times_s(f"/{paths.GUARD}", "StateChange:state") * 50).astype(int).tolist()
     states = [value[0] for value in read.values(f"/{paths.GUARD}", "StateChange:state")]
     usual, clipped, missed = style.GUARD_STATES
@@ -141,11 +129,11 @@ def test_a_robot_that_knows_its_position_alone_is_drawn_on_its_way(
     read: ReadBack, trial: Trial, tmp_path: Path
 ) -> None:
     without = np.full((len(trial.log), 4), np.nan)
-    alone = recorded(trial, rewritten(trial, base_quaternion_world=without), tmp_path / "alone.rrd")
+    alone = ReadBack(write(tmp_path / "alone.rrd", trial.with_columns(base_quaternion_world=without)))
     for path, component in (
         (paths.TRAIL, "LineStrips3D:strips"),
         (paths.RIBBON, "Mesh3D:vertex_positions"),
-        (paths.DEVIATION, "Scalars:scalars"),
+        ("deviation", "Scalars:scalars"),
         (paths.ROBOT, "Transform3D:translation"),
     ):
         drawn = alone.values(f"/{path}", component)
@@ -194,7 +182,7 @@ def test_lanes_and_legs_show_what_is_broken_and_what_was_noticed(
     walked: RunResult, failing: ReadBack
 ) -> None:
     noticed, healed = (one.at_s for one in walked.trial.noticed)
-    whole, failed = (style.packed(colors["tibia"]) for colors in (style.LINK_COLORS, style.FAILED_COLORS))
+    whole, failed = (style.packed(colors["tibia"]) for colors in (LINK_COLORS, FAILED_COLORS))
     limp, told = "broken: leg 2 limp", "noticed: leg 2 limp"
     lanes = {
         paths.BROKEN: [(0, style.WHOLE), (BROKEN_S, limp), (HEALED_S, style.WHOLE)],
@@ -219,4 +207,4 @@ def test_a_walk_that_watches_no_legs_has_no_lane_of_what_it_noticed(trial: Trial
     failing = ReadBack(write(tmp_path / "a.rrd", trial))
     assert timed(failing, paths.BROKEN, "StateChange:state") == [(0, ["broken: leg 5 locked"])]
     assert not timed(failing, paths.NOTICED, "StateChange:state")
-    assert not timed(failing, paths.SUSPICION, "Scalars:scalars")
+    assert not timed(failing, "leg_suspicion", "Scalars:scalars")

@@ -10,7 +10,7 @@ import pytest
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.recording import viewer
-from hexctl.recording.viewer import FileServer, newest_recording, open_viewer, serve_web, web_url
+from hexctl.recording.viewer import FileServer, newest_recording, open_viewer, serve_web, web_page, web_url
 
 
 def test_the_newest_recording_of_all_folders_is_found(tmp_path: Path) -> None:
@@ -56,26 +56,26 @@ def test_a_browser_is_sent_to_the_dark_viewer_of_all_recordings(
     stand_in(tmp_path, "sleep 60", monkeypatch)
     urls = ["http://127.0.0.1:1/a session/1.rrd", "http://127.0.0.1:1/b.rrd?x=1&y=2"]
     with serve_web(9090, urls) as served:
-        served.check()
-        assert served.url.startswith("http://127.0.0.1:9090/?")
-        asked = parse_qs(urlsplit(served.url).query)
+        assert served.poll() is None
+    page = web_page(9090, urls)
+    assert page.startswith("http://127.0.0.1:9090/?")
+    asked = parse_qs(urlsplit(page).query)
     assert asked == {"theme": ["dark"], "url": urls}
     live = parse_qs(urlsplit(web_url(1234, 9090)).query)
     assert live == {"theme": ["dark"], "url": ["rerun+http://127.0.0.1:1234/proxy"]}
 
 
-def test_a_missing_display_comes_with_a_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    message = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
-    recording = stand_in(tmp_path, f'echo "{message}" >&2; exit 1', monkeypatch)
-    with pytest.raises(RecordingError, match="--web") as refusal:
+NO_DISPLAY = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
+
+
+@pytest.mark.parametrize(("said", "told"), [(NO_DISPLAY, "--web"), ("info\\nError: no GPU", "no GPU")])
+def test_an_error_of_the_viewer_is_passed_on_in_one_line(
+    said: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = stand_in(tmp_path, f'printf "{said}\\n" >&2; exit 3', monkeypatch)
+    with pytest.raises(RecordingError, match=told) as refusal:
         open_viewer([recording])
     assert "\n" not in str(refusal.value)
-
-
-def test_another_error_is_passed_on_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording = stand_in(tmp_path, 'printf "info\\nError: no GPU\\n" >&2; exit 3', monkeypatch)
-    with pytest.raises(RecordingError, match="no GPU"):
-        open_viewer([recording])
 
 
 ORIGIN = "http://127.0.0.1:9090"

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+from faults.process import free_port as free_port
 from hexctl.cli.main import exit_code
 from hexctl.waiting import wait_for
 from tests.server.recorded import VARIABLE, ServoLog
@@ -31,13 +32,6 @@ TIMEOUT_S = 60.0
 MOST_STOPS = 10
 
 Answer = TypeVar("Answer")
-
-
-def free_port() -> int:
-    """A TCP port that is free now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def wait_until(condition: Callable[[], Any], what: str, timeout_s: float = TIMEOUT_S) -> Any:
@@ -107,13 +101,15 @@ class Program:
 
 
 @contextmanager
-def program(folder: Path, name: str, *arguments: str, **variables: str) -> Iterator[Program]:
-    """Run `python -m ...` from the checkout until the block ends."""
+def program(
+    folder: Path, name: str, *arguments: str, cwd: Path | str = ROOT, **variables: str
+) -> Iterator[Program]:
+    """Run `python -m ...` until the block ends, in the checkout or another folder."""
     output = folder / f"{name}.out"
     with output.open("w", encoding="utf-8") as file:
         process = subprocess.Popen(
             [sys.executable, "-u", "-m", *arguments],
-            cwd=ROOT,
+            cwd=cwd,
             env={**os.environ, "HEXCTL_RUNS": str(folder / "runs"), **variables},
             stdin=subprocess.DEVNULL,
             stdout=file,

@@ -41,13 +41,13 @@ def of_kind(window: Window, kind: str) -> Picture:
 def check_robot(scene: Picture) -> None:
     """Fail unless a robot with a failed leg is in a picture of a scene."""
     assert not scene.blank, "the scene is blank"
-    assert scene.share(style.BODY_COLOR, SHADED) > BODY_SHARE, "no trunk is seen"
-    assert scene.share(style.FAILED_COLORS["femur"], SHADED) > LEG_SHARE, "no failed leg is seen"
+    assert scene.share(palette.BODY_COLOR, SHADED) > BODY_SHARE, "no trunk is seen"
+    assert scene.share(palette.FAILED_COLORS["femur"], SHADED) > LEG_SHARE, "no failed leg is seen"
 
 
 def check_whole(scene: Picture) -> None:
     """Fail when the eye is so close to the robot that its feet are outside the picture."""
-    share = scene.share(style.BODY_COLOR, SHADED)
+    share = scene.share(palette.BODY_COLOR, SHADED)
     assert share < WHOLE_SHARE, f"the trunk covers {100 * share:.0f} % of the scene"
 
 
@@ -69,7 +69,7 @@ def check_trial(window: Window) -> None:
     whole = window.picture()
     assert not whole.blank, "the window is blank"
     for joint in ("coxa", "femur"):
-        assert whole.share(style.SERIES[joint][1]) > LINE_SHARE, f"no curve of {joint} is seen"
+        assert whole.share(palette.JOINT_COLORS[joint][1]) > LINE_SHARE, f"no curve of {joint} is seen"
     assert whole.share(style.DEVIATION_COLOR) > LINE_SHARE, "no curve of the deviation is seen"
     check_robot(of_kind(window, "3D"))
     lanes = of_kind(window, "StateTimeline")

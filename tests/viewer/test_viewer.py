@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from faults.process import children_of
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_viewing import recordings_of, write_overview
 from hexctl.adapt.sessions.store import load_session
@@ -134,19 +135,18 @@ def page(home: dict[str, str]) -> Iterator[Browser]:
 
 
 def seen(page: Browser) -> Picture:
-    """The page once it shows a robot, or as it is after the timeout."""
-    until_s = time.monotonic() + PATIENCE_S
-    while True:
+    """The page once it shows a robot."""
+
+    def found() -> Picture | None:
         now = page.picture()
-        try:
+        with suppress(AssertionError):
             assert now is not None, "there is no page"
             check_robot(now)
-        except AssertionError:
-            if time.monotonic() > until_s:
-                raise
-            time.sleep(0.2)
-        else:
             return now
+        return None
+
+    shown: Picture = wait_until(found, "a robot on the page", PATIENCE_S)
+    return shown
 
 
 @pytest.mark.slow
@@ -180,13 +180,10 @@ def viewer_of(walk: Program) -> int:
 
     def found() -> int | None:
         assert walk.process.poll() is None, walk.said()
-        for status in Path("/proc").glob("[0-9]*/stat"):
-            try:
-                name, _, rest = status.read_text().partition("(")[2].rpartition(")")
-            except OSError:
-                continue  # it has ended meanwhile
-            if name == "rerun" and int(rest.split()[1]) == walk.process.pid:
-                return int(status.parent.name)
+        for child in children_of(walk.process.pid):
+            with suppress(OSError):  # it has ended meanwhile
+                if Path(f"/proc/{child}/comm").read_text() == "rerun\n":
+                    return child
         return None
 
     return int(wait_until(found, "the viewer"))

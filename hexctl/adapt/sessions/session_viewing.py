@@ -25,6 +25,7 @@ from hexctl.recording.viewer import (
     open_viewer,
     serve_web,
     web_origin,
+    web_page,
 )
 from hexctl.scratch import scratch_folder
 
@@ -192,10 +193,11 @@ def serve_runs(
             _serve(one, files, folder / str(number), on_damage, several=len(chosen) > 1)
             for number, one in enumerate(alone)
         ]
-        with serve_web(port, urls) as served:
-            on_url(served.url)
+        with serve_web(port, urls) as server:
+            on_url(web_page(port, urls))
             while not stop_requested():
-                served.check()
+                if server.poll() is not None:
+                    raise RecordingError(f"the viewer's server ended with {server.returncode}")
                 time.sleep(0.1)
 
 

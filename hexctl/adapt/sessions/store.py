@@ -31,9 +31,9 @@ from hexctl.errors import HexctlError, InputError, argument, check_type, printab
 from hexctl.files import (
     ALLOWED_FOLDER,
     OnDamage,
-    check_writable,
     folder_trouble,
     log_damage,
+    make_folder,
     read_file,
     replacing,
     sync,
@@ -66,11 +66,7 @@ class SessionStore:
         """Open or make a folder; raises InputError for one that cannot be used."""
         self.folder = folder
         self._locks: dict[str, int] = {}
-        check_writable(folder)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"sessions: {folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
+        make_folder(folder)
 
     def create(self, spec: SessionSpec, holder: ExitStack | None = None) -> Session:
         """Add a session with a new name, on the disk when this returns.

@@ -16,19 +16,14 @@ from hexctl.palette import (
     LEGEND_M,
     LINE_COLOR,
     TARGET_BANDS,
-    TEXT_COLOR,
     baseline_color,
     deviation_color,
 )
-from hexctl.recording.blueprint import side_panels
-from hexctl.recording.rrd import (
-    check_whole,
-    create_file,
-    create_folders,
-    load_rerun,
-    new_recording,
-)
-from hexctl.recording.sessions.belief_figure import STEPS, TIMELINE, belief_view, send_steps
+from hexctl.recording.blueprint import two_columns
+from hexctl.recording.rrd import create_file, create_folders, load_rerun, new_recording
+from hexctl.recording.rrd_reader import check_end
+from hexctl.recording.sessions.belief_figure import STEPS, belief_view, send_steps
+from hexctl.recording.sessions.drawing import THIN, TIMELINE, draw, draw_names, trial_column
 from hexctl.recording.sessions.session_overview import (
     Overview,
     OverviewTrial,
@@ -45,33 +40,13 @@ ABOVE = "above"
 AXES = "above/axes"
 BANDS = "above/bands"
 LINE = "above/line_of_travel"
-START = "above/start"
 LEGEND = "above/legend"
-BASELINE = "above/baseline"
 BEST = "above/best"
-BEST_END = "above/best/end"
-BEST_NAME = "above/best/name"
 
 SCENERY = (AXES, BANDS, LEGEND, LINE)
 
 CURVE = "curve"
-SCORE = "curve/score"
-INVALID = "curve/invalid"
-BEST_SO_FAR = "curve/best_so_far"
-TARGETS = "curve/targets"
-BASELINE_SCORES = "curve/baseline"
 TABLE = "table"
-
-
-def trial_path(index: int) -> str:
-    """Entity of a trial's trajectory."""
-    return f"{ABOVE}/trials/{index:03d}"
-
-
-def at(indices: Sequence[int]) -> Any:
-    """Trials as a column of the timeline."""
-    return load_rerun().TimeColumn(TIMELINE, sequence=np.asarray(indices, dtype=np.int64))
-
 
 #: Limits of the picture around the line of travel, as shares of its length.
 SIDE_LIMIT, END_LIMIT = 0.75, 0.25
@@ -81,8 +56,8 @@ SIDE_LEAST, MARGIN = 0.15, 0.06
 GRID_STEPS_M = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 MAX_LINES = 6
 
-#: Line widths in points of the screen, which Rerun marks by a negative sign.
-THIN, TRACK, BOLD, MARK = -0.5, -1.0, -1.75, -5.0
+#: Widths and sizes like `THIN`.
+TRACK, BOLD, MARK = -1.0, -1.75, -5.0
 
 #: Draw order: higher covers lower.
 AXIS_ORDER, BAND_ORDER, LINE_ORDER, TRACK_ORDER, BEST_ORDER, MARK_ORDER = range(0, 60, 10)
@@ -110,8 +85,13 @@ def send_above(stream: Any, overview: Overview) -> None:
     _send_legend(stream, overview)
     _send_baseline(stream, overview)
     for trial in overview.trials:
-        _send_trial(stream, trial)
+        if len(trial.path_m):
+            _send_trial(stream, trial)
     _send_best(stream, overview)
+
+
+def _send_names(stream: Any, path: str, names: Sequence[tuple[Any, str]]) -> None:
+    draw_names(stream, path, [(picture(np.array(place_m)), text) for place_m, text in names])
 
 
 def _send_axes(stream: Any, overview: Overview) -> None:
@@ -121,8 +101,7 @@ def _send_axes(stream: Any, overview: Overview) -> None:
     across = np.arange(np.ceil(y_low / step), y_high / step) * step
     lines = [[(x, y_low), (x, y_high)] for x in along] + [[(x_low, y), (x_high, y)] for y in across]
     look = {"colors": [AXIS_COLOR], "radii": [THIN], "draw_order": AXIS_ORDER}
-    strips = load_rerun().LineStrips2D(picture(np.array(lines)), **look)
-    stream.log(AXES, strips, static=True)
+    draw(stream, AXES, load_rerun().LineStrips2D(picture(np.array(lines)), **look))
     foot = y_low + MARGIN * overview.course_m
     names = [((x, foot), f"{x:g} m") for x in along if x]
     side = x_low + MARGIN * overview.course_m / 2
@@ -136,9 +115,9 @@ def _send_course(stream: Any, overview: Overview) -> None:
         # A line as wide as the band; its round ends reach half the width further.
         ends = [[(half_width_m, 0.0), (length - half_width_m, 0.0)]]
         look = {"colors": [color], "radii": [half_width_m], "draw_order": BAND_ORDER + order}
-        stream.log(f"{BANDS}/{order + 1}", rr.LineStrips2D(ends, **look), static=True)
+        draw(stream, f"{BANDS}/{order + 1}", rr.LineStrips2D(ends, **look))
     look = {"colors": [LINE_COLOR], "radii": [THIN], "draw_order": LINE_ORDER}
-    stream.log(LINE, rr.LineStrips2D([[(0.0, 0.0), (length, 0.0)]], **look), static=True)
+    draw(stream, LINE, rr.LineStrips2D([[(0.0, 0.0), (length, 0.0)]], **look))
     targets = "targets " + ", ".join(name for *_, name in reversed(TARGET_BANDS))
     names = [
         ((0.25 * length, TARGET_BANDS[0][0] + MARGIN * length), targets),
@@ -146,7 +125,7 @@ def _send_course(stream: Any, overview: Overview) -> None:
     ]
     _send_names(stream, f"{BANDS}/names", names)
     start = rr.Points2D([[0.0, 0.0]], radii=[MARK], colors=[LINE_COLOR], draw_order=MARK_ORDER)
-    stream.log(START, start, static=True)
+    draw(stream, f"{ABOVE}/start", start)
 
 
 def _send_legend(stream: Any, overview: Overview) -> None:
@@ -155,42 +134,31 @@ def _send_legend(stream: Any, overview: Overview) -> None:
     places = np.column_stack([xs, np.full(len(xs), y_high - MARGIN * overview.course_m / 4)])
     colors = [deviation_color(mark, valid=True) for mark in LEGEND_M]
     dots = load_rerun().Points2D(picture(places), radii=[MARK], colors=colors, draw_order=MARK_ORDER)
-    stream.log(LEGEND, dots, static=True)
+    draw(stream, LEGEND, dots)
     names = [mark_text(mark) for mark in LEGEND_M]
     names[0], names[-1] = f"deviation ≤ {names[0]}", f"≥ {names[-1]}"
     _send_names(stream, f"{LEGEND}/names", list(zip(places, names, strict=True)))
 
 
-def _send_names(stream: Any, path: str, names: list[tuple[Any, str]]) -> None:
-    points = picture(np.array([place for place, _ in names]).reshape(-1, 2))
-    texts = [text for _, text in names]
-    labels = load_rerun().Points2D(points, radii=[0.0], colors=[TEXT_COLOR], labels=texts, show_labels=True)
-    stream.log(path, labels, static=True)
-
-
 def _send_trial(stream: Any, trial: OverviewTrial) -> None:
-    if not len(trial.path_m):
-        return
-    color = deviation_color(trial.deviation_m, valid=trial.score_m is not None)
-    off_m = min(abs(trial.deviation_m or 0.0), LEGEND_M[-1]) if trial.score_m is not None else LEGEND_M[-1]
-    look = load_rerun().LineStrips2D.columns(
-        strips=[picture(trial.path_m)],
-        colors=[color],
+    valid, far_m = trial.score_m is not None, LEGEND_M[-1]
+    off_m = min(abs(trial.deviation_m or 0.0), far_m) if valid else far_m
+    line = load_rerun().LineStrips2D(
+        [picture(trial.path_m)],
+        colors=[deviation_color(trial.deviation_m, valid=valid)],
         radii=[TRACK],
-        draw_order=[TRACK_ORDER + LEGEND_M[-1] - off_m],
+        draw_order=TRACK_ORDER + far_m - off_m,
     )
-    stream.send_columns(trial_path(trial.index), [at([trial.index])], look)
+    draw(stream, f"{ABOVE}/trials/{trial.index:03d}", line, trial.index)
 
 
 def _send_baseline(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
     walks = [walk for walk in overview.baseline if len(walk.path_m)]
-    for walk in walks:
-        path = f"{BASELINE}/{walk.gait}"
-        look = {"colors": [baseline_color(walk.gait or "")], "radii": [TRACK], "draw_order": TRACK_ORDER}
-        stream.log(path, rr.LineStrips2D([picture(walk.path_m)], **look), static=True)
     for walk, place in zip(walks, _spread_ends_m(walks, overview), strict=True):
-        _send_names(stream, f"{BASELINE}/{walk.gait}/name", [(place, str(walk.gait))])
+        path = f"{ABOVE}/baseline/{walk.gait}"
+        look = {"colors": [baseline_color(walk.gait or "")], "radii": [TRACK], "draw_order": TRACK_ORDER}
+        draw(stream, path, load_rerun().LineStrips2D([picture(walk.path_m)], **look))
+        _send_names(stream, f"{path}/name", [(place, str(walk.gait))])
 
 
 def _spread_ends_m(walks: Sequence[OverviewTrial], overview: Overview) -> list[FloatArray]:
@@ -208,34 +176,28 @@ def _spread_ends_m(walks: Sequence[OverviewTrial], overview: Overview) -> list[F
 
 def _send_best(stream: Any, overview: Overview) -> None:
     rr, last = load_rerun(), None
+    (_, y_low), _ = visible_m(overview)
+    # Below the middle of the line, which paths rarely reach.
+    name_m = np.array([0.5 * overview.course_m, y_low + 2.5 * MARGIN * overview.course_m])
     for trial, best in zip(overview.trials, overview.best_so_far(), strict=True):
         if best is last or best is None or not len(best.path_m):
             continue
-        last, when = best, [at([trial.index])]
-        line = rr.LineStrips2D.columns(
-            strips=[picture(best.path_m)], colors=[BEST_COLOR], radii=[BOLD], draw_order=[BEST_ORDER]
+        last = best
+        line = rr.LineStrips2D(
+            [picture(best.path_m)], colors=[BEST_COLOR], radii=[BOLD], draw_order=BEST_ORDER
         )
-        stream.send_columns(BEST, when, line)
+        draw(stream, BEST, line, trial.index)
         label = f"best so far: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
-        mark = rr.Points2D.columns(
-            positions=[picture(best.end_m)],
+        end = rr.Points2D(
+            [picture(best.end_m)],
             colors=[BEST_COLOR],
             radii=[MARK],
-            draw_order=[MARK_ORDER],
+            draw_order=MARK_ORDER,
             labels=[label],
-            show_labels=[False],  # named elsewhere; here only on hover
+            show_labels=False,  # named elsewhere; here only on hover
         )
-        stream.send_columns(BEST_END, when, mark)
-        name = rr.Points2D.columns(
-            positions=[picture(name_place_m(overview))], colors=[TEXT_COLOR], radii=[0.0], labels=[label]
-        )
-        stream.send_columns(BEST_NAME, when, name)
-
-
-def name_place_m(overview: Overview) -> FloatArray:
-    """Position of the best trial's name: below the middle of the line, which paths rarely reach."""
-    (_, y_low), _ = visible_m(overview)
-    return np.array([0.5 * overview.course_m, y_low + 2.5 * MARGIN * overview.course_m])
+        draw(stream, f"{BEST}/end", end, trial.index)
+        draw_names(stream, f"{BEST}/name", [(picture(name_m), label)], trial.index)
 
 
 def score_top(overview: Overview) -> float:
@@ -245,82 +207,58 @@ def score_top(overview: Overview) -> float:
     return overview.curve_factor * 1.1 * max([TARGET_BANDS[0][0], *scores_m])
 
 
-def send_curve(stream: Any, overview: Overview) -> None:
-    """Send scores, best so far, targets and the baseline to a recording stream."""
-    _send_scores(stream, overview)
-    _send_invalid(stream, overview)
-    _send_best_so_far(stream, overview)
-    _send_targets(stream, overview)
-    _send_baseline_scores(stream, overview)
-
-
 def _send_scores(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
-    valid = [(trial, trial.score_m) for trial in overview.trials if trial.score_m is not None]
-    if not valid:
-        return
-    look = rr.SeriesPoints(names=["trial"], markers=["circle"], marker_sizes=[4.0])
-    stream.log(SCORE, look, static=True)
-    colors = [deviation_color(trial.deviation_m, valid=True) for trial, _ in valid]
-    columns = [
-        *rr.Scalars.columns(scalars=[overview.curve_factor * score_m for _, score_m in valid]),
-        *rr.SeriesPoints.columns(colors=np.array(colors, dtype=np.uint8)),
-    ]
-    stream.send_columns(SCORE, [at([trial.index for trial, _ in valid])], columns)
-
-
-def _send_invalid(stream: Any, overview: Overview) -> None:
-    """Send a cross per invalid trial, above all scores: it ranks behind them."""
-    rr = load_rerun()
-    indices = [trial.index for trial in overview.trials if trial.score_m is None]
-    if not indices:
-        return
-    look = rr.SeriesPoints(names=["invalid"], markers=["cross"], marker_sizes=[4.0], colors=[INVALID_COLOR])
-    stream.log(INVALID, look, static=True)
-    scalars = rr.Scalars.columns(scalars=np.full(len(indices), score_top(overview)))
-    stream.send_columns(INVALID, [at(indices)], scalars)
-
-
-def _send_best_so_far(stream: Any, overview: Overview) -> None:
-    rr = load_rerun()
-    pairs = zip(overview.trials, overview.best_so_far(), strict=True)
-    known = [
-        (trial.index, overview.curve_factor * best.score_m)
-        for trial, best in pairs
-        if best is not None and best.score_m is not None
-    ]
-    if not known:
-        return
-    look = rr.SeriesLines(
+    """Send the points of the curve: scores, invalid trials, and the best so far."""
+    rr, factor, top = load_rerun(), overview.curve_factor, score_top(overview)
+    valid = [(one.index, factor * one.score_m) for one in overview.trials if one.score_m is not None]
+    dots = rr.SeriesPoints(names=["trial"], markers=["circle"], marker_sizes=[4.0])
+    _send_series(stream, "score", dots, valid)
+    if valid:
+        colors = [
+            deviation_color(one.deviation_m, valid=True) for one in overview.trials if one.score_m is not None
+        ]
+        columns = rr.SeriesPoints.columns(colors=np.array(colors, dtype=np.uint8))
+        stream.send_columns(f"{CURVE}/score", [trial_column([index for index, _ in valid])], columns)
+    crosses = rr.SeriesPoints(
+        names=["invalid"], markers=["cross"], marker_sizes=[4.0], colors=[INVALID_COLOR]
+    )
+    # Above all scores: an invalid trial ranks behind them.
+    invalid = [(one.index, top) for one in overview.trials if one.score_m is None]
+    _send_series(stream, "invalid", crosses, invalid)
+    steps = rr.SeriesLines(
         names=["best so far"], colors=[BEST_COLOR], widths=[2.5], interpolation_mode="StepAfter"
     )
-    stream.log(BEST_SO_FAR, look, static=True)
-    scalars = rr.Scalars.columns(scalars=[score for _, score in known])
-    stream.send_columns(BEST_SO_FAR, [at([index for index, _ in known])], scalars)
+    pairs = zip(overview.trials, overview.best_so_far(), strict=True)
+    best = [
+        (trial.index, factor * one.score_m)
+        for trial, one in pairs
+        if one is not None and one.score_m is not None
+    ]
+    _send_series(stream, "best_so_far", steps, best)
 
 
-def _send_targets(stream: Any, overview: Overview) -> None:
+def _send_levels(stream: Any, overview: Overview) -> None:
+    """Send the horizontal lines of the curve: targets, and scores of the baseline."""
+    lines, factor = load_rerun().SeriesLines, overview.curve_factor
     indices = [trial.index for trial in overview.trials]
     for number, (half_width_m, _, name) in enumerate(TARGET_BANDS, start=1):
-        look = {"names": [name.removeprefix("±")], "colors": [INVALID_COLOR], "widths": [1.0]}
-        _send_level(stream, f"{TARGETS}/{number}", look, indices, overview.curve_factor * half_width_m)
-
-
-def _send_baseline_scores(stream: Any, overview: Overview) -> None:
-    indices = [BEFORE_TRIALS, *(trial.index for trial in overview.trials)]
+        look = lines(names=[name.removeprefix("±")], colors=[INVALID_COLOR], widths=[1.0])
+        _send_series(stream, f"targets/{number}", look, [(index, factor * half_width_m) for index in indices])
     for walk in overview.baseline:
         if walk.score_m is not None:
-            color = baseline_color(walk.gait or "")
-            look = {"names": [f"{walk.gait}, without a search"], "colors": [color], "widths": [1.5]}
-            level = overview.curve_factor * walk.score_m
-            _send_level(stream, f"{BASELINE_SCORES}/{walk.gait}", look, indices, level)
+            name, color = f"{walk.gait}, without a search", baseline_color(walk.gait or "")
+            look, level = lines(names=[name], colors=[color], widths=[1.5]), factor * walk.score_m
+            points = [(index, level) for index in (BEFORE_TRIALS, *indices)]
+            _send_series(stream, f"baseline/{walk.gait}", look, points)
 
 
-def _send_level(stream: Any, path: str, look: dict[str, Any], indices: Sequence[int], level: float) -> None:
-    """Send a horizontal line of the curve."""
-    rr = load_rerun()
-    stream.log(path, rr.SeriesLines(**look), static=True)
-    stream.send_columns(path, [at(indices)], rr.Scalars.columns(scalars=np.full(len(indices), level)))
+def _send_series(stream: Any, name: str, look: Any, points: Sequence[tuple[int, float]]) -> None:
+    """Send a series of the curve with its look, by trial; nothing without a point."""
+    if points:
+        indices, values = zip(*points, strict=True)
+        draw(stream, f"{CURVE}/{name}", look)
+        scalars = load_rerun().Scalars.columns(scalars=values)
+        stream.send_columns(f"{CURVE}/{name}", [trial_column(indices)], scalars)
 
 
 #: Share of the curve's width reserved for its legend.
@@ -329,8 +267,7 @@ LEGEND_SHARE = 0.15
 
 def make_layout(overview: Overview, *, several: bool = False) -> Any:
     """Blueprint of an overview; `several` opens the list of recordings."""
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     views = [_above_view(overview), belief_view(overview), _curve_view(overview)]
     shares = [share for view, share in zip(views, (5, 4, 2), strict=True) if view is not None]
     left = rrb.Vertical(*(view for view in views if view is not None), row_shares=shares)
@@ -338,19 +275,13 @@ def make_layout(overview: Overview, *, several: bool = False) -> Any:
     heights = [4, 3] if len(shares) == len(views) else [2, 1]
     steps = rrb.TextDocumentView(origin=STEPS, name="why this gait")
     right = rrb.Vertical(table, steps, row_shares=heights) if overview.steps else table
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[5, 3]),
-        *side_panels(several=several),
-        # Following: the time cursor begins at the last trial, so that all are shown.
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following", fps=4.0),
-        auto_views=False,
-        auto_layout=False,
-    )
+    # Following: the time cursor begins at the last trial, so that all are shown.
+    time = {"play_state": "following", "loop_mode": None, "fps": 4.0}
+    return two_columns(left, right, TIMELINE, several=several, **time)
 
 
 def _above_view(overview: Overview) -> Any:
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     (x_low, bottom), (x_high, top) = picture(visible_m(overview))
     return rrb.Spatial2DView(
         origin=ABOVE,
@@ -362,8 +293,7 @@ def _above_view(overview: Overview) -> Any:
 
 
 def _curve_view(overview: Overview) -> Any:
-    import rerun.blueprint as rrb
-
+    rrb = load_rerun().blueprint
     first, last = overview.trials[0].index, overview.trials[-1].index
     # Room for the legend.
     last += max(1, round(LEGEND_SHARE * (last - first)))
@@ -408,7 +338,7 @@ def write_overview_file(path: Path, overview: Overview, *, several: bool = False
                 draft, APPLICATION_ID, overview.title, make_layout(overview, several=several)
             ) as stream:
                 _send(stream, overview)
-            check_whole(draft)
+            check_end(draft)
     except HexctlError:
         raise
     except OSError as error:
@@ -417,7 +347,8 @@ def write_overview_file(path: Path, overview: Overview, *, several: bool = False
 
 def _send(stream: Any, overview: Overview) -> None:
     send_above(stream, overview)
-    send_curve(stream, overview)
+    _send_scores(stream, overview)
+    _send_levels(stream, overview)
     send_steps(stream, overview)
     document = load_rerun().TextDocument(make_table(overview), media_type="text/markdown")
     stream.log(TABLE, document, static=True)

@@ -64,6 +64,10 @@ class Block:
         rows = np.flatnonzero(changed if changed.ndim == 1 else changed.any(axis=-1))
         return rows if self.start else np.concatenate([[0], rows + 1])
 
+    def without_lead(self, led: Any) -> Any:
+        """Values of this block from those with earlier rows before it."""
+        return led[len(led) - (self.stop - self.start) :]
+
     def in_walk(self) -> BoolArray:
         """Whether each row belongs to the walk, (rows,)."""
         return np.asarray(self.column("phase") == PHASES.index("walk"))
@@ -94,7 +98,7 @@ class Block:
         """Feet in contact, or commanded to stance without contacts, (rows, 6)."""
         if self.log.contacts_known:
             return np.asarray(self.column("foot_contacts"))
-        return np.asarray(~self.led_swing[len(self.led_swing) - (self.stop - self.start) :])
+        return np.asarray(~self.without_lead(self.led_swing))
 
     @cached_property
     def quaternions(self) -> FloatArray:
@@ -120,6 +124,13 @@ class Block:
         times = self._time_columns(self.column("time_s"), wall_step_ns=1)
         scalars = self._rr.Scalars.columns(scalars=rounded(values, series.bits).ravel())
         self._send(series.path, times, scalars.partition(np.full(len(values), len(series.names))))
+
+    def send_states(self, path: str, led: NDArray[np.int64], names: Sequence[str]) -> None:
+        """Send changes of a state, given as indices of names that are preceded by one row."""
+        rows = self.changes(led)
+        if rows.size:
+            states = np.array(names)[self.without_lead(led)[rows]]
+            self.send(path, rows, self._rr.StateChange.columns(state=states))
 
     def send_at(self, path: str, log_rows: Sequence[int], columns: Any) -> None:
         """Send columns for rows counted from the start of the log, even before the block."""

@@ -8,9 +8,7 @@ from hexctl.control.trace import PHASES
 from hexctl.control.trial_result import TrialResult
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.tracks.columns import (
-    Block,
-)
+from hexctl.recording.tracks.columns import Block
 from hexctl.recording.tracks.failures import failure_lines
 from hexctl.recording.tracks.gait_tracks import clipped_joints, skipped_ticks
 from hexctl.types import JOINT_NAMES
@@ -57,19 +55,18 @@ def _notes(block: Block) -> Iterator[Event]:
 
 def _clipped(block: Block) -> Iterator[Event]:
     led = clipped_joints(block.led("wanted_rad"), block.led("commanded_rad"))
-    lead = len(led) - (block.stop - block.start)
+    own = block.without_lead(led)
     for row in block.changes(led.any(axis=-1)).tolist():
-        names = [name for name, clipped in zip(JOINT_NAMES, led[row + lead], strict=True) if clipped]
+        names = [name for name, clipped in zip(JOINT_NAMES, own[row], strict=True) if clipped]
         if names:
             more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
             yield row, WARNING, f"clipped: {', '.join(names[:MAX_NAMES])}{more}"
 
 
 def _skipped(block: Block) -> Iterator[Event]:
-    led = skipped_ticks(block.led("time_s"))
-    lead = len(led) - (block.stop - block.start)
-    for row in np.flatnonzero(led[lead:]).tolist():
-        missed = int(led[row + lead])
+    own = block.without_lead(skipped_ticks(block.led("time_s")))
+    for row in np.flatnonzero(own).tolist():
+        missed = int(own[row])
         ticks = "1 tick" if missed == 1 else f"{missed} ticks"
         yield row, WARNING, f"missed {ticks}: the one before took too long"
 

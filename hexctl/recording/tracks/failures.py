@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.control.log import LegChange
-from hexctl.palette import TEXT_COLOR
+from hexctl.palette import FAILED_COLORS, LINK_COLORS, TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.series import SUSPICION
@@ -117,7 +117,7 @@ def _send_look(block: Block, row: int, leg: int, failure: Failure | None) -> Non
 def _link_columns(failure: Failure | None, kind: str, mesh: PartMesh | None) -> Any:
     """Colour of a link; a solid of a missing leg is an outline, which a mesh lacks."""
     rr = load_rerun()
-    color = style.packed((style.FAILED_COLORS if failure else style.LINK_COLORS)[kind])
+    color = style.packed((FAILED_COLORS if failure else LINK_COLORS)[kind])
     missing = failure is not None and failure.kind == "missing"
     if mesh is not None:
         # White leaves the colours of the file as they are.

@@ -7,9 +7,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trace import PHASES
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.tracks.columns import (
-    Block,
-)
+from hexctl.recording.tracks.columns import Block
 from hexctl.types import BoolArray, FloatArray
 
 #: Targets that differ by less count as unchanged: they were rounded in transit.
@@ -31,22 +29,15 @@ def skipped_ticks(time_s: FloatArray) -> FloatArray:
 
 def send_phases(block: Block) -> None:
     """Send the start of each part of the trial."""
-    rows = block.changes(block.led("phase"))
-    if rows.size:
-        names = np.array(PHASES)[block.column("phase")[rows]]
-        block.send(paths.PHASE, rows, load_rerun().StateChange.columns(state=names))
+    block.send_states(paths.PHASE, block.led("phase"), PHASES)
 
 
 def send_gait(block: Block) -> None:
     """Send changes of stance and swing of each foot, as commanded and, with contacts, as measured."""
     states = _felt(block) if block.log.contacts_known else block.led_swing.astype(int)
-    names = np.array(style.FELT_STATES if block.log.contacts_known else style.COMMANDED_STATES)
-    lead = len(states) - (block.stop - block.start)
+    names = style.FELT_STATES if block.log.contacts_known else style.COMMANDED_STATES
     for leg in paths.LEGS:
-        rows = block.changes(states[:, leg - 1])
-        if rows.size:
-            state = names[states[rows + lead, leg - 1]]
-            block.send(paths.gait_path(leg), rows, load_rerun().StateChange.columns(state=state))
+        block.send_states(paths.gait_path(leg), states[:, leg - 1], names)
 
 
 def _felt(block: Block) -> NDArray[np.int64]:
@@ -83,8 +74,4 @@ def send_guard(block: Block) -> None:
     """Send changed targets and missed ticks."""
     states = clipped_joints(block.led("wanted_rad"), block.led("commanded_rad")).any(axis=-1).astype(int)
     states[skipped_ticks(block.led("time_s")) > 0] = 2
-    lead = len(states) - (block.stop - block.start)
-    rows = block.changes(states)
-    if rows.size:
-        names = np.array(style.GUARD_STATES)[states[rows + lead]]
-        block.send(paths.GUARD, rows, load_rerun().StateChange.columns(state=names))
+    block.send_states(paths.GUARD, states, style.GUARD_STATES)

@@ -16,6 +16,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from faults.process import free_port
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
@@ -48,13 +49,6 @@ def fitting_map(folder: Path) -> ServoMap:
     return load_robot_file(fitting_file(folder)).servo_map
 
 
-def free_port() -> int:
-    """A free UDP port of this computer."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @dataclass
 class BoardProcess:
     """`hexctl sim board` in a process of its own, and what to connect to."""
@@ -78,7 +72,7 @@ class BoardProcess:
 @contextmanager
 def board(*arguments: str, pty: bool = False) -> Iterator[BoardProcess]:
     """Run a board for a while."""
-    number = free_port()
+    number = free_port(socket.SOCK_DGRAM)
     where = ["--pty"] if pty else ["--connect", f"udpin:127.0.0.1:{number}"]
     words = ("hexctl", "sim", "board", *([] if "--bus" in arguments else where), "--json", *arguments)
     with TemporaryDirectory() as folder, program(Path(folder), "board", *words) as running:
