@@ -156,7 +156,7 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
         "frame": log.frame,
         "pose_known": log.pose_known,
         "contacts_known": log.contacts_known,
-        "servo_rows": [(row - start, servos) for row, servos in log.servo_rows.between(start, stop)],
+        "servo_rows": [(row - start, servos) for row, servos in log.servo_rows_between(start, stop)],
         "notes": [(row - start, text) for row, text in log.notes if start <= row < stop],
         "leg_changes": [
             replace(change, row=change.row - start)

@@ -66,8 +66,7 @@ def append(log: TickLog, block: dict[str, Any]) -> None:
     start = len(log)
     log.frame, log.pose_known = block["frame"], block["pose_known"]
     log.contacts_known = block["contacts_known"]
-    for row, servos in block["servo_rows"]:
-        log.servo_rows.append((start + row, servos))
+    log.servo_rows += [(start + row, servos) for row, servos in block["servo_rows"]]
     log.notes += [(start + row, text) for row, text in block["notes"]]
     log.leg_changes += [replace(change, row=start + change.row) for change in block["leg_changes"]]
     log.extend(block["rows"])

@@ -10,7 +10,6 @@ import pyarrow as pa
 import pytest
 
 from hexctl.control.log import COLUMN_NAMES, TickLog
-from hexctl.control.table import ServoRows
 from hexctl.errors import InputError
 from hexctl.recording import paths
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
@@ -132,7 +131,7 @@ def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
         voltages_v=unknown,
         temperatures_c=values,
     )
-    told.log.servo_rows = ServoRows([(0, readings), (50, readings)])
+    told.log.servo_rows = [(0, readings), (50, readings)]
     servos = read_trial(write(tmp_path / "servos.rrd", told)).servos
     assert set(servos) == {"ages_s", "temperatures_c"}
     assert servos["temperatures_c"].rows.tolist() == [0, 50]
