@@ -259,12 +259,12 @@ class Drive:
     @property
     def body_pose(self) -> BodyPose:
         """The pose of the body over its feet now, without levelling."""
-        return self._connected.body_pose
+        return BodyPose.of(self._connected.walk.poser.commanded)
 
     @property
     def body_goal(self) -> BodyPose:
         """The commanded pose, as far as the legs reach it."""
-        return self._connected.body_goal
+        return BodyPose.of(self._connected.walk.poser.goals)
 
     @property
     def pose_share(self) -> float:
@@ -273,12 +273,12 @@ class Drive:
 
     def reach(self, pose: BodyPose) -> float:
         """Share of a body pose that the legs would reach."""
-        return self._connected.reach(pose)
+        return self._connected.walk.reach(pose)
 
     @property
     def gait_now(self) -> Gait:
         """The gait that it walks with or changes to; differs from `gait` once a leg has failed."""
-        return self._connected.gait_now
+        return self._connected.walk.gaits[0]
 
     @property
     def mode(self) -> str:

@@ -77,7 +77,7 @@ def test_a_leg_dies_and_the_command_still_means_forward() -> None:
         simulation_of(drive.guard).change_leg(3, Failure(leg=3, kind="limp"))
         walked(drive, 4.0)
         assert [one.failure.leg for one in drive.noticed] == [3]
-        assert 3 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
+        assert 3 in drive.gait_now.posture.tucked_legs
         forward, left, _ = walked(drive, 5.0)
         assert forward > 0.35
         assert abs(left) < 0.15
@@ -267,12 +267,12 @@ def test_what_is_not_allowed_is_refused_before_anything_is_opened() -> None:
 def test_a_leg_that_is_known_to_have_failed_is_not_walked_on() -> None:
     with Drive("ant", failure=Failure(leg=1)) as drive:
         drive.reset()
-        assert 1 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
+        assert 1 in drive.gait_now.posture.tucked_legs
         drive.command(forward_m_s=0.08)
         walked(drive, 3.0)
         assert walked(drive, 3.0)[0] == pytest.approx(0.24, rel=0.15)
         drive.gait = "wave"
-        assert 1 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
+        assert 1 in drive.gait_now.posture.tucked_legs
         assert not drive.noticed
 
 
