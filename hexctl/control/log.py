@@ -97,7 +97,6 @@ class TickLog:
     Attributes:
         phase: of the next ticks, one of `PHASES`.
         frame: the trial frame, from the start of the walk on.
-        pose_known: whether the last tick had a base position.
         posed_from: the first row with a base position, None before any.
         walk_from: the first row of the walk, None before it.
         notes: rows and texts of events, such as new warnings of the robot.
@@ -108,7 +107,6 @@ class TickLog:
         self.controller: Controller | None = None
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
-        self.pose_known = True
         self.posed_from: int | None = None
         self.contacts_known = True
         self.walked_ticks = 0
@@ -181,8 +179,7 @@ class TickLog:
         columns["commanded_rad"][row] = sent.joint_positions_rad
         if state.base_quaternion_world is not None:
             columns["base_quaternion_world"][row] = state.base_quaternion_world
-        self.pose_known = state.base_position_world is not None
-        if self.pose_known:
+        if state.base_position_world is not None:
             columns["base_position_world"][row] = state.base_position_world
             self.posed_from = index if self.posed_from is None else self.posed_from
         self.contacts_known = state.foot_contacts is not None

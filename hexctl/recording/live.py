@@ -154,7 +154,6 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
     return {
         "rows": {name: log.rows(name, start, stop) for name in COLUMN_NAMES},
         "frame": log.frame,
-        "pose_known": log.pose_known,
         "contacts_known": log.contacts_known,
         "servo_rows": [(row - start, servos) for row, servos in log.servo_rows_between(start, stop)],
         "notes": [(row - start, text) for row, text in log.notes if start <= row < stop],

@@ -64,8 +64,7 @@ class Feed:
 def append(log: TickLog, block: dict[str, Any]) -> None:
     """Append the rows of a block and their events, as made by `rows_of`."""
     start = len(log)
-    log.frame, log.pose_known = block["frame"], block["pose_known"]
-    log.contacts_known = block["contacts_known"]
+    log.frame, log.contacts_known = block["frame"], block["contacts_known"]
     log.servo_rows += [(start + row, servos) for row, servos in block["servo_rows"]]
     log.notes += [(start + row, text) for row, text in block["notes"]]
     log.leg_changes += [replace(change, row=start + change.row) for change in block["leg_changes"]]
