@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
 from hexctl.control.table import Column, Table
@@ -201,6 +202,13 @@ class TickLog:
     def note(self, texts: Sequence[str]) -> None:
         """Note events of the next recorded tick."""
         self.notes += [(len(self), text) for text in texts]
+
+    def note_events(self, servos: LegServos) -> None:
+        """Note changes of the failed legs in the world and in the controller's belief, and its news."""
+        self.note_failures("world", failures_in_force(servos))
+        if self.controller is not None:
+            self.note_failures("belief", self.controller.believed_failures())
+            self.note(self.controller.news())
 
     def note_failures(self, by: str, failures: tuple[Failure, ...] | None) -> None:
         """Note a change of the failed legs in `world` or `belief` at the next tick; None is unknown."""

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, connection_notes, failures_in_force
+from hexctl.backends.base import LegServos, as_robot, connection_notes
 from hexctl.backends.clock import Tick
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import DEFAULT_WORLD, World, load_world
@@ -403,10 +403,8 @@ class _EventNotes(TickObserver):
             return
         if recorders.log.frame is None and drive.mode == "driving":
             recorders.begin_phase("walk", _frame_of(state))
-        recorders.log.note_failures("world", failures_in_force(drive.guard))
-        recorders.log.note_failures("belief", drive.failures)
-        if texts := (*self._changed(), *drive.controller.news()):
-            recorders.log.note(texts)
+        recorders.log.note(self._changed())
+        recorders.log.note_events(drive.guard)
 
     def _changed(self) -> list[str]:
         drive, before = self._drive, self._told
