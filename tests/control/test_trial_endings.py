@@ -24,7 +24,6 @@ from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.control.log import TickLog
-from hexctl.control.stop_reason import MEANINGS, reason_in_words
 from hexctl.control.trial import Enough, stop_when
 from hexctl.types import FloatArray, leg_slice
 from tests.backends.fake_time import FakeTime
@@ -392,11 +391,3 @@ def test_a_stop_that_is_asked_for_still_aborts(stop_tick: int, asked_at: list[in
     assert (result.status, result.stopped) == ("aborted", "requested")
     assert [len(path) for path in asked.paths] == asked_at
     assert result.duration_s == pytest.approx(0.02 * stop_tick)
-
-
-def test_a_reason_to_stop_is_put_into_words() -> None:
-    for reason, meaning in MEANINGS.items():
-        assert meaning in reason_in_words(reason)
-    assert reason_in_words("hot: leg 2 femur 72 C").startswith("hot: leg 2 femur 72 C (")
-    for plain in ("by hand", "fault: low battery", "fault", ""):
-        assert reason_in_words(plain) == plain

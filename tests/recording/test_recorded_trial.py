@@ -17,7 +17,8 @@ from hexctl.recording.recording import Recording
 from hexctl.recording.rrd_reader import read_chunks
 from hexctl.robot.loader import load_robot
 from hexctl.runs.run import run
-from hexctl.types import N_JOINTS, ServoReadings
+from hexctl.types import N_JOINTS
+from tests.control.posed import readings
 from tests.recording.conftest import Trial, write
 
 
@@ -123,15 +124,7 @@ def test_a_place_and_contacts_that_are_not_known_are_none(trial: Trial, tmp_path
 def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
     told = changed(trial)
     values = np.linspace(20, 40, N_JOINTS)
-    unknown = np.full(N_JOINTS, np.nan)
-    readings = ServoReadings(
-        ages_s=np.zeros(N_JOINTS),
-        efforts=unknown,
-        currents_a=unknown,
-        voltages_v=unknown,
-        temperatures_c=values,
-    )
-    told.log.servo_rows = [(0, readings), (50, readings)]
+    told.log.servo_rows = [(row, readings(temperatures_c=values)) for row in (0, 50)]
     servos = read_trial(write(tmp_path / "servos.rrd", told)).servos
     assert set(servos) == {"ages_s", "temperatures_c"}
     assert servos["temperatures_c"].rows.tolist() == [0, 50]

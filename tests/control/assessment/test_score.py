@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from hexctl.control.assessment.walk_quality import (
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.trace import TrialFrame
 from hexctl.types import FloatArray
-from tests.control.assessment.loads import UPRIGHT, along, scored
+from tests.control.assessment.loads import UPRIGHT, along, changed, scored
 from tests.robots import shipped
 from tests.trials import gait_of
 
@@ -245,23 +244,6 @@ def test_even_motion_is_steady_and_swaying_is_not() -> None:
 
 
 # Why a walk made no progress
-
-
-def changed(
-    name: str,
-    *,
-    stiffness: float = 1.0,
-    torque: float = 1.0,
-    speed: float = 1.0,
-    trunk_m: float | None = None,
-) -> Robot:
-    """A shipped robot with multiples of its servos' values, and another height of its trunk."""
-    robot = shipped(name)
-    robot = replace(robot, joint_max_speed_rad_s=speed * robot.joint_max_speed_rad_s)
-    if trunk_m is not None:
-        robot = replace(robot, body=replace(robot.body, size_m=(*robot.body.size_m[:2], trunk_m)))
-    servo = replace(robot.servo, stiffness_nm_per_rad=stiffness * robot.servo.stiffness_nm_per_rad)
-    return replace(robot, servo=servo, joint_max_torque_nm=torque * robot.joint_max_torque_nm)
 
 
 def trial_of(robot: Robot, world: World, failure: Failure | None = None) -> SimTrial:

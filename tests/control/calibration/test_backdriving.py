@@ -14,9 +14,10 @@ from hexctl.robot.configs import read_mapping
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.types import JOINT_NAMES, FloatArray, ServoReadings
+from hexctl.types import JOINT_NAMES, FloatArray
 from tests.backends.fake_time import FakeTime
 from tests.control.calibration.hands import ENDS_DEG, Hands
+from tests.control.posed import readings
 from tests.robots import edited_file, put
 
 #: How the servos are really mounted; the file knows none of it.
@@ -65,20 +66,13 @@ class LimpBench(MockServos):
         self._reads += 1
         counts = np.rint(self.wiring.raw(np.radians(self.true_deg))) + self.shaking * (self._reads % 2 - 0.5)
         ages_s = np.array([np.inf if joint in self.mute else 0.01 for joint in range(18)])
-        nothing = np.full(18, np.nan)
         return replace(
             state,
             joint_positions_rad=self.servo_map.angles_rad(counts),
             measured=True,
             healthy=self.fault is None,
             fault=self.fault,
-            servos=ServoReadings(
-                ages_s=ages_s,
-                efforts=nothing,
-                currents_a=nothing,
-                voltages_v=nothing,
-                temperatures_c=nothing,
-            ),
+            servos=readings(ages_s=ages_s),
         )
 
 

@@ -201,20 +201,6 @@ def test_the_body_moves_over_its_feet_a_stop_stops_it_and_a_clear_moves_nothing(
             drive.pose_body(0.1)  # type: ignore[arg-type]
 
 
-def test_levelling_is_one_switch() -> None:
-    with Drive("ant", world="slope", level=True) as drive:
-        drive.reset()
-        walked(drive, 4.0)
-        level = drive.step().base_quaternion_world
-        drive.level = False
-        walked(drive, 6.0)
-        floor = drive.step().base_quaternion_world
-    assert level is not None
-    assert floor is not None
-    assert np.abs(level[1:3]).max() < 0.005
-    assert 2 * floor[2] == pytest.approx(-np.radians(5), abs=0.01)
-
-
 def test_sources_outweigh_the_program_a_stop_outweighs_them_and_ticks_are_recorded() -> None:
     recorders = Recorders()
     with Drive("ant", recorders=recorders) as drive:
