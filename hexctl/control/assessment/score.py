@@ -202,8 +202,11 @@ def ideal_distance_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
 
 def progress_floor_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
     """Distance below which a walk of a duration made no progress."""
-    soft_start_m = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0)) * RAMP_DURATION_S / 2
-    return PROGRESS_FLOOR * (ideal_distance_m(robot, plan, duration_s) - soft_start_m)
+    if plan.changes:
+        lost_m = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0)) * RAMP_DURATION_S / 2
+        return PROGRESS_FLOOR * (ideal_distance_m(robot, plan, duration_s) - lost_m)
+    ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
+    return PROGRESS_FLOOR * ideal_speed * (duration_s - RAMP_DURATION_S / 2)  # the soft start costs a half
 
 
 def _deviation(signed_m: FloatArray) -> Deviation:
