@@ -218,7 +218,8 @@ def _physics(report: dict[str, Any]) -> list[str]:
     )
     return [
         "",
-        f"simulation: walks of {found['duration_s']:g} s end ± {whole} from half the time step (rms of {found['walks']} walks)",
+        f"simulation: walks of {found['duration_s']:g} s end ± {whole} from half the time step "
+        f"(rms of {found['walks']} walks)",
         f"not in the ±: {solver} by MuJoCo's default solver tolerance,",
         f"{contact} on a floor a third softer or harder",
     ]

@@ -125,7 +125,7 @@ def diagnosis_of(observed: Observed, robot: Robot) -> Diagnosis:
 
     The lean of the body is no evidence: on stiff floors and legs it hardly changes.
     """
-    evidence = Evidence.of(observed)
+    evidence = Evidence(observed)
     notes = _notes(observed)
     if observed.measured and np.isfinite(evidence.gains).any():
         judge = _Judge(evidence, observed.columns()[0], robot)
