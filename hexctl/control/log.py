@@ -26,39 +26,29 @@ def joint_fields(what: str, unit: str) -> tuple[str, ...]:
     return tuple(f"{what}_{joint}_{unit}" for joint in JOINT_NAMES)
 
 
-def _joints(name: str, what: str, unit: str, meaning: str) -> Column:
-    return Column(name, (N_JOINTS,), unit, meaning, fields=joint_fields(what, unit))
+def _joints(name: str, what: str, unit: str) -> Column:
+    return Column(name, (N_JOINTS,), fields=joint_fields(what, unit))
 
 
-def _vector(name: str, fields: Sequence[str], unit: str, meaning: str, kind: type = float) -> Column:
-    return Column(name, (len(fields),), unit, meaning, kind, tuple(fields))
+def _vector(name: str, fields: Sequence[str], kind: type = float) -> Column:
+    return Column(name, (len(fields),), kind, tuple(fields))
 
 
 #: The columns of a log, in the order of data frames.
 COLUMNS: tuple[Column, ...] = (
-    Column("time_s", unit="s", meaning="time of the tick, on the clock of the servos"),
-    Column("phase", meaning="index in `hexctl.control.trace.PHASES`", kind=int),
-    _joints("commanded_rad", "commanded", "rad", "joint angles that the guard let pass"),
-    _joints("measured_rad", "measured", "rad", "joint angles that the robot reported"),
-    _vector("base_position_world", [f"base_{axis}_m" for axis in "xyz"], "m", "position of the body"),
-    _vector("base_quaternion_world", [f"base_q{axis}" for axis in "wxyz"], "", "orientation of the body"),
-    _vector("foot_contacts", [f"contact_{leg}" for leg in LEG_NAMES], "", "which feet touch the floor", bool),
-    _joints("joint_torques_nm", "torque", "nm", "torques of the actuators"),
-    _vector(
-        "velocity_body",
-        ("commanded_forward_m_s", "commanded_left_m_s", "commanded_turn_rad_s"),
-        "m/s, rad/s",
-        "commanded velocity: forward, left, turn",
-    ),
-    _vector(
-        "leg_suspicion",
-        [f"suspicion_{leg}" for leg in LEG_NAMES],
-        "",
-        "evidence against each leg, an alarm at 1",
-    ),
-    _joints("wanted_rad", "wanted", "rad", "joint angles that the controller returned"),
-    Column("late_s", unit="s", meaning="how much later than planned the tick began"),
-    Column("work_s", unit="s", meaning="how long its work took"),
+    Column("time_s"),  # on the clock of the servos
+    Column("phase", kind=int),  # index in `PHASES`
+    _joints("commanded_rad", "commanded", "rad"),  # which the guard let pass
+    _joints("measured_rad", "measured", "rad"),
+    _vector("base_position_world", [f"base_{axis}_m" for axis in "xyz"]),
+    _vector("base_quaternion_world", [f"base_q{axis}" for axis in "wxyz"]),
+    _vector("foot_contacts", [f"contact_{leg}" for leg in LEG_NAMES], bool),
+    _joints("joint_torques_nm", "torque", "nm"),
+    _vector("velocity_body", ("commanded_forward_m_s", "commanded_left_m_s", "commanded_turn_rad_s")),
+    _vector("leg_suspicion", [f"suspicion_{leg}" for leg in LEG_NAMES]),  # an alarm at 1
+    _joints("wanted_rad", "wanted", "rad"),  # which the controller returned
+    Column("late_s"),  # how much later than planned the tick began
+    Column("work_s"),
 )
 
 COLUMN_NAMES = tuple(column.name for column in COLUMNS)

@@ -31,8 +31,6 @@ class Column(NamedTuple):
 
     name: str
     shape: tuple[int, ...] = ()
-    unit: str = ""
-    meaning: str = ""
     kind: type = float
     fields: tuple[str, ...] = ()
 

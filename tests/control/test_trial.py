@@ -232,16 +232,6 @@ def test_results_compare_by_value_and_travel_as_json() -> None:
             TrialResult.from_dict(data)  # type: ignore[arg-type]
 
 
-def test_a_result_can_be_drawn() -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    result = scored(along(1.2, np.array([0.0, 0.1])))
-    ax = result.plot()
-    np.testing.assert_array_equal(ax.lines[1].get_xydata(), result.path_m)
-    assert result.plot(ax) is ax
-
-
 YAW_NOISE_DEG = 2.0
 
 
