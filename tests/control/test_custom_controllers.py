@@ -161,33 +161,6 @@ def test_a_controller_without_a_stop_is_followed_by_the_stance() -> None:
     assert steps_rad.max() < 0.02, "evenly, not in a jump"
 
 
-class Brakes(YawHold):
-    """Stops softly within a quarter of a second, in its own stance."""
-
-    stopped_at: int | None = None
-
-    def stop(self, step: int) -> int:
-        self.stopped_at = step
-        return 13
-
-    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        return ANT.stance_angles_rad if self.stopped_at is not None else super().targets_rad(step, state)
-
-
-def test_a_controller_says_how_many_steps_its_stop_takes() -> None:
-    made: list[Brakes] = []
-
-    def make(start: WalkStart) -> Brakes:
-        made.append(Brakes(start))
-        return made[0]
-
-    _, log = _walked(make, servos=PosedMock())
-    stop = log.rows_of("stop")
-    assert stop.stop - stop.start == 13
-    assert made[0].stopped_at == 50
-    np.testing.assert_array_equal(log["wanted_rad"][stop.start], ANT.stance_angles_rad)
-
-
 class Stumbling(YawHold):
     """Gives one robot targets that are not finite after a second."""
 

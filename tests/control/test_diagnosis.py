@@ -93,19 +93,6 @@ def test_lost_contacts_of_the_other_feet_stop_a_lift_unless_the_body_is_level(le
         assert (stopped is not None) == (tilt_deg > 0 or not lean_known)
 
 
-@pytest.mark.slow
-def test_a_leg_that_cannot_bear_carries_no_tripod() -> None:
-    robot = load_robot("ant")
-    test = StandingTest(robot, PERIOD_S, probes=ALL_PROBES[-2:], unsafe=lambda _: {2: "leg 2 limp"})
-    step = 0
-    while True:
-        test.targets_rad(step, _state(0.0, [True] * 6))
-        if test.done(step, _state(0.0, [True] * 6)):
-            break
-        step += 1
-    assert [section.left_out for section in test.observed.sections] == [None, "leg 2 limp"]
-
-
 Blind = Callable[[RobotState], RobotState]
 
 

@@ -27,7 +27,6 @@ from hexctl import (
 )
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.log import TickLog
-from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_result import Deviation
 from tests.control.assessment.loads import along, scored
 from tests.control.posed import PosedMock
@@ -230,33 +229,6 @@ def test_results_compare_by_value_and_travel_as_json() -> None:
     for data in ({}, {"status": "ok"}, 3, None):
         with pytest.raises(InputError, match="trial result"):
             TrialResult.from_dict(data)  # type: ignore[arg-type]
-
-
-YAW_NOISE_DEG = 2.0
-
-
-POSITION_NOISE_M = 0.01
-
-
-NOISY = World(sensor_noise=SensorNoise(yaw_deg=YAW_NOISE_DEG, position_m=POSITION_NOISE_M))
-
-
-def _start(seed: int) -> TrialFrame:
-    """The frame of a trial among the noise."""
-    plan, log = TrialPlan(gait=gait_of(shipped()), duration_s=0.02), TickLog()
-    with SimServos(shipped(), world=NOISY, seed=seed) as servos:
-        run_trial(Guard(servos), plan, recorders=(log,), soft_stop=False)
-    assert log.frame is not None
-    return log.frame
-
-
-@pytest.mark.slow
-def test_the_line_of_travel_errs_far_less_than_a_single_measurement() -> None:
-    frames = [_start(seed) for seed in range(14)]
-    assert np.degrees([frame.heading_rad for frame in frames]).std() < 0.4 * YAW_NOISE_DEG
-    assert np.degrees([frame.yaw_rad for frame in frames]).std() < 0.4 * YAW_NOISE_DEG
-    origins = np.array([frame.origin_world for frame in frames])
-    assert (origins.std(axis=0) < 0.4 * POSITION_NOISE_M).all()
 
 
 @pytest.mark.parametrize(
