@@ -9,7 +9,8 @@ import pytest
 
 from hexctl import Robot, RobotFaultError, RobotState
 from hexctl.backends.mock import MockServos
-from hexctl.control.calibration import CalibrationResult, calibrate
+from hexctl.control.calibration.operator import CalibrationResult
+from hexctl.control.calibration.servo_calibration import calibrate
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_schema import ServosSection

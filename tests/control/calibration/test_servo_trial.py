@@ -12,7 +12,7 @@ from hexctl import InputError, JointTargets, RobotFaultError
 from hexctl.backends.bus.tools import the_servo
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
-from hexctl.control.calibration import EndedError
+from hexctl.control.calibration.operator import EndedError
 from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos
 from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, held, try_servo, wiggle
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
