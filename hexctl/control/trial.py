@@ -61,17 +61,15 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
 
 def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     """The walk of the plans: steered if they hold something, else open loop with constant motion."""
-    hold = held(start.plans[0], start.frame)
-    if start.plans[0].level and start.frame is None:
+    plan = start.plans[0]
+    hold = held(plan, start.frame)
+    if plan.level and start.frame is None:
         raise InputError("level: got a robot without a pose; allowed: one that measures roll and pitch")
     if hold != "none":
         return SteeredWalk(start, hold=hold)
-    gaits = [plan.gait for plan in start.plans]
-    motions = start.motions
-    alone = start.batch_shape == ()
-    plan = start.plans[0]
     if plan.changes or plan.level or plan.feet == "adaptive":
         return MotionWalk(start)
+    gaits, motions, alone = [plan.gait for plan in start.plans], start.motions, start.batch_shape == ()
     return Walk(
         start.robot,
         gaits[0] if alone else gaits,
