@@ -119,7 +119,9 @@ class Drive:
         if body_raise is not None:
             self._gait = replace(self._gait, posture=replace(self._gait.posture, body_raise=body_raise))
         self._recorders = recorders
-        self._observers: list[TickObserver] = [] if recorders is None else [_EventNotes(self), recorders]
+        self._observers: list[TickObserver] = (
+            [] if recorders is None else [_EventNotes(self, recorders), recorders]
+        )
         self._controller: DriveController | None = None
         self._stack = ExitStack()
         self._zero_index: int | None = None
@@ -393,14 +395,12 @@ def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any])
 
 
 class _EventNotes(TickObserver):
-    def __init__(self, drive: Drive) -> None:
-        self._drive = drive
+    def __init__(self, drive: Drive, recorders: Recorders) -> None:
+        self._drive, self._recorders = drive, recorders
         self._told: dict[str, str] = {}
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        drive, recorders = self._drive, self._drive._recorders  # noqa: SLF001  it belongs to the drive
-        if recorders is None:
-            return
+        drive, recorders = self._drive, self._recorders
         if recorders.log.frame is None and drive.mode == "driving":
             recorders.begin_phase("walk", _frame_of(state))
         recorders.log.note(self._changed())
