@@ -1,4 +1,4 @@
-"""The result of a trial: distance, the four deviations and a status; and its JSON."""
+"""The result of a trial: distance, the four deviations and a status; its JSON and its plot."""
 
 import math
 from collections.abc import Mapping
@@ -184,6 +184,14 @@ class TrialResult(ArrayFields):
             raise InputError(
                 f"trial result: cannot be read ({error!r}); allowed: what `to_dict` gives"
             ) from error
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the path from above in axes, or a new figure; raises MissingExtraError."""
+        ax = path_axes(ax)
+        (line,) = ax.plot(self.path_m[:, 0], self.path_m[:, 1], label=repr(self))
+        if len(self.path_m):
+            ax.plot(*self.path_m[-1], "o", color=line.get_color())
+        return ax
 
     def __repr__(self) -> str:
         why = self.stopped or self.cause
