@@ -19,7 +19,6 @@ from benchmarks.scale import Scale
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.assessment.feasibility import gait_demand
 from hexctl.control.assessment.gait_load import (
-    CROSSING_WALKS,
     GOOD_CAPACITY,
     GOOD_LIFT,
     GaitLoad,
@@ -125,8 +124,11 @@ def _crowded(rng: np.random.Generator) -> tuple[str, Robot, str] | None:
         return "near", robot, "demo"
     if not load.crossing:
         return "touch", robot, "demo"
-    return "cross_short" if load.crossing_share <= CROSSING_WALKS[0][0] else "cross_long", robot, "demo"
+    return "cross_short" if load.crossing_share <= CROSSING_SHORT else "cross_long", robot, "demo"
 
+
+#: Share of the cycle up to which legs cross for a short time.
+CROSSING_SHORT = 0.25
 
 #: Legs, counted from 0, whose feet are moved along the body; and gaps below which legs are near.
 PAIRS, NEAR_M = ((1, 4), (1,), (0, 5), (2, 3)), 0.004

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from hexctl import Failure, Guard, RobotState, SimServos, TrialPlan, World, load_robot, make_gait, run_trial
-from hexctl.control.assessment.static_stability import stable_gait
+from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import Course
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, RESPONSE_S
@@ -73,7 +73,7 @@ def walk_square(failure: Failure | None, *, robot_name: str = "ant", world: Worl
         duration_s=120.0,
     )
     plan = TrialPlan(
-        gait=stable_gait(robot, plan), belief=failure, self_rotation="none", hold="line", duration_s=120.0
+        gait=auto_gait(robot, plan), belief=failure, self_rotation="none", hold="line", duration_s=120.0
     )
     with Guard(SimServos(robot, world=world, failure=failure)) as guard:
         run_trial(guard, plan, Square)

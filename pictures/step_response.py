@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
-from hexctl.control.assessment.static_stability import stable_gait
+from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.preparation import WalkStart
@@ -129,7 +129,7 @@ def respond(robot_name: str, failed_leg: int | None, *, shift_m: float, turn_rad
         hold="line",
         duration_s=(STEP_AT_CYCLES + AFTER_CYCLES) * cycle_ticks * PERIOD_S,
     )
-    plan, log = replace(plan, gait=stable_gait(robot, plan)), TickLog()
+    plan, log = replace(plan, gait=auto_gait(robot, plan)), TickLog()
     at_step, walks = STEP_AT_CYCLES * cycle_ticks, list[SteppedWalk]()
 
     def made(start: WalkStart) -> SteppedWalk:

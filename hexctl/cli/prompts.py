@@ -10,7 +10,7 @@ from hexctl.adapt.measurement import Answer
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.cli.console import print_note, print_question
-from hexctl.control.calibration import EndedError
+from hexctl.control.calibration.operator import EndedError
 from hexctl.errors import InputError
 from hexctl.waiting import StopRequested, never
 

@@ -1,20 +1,22 @@
 """The log of a trial: every tick as rows of arrays, in blocks for recorders, and as columns of a table."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
-from hexctl.control.table import Column, ServoRows, Table
+from hexctl.control.table import Column, Table
 from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.robot.failure import Failure
-from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
+from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState, ServoReadings
 
 LEG_NAMES = tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1))
 
@@ -24,39 +26,29 @@ def joint_fields(what: str, unit: str) -> tuple[str, ...]:
     return tuple(f"{what}_{joint}_{unit}" for joint in JOINT_NAMES)
 
 
-def _joints(name: str, what: str, unit: str, meaning: str) -> Column:
-    return Column(name, (N_JOINTS,), unit, meaning, fields=joint_fields(what, unit))
+def _joints(name: str, what: str, unit: str) -> Column:
+    return Column(name, (N_JOINTS,), fields=joint_fields(what, unit))
 
 
-def _vector(name: str, fields: Sequence[str], unit: str, meaning: str, kind: type = float) -> Column:
-    return Column(name, (len(fields),), unit, meaning, kind, tuple(fields))
+def _vector(name: str, fields: Sequence[str], kind: type = float) -> Column:
+    return Column(name, (len(fields),), kind, tuple(fields))
 
 
 #: The columns of a log, in the order of data frames.
 COLUMNS: tuple[Column, ...] = (
-    Column("time_s", unit="s", meaning="time of the tick, on the clock of the servos"),
-    Column("phase", meaning="index in `hexctl.control.trace.PHASES`", kind=int),
-    _joints("commanded_rad", "commanded", "rad", "joint angles that the guard let pass"),
-    _joints("measured_rad", "measured", "rad", "joint angles that the robot reported"),
-    _vector("base_position_world", [f"base_{axis}_m" for axis in "xyz"], "m", "position of the body"),
-    _vector("base_quaternion_world", [f"base_q{axis}" for axis in "wxyz"], "", "orientation of the body"),
-    _vector("foot_contacts", [f"contact_{leg}" for leg in LEG_NAMES], "", "which feet touch the floor", bool),
-    _joints("joint_torques_nm", "torque", "nm", "torques of the actuators"),
-    _vector(
-        "velocity_body",
-        ("commanded_forward_m_s", "commanded_left_m_s", "commanded_turn_rad_s"),
-        "m/s, rad/s",
-        "commanded velocity: forward, left, turn",
-    ),
-    _vector(
-        "leg_suspicion",
-        [f"suspicion_{leg}" for leg in LEG_NAMES],
-        "",
-        "evidence against each leg, an alarm at 1",
-    ),
-    _joints("wanted_rad", "wanted", "rad", "joint angles that the controller returned"),
-    Column("late_s", unit="s", meaning="how much later than planned the tick began"),
-    Column("work_s", unit="s", meaning="how long its work took"),
+    Column("time_s"),  # on the clock of the servos
+    Column("phase", kind=int),  # index in `PHASES`
+    _joints("commanded_rad", "commanded", "rad"),  # which the guard let pass
+    _joints("measured_rad", "measured", "rad"),
+    _vector("base_position_world", [f"base_{axis}_m" for axis in "xyz"]),
+    _vector("base_quaternion_world", [f"base_q{axis}" for axis in "wxyz"]),
+    _vector("foot_contacts", [f"contact_{leg}" for leg in LEG_NAMES], bool),
+    _joints("joint_torques_nm", "torque", "nm"),
+    _vector("velocity_body", ("commanded_forward_m_s", "commanded_left_m_s", "commanded_turn_rad_s")),
+    _vector("leg_suspicion", [f"suspicion_{leg}" for leg in LEG_NAMES]),  # an alarm at 1
+    _joints("wanted_rad", "wanted", "rad"),  # which the controller returned
+    Column("late_s"),  # how much later than planned the tick began
+    Column("work_s"),
 )
 
 COLUMN_NAMES = tuple(column.name for column in COLUMNS)
@@ -96,7 +88,6 @@ class TickLog:
     Attributes:
         phase: of the next ticks, one of `PHASES`.
         frame: the trial frame, from the start of the walk on.
-        pose_known: whether the last tick had a base position.
         posed_from: the first row with a base position, None before any.
         walk_from: the first row of the walk, None before it.
         notes: rows and texts of events, such as new warnings of the robot.
@@ -107,7 +98,6 @@ class TickLog:
         self.controller: Controller | None = None
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
-        self.pose_known = True
         self.posed_from: int | None = None
         self.contacts_known = True
         self.walked_ticks = 0
@@ -115,7 +105,7 @@ class TickLog:
         self.notes: list[tuple[int, str]] = []
         self._warnings = SeenWarnings()
         self.leg_changes: list[LegChange] = []
-        self.servo_rows = ServoRows()
+        self.servo_rows: list[tuple[int, ServoReadings]] = []
         self._failures_by: dict[str, tuple[Failure, ...]] = {}
         self._rows = Table(COLUMNS)
 
@@ -161,6 +151,11 @@ class TickLog:
         """Rows [start, stop) of a column."""
         return self._rows.rows(name, start, stop)
 
+    def servo_rows_between(self, start: int, stop: int) -> list[tuple[int, ServoReadings]]:
+        """Rows and reports of single servos from row `start` on, before row `stop`."""
+        first, end = (bisect_left(self.servo_rows, row, key=lambda one: one[0]) for row in (start, stop))
+        return self.servo_rows[first:end]
+
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Append one tick."""
         index = len(self)
@@ -175,15 +170,14 @@ class TickLog:
         columns["commanded_rad"][row] = sent.joint_positions_rad
         if state.base_quaternion_world is not None:
             columns["base_quaternion_world"][row] = state.base_quaternion_world
-        self.pose_known = state.base_position_world is not None
-        if self.pose_known:
+        if state.base_position_world is not None:
             columns["base_position_world"][row] = state.base_position_world
             self.posed_from = index if self.posed_from is None else self.posed_from
         self.contacts_known = state.foot_contacts is not None
         if self.contacts_known:
             columns["foot_contacts"][row] = state.foot_contacts
         if state.servos is not None and index % SERVO_TICKS == 0:
-            self.servo_rows.append((index, state.servos))
+            self.servo_rows.append((index, state.servos.copy()))
         if state.joint_torques_nm is not None:
             columns["joint_torques_nm"][row] = state.joint_torques_nm
         if self.controller is not None:
@@ -198,6 +192,13 @@ class TickLog:
     def note(self, texts: Sequence[str]) -> None:
         """Note events of the next recorded tick."""
         self.notes += [(len(self), text) for text in texts]
+
+    def note_events(self, servos: LegServos) -> None:
+        """Note changes of the failed legs in the world and in the controller's belief, and its news."""
+        self.note_failures("world", failures_in_force(servos))
+        if self.controller is not None:
+            self.note_failures("belief", self.controller.believed_failures())
+            self.note(self.controller.news())
 
     def note_failures(self, by: str, failures: tuple[Failure, ...] | None) -> None:
         """Note a change of the failed legs in `world` or `belief` at the next tick; None is unknown."""

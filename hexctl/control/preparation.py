@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, failures_in_force
+from hexctl.backends.base import LegServos
 from hexctl.backends.clock import PERIOD_S, Tick
 from hexctl.control.controllers import Controller, HeldLegs, Stand
 from hexctl.control.guard import Guard
@@ -80,7 +80,7 @@ def prepare(
     servos: Guard, plan: TrialPlan, recorders: Recorders | Sequence[Recorder | TickLog] = ()
 ) -> WalkStart:
     """Settle in the stance and turn the failed leg away; raises what `run_controller` raises."""
-    return Preparation(servos, plan, Trace(), Recorders.of(recorders), never).run()
+    return Preparation(Phases(servos, Recorders.of(recorders)), plan, never).run()
 
 
 def ticks_of(servos: LegServos, duration_s: float) -> int:
@@ -88,34 +88,12 @@ def ticks_of(servos: LegServos, duration_s: float) -> int:
     return max(1, math.ceil(duration_s / servos.clock.period_s - 1e-9))
 
 
-class _TraceObserver(TickObserver):
-    def __init__(self, trace: Trace, servos: LegServos) -> None:
-        self._trace, self._simulation = trace, servos.simulation
+class Phases(TickObserver):
+    """Runs controllers one after the other, each as a phase of the trial, traced and recorded."""
 
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        pose = None if self._simulation is None else self._simulation.true_pose
-        self._trace.add(tick.time_s, state, None if pose is None else pose[0])
-
-
-class _NewsObserver(TickObserver):
-    def __init__(self, log: TickLog, servos: LegServos, controller: Controller) -> None:
-        self._log, self._servos, self._controller = log, servos, controller
-
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        self._log.note_failures("world", failures_in_force(self._servos))
-        self._log.note_failures("belief", self._controller.believed_failures())
-        if texts := self._controller.news():
-            self._log.note(texts)
-
-
-class Phases:
-    """Runs controllers one after the other, each as a phase of the trial."""
-
-    def __init__(self, servos: Guard, trace: Trace, recorders: Recorders | None) -> None:
-        self.servos, self.trace, self._recorders = servos, trace, recorders
-        self._observers: list[TickObserver] = [_TraceObserver(trace, servos.unwrapped)]
-        if recorders is not None:
-            self._observers.append(recorders)
+    def __init__(self, servos: Guard, recorders: Recorders | None) -> None:
+        self.servos, self.trace, self._recorders = servos, Trace(), recorders
+        self._simulation = servos.unwrapped.simulation
 
     def begin(self, phase: str) -> None:
         """Assign the next ticks to a phase, in the trace and in every recording."""
@@ -132,27 +110,31 @@ class Phases:
         seen_by: Sequence[TickObserver] = (),
     ) -> int:
         """Run a controller until it is done; the last step."""
-        observers = [*self._observers, *seen_by]
         if self._recorders is not None:
             self._recorders.log.controller = controller
-            observers.insert(0, _NewsObserver(self._recorders.log, self.servos.unwrapped, controller))
+        observers = (self, *seen_by)
         return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        """Trace and record a tick, with events before it."""
+        pose = None if self._simulation is None else self._simulation.true_pose
+        self.trace.add(tick.time_s, state, None if pose is None else pose[0])
+        if self._recorders is not None:
+            self._recorders.log.note_events(self.servos.unwrapped)
+            self._recorders.record(tick, state, wanted_rad, sent)
+
+    def took(self, work_s: float) -> None:
+        """Record the duration of the last tick's work."""
+        if self._recorders is not None:
+            self._recorders.took(work_s)
 
 
 class Preparation:
     """Settling and self-rotation."""
 
-    def __init__(
-        self,
-        servos: Guard,
-        plan: TrialPlan,
-        trace: Trace,
-        recorders: Recorders | None,
-        stop_requested: StopRequested,
-    ) -> None:
-        self._servos, self._plan, self._stop_requested = servos, plan, stop_requested
-        self._phases = Phases(servos, trace, recorders)
-        self._trace = trace
+    def __init__(self, phases: Phases, plan: TrialPlan, stop_requested: StopRequested) -> None:
+        self._phases, self._plan, self._stop_requested = phases, plan, stop_requested
+        self._servos, self._trace = phases.servos, phases.trace
 
     def run(self) -> WalkStart:
         """Settle, turn if necessary, and set the trial frame."""
@@ -222,7 +204,7 @@ class Preparation:
 
     def _start(self, turned_rad: float, frame: TrialFrame | None, true_yaw_rad: float) -> WalkStart:
         """The start of the walk; the true yaw is that at the start of the trial."""
-        true_position_world = self._trace.true_positions_world[-1]
+        true_position_world = self._trace["true_position_world"][-1]
         true_frame = None
         if frame is not None and math.isfinite(true_yaw_rad + true_position_world[0]):
             heading_rad = true_yaw_rad + self._plan.heading_rad
@@ -246,7 +228,7 @@ class Preparation:
 
     def _resting_pose(self, ticks: int) -> "_RestingPose":
         rest = slice(max(0, len(self._trace) - ticks - 1), None)
-        return _RestingPose.of(self._trace.positions_world[rest], self._trace.quaternions_world[rest])
+        return _RestingPose.of(self._trace["position_world"][rest], self._trace["quaternion_world"][rest])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Growing tables of ticks and servo readings: the newest rows in memory, older ones on disk.
+"""Growing tables of ticks: the newest rows in memory, older ones on disk.
 
 An hour of ticks takes 150 MB, too much for a robot's computer. Older rows go to a nameless file that vanishes
 with the process. It is not mapped: an error of the disk would then end the process.
@@ -7,16 +7,12 @@ with the process. It is not mapped: an error of the disk would then end the proc
 import logging
 import os
 import tempfile
-from array import array
-from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from errno import EIO, ENOSPC
 from typing import IO, Any, NamedTuple
 
 import numpy as np
-
-from hexctl.types import N_JOINTS, ServoReadings
 
 _LOG = logging.getLogger(__name__)
 
@@ -29,19 +25,12 @@ CHUNK_ROWS = 256
 #: Chunks in memory: more than a recording that lags has not read yet.
 KEPT_CHUNKS = 16
 
-NUMBERS = ("ages_s", "efforts", "currents_a", "voltages_v", "temperatures_c")
-
-#: Readings of one chunk: half a minute at one reading a second.
-CHUNK_READINGS = 32
-
 
 class Column(NamedTuple):
     """A column of a table; the shape of a number is (), and unknown values are NaN, 0 or False."""
 
     name: str
     shape: tuple[int, ...] = ()
-    unit: str = ""
-    meaning: str = ""
     kind: type = float
     fields: tuple[str, ...] = ()
 
@@ -136,58 +125,6 @@ class Table:
         elif self._file is not None:
             offset = chunk * self._chunk_bytes + self._starts[name] + first * self._types[name].itemsize
             _check_size(os.preadv(self._file.fileno(), [rows], offset), rows.nbytes, EIO)
-
-
-class ServoRows:
-    """Readings of single servos and their rows in a log; iterating gives (row, readings)."""
-
-    def __init__(self, readings: Iterable[tuple[int, ServoReadings]] = ()) -> None:
-        self._rows = array("q")
-        columns = [Column(name, (N_JOINTS,)) for name in NUMBERS]
-        self._numbers = Table(columns, chunk_rows=CHUNK_READINGS)
-        #: Complaints, and the index of the first reading with them: they rarely change.
-        self._complaints: list[tuple[int, tuple[str, ...]]] = []
-        for reading in readings:
-            self.append(reading)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def __iter__(self) -> Iterator[tuple[int, ServoReadings]]:
-        return (one for index in range(len(self)) for one in self._readings(index, index + 1))
-
-    def append(self, reading: tuple[int, ServoReadings]) -> None:
-        """Add the reading at a row after all others."""
-        row, servos = reading
-        if not self._complaints or self._complaints[-1][1] != servos.errors:
-            self._complaints.append((len(self), servos.errors))
-        arrays, place, _ = self._numbers.append()
-        for name in NUMBERS:
-            arrays[name][place] = getattr(servos, name)
-        self._rows.append(row)
-
-    def between(self, start: int, stop: int) -> list[tuple[int, ServoReadings]]:
-        """Rows and readings from row `start` on, before row `stop`."""
-        return self._readings(bisect_left(self._rows, start), bisect_left(self._rows, stop))
-
-    def _readings(self, first: int, end: int) -> list[tuple[int, ServoReadings]]:
-        if first >= end:
-            return []
-        values = {name: self._numbers.rows(name, first, end) for name in NUMBERS}
-        return [
-            (
-                self._rows[index],
-                ServoReadings(
-                    **{name: column[index - first] for name, column in values.items()},
-                    errors=self._errors(index),
-                ),
-            )
-            for index in range(first, end)
-        ]
-
-    def _errors(self, index: int) -> tuple[str, ...]:
-        place = bisect_left(self._complaints, index + 1, key=lambda one: one[0])
-        return self._complaints[place - 1][1]
 
 
 def _check_size(done: int, wanted: int, error: int) -> None:

@@ -61,17 +61,15 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
 
 def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     """The walk of the plans: steered if they hold something, else open loop with constant motion."""
-    hold = held(start.plans[0], start.frame)
-    if start.plans[0].level and start.frame is None:
+    plan = start.plans[0]
+    hold = held(plan, start.frame)
+    if plan.level and start.frame is None:
         raise InputError("level: got a robot without a pose; allowed: one that measures roll and pitch")
     if hold != "none":
         return SteeredWalk(start, hold=hold)
-    gaits = [plan.gait for plan in start.plans]
-    motions = start.motions
-    alone = start.batch_shape == ()
-    plan = start.plans[0]
     if plan.changes or plan.level or plan.feet == "adaptive":
         return MotionWalk(start)
+    gaits, motions, alone = [plan.gait for plan in start.plans], start.motions, start.batch_shape == ()
     return Walk(
         start.robot,
         gaits[0] if alone else gaits,
@@ -121,7 +119,7 @@ def run_trial(
     check_plan(servos.robot, plan)
     kept = Recorders.of(recorders)
     guard = _guarded(servos)
-    trial = _Trial(guard, plan, controller, kept, stop_requested, should_stop)
+    trial = _Trial(Phases(guard, kept), plan, controller, stop_requested, should_stop)
     guard.pause_watchdog()
     try:
         with realtime_priority() if guard.clock.waits else nullcontext():
@@ -153,137 +151,130 @@ def _guarded(servos: LegServos) -> Guard:
     )
 
 
-class _Trial:
+class _Trial(TickObserver):
     """A trial in progress; the status is `ok` once the full duration was walked."""
 
     def __init__(
         self,
-        servos: Guard,
+        phases: Phases,
         plan: TrialPlan,
         controller: CustomController,
-        recorders: Recorders | None,
         stop_requested: StopRequested,
         should_stop: ShouldStop | None,
     ) -> None:
-        self._servos, self._plan, self._controller = servos, plan, controller
-        self._recorders, self._stop_requested, self._should_stop = recorders, stop_requested, should_stop
-        self.trace = Trace()
-        self._true_frame: TrialFrame | None = None
+        self.phases, self.servos, self.trace = phases, phases.servos, phases.trace
+        self.plan, self.controller = plan, controller
+        self.stop_requested, self.should_stop = stop_requested, should_stop
+        self.true_frame: TrialFrame | None = None
         self.status = "aborted"
         self.stopped: str | None = None
         self.turned_rad, self.clipped_ticks, self.hold = 0.0, 0, "none"
         self.limited_ticks = 0
         self.noticed: tuple[NoticedFailure, ...] = ()
-        self._requested = self._by_policy = False
-        self._samples, self._effort = WalkSamples(ticks_of(servos, plan.duration_s)), WalkEffort()
+        self.requested = self.by_policy = False
+        self.samples, self.effort = WalkSamples(ticks_of(self.servos, plan.duration_s)), WalkEffort()
 
     def run(self, *, soft_stop: bool) -> None:
-        servos, trace, recorders = self._servos, self.trace, self._recorders
         try:
             # The first command would power up a limp robot.
-            if not self._stop_requested():
-                start = Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
+            if not self.stop_requested():
+                start = Preparation(self.phases, self.plan, self.stop_requested).run()
                 self.turned_rad = start.turned_rad
-                if not self._stop_requested():
+                if not self.stop_requested():
                     self._walk(start, soft_stop=soft_stop)
         except EStopError:
-            self.status = "fell" if servos.stopped == "fell" else "aborted"
+            self.status = "fell" if self.servos.stopped == "fell" else "aborted"
         except CommandRefusedError as error:
             self.status, self.stopped = "aborted", str(error)
         except SimulationDivergedError:
             self.status = "diverged"
         if self.status == "aborted" and self.stopped is None:
-            self.stopped = servos.stopped or "requested"
+            self.stopped = self.servos.stopped or "requested"
 
     def result(self) -> TrialResult:
-        trace, plan = self.trace, self._plan
+        trace, plan = self.trace, self.plan
         rows, warnings = trace.rows("walk"), trace.warnings.texts
         stopped = self.stopped
-        if stopped is not None and self._by_policy:
+        if stopped is not None and self.by_policy:
             stopped = with_troubles(stopped, warnings, [one.failure.leg for one in self.noticed])
         return score(
-            self._servos.robot,
+            self.servos.robot,
             plan,
             status=self.status,
             stopped=stopped,
-            duration_s=_span_s(trace.times_s[rows], self._servos.clock.period_s),
+            duration_s=_span_s(trace["time_s"][rows], self.servos.clock.period_s),
             turned_rad=self.turned_rad,
             clipped_ticks=self.clipped_ticks,
             hold=self.hold,
             limited_ticks=self.limited_ticks,
             frame=trace.frame,
-            true_frame=self._true_frame,
-            positions_world=trace.positions_world[rows],
-            true_positions_world=trace.true_positions_world[rows],
-            quaternions_world=trace.quaternions_world[rows],
-            samples=self._samples.of(rows.stop - rows.start),
-            energy_j=self._effort.energy_j(),
+            true_frame=self.true_frame,
+            positions_world=trace["position_world"][rows],
+            true_positions_world=trace["true_position_world"][rows],
+            quaternions_world=trace["quaternion_world"][rows],
+            samples=self.samples.of(rows.stop - rows.start),
+            energy_j=self.effort.energy_j(),
             noticed=self.noticed,
             warnings=warnings,
-            controller=controller_name(self._controller),
+            controller=controller_name(self.controller),
         )
 
     def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:
         """Walk for the plan's duration, or until a stop is due, and let the strides run out."""
-        walk = made_controller(self._controller, start)
+        walk = made_controller(self.controller, start)
         self.hold = walk.hold
-        phases = Phases(self._servos, self.trace, self._recorders)
-        self.trace.frame, self._true_frame = start.frame, start.true_frame
-        phases.begin("walk")
-        if self._servos.simulation is not None:
-            self._servos.simulation.walk_begins()
-        clipped_before = self._servos.counters.clipped
+        self.trace.frame, self.true_frame = start.frame, start.true_frame
+        self.phases.begin("walk")
+        if self.servos.simulation is not None:
+            self.servos.simulation.walk_begins()
+        clipped_before = self.servos.counters.clipped
         try:
-            step = phases.run(walk, until=self._until(), seen_by=(_Measuring(self._samples, self._effort),))
+            step = self.phases.run(walk, until=self._until(), seen_by=(self,))
         finally:
-            self.clipped_ticks = self._servos.counters.clipped - clipped_before
+            self.clipped_ticks = self.servos.counters.clipped - clipped_before
             self.limited_ticks = int(walk.limited_steps)
             self.noticed = walk.noticed_failures()
         why = walk.why_stopped()
         if self.status == "aborted" and why is not None:
-            self.stopped, self._by_policy = why, True
-        elif self.status == "aborted" and not self._requested:
+            self.stopped, self.by_policy = why, True
+        elif self.status == "aborted" and not self.requested:
             self.status = "ok"  # the controller itself has ended the walk
         if soft_stop:
-            self._stop_softly(phases, walk, step + 1)
+            self._stop_softly(walk, step + 1)
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        """Measure a tick of the walk."""
+        self.samples.add(state, sent.joint_positions_rad)
+        self.effort.add(state, sent.joint_positions_rad)
 
     def _until(self) -> Until:
         """The condition that ends the walk before its controller does; sets the status."""
-        last = ticks_of(self._servos, self._plan.duration_s) - 1
+        last = ticks_of(self.servos, self.plan.duration_s) - 1
         looks = 0
 
         def over(step: int, _state: RobotState) -> bool:
             nonlocal looks
             if step >= last:
                 self.status = "ok"
-            elif self._should_stop is not None and (step + 1) // LOOK_TICKS > looks:
+            elif self.should_stop is not None and (step + 1) // LOOK_TICKS > looks:
                 looks = (step + 1) // LOOK_TICKS
-                answer = self._should_stop(self.trace)
+                answer = self.should_stop(self.trace)
                 self.status = "cut_short" if answer else "aborted"
                 self.stopped = (answer or None) if isinstance(answer, str) else None
-            self._requested = self.status == "aborted" and self._stop_requested()
-            return self.status != "aborted" or self._requested
+            self.requested = self.status == "aborted" and self.stop_requested()
+            return self.status != "aborted" or self.requested
 
         return over
 
-    def _stop_softly(self, phases: Phases, walk: Controller, step: int) -> None:
+    def _stop_softly(self, walk: Controller, step: int) -> None:
         """Stop the robot softly from a step on; errors no longer change the result."""
-        phases.begin("stop")
+        self.phases.begin("stop")
         with suppress(EStopError, CommandRefusedError, SimulationDivergedError):
             if steps := walk.stop(step):
-                phases.run(_SoftStop(walk, step + steps - 1), first_step=step)
+                self.phases.run(_SoftStop(walk, step + steps - 1), first_step=step)
             else:
-                steps = soft_stop_steps(self._servos.clock.period_s)
-                phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), steps))
-
-
-class _Measuring(TickObserver):
-    def __init__(self, samples: WalkSamples, effort: WalkEffort) -> None:
-        self._samples, self._effort = samples, effort
-
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        self._samples.add(state, sent.joint_positions_rad)
-        self._effort.add(state, sent.joint_positions_rad)
+                steps = soft_stop_steps(self.servos.clock.period_s)
+                self.phases.run(Stand(self.servos.robot, self.servos.accepted_rad(), steps))
 
 
 class _SoftStop(Controller):

@@ -151,9 +151,8 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
     return {
         "rows": {name: log.rows(name, start, stop) for name in COLUMN_NAMES},
         "frame": log.frame,
-        "pose_known": log.pose_known,
         "contacts_known": log.contacts_known,
-        "servo_rows": log.servo_rows.between(start, stop),
+        "servo_rows": log.servo_rows_between(start, stop),
         "notes": [note for note in log.notes if start <= note[0] < stop],
         "leg_changes": [change for change in log.leg_changes if start <= change.row < stop],
     }

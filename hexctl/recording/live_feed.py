@@ -62,10 +62,8 @@ class Feed:
 
 def append(log: TickLog, block: dict[str, Any]) -> None:
     """Append the rows of a block and their events, as made by `rows_of`."""
-    log.frame, log.pose_known = block["frame"], block["pose_known"]
-    log.contacts_known = block["contacts_known"]
-    for reading in block["servo_rows"]:
-        log.servo_rows.append(reading)
+    log.frame, log.contacts_known = block["frame"], block["contacts_known"]
+    log.servo_rows += block["servo_rows"]
     log.notes += block["notes"]
     log.leg_changes += block["leg_changes"]
     log.extend(block["rows"])

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any, ClassVar
 
 from hexctl.backends.sim.world import DomainRandomization, World
-from hexctl.control.assessment.static_stability import stable_gait
+from hexctl.control.assessment.crawl import auto_gait
 from hexctl.robot.model import Robot
 from hexctl.study.walk_cache import CaseT, Place, WalkT
 from hexctl.types import JOINT_KINDS
@@ -31,7 +31,7 @@ SENSORS: dict[str, Any] = {
 
 
 #: The gait of the largest stability margin, which depends on robot and plan, not on the world.
-stable_gait_of = cache(stable_gait)
+stable_gait_of = cache(auto_gait)
 
 
 @dataclass(frozen=True, kw_only=True)

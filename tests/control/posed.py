@@ -14,6 +14,12 @@ from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
 
 
+def readings(**known: FloatArray) -> ServoReadings:
+    """Readings of servos just now, of which only some values are known."""
+    unknown = dict.fromkeys(("efforts", "currents_a", "voltages_v", "temperatures_c"), np.full(18, np.nan))
+    return ServoReadings(**({"ages_s": np.zeros(18)} | unknown | known))
+
+
 class PosedMock(MockServos):
     """Joints of the mock, a pose of the test's, and time that advances only with the ticks.
 
@@ -37,15 +43,8 @@ class PosedMock(MockServos):
 
     def read(self) -> RobotState:
         self._use_link()
-        echo, unknown, servos = super().read(), np.full(18, np.nan), None
-        if self.temperatures_c is not None:
-            servos = ServoReadings(
-                ages_s=np.zeros(18),
-                efforts=unknown,
-                currents_a=unknown,
-                voltages_v=unknown,
-                temperatures_c=self.temperatures_c,
-            )
+        echo = super().read()
+        servos = None if self.temperatures_c is None else readings(temperatures_c=self.temperatures_c)
         return RobotState(
             echo.joint_positions_rad if self.joints_rad is None else self.joints_rad,
             echo.stamp_s,

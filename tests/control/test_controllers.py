@@ -1,7 +1,5 @@
 """Controllers: standing up, and a walk whose look-ahead changes nothing."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -68,15 +66,3 @@ def test_a_stop_goes_on_from_the_stride_and_ends_in_the_stance(stop_tick: int) -
     )
     fastest = np.abs(np.diff(_angles(plain, range(100, 300)), axis=0)).max()
     assert np.abs(np.diff(angles, axis=0)).max() <= fastest + 0.01, "no jump"
-
-
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_every_robot_can_walk_its_own_gaits_in_all_directions(name: str) -> None:
-    robot = shipped(name)
-    for heading, gait in itertools.product(
-        np.radians(np.arange(0, 360, 15)), ("demo", "tripod", "wave", "ripple")
-    ):
-        walk = Walk(robot, gait_of(robot, gait), Motion(heading_rad=float(heading)), period_s=0.02)
-        angles = _angles(walk, range(100, 250))
-        assert (angles >= robot.joint_lower_rad).all()
-        assert (angles <= robot.joint_upper_rad).all()

@@ -161,33 +161,6 @@ def test_a_controller_without_a_stop_is_followed_by_the_stance() -> None:
     assert steps_rad.max() < 0.02, "evenly, not in a jump"
 
 
-class Brakes(YawHold):
-    """Stops softly within a quarter of a second, in its own stance."""
-
-    stopped_at: int | None = None
-
-    def stop(self, step: int) -> int:
-        self.stopped_at = step
-        return 13
-
-    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        return ANT.stance_angles_rad if self.stopped_at is not None else super().targets_rad(step, state)
-
-
-def test_a_controller_says_how_many_steps_its_stop_takes() -> None:
-    made: list[Brakes] = []
-
-    def make(start: WalkStart) -> Brakes:
-        made.append(Brakes(start))
-        return made[0]
-
-    _, log = _walked(make, servos=PosedMock())
-    stop = log.rows_of("stop")
-    assert stop.stop - stop.start == 13
-    assert made[0].stopped_at == 50
-    np.testing.assert_array_equal(log["wanted_rad"][stop.start], ANT.stance_angles_rad)
-
-
 class Stumbling(YawHold):
     """Gives one robot targets that are not finite after a second."""
 
@@ -285,11 +258,10 @@ def test_a_function_walks_the_same_alone_and_in_a_batch() -> None:
     [
         ([0.0] * 17, InputError),
         (np.zeros((2, 18)), InputError),
-        (0.3, InputError),
         (None, WrongTypeError),
         (["left"] * 18, WrongTypeError),
     ],
-    ids=["17", "two robots", "number", "none", "texts"],
+    ids=["17", "two robots", "none", "texts"],
 )
 def test_other_than_18_angles_are_refused(returned: Any, error: type[Exception]) -> None:
     class Wrong(Controller):

@@ -2,7 +2,6 @@
 
 import math
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
@@ -53,24 +52,10 @@ def test_every_tick_is_kept_as_it_came_however_many_there_are() -> None:
         np.testing.assert_array_equal(log.rows("time_s", start, stop), log["time_s"][start:stop])
 
 
-@pytest.mark.parametrize("part", ["base_position_world", "base_quaternion_world"])
-def test_half_a_pose_is_kept(part: str) -> None:
-    log, stance = TickLog(), np.zeros(18)
-    value = np.array([0.1, 0.2, 0.3] if part == "base_position_world" else [0.6, 0.0, 0.0, 0.8])
-    pose: dict[str, Any] = {part: value}
-    log.record(Tick(1, 0.02), RobotState(stance, 0.0, True, **pose), stance, JointTargets(stance, 0.02))
-    np.testing.assert_array_equal(log[part], [value])
-    (other,) = {"base_position_world", "base_quaternion_world"} - {part}
-    assert np.isnan(log[other]).all()
-    assert log.pose_known == (part == "base_position_world")
-
-
 def test_what_is_missing_is_told_and_has_no_numbers() -> None:
-    log, poses, contacts = TickLog(), [], []
+    log, contacts = TickLog(), []
     for index, known in enumerate((True, False, True)):
         _record(log, index, posed=known)
-        poses.append(log.pose_known)
-    assert poses == [True, False, True]
     for part in ("base_position_world", "base_quaternion_world"):
         assert np.isnan(log[part]).all(axis=-1).tolist() == [False, True, False]
     log, stance = TickLog(), np.zeros(18)

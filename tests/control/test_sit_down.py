@@ -17,11 +17,11 @@ from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import EStopError
 from hexctl.gait.gait import make_gait
-from hexctl.types import JointTargets, RobotState, ServoReadings
+from hexctl.types import JointTargets, RobotState
 from tests.backends.fake_time import FakeTime
+from tests.control.posed import readings
 from tests.robots import shipped
 
-NAN = np.full(18, np.nan)
 Telemetry = Callable[[float], RobotState]
 
 
@@ -41,16 +41,9 @@ class Reporting(MockServos):
         now_s = self.clock.now_s
         warm = np.full(18, 40.0)
         warm[4] = self._degrees(now_s)
-        readings = ServoReadings(
-            ages_s=np.zeros(18),
-            efforts=NAN,
-            currents_a=np.full(18, 124.8),
-            voltages_v=NAN,
-            temperatures_c=warm,
-            errors=("",) * 18,
-        )
+        servos = readings(currents_a=np.full(18, 124.8), temperatures_c=warm)
         return replace(
-            super().read(), battery_v=self._volts(now_s), low_battery_v=self._least_v, servos=readings
+            super().read(), battery_v=self._volts(now_s), low_battery_v=self._least_v, servos=servos
         )
 
     def disable_torque(self) -> bool:

@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,9 +23,8 @@ from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.control.log import TickLog
-from hexctl.control.stop_reason import MEANINGS, reason_in_words
 from hexctl.control.trial import Enough, stop_when
-from hexctl.types import FloatArray, leg_slice
+from hexctl.types import FloatArray
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
 from tests.robots import shipped
@@ -268,24 +266,6 @@ def test_what_goes_wrong_aborts_the_walk_unless_it_is_over(
     assert result.to_dict()["stopped"] == result.stopped
 
 
-def test_what_is_broken_and_what_the_controller_believes_are_two_things() -> None:
-    """A locked leg that the controller was not told of is commanded like the others, and does not follow."""
-    broken = Failure(leg=5)
-    excursion_rad: dict[bool, FloatArray] = {}
-    for told in (False, True):
-        plan = TrialPlan(gait=gait_of(shipped()), belief=broken if told else None, duration_s=3.0)
-        log = TickLog()
-        with SimServos(shipped(), failure=broken) as servos:
-            run_trial(Guard(servos), replace(plan, self_rotation="none"), recorders=(log,))
-        rows, leg = log.rows_of("walk"), leg_slice(5)
-        excursion_rad[told] = np.ptp(
-            [log[name][rows][:, leg] for name in ("wanted_rad", "measured_rad")], axis=1
-        )
-    assert excursion_rad[True].max() < 0.06
-    assert excursion_rad[False][0].max() > 0.2
-    assert excursion_rad[False][1].max() < 0.06
-
-
 def test_a_fault_of_the_robot_is_raised_and_what_was_logged_is_kept() -> None:
     seen: list[tuple[int, int]] = []
     servos, log = PosedMock(), TickLog()
@@ -392,11 +372,3 @@ def test_a_stop_that_is_asked_for_still_aborts(stop_tick: int, asked_at: list[in
     assert (result.status, result.stopped) == ("aborted", "requested")
     assert [len(path) for path in asked.paths] == asked_at
     assert result.duration_s == pytest.approx(0.02 * stop_tick)
-
-
-def test_a_reason_to_stop_is_put_into_words() -> None:
-    for reason, meaning in MEANINGS.items():
-        assert meaning in reason_in_words(reason)
-    assert reason_in_words("hot: leg 2 femur 72 C").startswith("hot: leg 2 femur 72 C (")
-    for plain in ("by hand", "fault: low battery", "fault", ""):
-        assert reason_in_words(plain) == plain

@@ -9,13 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from hexctl.control.table import ServoRows
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.recording.recording import Recording
 from hexctl.robot.loader import load_robot
 from hexctl.runs.run import run
-from hexctl.types import N_JOINTS, ServoReadings
+from hexctl.types import N_JOINTS
+from tests.control.posed import readings
 from tests.recording.conftest import ReadBack, Trial, write
 
 
@@ -110,15 +110,7 @@ def test_a_place_and_contacts_that_are_not_known_are_none(trial: Trial, tmp_path
 def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
     told = trial.with_columns()
     values = np.linspace(20, 40, N_JOINTS)
-    unknown = np.full(N_JOINTS, np.nan)
-    readings = ServoReadings(
-        ages_s=np.zeros(N_JOINTS),
-        efforts=unknown,
-        currents_a=unknown,
-        voltages_v=unknown,
-        temperatures_c=values,
-    )
-    told.log.servo_rows = ServoRows([(0, readings), (50, readings)])
+    told.log.servo_rows = [(row, readings(temperatures_c=values)) for row in (0, 50)]
     servos = read_trial(write(tmp_path / "servos.rrd", told)).servos
     assert set(servos) == {"ages_s", "temperatures_c"}
     assert servos["temperatures_c"].rows.tolist() == [0, 50]

@@ -216,12 +216,10 @@ def _physics(report: dict[str, Any]) -> list[str]:
     whole, solver, contact = (
         f"{100 * found[name]:.1f} cm" for name in ("numerical_m", "solver_m", "contact_m")
     )
-    of = f"rms of {found['walks']} walks"
-    if found["low_m"] is not None:
-        of += f", {100 * found['low_m']:.1f} to {100 * found['high_m']:.1f} cm with 95 % confidence"
     return [
         "",
-        f"simulation: walks of {found['duration_s']:g} s end ± {whole} from half the time step ({of})",
+        f"simulation: walks of {found['duration_s']:g} s end ± {whole} from half the time step "
+        f"(rms of {found['walks']} walks)",
         f"not in the ±: {solver} by MuJoCo's default solver tolerance,",
         f"{contact} on a floor a third softer or harder",
     ]

@@ -11,7 +11,7 @@ from hexctl.cli.settings import is_said, runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.control.assessment.check_options import CheckOptions
-from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
+from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, leg_sets
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -105,4 +105,4 @@ def _measured(checked: "RobotCheck", world_name: str, duration_s: float) -> dict
 
 def _leg_sets(checked: "RobotCheck", heading_rad: float | None) -> list[dict[str, Any]]:
     directions_rad = DIRECTIONS_RAD if heading_rad is None else (heading_rad,)
-    return [one.to_dict() for one in leg_sets(checked.robot, checked.gait, directions_rad, MOST_JUDGED)]
+    return [one.to_dict() for one in leg_sets(checked.robot, checked.gait, directions_rad)]

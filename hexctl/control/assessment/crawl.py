@@ -18,7 +18,8 @@ from hexctl.control.assessment.static_stability import (
     STAND_UP,
     feet_over_cycle,
     most_stable_slots,
-    stable_gait,
+    stable_slots_of,
+    stood_up,
 )
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import body_heading_rad
@@ -71,15 +72,18 @@ def least_margin_m(robot: Robot, gait: Gait, *, heading_rad: float) -> float:
 
 
 def auto_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
-    """`stable_gait` of a plan, or `gait_without` for several failed legs; `stand_up` raises a level body."""
-    if not plan.further_failures:
-        return stable_gait(robot, plan, stand_up=stand_up)
+    """The most stable gait of a plan after its self-rotation, or `gait_without` for several failed legs.
+
+    `stand_up` raises a level body.
+    """
     posture = plan.gait.posture
+    if not plan.further_failures:
+        posture = stood_up(robot, plan) if stand_up else posture
+        return replace(plan.gait, slots=stable_slots_of(robot, plan), posture=posture)
     if stand_up:
         posture = replace(posture, body_raise=posture.body_raise or STAND_UP)
-    heading_rad = body_heading_rad(robot, plan)
     gait = replace(plan.gait, posture=posture)
-    return gait_without(robot, gait, heading_rad=heading_rad, legs=plan.failed_legs)
+    return gait_without(robot, gait, heading_rad=body_heading_rad(robot, plan), legs=plan.failed_legs)
 
 
 def _plain(gait: Gait, lost: tuple[int, ...]) -> Gait:

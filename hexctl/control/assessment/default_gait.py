@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from hexctl.control.assessment.feasibility import HEADINGS_RAD, RobotCheck, gait_demand
-from hexctl.control.assessment.gait_load import LoadVerdict, gait_load
+from hexctl.control.assessment.gait_load import Verdict, gait_load
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
@@ -83,16 +83,16 @@ def _reaches(imported: ImportedRobot) -> bool:
     return bool(legs_that_reach(robot, feet).all())
 
 
-def _judged(imported: ImportedRobot) -> tuple[ImportedRobot, LoadVerdict]:
+def _judged(imported: ImportedRobot) -> tuple[ImportedRobot, Verdict]:
     """The robot at a pace that its joints keep, and the verdict of `hexctl check` on it."""
     check = _check(imported)
     if not check.demand.possible:
-        return imported, _impossible(OUT_OF_REACH)
+        return imported, Verdict((OUT_OF_REACH,))
     max_pace_hz = check.demand.max_pace_hz
     if not check.demand.speed_holds and max_pace_hz is not None:
         pace_hz = math.floor(100 * PACE_SHARE * max_pace_hz) / 100
         if pace_hz < LEAST_PACE_HZ:
-            return imported, _impossible(f"its joints keep a pace of {max_pace_hz:.2g} Hz at most")
+            return imported, Verdict((f"its joints keep a pace of {max_pace_hz:.2g} Hz at most",))
         imported = imported.with_gait_values(pace_hz=pace_hz)
         check = _check(imported)
     imported, check = _lifted(imported, check)
@@ -129,7 +129,3 @@ def _check(imported: ImportedRobot) -> RobotCheck:
         load=gait_load(robot, gait, motions),
         servo_map=servo_map_of(ServosSection()),
     )
-
-
-def _impossible(reason: str) -> LoadVerdict:
-    return LoadVerdict(obstacles=(reason,), warnings=(), doubtful=False)

@@ -1,14 +1,14 @@
 """Feasibility of a gait on a robot: ranges, reach, speeds, torques, sag, clearance, servo pulses."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hexctl.control.assessment.gait_load import GaitLoad, LoadVerdict, gait_load, load_verdict
+from hexctl.control.assessment.gait_load import GaitLoad, Verdict, gait_load, load_verdict
 from hexctl.control.assessment.stance_width import stance_width
 from hexctl.control.assessment.static_stability import most_stable_slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
@@ -25,9 +25,6 @@ POINTS = 720
 
 #: Shares of the needed joint speed: a robot below cannot walk, and one above is hardly slowed by clipping.
 LEAST_SPEED, GOOD_SPEED = 0.2, 0.4
-
-#: By such a share, how many of the shipped robots (at the largest all) walked half of the distance simulated.
-SLOW_WALKS = {0.13: 2, 0.25: 7, 0.35: 8}
 
 #: Headings of a check without a heading: all round, every 15 degrees.
 HEADINGS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 15))
@@ -107,41 +104,35 @@ class RobotCheck:
     servos_given: bool = False
 
     @property
-    def verdict(self) -> LoadVerdict:
+    def verdict(self) -> Verdict:
         """Verdict on load, joint speeds, distances of the feet and limits of the servos."""
-        load, share = load_verdict(self.load), self.demand.speed_share
-        too_slow = _slow(share) if share < LEAST_SPEED else ""
-        clearance_m = self.robot.trunk_clearance_m
-        low = self._trunk_is_low() if clearance_m <= self.load.typical_sag_m else ""
-        obstacles = (*load.obstacles, *filter(None, (too_slow, low if clearance_m <= 0 else "")))
-        slow = _slow(share) if LEAST_SPEED <= share < GOOD_SPEED else ""
-        doubts = tuple(
-            filter(
-                None, (slow, low if clearance_m > 0 else "", self._feet_touch(), self._clipped_by_servos())
-            )
-        )
-        return LoadVerdict(
-            obstacles=obstacles,
-            warnings=(*doubts, *load.warnings),
-            doubtful=not obstacles and (load.doubtful or bool(doubts)),
+        load = load_verdict(self.load)
+        return Verdict(
+            obstacles=(*load.obstacles, *self._obstacles()),
+            doubts=(*self._doubts(), *load.doubts),
+            remarks=load.remarks,
         )
 
-    def _trunk_is_low(self) -> str:
+    def _obstacles(self) -> Iterator[str]:
+        if self.demand.speed_share < LEAST_SPEED:
+            yield _slow(self.demand.speed_share)
+        if (clearance_m := self.robot.trunk_clearance_m) <= 0:
+            yield _trunk_is_low(f"{1000 * abs(clearance_m):.3g} mm below the floor")
+
+    def _doubts(self) -> Iterator[str]:
+        if LEAST_SPEED <= self.demand.speed_share < GOOD_SPEED:
+            yield _slow(self.demand.speed_share)
         clearance_m, sag_m = self.robot.trunk_clearance_m, self.load.typical_sag_m
-        where = f"{1000 * abs(clearance_m):.3g} mm {'above' if clearance_m > 0 else 'below'} the floor"
-        sinks = f" and sinks by {1000 * sag_m:.3g} mm" if clearance_m > 0 else ""
-        return f"trunk: its underside is {where}{sinks}; see to `body.size_m` and a lower `stance.up_m`"
-
-    def _feet_touch(self) -> str:
+        if 0 < clearance_m <= sag_m:
+            yield _trunk_is_low(
+                f"{1000 * clearance_m:.3g} mm above the floor and sinks by {1000 * sag_m:.3g} mm"
+            )
         least_m, spacing_m = 2 * self.robot.foot_radius_m, self.demand.least_foot_spacing_m
-        if spacing_m > least_m:
-            return ""
-        return f"feet touch: they come within {1000 * spacing_m:.0f} mm and are {1000 * least_m:.0f} mm thick"
-
-    def _clipped_by_servos(self) -> str:
-        if self.gait_fits_servos or not self.servos_given:
-            return ""
-        return "the gait goes beyond the limits of the servos (section `servos`), which clip it"
+        if spacing_m <= least_m:
+            within = f"{1000 * spacing_m:.0f} mm"
+            yield f"feet touch: they come within {within} and are {1000 * least_m:.0f} mm thick"
+        if self.servos_given and not self.gait_fits_servos:
+            yield "the gait goes beyond the limits of the servos (section `servos`), which clip it"
 
     @property
     def possible(self) -> bool:
@@ -181,7 +172,7 @@ class RobotCheck:
             "to_measure": list(self.to_measure),
             "meshes": list(self.mesh_parts),
             **self.load.to_dict(),
-            **stance_width(robot, gait).to_dict(),
+            **stance_width(robot, gait),
             "doubtful": self.verdict.doubtful,
             "warnings": list(self.warnings),
         }
@@ -233,11 +224,11 @@ class RobotCheck:
 
 
 def _slow(share: float) -> str:
-    text = f"slow: joints reach {100 * share:.0f} % of the speed of this gait, and their commands are clipped"
-    # A larger share would promise too much.
-    at = max((each for each in SLOW_WALKS if each <= share), default=min(SLOW_WALKS))
-    of = f"of {max(SLOW_WALKS.values())} robots simulated at {100 * at:.0f} %"
-    return f"{text}; {of}, {SLOW_WALKS[at]} walked half of the distance"
+    return f"slow: joints reach {100 * share:.0f} % of the speed of this gait, and their commands are clipped"
+
+
+def _trunk_is_low(where: str) -> str:
+    return f"trunk: its underside is {where}; see to `body.size_m` and a lower `stance.up_m`"
 
 
 def check_robot(

@@ -4,7 +4,7 @@ Thresholds are from `python -m benchmarks --only check`, which counts random rob
 distance: `check.loads` for torque and sag, `check.legs` for crossing legs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,27 @@ LEAST_LIFT = 0.02
 
 #: Overlap as a share of both radii above which two legs would cross.
 CROSSING_DEPTH = 0.9
+
+#: A servo is hot if it is above the continuous torque for more than this share of the cycle. Heat grows with
+#: the square of torque: 35 % of the stall torque for 60 % of the time is 27 % RMS or more; Robotis rates the
+#: continuous torque at 20 % (robotis.us/robotis-blog/torque-ratings).
+MOST_DUTY = 0.6
+
+#: A robot that carries less than this multiple of its weight sinks. Simulated robots walked badly down to
+#: 0.76: the median over the cycle ignores the best poses, and the swing feet that it sinks onto.
+LEAST_CAPACITY = 0.7
+
+#: Multiple of its weight above which torque does not slow a robot.
+GOOD_CAPACITY = 3.0
+
+#: Maximum share of the cycle in which a robot may tip and still walk.
+MOST_TIPPING = 0.5
+
+#: A robot that sags by this multiple of the step height lifts no foot; robots walked badly up to 1.1.
+MOST_SAG = 1.25
+
+#: Share of the step height that remains for each foot on sufficiently stiff servos.
+GOOD_LIFT = 1 / 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,6 +94,21 @@ class GaitLoad(ArrayFields):
     def crossing(self) -> bool:
         """Whether two legs would have to pass through one another."""
         return self.overlap >= CROSSING_DEPTH
+
+    @property
+    def tips_over(self) -> bool:
+        """Whether the robot falls before a swing foot lands."""
+        return self.tipping > MOST_TIPPING
+
+    @property
+    def too_weak(self) -> bool:
+        """Whether the servos do not carry the robot."""
+        return self.capacity < LEAST_CAPACITY
+
+    @property
+    def too_soft(self) -> bool:
+        """Whether the body sinks by so much that no foot leaves the floor."""
+        return self.typical_sag_m >= MOST_SAG * self.step_height_m
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values of the robot, without those of single joints."""
@@ -147,157 +183,85 @@ def _cycle(robot: Robot, gait: Gait, motions: Sequence[Motion], count: int) -> t
     return feet, solve_legs(robot, feet).joint_positions_rad
 
 
-#: A servo is hot if it is above the continuous torque for more than this share of the cycle. Heat grows with
-#: the square of torque: 35 % of the stall torque for 60 % of the time is 27 % RMS or more; Robotis rates the
-#: continuous torque at 20 % (robotis.us/robotis-blog/torque-ratings).
-MOST_DUTY = 0.6
-
-#: A robot that carries less than this multiple of its weight sinks. Simulated robots walked badly down to
-#: 0.76: the median over the cycle ignores the best poses, and the swing feet that it sinks onto.
-LEAST_CAPACITY = 0.7
-
-#: Multiple of its weight above which torque does not slow a robot.
-GOOD_CAPACITY = 3.0
-
-#: Maximum share of the cycle in which a robot may tip and still walk.
-MOST_TIPPING = 0.5
-
-#: A robot that sags by this multiple of the step height lifts no foot; robots walked badly up to 1.1.
-MOST_SAG = 1.25
-
-#: Share of the step height that remains for each foot on sufficiently stiff servos.
-GOOD_LIFT = 1 / 3
-
-#: Robots with crossing legs, simulated with solid legs: up to a share of the cycle with crossing legs, how
-#: many made half of the distance, of how many that did with legs that pass through one another.
-CROSSING_WALKS = ((0.25, 18, 20), (1.0, 16, 20))
-
-#: Robots whose sag leaves a foot less than a third of its step, simulated for 30 s: how many made half of the
-#: distance, of how many, if all feet drag, some do, or none does.
-DRAGGING_WALKS, PARTLY_DRAGGING_WALKS, SOFT_WALKS = (2, 20), (12, 20), (17, 20)
-
-#: The same for robots that carry between `LEAST_CAPACITY` and `GOOD_CAPACITY` of their weight.
-WEAK_WALKS = (6, 20)
-
-
 @dataclass(frozen=True, slots=True)
-class LoadVerdict:
-    """Verdict on a load; obstacles forbid the gait, doubtful is what stopped some simulated robots."""
+class Verdict:
+    """Verdict on a gait; obstacles forbid it, and doubts stopped some simulated robots."""
 
     obstacles: tuple[str, ...]
-    warnings: tuple[str, ...]
-    doubtful: bool
+    doubts: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def possible(self) -> bool:
-        """Whether the robot carries its weight and lifts a foot."""
+        """Whether the robot can walk the gait."""
         return not self.obstacles
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether nothing forbids the gait, but something may stop the robot."""
+        return self.possible and bool(self.doubts)
 
-def load_verdict(load: GaitLoad) -> LoadVerdict:
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubts and remarks, one sentence each."""
+        return (*self.doubts, *self.remarks)
+
+
+def load_verdict(load: GaitLoad) -> Verdict:
     """Verdict on the load of a gait."""
-    obstacles = tuple(filter(None, (_tips_over(load) or _too_weak(load), _too_soft(load))))
-    telling = tuple(
-        filter(None, (_unsteady(load), _weak(load) or _overloaded(load), _soft(load), _cross(load)))
-    )
-    return LoadVerdict(
-        obstacles=obstacles,
-        warnings=(*telling, *filter(None, (_touch(load), _hot(load)))),
-        doubtful=bool(telling) and not obstacles,
-    )
+    return Verdict(tuple(_obstacles(load)), tuple(_doubts(load)), tuple(_remarks(load)))
 
 
-def _tips_over(load: GaitLoad) -> str:
-    if load.tipping <= MOST_TIPPING:
-        return ""
-    return f"it tips over: its centre of mass is outside its feet for {100 * load.tipping:.0f} % of the cycle"
+def _obstacles(load: GaitLoad) -> Iterator[str]:
+    if load.tips_over:
+        share = f"{100 * load.tipping:.0f} % of the cycle"
+        yield f"it tips over: its centre of mass is outside its feet for {share}"
+    elif load.too_weak:
+        yield f"too weak: its servos carry {load.capacity:.2f} of its weight while it walks"
+    if load.too_soft:
+        yield (
+            f"too soft: its body sinks {1000 * load.typical_sag_m:.0f} mm and a step is "
+            f"{1000 * load.step_height_m:.0f} mm high, so no foot leaves the floor"
+        )
 
 
-def _too_weak(load: GaitLoad) -> str:
-    if load.capacity >= LEAST_CAPACITY:
-        return ""
-    return f"too weak: its servos carry {load.capacity:.2f} of its weight while it walks"
-
-
-def _too_soft(load: GaitLoad) -> str:
-    if load.typical_sag_m < MOST_SAG * load.step_height_m:
-        return ""
-    return (
-        f"too soft: its body sinks {1000 * load.typical_sag_m:.0f} mm and a step is "
-        f"{1000 * load.step_height_m:.0f} mm high, so no foot leaves the floor"
-    )
-
-
-def _unsteady(load: GaitLoad) -> str:
-    if not 0 < load.tipping <= MOST_TIPPING:
-        return ""
-    return f"unsteady: it tips over its feet for {100 * load.tipping:.0f} % of the cycle"
-
-
-def _weak(load: GaitLoad) -> str:
-    if not LEAST_CAPACITY <= load.capacity < GOOD_CAPACITY:
-        return ""
-    return (
-        f"weak: its servos carry {load.capacity:.2f} times its weight while it walks; "
-        f"of {WEAK_WALKS[1]} robots below {GOOD_CAPACITY:g} that were simulated, "
-        f"{WEAK_WALKS[0]} walked half of the distance"
-    )
-
-
-def _overloaded(load: GaitLoad) -> str:
+def _doubts(load: GaitLoad) -> Iterator[str]:
     shares = load.torques_nm / load.max_torques_nm
-    if shares.max() <= 1 or not _carries(load):
-        return ""
-    names = ", ".join(JOINT_NAMES[joint] for joint in np.flatnonzero(shares > 1))
-    return f"overloaded: {names} would need up to {100 * shares.max():.0f} % of their torque"
+    if 0 < load.tipping <= MOST_TIPPING:
+        yield f"unsteady: it tips over its feet for {100 * load.tipping:.0f} % of the cycle"
+    if LEAST_CAPACITY <= load.capacity < GOOD_CAPACITY:
+        yield f"weak: its servos carry {load.capacity:.2f} times its weight while it walks"
+    elif shares.max() > 1 and not (load.tips_over or load.too_weak):
+        names = ", ".join(JOINT_NAMES[joint] for joint in np.flatnonzero(shares > 1))
+        yield f"overloaded: {names} would need up to {100 * shares.max():.0f} % of their torque"
+    if load.lift_left < GOOD_LIFT and not (load.tips_over or load.too_soft):
+        sag_deg = float(np.degrees(load.deflections_rad.max()))
+        yield f"soft: joints give way by up to {sag_deg:.1f} deg under the weight; {_lift_in_words(load)}"
+    if load.crossing:
+        yield f"{_nearest_in_words(load)} cross for {100 * load.crossing_share:.0f} % of the cycle"
 
 
-def _carries(load: GaitLoad) -> bool:
-    return not (_tips_over(load) or _too_weak(load))
-
-
-def _soft(load: GaitLoad) -> str:
-    if load.lift_left >= GOOD_LIFT or _tips_over(load) or _too_soft(load):
-        return ""
-    count, legs = len(load.dragging_legs), ", ".join(str(leg) for leg in load.dragging_legs)
+def _lift_in_words(load: GaitLoad) -> str:
     if load.all_drag:
-        (walked, of), left = DRAGGING_WALKS, "no foot leaves the floor"
-    elif load.dragging_legs:
-        (walked, of) = PARTLY_DRAGGING_WALKS
-        left = f"leg{'s' * (count > 1)} {legs} {'do' if count > 1 else 'does'} not leave the floor"
-    else:
-        (walked, of), left = SOFT_WALKS, f"a foot keeps {100 * load.lift_left:.0f} % of its step height"
-    sag_deg = float(np.degrees(load.deflections_rad.max()))
-    return (
-        f"soft: joints give way by up to {sag_deg:.1f} deg under the weight; {left}; of {of} such "
-        f"robots that were simulated, {walked} walked half of the distance"
-    )
+        return "no foot leaves the floor"
+    if not load.dragging_legs:
+        return f"a foot keeps {100 * load.lift_left:.0f} % of its step height"
+    several = len(load.dragging_legs) > 1
+    legs = ", ".join(map(str, load.dragging_legs))
+    return f"leg{'s' * several} {legs} {'do' if several else 'does'} not leave the floor"
 
 
-def _cross(load: GaitLoad) -> str:
-    if not load.crossing:
-        return ""
-    walked, of = next((walked, of) for most, walked, of in CROSSING_WALKS if load.crossing_share <= most)
-    return (
-        f"{_nearest_in_words(load)} cross for {100 * load.crossing_share:.0f} % of the cycle: of {of} such "
-        f"robots that were simulated with solid legs, {walked} walked half of the distance"
-    )
-
-
-def _touch(load: GaitLoad) -> str:
-    return f"{_nearest_in_words(load)} touch" if load.least_clearance_m <= 0 and not load.crossing else ""
+def _remarks(load: GaitLoad) -> Iterator[str]:
+    if load.least_clearance_m <= 0 and not load.crossing:
+        yield f"{_nearest_in_words(load)} touch"
+    hot = int(load.duties.argmax())
+    if load.duties[hot] > MOST_DUTY:
+        yield (
+            f"hot: {JOINT_NAMES[hot]} holds more than {100 * CONTINUOUS_SHARE:.0f} % of its torque for "
+            f"{100 * load.duties[hot]:.0f} % of the cycle; servos overheat above that continuously"
+        )
 
 
 def _nearest_in_words(load: GaitLoad) -> str:
     (one, other), (part, other_part) = load.nearest_legs, load.nearest_parts
     return f"legs {one} ({part}) and {other} ({other_part})"
-
-
-def _hot(load: GaitLoad) -> str:
-    hot = int(load.duties.argmax())
-    if load.duties[hot] <= MOST_DUTY:
-        return ""
-    return (
-        f"hot: {JOINT_NAMES[hot]} holds more than {100 * CONTINUOUS_SHARE:.0f} % of its torque for "
-        f"{100 * load.duties[hot]:.0f} % of the cycle; servos overheat above that continuously"
-    )

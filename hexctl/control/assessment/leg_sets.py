@@ -113,12 +113,9 @@ def _verdict(lost: int, margin: float, crawl: bool) -> str:
     return DOUBTFUL if margin < -most_lean else verdict
 
 
-def leg_sets(
-    robot: Robot, gait: Gait, directions_rad: Sequence[float] = DIRECTIONS_RAD, most: int = 2
-) -> list[LegSet]:
-    """Verdicts on all sets of one leg up to `most`, at most `MOST_JUDGED`."""
-    legs = range(1, N_LEGS + 1)
-    counts = range(1, min(most, MOST_JUDGED) + 1)
+def leg_sets(robot: Robot, gait: Gait, directions_rad: Sequence[float]) -> list[LegSet]:
+    """Verdicts on all sets of one leg up to `MOST_JUDGED`."""
+    legs, counts = range(1, N_LEGS + 1), range(1, MOST_JUDGED + 1)
     return [
         leg_set(robot, gait, lost, directions_rad) for count in counts for lost in combinations(legs, count)
     ]

@@ -7,8 +7,7 @@ the robot if the drive stays below 1 on any five legs, else the widest one at wh
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 from hexctl.control.assessment.crawl import gait_without
 from hexctl.control.assessment.static_stability import STAND_UP
@@ -28,46 +27,26 @@ AMPLITUDES = (1.0, 0.9)
 SHARES = tuple(0.98 - 0.02 * step for step in range(25))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StanceWidth:
-    """The stance of a robot, and the proposed one.
+def stance_width(robot: Robot, gait: Gait) -> dict[str, float | None]:
+    """Stance of a robot in the gaits that its recovery glides to on five legs, and the proposed stance.
 
-    Attributes:
-        outward_m: distance of the nominal feet from the coxa axes.
-        drive: largest share of a servo's drive on five legs, at 1 all that it has; inf if a foot is out of
-            reach, its joints out of their ranges, or the robot tips over.
-        proposed_m: the proposed distance, `outward_m` if it is right.
-        proposed_drive: the drive that it needs.
-    """
-
-    outward_m: float
-    drive: float
-    proposed_m: float
-    proposed_drive: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON values."""
-        return {
-            "stance_outward_m": round(self.outward_m, 4),
-            "five_leg_drive": _rounded(self.drive),
-            "proposed_outward_m": round(self.proposed_m, 4),
-            "proposed_five_leg_drive": _rounded(self.proposed_drive),
-        }
-
-
-def _rounded(drive: float) -> float | None:
-    return round(drive, 3) if math.isfinite(drive) else None
-
-
-def stance_width(robot: Robot, gait: Gait) -> StanceWidth:
-    """Stance width of a robot on five legs, in the gaits that its recovery glides to, and the proposed one.
-
-    The gait gives pace, strokes and posture.
+    JSON values: distances of the nominal feet from the coxa axes in m, and for each the largest share of a
+    servo's drive, at 1 all that it has. The share is None if a foot is out of reach, its joints are out of
+    their ranges, or the robot tips over. The gait gives pace, strokes and posture.
     """
     walks = _five_leg_walks(robot, gait)
     own_m, drive = robot.stance_outward_m, _drive(robot, walks)
     proposed_m, least = (own_m, drive) if drive <= 1 else _widest(robot, walks, drive)
-    return StanceWidth(outward_m=own_m, drive=drive, proposed_m=proposed_m, proposed_drive=least)
+    return {
+        "stance_outward_m": round(own_m, 4),
+        "five_leg_drive": _rounded(drive),
+        "proposed_outward_m": round(proposed_m, 4),
+        "proposed_five_leg_drive": _rounded(least),
+    }
+
+
+def _rounded(drive: float) -> float | None:
+    return round(drive, 3) if math.isfinite(drive) else None
 
 
 Walks = Sequence[tuple[Gait, Motion]]

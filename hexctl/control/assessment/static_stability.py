@@ -11,7 +11,6 @@ from hexctl.control.walks.turning import body_heading_rad, failed_foot_azimuth_r
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots, code_count, slots_from_code
 from hexctl.gait.foot_trajectory import Swing, in_stance, part_of_cycle, posture_offsets_m, stroke_offset
-from hexctl.gait.gait import Gait
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
 from hexctl.robot.failure import Failures, each_failure
@@ -147,12 +146,6 @@ def _rounded_rad(heading_rad: float) -> float:
 def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failures = None) -> Slots:
     """The first slots of `slots_by_stability`."""
     return slots_by_stability(robot, heading_rad=heading_rad, failure=failure)[0]
-
-
-def stable_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
-    """The most stable gait of a plan after its self-rotation, `stood_up` if asked for."""
-    posture = stood_up(robot, plan) if stand_up else plan.gait.posture
-    return replace(plan.gait, slots=stable_slots_of(robot, plan), posture=posture)
 
 
 def stood_up(robot: Robot, plan: TrialPlan) -> Posture:

@@ -33,10 +33,6 @@ ENDLESS = ("fell", "diverged")
 #: The smallest time step of a world.
 LEAST_STEP_S = 0.0005
 
-#: Bootstrap samples of an interval, and the minimum number of walks for one.
-RESAMPLES = 4000
-LEAST_WALKS = 5
-
 #: Walks of a measurement: ten gaits, with each of two failed legs that trail.
 LEGS = (2, 5)
 CODES = (5, 16, 29, 41, 54, 66, 79, 92, 103, 116)
@@ -49,60 +45,24 @@ def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
     if least_s / 2 < LEAST_STEP_S:
         raise InputError(f"time_step_s: got {least_s:g}; allowed: {2 * LEAST_STEP_S:g} or more, to halve it")
     plain = _ends_m(trials)
-    step, solver, softer, harder = (_changed_ends_m(trials, change) - plain for change in _CHANGES)
+    step = _ends_m(trials, lambda world: {"time_step_s": world.time_step_s / 2}) - plain
+    solver = _ends_m(trials, lambda _: {"solver_tolerance": LOOSE_TOLERANCE}) - plain
+    softer = _ends_m(trials, lambda world: {"contact_time_s": CONTACT_FACTOR * world.contact_time_s}) - plain
+    harder = _ends_m(trials, lambda world: {"contact_time_s": world.contact_time_s / CONTACT_FACTOR}) - plain
     known = np.isfinite(step + solver + softer + harder)
     if not known.any():
         raise InputError("walks: got none that walks to its end; allowed: at least one that does")
-    low_m, high_m = _interval_m(step[known])
+    confirmed = _ends_m(trials, lambda _: {"time_step_s": CONFIRM_STEP_S})
+    confirmed = _ends_m(trials, lambda _: {"time_step_s": CONFIRM_STEP_S / 2}) - confirmed
+    confirmed = confirmed[np.isfinite(confirmed)]
     return SimulationUncertainty(
         step_m=_rms(step[known]),
         solver_m=_rms(solver[known]),
         contact_m=_rms(np.concatenate([softer[known], harder[known]])),
-        confirmed_m=_confirmed_m(trials),
+        confirmed_m=_rms(confirmed) if len(confirmed) else None,
         walks=int(known.sum()),
         duration_s=duration_s,
-        low_m=low_m,
-        high_m=high_m,
     )
-
-
-def _interval_m(step: FloatArray) -> tuple[float, float] | tuple[None, None]:
-    """95 % bootstrap interval of an RMS by percentiles (Efron and Tibshirani 1993, section 13.3)."""
-    squares = step**2
-    if len(squares) < LEAST_WALKS:
-        return None, None
-    drawn = np.random.default_rng(0).integers(len(squares), size=(RESAMPLES, len(squares)))
-    low_m, high_m = np.sqrt(np.percentile(squares[drawn].mean(axis=1), (2.5, 97.5)))
-    return float(low_m), float(high_m)
-
-
-def _confirmed_m(trials: Sequence[SimTrial]) -> float | None:
-    """RMS change of the ends if the time step of a confirmation is halved; None without ends."""
-    at, finer = (_changed_ends_m(trials, change) for change in _FINER)
-    moved = (finer - at)[np.isfinite(finer - at)]
-    return _rms(moved) if len(moved) else None
-
-
-def _changed_ends_m(trials: Sequence[SimTrial], change: Callable[[World], dict[str, float]]) -> FloatArray:
-    return _ends_m(
-        [replace(trial, world=trial.world.model_copy(update=change(trial.world))) for trial in trials]
-    )
-
-
-#: Changes of a world, in the order step, solver, softer, harder.
-_CHANGES: tuple[Callable[[World], dict[str, float]], ...] = (
-    lambda world: {"time_step_s": world.time_step_s / 2},
-    lambda _: {"solver_tolerance": LOOSE_TOLERANCE},
-    lambda world: {"contact_time_s": CONTACT_FACTOR * world.contact_time_s},
-    lambda world: {"contact_time_s": world.contact_time_s / CONTACT_FACTOR},
-)
-
-
-#: Changes of a world that confirm the end of a walk, and measure the error of that end.
-_FINER: tuple[Callable[[World], dict[str, float]], ...] = (
-    lambda _: {"time_step_s": CONFIRM_STEP_S},
-    lambda _: {"time_step_s": CONFIRM_STEP_S / 2},
-)
 
 
 def _duration_s(trials: Sequence[SimTrial]) -> float:
@@ -136,8 +96,13 @@ def _placed(robot: Robot, world: World, leg: int, code: int, duration_s: float) 
     return SimTrial(robot=robot, plan=plan, failure=failure, world=world).put_down_turned()
 
 
-def _ends_m(trials: Sequence[SimTrial]) -> FloatArray:
-    ended = [result.deviation if result.status not in ENDLESS else None for result in run_sim_trials(trials)]
+def _ends_m(
+    trials: Sequence[SimTrial], change: Callable[[World], dict[str, float]] = lambda _: {}
+) -> FloatArray:
+    """Signed deviations at the ends of walks in changed worlds; NaN without an end."""
+    worlds = (trial.world.model_copy(update=change(trial.world)) for trial in trials)
+    changed = [replace(trial, world=world) for trial, world in zip(trials, worlds, strict=True)]
+    ended = [result.deviation if result.status not in ENDLESS else None for result in run_sim_trials(changed)]
     return np.array([np.nan if deviation is None else deviation.signed for deviation in ended])
 
 

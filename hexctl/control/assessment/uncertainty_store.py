@@ -43,8 +43,6 @@ class SimulationUncertainty(BaseModel):
         solver_m: with the solver's tolerance at MuJoCo's default, not in `numerical_m`.
         contact_m: with contacts a third softer and harder, not in `numerical_m`.
         confirmed_m: with half the time step `CONFIRM_STEP_S`, from walks at that step; None if unknown.
-        low_m: lower bound of `numerical_m` with 95 % confidence, by bootstrap; None if unknown.
-        high_m: upper bound, likewise.
         borrowed: True if it was measured on the flat world for another one.
     """
 
@@ -56,8 +54,6 @@ class SimulationUncertainty(BaseModel):
     confirmed_m: _Metres | None = None
     walks: Annotated[int, Field(ge=1)]
     duration_s: _Seconds
-    low_m: _Metres | None = None
-    high_m: _Metres | None = None
     borrowed: Annotated[bool, Field(exclude=True)] = False
 
     @property
@@ -96,8 +92,7 @@ class _Entry(SimulationUncertainty):
     def confirming(self) -> "_Entry":
         """The measurement at the time step of walks that confirm."""
         world = self.world.model_copy(update={"time_step_s": CONFIRM_STEP_S})
-        finer = {"world": world, "step_m": self.confirmed_m, "confirmed_m": None}
-        return self.model_copy(update={**finer, "low_m": None, "high_m": None})
+        return self.model_copy(update={"world": world, "step_m": self.confirmed_m, "confirmed_m": None})
 
 
 class _Entries(BaseModel):

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from hexctl.backends.base import CalibratedServos
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.control.calibration.backdriving import BackdrivenCalibration
-from hexctl.control.calibration.jogging import JoggedCalibration, JointJogger
+from hexctl.control.calibration.jogging import JoggedCalibration
 from hexctl.control.calibration.operator import INTRODUCTION, CalibrationResult, Operator
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError, argument
@@ -79,8 +79,7 @@ def calibrate(
         if guard.read().measured and servos.servo_map.unit == "counts":
             BackdrivenCalibration(guard, servos.servo_map, operator, result, stop_requested).run(chosen)
         else:
-            jogger = JointJogger(guard, servos, stop_requested)
-            JoggedCalibration(file.robot, jogger, operator, result).run(chosen)
+            JoggedCalibration(guard, servos, operator, result, stop_requested).run(chosen)
     return result
 
 

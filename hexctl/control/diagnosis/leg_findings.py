@@ -42,9 +42,6 @@ WEAK_SOFTNESS, LEAST_SOFTNESS, WEAK_MEAN_SHARE = 1.75, 1.2, 0.7
 #: contact in more than that share of the top of its lift.
 NO_CONTACT_SHARE, STAYED_SHARE = 0.02, 0.5
 
-#: Sources of evidence.
-SOURCES = ("joints", "contacts", "operator", "none")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LegFinding:
@@ -81,9 +78,10 @@ class LegFinding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """Result of a standing test; the source of evidence is one of `SOURCES`.
+    """Result of a standing test.
 
     Attributes:
+        source: of the evidence: `joints`, `contacts`, `operator` or `none`.
         notes: for the operator: stopped or omitted probes, and unknown values.
         unfinished: whether the test ended before any joint had moved far enough.
     """
@@ -125,7 +123,7 @@ def diagnosis_of(observed: Observed, robot: Robot) -> Diagnosis:
 
     The lean of the body is no evidence: on stiff floors and legs it hardly changes.
     """
-    evidence = Evidence.of(observed)
+    evidence = Evidence(observed)
     notes = _notes(observed)
     if observed.measured and np.isfinite(evidence.gains).any():
         judge = _Judge(evidence, observed.columns()[0], robot)
@@ -264,10 +262,7 @@ def _by_contact(evidence: Evidence) -> dict[int, tuple[Failure, str]]:
 def _of_others(
     evidence: Evidence, source: str, found: Mapping[int, tuple[Failure, str]], notes: tuple[str, ...]
 ) -> Diagnosis:
-    usual = {
-        "contacts": "its foot leaves the floor and meets it",
-        "none": "not known",
-    }[source]
+    usual = "its foot leaves the floor and meets it" if source == "contacts" else "not known"
     legs = range(1, N_LEGS + 1)
     findings = (_finding(evidence, leg, *found.get(leg, (None, usual))) for leg in legs)
     return Diagnosis(legs=tuple(findings), source=source, notes=notes)

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, connection_notes, failures_in_force
+from hexctl.backends.base import LegServos, as_robot, connection_notes
 from hexctl.backends.clock import Tick
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import DEFAULT_WORLD, World, load_world
@@ -119,7 +119,9 @@ class Drive:
         if body_raise is not None:
             self._gait = replace(self._gait, posture=replace(self._gait.posture, body_raise=body_raise))
         self._recorders = recorders
-        self._observers: list[TickObserver] = [] if recorders is None else [_EventNotes(self), recorders]
+        self._observers: list[TickObserver] = (
+            [] if recorders is None else [_EventNotes(self, recorders), recorders]
+        )
         self._controller: DriveController | None = None
         self._stack = ExitStack()
         self._zero_index: int | None = None
@@ -259,12 +261,12 @@ class Drive:
     @property
     def body_pose(self) -> BodyPose:
         """The pose of the body over its feet now, without levelling."""
-        return self._connected.body_pose
+        return BodyPose.of(self._connected.walk.poser.commanded)
 
     @property
     def body_goal(self) -> BodyPose:
         """The commanded pose, as far as the legs reach it."""
-        return self._connected.body_goal
+        return BodyPose.of(self._connected.walk.poser.goals)
 
     @property
     def pose_share(self) -> float:
@@ -273,12 +275,12 @@ class Drive:
 
     def reach(self, pose: BodyPose) -> float:
         """Share of a body pose that the legs would reach."""
-        return self._connected.reach(pose)
+        return self._connected.walk.reach(pose)
 
     @property
     def gait_now(self) -> Gait:
         """The gait that it walks with or changes to; differs from `gait` once a leg has failed."""
-        return self._connected.gait_now
+        return self._connected.walk.gaits[0]
 
     @property
     def mode(self) -> str:
@@ -393,20 +395,16 @@ def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any])
 
 
 class _EventNotes(TickObserver):
-    def __init__(self, drive: Drive) -> None:
-        self._drive = drive
+    def __init__(self, drive: Drive, recorders: Recorders) -> None:
+        self._drive, self._recorders = drive, recorders
         self._told: dict[str, str] = {}
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        drive, recorders = self._drive, self._drive._recorders  # noqa: SLF001  it belongs to the drive
-        if recorders is None:
-            return
+        drive, recorders = self._drive, self._recorders
         if recorders.log.frame is None and drive.mode == "driving":
             recorders.begin_phase("walk", _frame_of(state))
-        recorders.log.note_failures("world", failures_in_force(drive.guard))
-        recorders.log.note_failures("belief", drive.failures)
-        if texts := (*self._changed(), *drive.controller.news()):
-            recorders.log.note(texts)
+        recorders.log.note(self._changed())
+        recorders.log.note_events(drive.guard)
 
     def _changed(self) -> list[str]:
         drive, before = self._drive, self._told

@@ -36,6 +36,7 @@ class DriveController(Controller):
     Attributes:
         mode: one of `MODES`.
         decision: the last one of the arbiter.
+        walk: replaced when the robot stands up.
     """
 
     def __init__(
@@ -73,19 +74,14 @@ class DriveController(Controller):
         self._new_walk()
 
     @property
-    def gait_now(self) -> Gait:
-        """The gait that it walks with, or changes to."""
-        return self._walk.gaits[0]
-
-    @property
     def velocity_body(self) -> FloatArray:  # type: ignore[override]  # of the walk
         """The velocity commanded to the legs now: forward, left in m/s, turn in rad/s, (3,)."""
-        return self._walk.velocity_body if self.mode == "driving" else np.zeros(3)
+        return self.walk.velocity_body if self.mode == "driving" else np.zeros(3)
 
     @property
     def leg_phases(self) -> FloatArray | None:  # type: ignore[override]  # of the walk
         """Normalised times of the legs in the last step, (6,); None while they do not step."""
-        return self._walk.leg_phases if self.mode == "driving" else None
+        return self.walk.leg_phases if self.mode == "driving" else None
 
     @property
     def leg_suspicion(self) -> FloatArray | None:  # type: ignore[override]  # of the monitor
@@ -98,7 +94,7 @@ class DriveController(Controller):
         rows = [one.leg for one in self.believed_failures()] or [0]
         speeds = self._limits.speeds_m_s[rows].min(axis=0)
         turn_rad_s = float(self._limits.turn_rates_rad_s[rows].min())
-        share = float(self._walk.poser.stroke_share)
+        share = float(self.walk.poser.stroke_share)
         return (
             share * float(min(speeds[0], speeds[4])),
             share * float(min(speeds[2], speeds[6])),
@@ -112,31 +108,17 @@ class DriveController(Controller):
 
     @level.setter
     def level(self, level: bool) -> None:
-        self._level = self._walk.poser.level = level
-
-    @property
-    def body_pose(self) -> BodyPose:
-        """The pose of the body over its feet now, without levelling."""
-        return BodyPose.of(self._walk.poser.commanded)
-
-    @property
-    def body_goal(self) -> BodyPose:
-        """The commanded pose, as far as the legs reach it."""
-        return BodyPose.of(self._walk.poser.goals)
+        self._level = self.walk.poser.level = level
 
     @property
     def pose_share(self) -> float:
         """Share of the commanded body pose that the legs reach."""
-        return self._walk.poser.pose_share
-
-    def reach(self, pose: BodyPose) -> float:
-        """Share of a body pose that the legs would reach."""
-        return self._walk.reach(pose)
+        return self.walk.poser.pose_share
 
     @property
     def at_rest(self) -> bool:
         """Whether it stands or sits, and no target moves."""
-        stands = self.mode == "driving" and self._walk.at_rest and self._asked_pose is None
+        stands = self.mode == "driving" and self.walk.at_rest and self._asked_pose is None
         return self.mode == "sitting" or stands
 
     def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
@@ -146,7 +128,7 @@ class DriveController(Controller):
     @property
     def limited_steps(self) -> NDArray[np.int64] | int:  # type: ignore[override]  # of the walk
         """Steps in which the velocity was reduced to keep feet within reach."""
-        return self._walk.limited_steps
+        return self.walk.limited_steps
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
         """Failures detected since it stood up last."""
@@ -164,7 +146,7 @@ class DriveController(Controller):
             return
         self._limits = VelocityLimits.of(self._robot, gait)
         self._gait = gait
-        self._walk.change_gait(self._suited(gait))
+        self.walk.change_gait(self._suited(gait))
 
     def stand(self) -> None:
         """Stand up, or step all feet to their places; ends a stop for a failed leg."""
@@ -175,13 +157,13 @@ class DriveController(Controller):
             self._known = self.believed_failures()
             self._new_walk()
         elif self.mode == "driving":
-            self._walk.go_home()
+            self.walk.go_home()
             self._pose(LEVEL)
 
     def sit(self) -> None:
         """Come to a stand, step the feet to their places, lower the body and stay down."""
         self._sit_asked = True
-        self._walk.go_home()
+        self.walk.go_home()
         self._pose(LEVEL)
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
@@ -195,7 +177,7 @@ class DriveController(Controller):
             targets_rad = self._monitored.targets_rad(step - self._began, state)
             if (why := self._monitored.why_stopped()) is not None:
                 self._arbiter.stop(why)
-            if self._sit_asked and self._walk.at_rest and self._walk.home:
+            if self._sit_asked and self.walk.at_rest and self.walk.home:
                 end_rad = sitting_angles_rad(self._robot)
                 self._be("sitting down", Stand(self._robot, targets_rad, self._moving_steps, end_rad=end_rad))
         else:
@@ -207,7 +189,7 @@ class DriveController(Controller):
 
     def _follow_pose(self) -> None:
         """Move to a new pose, once it stands; a stop also stops the body."""
-        stopped = self._walk.poser.frozen = self.decision.stopped is not None
+        stopped = self.walk.poser.frozen = self.decision.stopped is not None
         if stopped or self._sit_asked:
             self._asked_pose = None
         elif self.decision.pose is not None:
@@ -217,7 +199,7 @@ class DriveController(Controller):
 
     def _pose(self, pose: BodyPose) -> None:
         self._asked_pose = None
-        self._walk.pose_body(pose)
+        self.walk.pose_body(pose)
         if self.pose_share < 1:
             self._news = (*self._news, f"body pose: the legs reach {self.pose_share:.0%} of it")
 
@@ -227,15 +209,15 @@ class DriveController(Controller):
         self._held_step = step
         if self._hold is None:
             return wanted
-        yaw_rad = float(self._walk.poser.poses[2])
+        yaw_rad = float(self.walk.poser.poses[2])
         most = np.array(self.most)
-        return self._hold.update(dt_s, state, wanted, self._walk.velocity_body, most, body_yaw_rad=yaw_rad)
+        return self._hold.update(dt_s, state, wanted, self.walk.velocity_body, most, body_yaw_rad=yaw_rad)
 
     def _wanted(self) -> FloatArray:
         if self._sit_asked or self.decision.stopped is not None:
             return np.zeros(3)
         legs = [one.leg for one in self.believed_failures()]
-        share = self._walk.poser.stroke_share
+        share = self.walk.poser.stroke_share
         return self._pace * share * self._limits.limited(self.decision.velocity.array / share, legs)
 
     def _take_pace(self, state: RobotState, step: int) -> None:
@@ -271,10 +253,10 @@ class DriveController(Controller):
             feet=self._feet,
         )
         start = WalkStart(robot=self._robot, plans=(plan,), period_s=self._period_s)
-        self._walk = DriveWalk(start, lambda: self._asked)
-        self._monitored = MonitoredWalk(start, self._walk, self._policy)
+        self.walk = DriveWalk(start, lambda: self._asked)
+        self._monitored = MonitoredWalk(start, self.walk, self._policy)
         if gait != plain:
-            self._walk.change_gait(gait)
+            self.walk.change_gait(gait)
 
     def _suited(self, gait: Gait) -> Gait:
         """The policy's gait for the legs without a known failure."""

@@ -19,16 +19,31 @@ from tests.trials import gait_of
 AHEAD = (Motion(),)
 
 
-def changed(name: str, *, mass: float = 1.0, stiffness: float = 1.0, torque: float = 1.0) -> Robot:
-    """A shipped robot with multiples of mass (on the trunk), stiffness and torque, without dry friction.
+def changed(
+    name: str,
+    *,
+    mass: float = 1.0,
+    stiffness: float = 1.0,
+    torque: float = 1.0,
+    speed: float = 1.0,
+    trunk_m: float | None = None,
+) -> Robot:
+    """A shipped robot with multiples of mass (on the trunk) and servo values, without dry friction.
 
     `phantomx` has a wide stance, in which its joints carry more.
     """
     robot = without_friction(name)
     robot = in_stance_of(robot, 0.15) if name == "phantomx" else robot
-    body = replace(robot.body, mass_kg=robot.body.mass_kg + (mass - 1) * robot.mass_kg)
+    size_m = (*robot.body.size_m[:2], robot.body.size_m[2] if trunk_m is None else trunk_m)
+    body = replace(robot.body, mass_kg=robot.body.mass_kg + (mass - 1) * robot.mass_kg, size_m=size_m)
     servo = replace(robot.servo, stiffness_nm_per_rad=stiffness * robot.servo.stiffness_nm_per_rad)
-    return replace(robot, body=body, servo=servo, joint_max_torque_nm=torque * robot.joint_max_torque_nm)
+    return replace(
+        robot,
+        body=body,
+        servo=servo,
+        joint_max_torque_nm=torque * robot.joint_max_torque_nm,
+        joint_max_speed_rad_s=speed * robot.joint_max_speed_rad_s,
+    )
 
 
 def load_of(robot: Robot, gait: str = "demo") -> GaitLoad:

@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
-from hexctl.backends.sim.world import World
 from hexctl.control.assessment.default_gait import WANTED_LIFT, walkable
-from hexctl.control.assessment.feasibility import RobotCheck, check_robot, gait_demand
-from hexctl.control.batch import SimTrial, run_sim_trial
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.gait.gait import Motion, make_gait
+from hexctl.control.assessment.feasibility import RobotCheck, check_robot
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.configs import find_config
 from hexctl.robot.formats.importing.robot_import import ImportedRobot
 from hexctl.robot.formats.mjcf import mjcf_of
-from hexctl.robot.model import Robot
 from tests.robot.hexapods import MOUNTS, TIBIA_M, TRUNK, hexapod, imported, solid
 from tests.robots import shipped
 
@@ -94,7 +89,7 @@ def test_doubts_that_no_stride_avoids_are_noted(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trunk_kg", ["1.2", "2.5", "3.5"])
+@pytest.mark.parametrize("trunk_kg", ["1.2", "3.5"])
 def test_soft_robots_step_higher(trunk_kg: str, tmp_path: Path) -> None:
     limits = (limit(-1.2, 1.2, effort=1.5),) * 3
     first = imported(tmp_path, hexapod(limits=limits, trunk_inertial=TRUNK.replace("1.2", trunk_kg)))
@@ -107,7 +102,7 @@ def test_soft_robots_step_higher(trunk_kg: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("foot_y_m", [0.02, -0.035, 0.05])
+@pytest.mark.parametrize("foot_y_m", [0.02, -0.035])
 def test_projected_feet_are_exact_in_the_stance_that_is_taken(foot_y_m: float, tmp_path: Path) -> None:
     limits = (WIDE, limit(-0.2, 0.2), limit(-0.1, 0.1))
     first = imported(tmp_path, hexapod(foot_y_m=foot_y_m, limits=limits))
@@ -126,43 +121,6 @@ def test_projected_feet_are_exact_in_the_stance_that_is_taken(foot_y_m: float, t
 def test_a_gait_in_the_file_that_works_is_kept(name: str, tmp_path: Path) -> None:
     made = imported(tmp_path, mjcf_of(shipped(name)), "own.xml")
     assert walkable(made).content == made.content
-
-
-def slowed(name: str, gait: str, share: float) -> Robot:
-    """A shipped robot whose joints reach a share of the speed of a gait."""
-    robot = shipped(name)
-    now = gait_demand(robot, make_gait(robot, gait), [Motion()]).speed_share
-    return replace(robot, joint_max_speed_rad_s=robot.joint_max_speed_rad_s * share / now)
-
-
-def test_a_walk_with_clipped_commands_names_them() -> None:
-    robot = slowed("phantomx", "wave", 0.1)
-    plan = TrialPlan(gait=make_gait(robot, "wave"), duration_s=8.0)
-    result = run_sim_trial(SimTrial(robot=robot, plan=plan, failure=None, world=World()))
-    assert (result.status, result.cause) == ("no_progress", "clipping")
-
-
-def slow_file(folder: Path, name: str, speed_deg_s: float) -> Path:
-    content = yaml.safe_load(find_config("robots", name).read_text(encoding="utf-8"))
-    for joint in content["joints"].values():
-        joint["max_speed_deg_s"] = speed_deg_s
-    path = folder / f"{name}.yaml"
-    path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    return path
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["ant", "pexod", "jethexa"])
-def test_the_verdict_of_a_check_holds_the_speed_of_the_joints(name: str, tmp_path: Path) -> None:
-    needed = check_robot(name).demand.peak_speed_rad_s.max() * 180 / 3.141592653589793
-    for share, possible, doubtful in ((0.001, False, False), (0.15, False, False), (0.3, True, True)):
-        checked = check_robot(slow_file(tmp_path, name, float(share * needed)))
-        assert checked.possible == possible
-        assert checked.verdict.doubtful == doubtful
-        assert any(f"joints reach {100 * share:.0f} % of the speed" in text for text in checked.warnings)
-    checked = check_robot(slow_file(tmp_path, name, float(0.8 * needed)))
-    assert checked.possible
-    assert not any("joints reach" in text for text in checked.warnings)
 
 
 def test_feet_that_touch_and_servos_that_clip_are_in_the_verdict(tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ import pytest
 
 from hexctl import InputError, Robot
 from hexctl.control.assessment.check_options import CheckOptions
-from hexctl.control.assessment.feasibility import LEAST_SPEED, check_robot
-from hexctl.control.assessment.gait_load import LoadVerdict, load_verdict
+from hexctl.control.assessment.feasibility import GOOD_SPEED, LEAST_SPEED, check_robot
+from hexctl.control.assessment.gait_load import Verdict, load_verdict
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.clearance import PARTS
 from tests.control.assessment.loads import changed, load_of, moved_back, moved_together
-from tests.robots import ROBOT_NAMES, shipped
+from tests.robots import ROBOT_NAMES
 from tests.trials import walk
 
 
@@ -67,7 +67,7 @@ def test_gap_and_depth_are_those_of_the_parts_that_are_named() -> None:
     assert load.least_clearance_m == pytest.approx(-load.overlap * touching_m)
 
 
-def verdict_of(robot: Robot, gait: str = "demo") -> LoadVerdict:
+def verdict_of(robot: Robot, gait: str = "demo") -> Verdict:
     return load_verdict(load_of(robot, gait))
 
 
@@ -77,11 +77,10 @@ def walks(robot: Robot, gait: str = "demo") -> bool:
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 @pytest.mark.parametrize("gait", NAMED_SLOTS)
-def test_shipped_robots_carry_themselves_in_every_named_gait(name: str, gait: str) -> None:
-    verdict = verdict_of(shipped(name), gait)
-    assert verdict.possible
-    assert not any(warning.split(":")[0] in ("weak", "soft", "unsteady") for warning in verdict.warnings)
-    assert load_of(shipped(name), gait).least_clearance_m > 0
+def test_shipped_robots_walk_every_named_gait_in_all_directions(name: str, gait: str) -> None:
+    checked = check_robot(name, gait)
+    assert checked.possible
+    assert checked.warnings == ()
 
 
 @pytest.mark.slow
@@ -105,30 +104,18 @@ def test_a_robot_that_does_not_walk_is_impossible_and_one_at_its_limits_is_warne
     assert walks(robot) == possible
 
 
-@pytest.mark.parametrize(("stiffness", "walked"), [(1.0, None), (0.5, 17), (0.4, 12), (0.25, 2)])
-def test_a_soft_robot_is_told_how_many_like_it_walked(stiffness: float, walked: int | None) -> None:
+@pytest.mark.parametrize(("stiffness", "soft"), [(1.0, False), (0.5, True), (0.4, True), (0.25, True)])
+def test_a_soft_robot_is_doubtful(stiffness: float, soft: bool) -> None:
     verdict = verdict_of(changed("phantomx", stiffness=stiffness))
-    soft = [warning for warning in verdict.warnings if warning.startswith("soft")]
-    assert verdict.doubtful == bool(soft) == (walked is not None)
-    assert all(f"of 20 such robots that were simulated, {walked} walked half" in warning for warning in soft)
+    assert verdict.doubtful == soft == any(warning.startswith("soft") for warning in verdict.warnings)
 
 
-@pytest.mark.parametrize(
-    ("share", "said"),
-    [
-        (0.05, "8 robots simulated at 13 %, 2 walked"),
-        (0.2, "8 robots simulated at 13 %, 2 walked"),
-        (0.31, "8 robots simulated at 25 %, 7 walked"),
-        (0.39, "8 robots simulated at 35 %, 8 walked"),
-        (0.4, None),
-    ],
-)
-def test_a_slow_robot_is_told_how_many_walked_that_were_no_faster(share: float, said: str | None) -> None:
+@pytest.mark.parametrize("share", [0.19, 0.2, 0.39, 0.4])
+def test_a_robot_too_slow_for_a_gait_cannot_walk_it_and_a_slow_one_is_warned_of(share: float) -> None:
     check = check_robot("ant")
     slow = replace(check, demand=replace(check.demand, speed_share=share))
     assert slow.possible == (share >= LEAST_SPEED)
-    told = [text.partition("; of ")[2] for text in slow.warnings if text.startswith("slow")]
-    assert told == ([] if said is None else [f"{said} half of the distance"])
+    assert any(text.startswith("slow") for text in slow.warnings) == (share < GOOD_SPEED)
 
 
 def test_legs_that_touch_or_cross_are_warned_of() -> None:

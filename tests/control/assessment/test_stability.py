@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from hexctl import Failure, Gait, InputError, RobotState, SimTrial, TrialPlan, make_gait
+from hexctl import Failure, Gait, InputError, SimTrial, TrialPlan, make_gait
 from hexctl.control.assessment.crawl import CRAWL_SWING, auto_gait, gait_without, least_margin_m
 from hexctl.control.assessment.leg_sets import (
     CRAWLS,
@@ -20,9 +20,7 @@ from hexctl.control.assessment.leg_sets import (
     doubt,
     drag,
     leg_set,
-    leg_sets,
 )
-from hexctl.control.assessment.speed_envelope import DIRECTIONS_RAD, POINTS, VelocityLimits
 from hexctl.control.assessment.static_stability import (
     STAND_UP,
     check_tucked,
@@ -34,9 +32,7 @@ from hexctl.control.assessment.static_stability import (
     static_margins_m,
 )
 from hexctl.control.batch import run_sim_trial
-from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.turning import check_plan
-from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.gait.encoding import slots_from_code
 from hexctl.gait.foot_trajectory import StepPattern, gait_feet_body, in_stance, part_of_cycle
 from hexctl.gait.gait import Motion
@@ -231,8 +227,6 @@ def judged(name: str, *legs: int) -> LegSet:
     ("name", "legs", "verdict", "crawl"),
     [
         ("ant", (1,), WALKS, False),
-        ("phantomx", (5,), WALKS, False),
-        ("pexod", (2,), WALKS, False),
         ("pexod", (3, 6), WALKS, False),
         ("pexod", (1, 2), DOUBTFUL, None),
         ("pexod", (1, 5), CRAWLS, True),
@@ -247,15 +241,6 @@ def test_which_legs_a_robot_can_lose(
     assert found.verdict == verdict
     assert crawl is None or found.crawl == crawl
     assert (doubt(found) is None) == (verdict in (WALKS, CRAWLS))
-
-
-def test_of_other_pairs_the_hexagonal_robot_crawls_without_any() -> None:
-    robot = shipped("ant")
-    sets = leg_sets(robot, make_gait(robot, "demo"), (0.0,))
-    assert [one.legs for one in sets] == [*combinations(range(1, 7), 1), *combinations(range(1, 7), 2)]
-    crawls = [one for one in sets if one.verdict == CRAWLS]
-    assert len(crawls) == 12
-    assert all(one.crawl and one.margin < 0 for one in crawls)
 
 
 @pytest.mark.parametrize(("legs", "least", "most"), [((1, 5), 0.4, 1.1), ((2, 3), -0.5, 0.4)])
@@ -287,21 +272,3 @@ def test_limp_neighbours_ahead_drag(legs: tuple[int, ...], kind: str, heading_de
     failures = [Failure(leg=leg, kind=kind) for leg in legs]
     note = drag(shipped("ant"), failures, math.radians(heading_deg))
     assert (note is not None) == drags
-
-
-# Speeds
-
-
-def test_a_walk_within_it_is_not_limited_and_one_beyond_it_is() -> None:
-    robot = shipped()
-    gait = make_gait(robot, "demo")
-    limits = VelocityLimits.of(robot, gait, POINTS)
-    start = WalkStart(robot=robot, plans=(TrialPlan(gait=gait),))
-    nothing = RobotState(np.zeros(18), 0.0, True)
-    for share, limited in ((0.99, False), (1.05, True)):
-        ahead = np.array([math.cos(DIRECTIONS_RAD[1]), math.sin(DIRECTIONS_RAD[1]), 0.0])
-        velocity = share * limits.speeds_m_s[0, 1] * ahead
-        walk = VelocityWalk(start, lambda *_, velocity=velocity: velocity)
-        for step in range(100):
-            walk.targets_rad(step, nothing)
-        assert bool(walk.limited_steps > 0) is limited

@@ -47,7 +47,6 @@ def test_it_is_how_far_each_walk_ends_elsewhere() -> None:
     assert found.numerical_m == found.step_m, "the default solver tolerance is not used"
     assert 0 < found.solver_m < found.contact_m
     assert (found.walks, found.duration_s) == (2, 4.0)
-    assert (found.low_m, found.high_m) == (None, None)  # of two walks
 
 
 @pytest.mark.slow
@@ -82,9 +81,6 @@ def test_a_robot_is_measured_over_gaits_and_legs() -> None:
     assert isinstance(found, SimulationUncertainty)
     assert found.walks == 20
     assert found.to_dict()["numerical_m"] == round(found.numerical_m, 4)
-    assert found.low_m is not None
-    assert found.high_m is not None
-    assert 0 < found.low_m < found.numerical_m < found.high_m < 2 * found.numerical_m
 
 
 FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=12.0)

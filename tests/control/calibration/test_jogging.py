@@ -11,7 +11,8 @@ from hexctl.backends.base import CalibratedServos
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
 from hexctl.backends.mock import MockServos
 from hexctl.backends.registry import BackendOptions
-from hexctl.control.calibration import CalibrationResult, calibrate, chosen_joints
+from hexctl.control.calibration.operator import CalibrationResult
+from hexctl.control.calibration.servo_calibration import calibrate, chosen_joints
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import JOINT_NAMES, FloatArray

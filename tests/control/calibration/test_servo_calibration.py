@@ -10,7 +10,7 @@ import pytest
 from hexctl import InputError, JointTargets, RobotState
 from hexctl.backends.mock import MockServos
 from hexctl.cli.main import exit_code
-from hexctl.control.calibration import calibrate
+from hexctl.control.calibration.servo_calibration import calibrate
 from hexctl.robot.configs import read_mapping
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of

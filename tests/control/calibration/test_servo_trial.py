@@ -12,8 +12,8 @@ from hexctl import InputError, JointTargets, RobotFaultError
 from hexctl.backends.bus.tools import the_servo
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
-from hexctl.control.calibration import EndedError
-from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos, joint_named
+from hexctl.control.calibration.operator import EndedError
+from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos
 from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, held, try_servo, wiggle
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
@@ -257,9 +257,3 @@ def test_a_file_that_there_is_is_never_written(tmp_path: Path) -> None:
         (tmp_path / "servos.yaml.part").write_text(draft)
         with pytest.raises(InputError):
             known.resume()
-
-
-def test_joints_are_named_in_short_words() -> None:
-    for said, joint in (("leg3_femur", "leg3_femur"), ("3 Femur", "leg3_femur"), ("6t", "leg6_tibia")):
-        assert joint_named(said) == joint
-    assert {joint_named(said) for said in ("7c", "knee", "")} == {None}

@@ -70,19 +70,6 @@ def test_the_highest_source_that_spoke_lately_is_followed_and_a_stop_outweighs_a
             assert decision == Decision()
 
 
-def test_a_release_comes_to_a_stand_before_a_lower_source_moves_the_robot_again() -> None:
-    time = Time()
-    arbiter = Arbiter(time)
-    lower, stick = arbiter.source("cmd_vel"), arbiter.source("gamepad")
-    stick.command(FORWARD)
-    stick.release()
-    lower.command(Velocity(turn_rad_s=1.0))
-    assert arbiter.decide() == Decision(ZERO, "gamepad")
-    time.ms += 501
-    lower.command(Velocity(turn_rad_s=1.0))
-    assert arbiter.decide().source == "cmd_vel"
-
-
 def test_silence_ends_a_command_also_when_the_clock_goes_back_and_the_motion_of_a_program_stays() -> None:
     time = Time()
     time.ms = 1000

@@ -259,7 +259,7 @@ def test_the_correction_has_a_bound() -> None:
     assert (np.abs(robot.hold.correction) <= MOST * MOST_BODY + 1e-12).all()
 
 
-@pytest.mark.parametrize("size", [0.0, 5e-324, 1e-200, 1e3, 1e308])
+@pytest.mark.parametrize("size", [0.0, 5e-324, 1e308])
 def test_velocities_of_any_size_give_finite_ones(size: float) -> None:
     robot = Slipping(np.array([0.1, 0.1, 0.1]))
     for _ in range(5):
