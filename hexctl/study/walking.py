@@ -40,8 +40,17 @@ class Progress(Protocol):
         """Take a remark for the user, such as a damaged file in the cache."""
 
 
-class Silent(Progress):
+class Silent:
     """Progress that reports nothing."""
+
+    def stage(self, name: str, steps: int) -> None:
+        """Ignore the next part of the work."""
+
+    def step(self, steps: int = 1) -> None:
+        """Ignore steps."""
+
+    def note(self, text: str) -> None:
+        """Ignore a remark."""
 
 
 @dataclass(kw_only=True)

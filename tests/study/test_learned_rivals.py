@@ -113,7 +113,9 @@ def test_the_shape_of_a_gait_walks_like_the_gait_and_a_search_keeps_its_best(
     walked, stood = scores_of([(trial_of(whole), tripod), (trial_of(whole), still)])
     assert walked > 0.5
     assert abs(stood) < 0.1
-    (found,) = search_shapes([trial], [EvolutionSearch(tripod, seed=0)])
+    found, nothing = search_shapes(lambda _: EvolutionSearch(tripod, seed=0), [trial, whole])
+    assert found is not None
+    assert nothing is None
     first = EvolutionSearch(tripod, seed=0).ask()
     scores = scores_of([(trial_of(trial), shape) for shape in first])
     assert found.trials == 13

@@ -174,7 +174,7 @@ def test_a_policy_that_stops_ends_the_walk_of_the_oracle_in_the_tick_of_the_fail
     trial = LONG.trial(stopping_case(2))
 
     def make(start: WalkStart) -> ToldWalk:
-        return ToldWalk(start, StopWalking(), [trial.events])
+        return ToldWalk(start, [trial.events], StopWalking())
 
     (result,) = run_sim_trials([trial], 1, make, apart=True)
     assert (result.status, result.stopped) == ("aborted", "leg 2 limp")

@@ -36,6 +36,7 @@ from hexctl.study.priors.prior_options import (
 )
 from hexctl.study.study_options import ALL_LEGS
 from hexctl.study.versions import code_versions
+from hexctl.study.walk_cache import ENDED
 from hexctl.study.walking import Progress, Work
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
@@ -261,7 +262,7 @@ def log_scores_of(landscape: Landscape) -> FloatArray:
     NaN for a walk that ended early or did not get ahead.
     """
     distance_m = landscape.number("distance_m")
-    walked = np.isin(landscape.status, ("ok", "no_progress")) & (distance_m > 0)
+    walked = np.isin(landscape.status, ENDED) & (distance_m > 0)
     scores = np.stack(
         [
             landscape.spec.duration_s / np.where(walked, distance_m, np.nan),

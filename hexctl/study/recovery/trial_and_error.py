@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.archive import ArchiveKind
+from hexctl.control.batch import SimTrial
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 from hexctl.study.recovery.shaped_walk import ShapeSearch
@@ -118,6 +119,11 @@ class TrialAndErrorSearch(ShapeSearch):
         gain = np.linalg.solve(own, across.T).T
         mean = speeds + gain @ (np.array(self._scores) - speeds[tried])
         return mean, np.sqrt(np.maximum(0.0, 1 - (gain * across).sum(axis=-1)))
+
+
+def search_of_behaviours(trial: SimTrial) -> TrialAndErrorSearch:
+    """A search in the archive of a robot, turned to the direction of a walk."""
+    return TrialAndErrorSearch(behaviours_of(trial.robot).towards(trial.plan.heading_rad))
 
 
 def matern(one: FloatArray, other: FloatArray) -> FloatArray:
