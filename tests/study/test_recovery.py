@@ -47,10 +47,7 @@ def test_methods_have_names_and_own_ones_a_package() -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        (
-            "hope",
-            "methods",
-        ),
+        ("hope", "methods"),
         ("no.such.module:Hope", "cannot be loaded"),
         (f"{StopWalking.__module__}:StopWalking", "a StopWalking; allowed: a RecoveryMethod"),
     ],
@@ -204,9 +201,6 @@ def test_phase_and_heading_are_drawn_by_the_seed_and_are_the_same_for_all_method
     [
         ({"families": {"failing": load_randomization("failing")}}, "world"),
         ({"gaits": ("gallop",)}, "gaits"),
-        ({"runs": 0}, "runs"),
-        ({"legs": (7,)}, "legs"),
-        ({"failures": ("tired",)}, "failure"),
         ({"failures": ("stuck:tibia:20",)}, "stuck:JOINT"),
         ({"methods": ("recover",)}, "methods"),
     ],
