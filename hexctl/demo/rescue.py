@@ -144,14 +144,14 @@ def demo(
     for name, policy in (("walked_on", WALK_ON), ("recovered", RECOVER)):
         recording = into / f"{name.replace('_', '-')}.rrd"
         try:
-            walk = walk_and_fail(policy, recording, stop_requested=stop_requested)
+            walked: dict[str, Any] = {name: walk_and_fail(policy, recording, stop_requested=stop_requested)}
         finally:
             _remove_empty(into)  # interrupted before anything was recorded
-        result = replace(result, **{name: walk})
+        result = replace(result, **walked)
         if stop_requested():
             return result
         if on_walk is not None:
-            on_walk(walk)
+            on_walk(walked[name])
     # The executor waits for its thread: one that draws while Python ends crashes it.
     with ThreadPoolExecutor(1, "race") as executor:
         drawing = executor.submit(_drawn, result, stop_requested)
