@@ -148,17 +148,3 @@ def test_values_have_their_place_and_name_nobody(tmp_path: Path, monkeypatch: py
     assert found["run.duration"] == SettingFound(key="run.duration", value="2", origin="hexctl.toml")
     assert found["HEXCTL_RUN_SEED"].value == "3"
     assert found["connect"].value == found["see.camera"].value == "given"
-
-
-def test_variables_that_are_no_setting_are_named_and_not_in_force(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("HEXCTL_RUN_SEED", "HEXCTL_OTHERS", "HEXCTL_WORLD"):
-        monkeypatch.setenv(name, "3")
-    monkeypatch.setenv("HEXCTL_EMPTY", "")
-    found = read_settings_found("HEXCTL_RUN_SEED".__eq__)
-    assert {"world", "HEXCTL_RUN_SEED"} <= {one.key for one in found.values}
-    assert "HEXCTL_OTHERS" in found.unknown
-    assert not {"HEXCTL_RUN_SEED", "HEXCTL_WORLD", "HEXCTL_EMPTY"} & {*found.unknown}
-    assert "HEXCTL_RUN_SEED" in read_settings_found().unknown  # without the command line
