@@ -33,14 +33,10 @@ def works(here: checkup.Checkup, monkeypatch: Any, **parts: Any) -> checkup.Chec
 
 
 @pytest.mark.slow
-def test_it_is_plain_json_that_names_no_person(here: checkup.Checkup) -> None:
+def test_it_is_this_computer_as_plain_json_that_names_no_person(here: checkup.Checkup) -> None:
     text = json.dumps(here.to_dict())
     assert {"machine", "packages", "works"} <= set(json.loads(text))
     assert str(Path.home()) == "/" or f"({Path.home()}/" not in text
-
-
-@pytest.mark.slow
-def test_the_computer_is_this_one(here: checkup.Checkup) -> None:
     assert here.machine.cores >= 1
     assert here.machine.late_ms >= 0
     assert here.packages.versions["numpy"]

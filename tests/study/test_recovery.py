@@ -17,12 +17,7 @@ from hexctl.errors import InputError
 from hexctl.study.recovery.decentralised import LegLoads, phase_rate
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryPlace, Track
 from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, RecoveryMethod, method_of
-from hexctl.study.recovery.recovery_plan import (
-    HEADINGS_DEG,
-    HEXAHEAL,
-    LINE,
-    RecoveryPlan,
-)
+from hexctl.study.recovery.recovery_plan import HEADINGS_DEG, HEXAHEAL, LINE, RecoveryPlan
 from hexctl.types import RobotState
 from tests.robots import ROBOT_NAMES, shipped
 from tests.study.made_up_recovery import IDEAL_M_S, alarm, episode, plan
