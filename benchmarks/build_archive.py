@@ -19,7 +19,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import NAMED_SLOTS, make_gait
 from hexctl.robot.loader import load_robot
 from hexctl.study.recovery.shaped_walk import TRIAL_S, ShapedWalk, score_of, shape_of
-from hexctl.study.recovery.trial_and_error import Behaviours, cell_of
+from hexctl.study.recovery.trial_and_error import Behaviours
 from hexctl.types import N_LEGS, FloatArray, RobotState
 
 ROBOT = "ant"
@@ -62,6 +62,11 @@ def evaluated(shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     results = run_sim_trials(trials, 1, make)
     return np.asarray(walks[0].contacts) / walks[0].ticks, np.array([score_of(one) for one in results])
+
+
+def cell_of(duties: FloatArray) -> tuple[int, ...]:
+    """Cell of the archive: each duty factor to the nearest quarter, as published."""
+    return tuple(np.rint(4 * duties).astype(int).tolist())
 
 
 #: Score, shape and duty factors of the best gait of each cell.

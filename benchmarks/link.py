@@ -159,9 +159,9 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
 
 
 @contextmanager
-def served(port: int, backend: str) -> Iterator["subprocess.Popen[str]"]:
+def served(port: int, backend: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
     """Serve a robot in its own process until the block ends."""
-    command = [sys.executable, "-u", "-m", "hexctl", "serve", "--backend", backend]
+    command = [sys.executable, "-u", "-m", "hexctl", "serve", "--backend", backend, *options]
     with _process([*command, "--listen", f"tcp/127.0.0.1:{port}"], "serving") as server:
         yield server
 

@@ -20,13 +20,16 @@ from hexctl.study.held_out_experiment import HeldOutExperiment, frame_of, mean_w
 from hexctl.study.hold_plan import HoldPlan
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import NOTHING
-from hexctl.study.recovery.recovery_plan import JUDGED, LINE, RecoveryPlan
+from hexctl.study.recovery.recovery_plan import LINE, RecoveryPlan
 from hexctl.study.walk_cache import FOLDER, WalkCache, Walked
 from hexctl.study.walking import Work
 from hexctl.types import N_LEGS
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+#: The method that robots recover by.
+JUDGED = "recover"
 
 #: First world and number of worlds of each figure. Nothing was tuned with them.
 LINE_WORLDS, RECOVERY_WORLDS = (9300, 30), (9412, 6)

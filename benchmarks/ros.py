@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import zenoh
 
-from benchmarks.link import free_port
+from benchmarks.link import free_port, served
 from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
@@ -69,17 +68,10 @@ class _Served:
     @contextmanager
     def opened(cls, options: list[str]) -> Iterator["_Served"]:
         """Serve a simulation until the block ends."""
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
-        command = [sys.executable, "-u", "-m", "hexctl", "serve", "--listen", endpoint, *options]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        try:
-            assert process.stdout is not None
-            assert "serving" in process.stdout.readline()
-            with ZenohServos(ant(), link=Link(endpoint=endpoint)) as servos:
-                yield cls(process, servos)
-        finally:
-            process.terminate()
-            process.wait(10)
+        port = free_port()
+        link = Link(endpoint=f"tcp/127.0.0.1:{port}")
+        with served(port, "sim", *options) as process, ZenohServos(ant(), link=link) as servos:
+            yield cls(process, servos)
 
     def cpu_s(self) -> float:
         """Time that its process has had of all cores so far."""

@@ -8,10 +8,10 @@ simulated world is held out: no prior and no threshold was made with it.
 """
 
 import math
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -136,31 +136,28 @@ def demo(
     check_writable(folder)
     spec = new_spec(failure=EVENT.failure, budget=budget, world=WORLD, folder=folder, note=note)
     into = _new_folder(folder)
-    walks: list[RunResult] = []
-    for name, policy in (("walked-on", WALK_ON), ("recovered", RECOVER)):
+    result = DemoResult(event=EVENT, world=WORLD, folder=into)
+    for name, policy in (("walked_on", WALK_ON), ("recovered", RECOVER)):
+        recording = into / f"{name.replace('_', '-')}.rrd"
         try:
-            walks.append(walk_and_fail(policy, into / f"{name}.rrd", stop_requested=stop_requested))
+            walked: dict[str, Any] = {name: walk_and_fail(policy, recording, stop_requested=stop_requested)}
         finally:
             _remove_empty(into)  # interrupted before anything was recorded
+        result = replace(result, **walked)
         if stop_requested():
-            return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
+            return result
         if on_walk is not None:
-            on_walk(walks[-1])
-    drawing = _Drawing(walks, into, stop_requested)
-    drawing.start()
-    try:
-        adaptation = Adaptation(spec, folder=folder, note=note).run(
-            on_begin=on_begin,
-            on_stored=on_stored,
-            stop_requested=stop_requested,
-        )
-    except NotBegunError:
-        return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
-    finally:
-        drawing.join()  # a thread that draws while Python ends crashes it
-    return DemoResult(
-        event=EVENT, world=WORLD, folder=into, adaptation=adaptation, **_named(walks), **drawing.drawn
-    )
+            on_walk(walked[name])
+    # The executor waits for its thread: one that draws while Python ends crashes it.
+    with ThreadPoolExecutor(1, "race") as executor:
+        drawing = executor.submit(_drawn, result, stop_requested)
+        try:
+            adaptation = Adaptation(spec, folder=folder, note=note).run(
+                on_begin=on_begin, on_stored=on_stored, stop_requested=stop_requested
+            )
+        except NotBegunError:
+            return result
+    return replace(result, adaptation=adaptation, **drawing.result())
 
 
 def speed_kept(walk: RunResult) -> float:
@@ -203,37 +200,24 @@ def walk_and_fail(
         raise RecordingError(f"{trouble}; {ALLOWED_FOLDER}") from cause
 
 
-def _named(walks: list[RunResult]) -> dict[str, Any]:
-    return dict(zip(("walked_on", "recovered"), walks, strict=False))
-
-
 class _StoppedError(Exception):
     """The picture is not needed any more."""
 
 
-class _Drawing(threading.Thread):
-    """Draws both walks as a race during the search; `drawn` is then a field of the result."""
+def _drawn(walked: DemoResult, stop_requested: StopRequested) -> dict[str, Any]:
+    """Draw both walks as a race; return the picture, or why there is none, as a field of the result."""
 
-    def __init__(self, walks: Sequence[RunResult], into: Path, stop_requested: StopRequested) -> None:
-        super().__init__(name="race", daemon=True)
-        self._stop_requested = stop_requested
-        self._recordings = [walk.recording for walk in walks if walk.recording is not None]
-        self._path = into / "rescue.gif"
-        self.drawn: dict[str, Any] = {}
-
-    def run(self) -> None:
-        try:
-            path = export(*self._recordings, output=self._path, on_progress=self._go_on, **PICTURE)
-        except _StoppedError:
-            return
-        except HexctlError as error:
-            self.drawn = {"no_picture": str(error)}
-        else:
-            self.drawn = {"picture": path}
-
-    def _go_on(self, _done: int, _total: int) -> None:
-        if self._stop_requested():
+    def go_on(_done: int, _total: int) -> None:
+        if stop_requested():
             raise _StoppedError
+
+    output = walked.folder / "rescue.gif"
+    try:
+        return {"picture": export(*walked.recordings, output=output, on_progress=go_on, **PICTURE)}
+    except _StoppedError:
+        return {}
+    except HexctlError as error:
+        return {"no_picture": str(error)}
 
 
 def _remove_empty(folder: Path) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from hexctl.backends.clock import PERIOD_S, request_realtime_priority
 from hexctl.export.render import RENDERERS
+from hexctl.recording.viewer import has_display
 from hexctl.settings import shown_path
 
 #: Control periods of the timing measurement.
@@ -155,8 +156,7 @@ def read_drawing() -> Drawing:
     """Renderers of this computer."""
     return Drawing(
         renderers={name: _renderer(name) for name in RENDERERS},
-        display=sys.platform != "linux"
-        or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")),
+        display=has_display(),
     )
 
 

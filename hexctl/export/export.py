@@ -281,7 +281,7 @@ def _write_trials(
 
             write_pictures(trials, draft, kind, picture, on_progress)
         elif len(trials) == 1:
-            _writer(kind)(trials[0], draft)
+            _writer(kind)(next(iter(trials)), draft)
         else:
             _write_each(trials, kind, draft, on_progress)
 

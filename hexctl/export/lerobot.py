@@ -48,40 +48,33 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
     InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
     """
     pa, pq, pandas = _libraries()
-    robots, texts, names = set[str](), list[str](), list(VECTORS)
-    for trial in trials:
+    robots, texts, episodes, done = set[str](), list[str](), list[dict[str, Any]](), 0
+    for number, trial in enumerate(trials):
         robots.add(trial.robot.name)
         texts.append(task_of(trial))
-        known = {
-            "observation.pose": trial.posed.all(),
-            "observation.contacts": trial.foot_contacts is not None,
-        }
-        names = [name for name in names if known.get(name, True)]
+        episodes.append(_frames(trial, number, done, list(dict.fromkeys(texts)).index(texts[-1])))
+        done += len(episodes[-1]["index"])
+        on_progress(number + 1, len(trials))
     if len(robots) != 1:
         raise InputError(f"lerobot: got {len(robots)} robots, {', '.join(sorted(robots))}; allowed: one")
+    names = [name for name in (*VECTORS, *SCALARS) if all(name in columns for columns in episodes)]
     tasks = list(dict.fromkeys(texts))
-    (folder / "meta").mkdir(parents=True)
-    schema = pa.schema(
-        [pa.field(name, pa.list_(pa.float32(), len(VECTORS[name]))) for name in names]
-        + [pa.field(name, pa.type_for_alias(kind)) for name, kind in SCALARS.items()]
-    )
-    data = folder / DATA.format(chunk_index=0, file_index=0)
-    data.parent.mkdir(parents=True)
-    episodes, done = [], 0
+    data, episodes_file = folder / DATA.format(chunk_index=0, file_index=0), folder / EPISODES
+    for parent in (data.parent, episodes_file.parent):
+        parent.mkdir(parents=True)
+    schema = pa.schema([pa.field(name, _arrow_type(pa, name)) for name in names])
     with pq.ParquetWriter(data, schema, compression="zstd") as writer:
-        for number, (text, trial) in enumerate(zip(texts, trials, strict=True)):
-            columns = _frames(trial, names, number, done, tasks.index(text))
-            length = len(columns["index"])
+        for columns in episodes:
             arrays = [_arrow(pa, columns[field.name], field.type) for field in schema]
-            writer.write_table(pa.Table.from_arrays(arrays, schema=schema), row_group_size=length)
-            episodes.append(_episode(number, text, done, length, columns))
-            done += length
-            on_progress(number + 1, len(texts))
-    (folder / EPISODES).parent.mkdir(parents=True)
-    pq.write_table(pa.Table.from_pylist(episodes), folder / EPISODES)
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema), row_group_size=len(arrays[-1]))
+    rows = [
+        _episode(text, {name: one[name] for name in names}) for text, one in zip(texts, episodes, strict=True)
+    ]
+    pq.write_table(pa.Table.from_pylist(rows), episodes_file)
     index = pandas.Index(tasks, name="task")
     pandas.DataFrame({"task_index": range(len(tasks))}, index=index).to_parquet(folder / "meta/tasks.parquet")
-    _write_json(folder / "meta/stats.json", {name: _stats(_column(pq, data, name)) for name in schema.names})
+    stats = {name: _stats(np.concatenate([one[name] for one in episodes])) for name in names}
+    _write_json(folder / "meta/stats.json", stats)
     _write_json(folder / "meta/info.json", _info(robots.pop(), names, len(texts), done, len(tasks)))
 
 
@@ -104,23 +97,22 @@ def _libraries() -> tuple[Any, Any, Any]:
     return pa, pq, pandas
 
 
-def _frames(trial: RecordedTrial, names: list[str], number: int, before: int, task: int) -> dict[str, Any]:
+def _frames(trial: RecordedTrial, number: int, before: int, task: int) -> dict[str, Any]:
+    """Columns of an episode by name; without pose or contacts if the trial has none."""
     length = round(float(trial.time_s[-1]) * FPS) + 1
     times_s = np.arange(length) / FPS
-    pose = np.column_stack([trial.base_position_world, trial.base_quaternion_world])
-    contacts = np.zeros((len(trial), N_LEGS)) if trial.foot_contacts is None else trial.foot_contacts
-    values = {
-        "action": trial.commanded_rad,
-        "observation.state": trial.measured_rad,
-        "observation.pose": pose,
-        "observation.contacts": contacts.astype(float),
-    }
-    even = len(trial) == length and bool(np.allclose(trial.time_s, times_s, atol=1e-6))
-    vectors = {name: values[name] if even else _resampled(trial, values[name], times_s) for name in names}
-    if "observation.contacts" in vectors:
-        vectors["observation.contacts"] = np.round(vectors["observation.contacts"])
+    vectors = {"action": trial.commanded_rad, "observation.state": trial.measured_rad}
+    if trial.posed.all():
+        pose = np.column_stack([trial.base_position_world, trial.base_quaternion_world])
+        vectors["observation.pose"] = pose
+    if trial.foot_contacts is not None:
+        vectors["observation.contacts"] = trial.foot_contacts.astype(float)
+    if len(trial) != length or not np.allclose(trial.time_s, times_s, atol=1e-6):
+        vectors = {name: _resampled(trial, values, times_s) for name, values in vectors.items()}
+        if "observation.contacts" in vectors:
+            vectors["observation.contacts"] = np.round(vectors["observation.contacts"])
     return {
-        **{name: value.astype(np.float32) for name, value in vectors.items()},
+        **{name: values.astype(np.float32) for name, values in vectors.items()},
         "timestamp": times_s.astype(np.float32),
         "frame_index": np.arange(length),
         "episode_index": np.full(length, number),
@@ -133,25 +125,32 @@ def _resampled(trial: RecordedTrial, values: FloatArray, times_s: FloatArray) ->
     return np.column_stack([np.interp(times_s, trial.time_s, column) for column in values.T])
 
 
+def _arrow_type(pa: Any, name: str) -> Any:
+    if name in VECTORS:
+        return pa.list_(pa.float32(), len(VECTORS[name]))
+    return pa.type_for_alias(SCALARS[name])
+
+
 def _arrow(pa: Any, values: Any, kind: Any) -> Any:
     if values.ndim == 1:
         return pa.array(values, type=kind)
     return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), type=kind)
 
 
-def _episode(number: int, text: str, before: int, length: int, columns: dict[str, Any]) -> dict[str, Any]:
+def _episode(text: str, columns: dict[str, Any]) -> dict[str, Any]:
+    index = columns["index"]
     return {
-        "episode_index": number,
+        "episode_index": int(columns["episode_index"][0]),
         "tasks": [text],
-        "length": length,
+        "length": len(index),
         "data/chunk_index": 0,
         "data/file_index": 0,
-        "dataset_from_index": before,
-        "dataset_to_index": before + length,
+        "dataset_from_index": int(index[0]),
+        "dataset_to_index": int(index[-1]) + 1,
         **{
             f"stats/{name}/{key}": value
             for name, column in columns.items()
-            for key, value in _stats(np.atleast_2d(column.T).T).items()
+            for key, value in _stats(column).items()
         },
         "meta/episodes/chunk_index": 0,
         "meta/episodes/file_index": 0,
@@ -159,8 +158,8 @@ def _episode(number: int, text: str, before: int, length: int, columns: dict[str
 
 
 def _stats(values: FloatArray) -> dict[str, list[float]]:
-    """Statistics of each component of values, (frames, components)."""
-    exact = values.astype(float)
+    """Statistics of each component of values, (frames,) or (frames, components)."""
+    exact = values.astype(float).reshape(len(values), -1)
     quantiles = np.quantile(exact, list(QUANTILES.values()), axis=0)
     return {
         "min": exact.min(axis=0).tolist(),
@@ -172,17 +171,11 @@ def _stats(values: FloatArray) -> dict[str, list[float]]:
     }
 
 
-def _column(pq: Any, path: Path, name: str) -> FloatArray:
-    """Values of all episodes of one column, (frames, components)."""
-    values = pq.read_table(path, columns=[name])[name].combine_chunks()
-    flat = values.flatten() if hasattr(values, "flatten") and values.type.num_fields else values
-    return np.asarray(flat.to_numpy(zero_copy_only=False).reshape(len(values), -1))
-
-
 def _info(robot: str, names: list[str], episodes: int, frames: int, tasks: int) -> dict[str, Any]:
     vectors = {
         name: {"dtype": "float32", "shape": [len(VECTORS[name])], "names": list(VECTORS[name])}
         for name in names
+        if name in VECTORS
     }
     scalars = {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in SCALARS.items()}
     return {

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,46 +20,32 @@ OnProgress = Callable[[int, int], object]
 class Recordings:
     """Recordings, read lazily: those of a session need not fit in memory.
 
-    Iteration skips unreadable files of sessions (`of_sessions`), and reports each once to `on_damage`.
-    `robot` is for recordings that lack theirs.
+    Iteration skips unreadable files of sessions (`of_sessions`), and reports each to `on_damage`. `robot` is
+    for recordings that lack theirs.
     """
 
     paths: tuple[Path, ...]
     robot: Robot | None = None
     of_sessions: frozenset[Path] = frozenset()
     on_damage: OnDamage = log_damage
-    _readable: dict[Path, bool] = field(default_factory=dict, init=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.paths)
 
-    def __getitem__(self, index: int, /) -> RecordedTrial:
-        return read_trial(self.paths[index], self.robot)
-
     def __iter__(self) -> Iterator[RecordedTrial]:
         """Readable trials; raises InputError for an unreadable file outside sessions, and without any."""
+        readable = 0
         for path in self.paths:
-            trial = self._trial(path)
-            if trial is not None:
-                yield trial
-        if not any(self._readable.values()):
+            try:
+                yield read_trial(path, self.robot)
+                readable += 1
+            except InputError as error:
+                if path not in self.of_sessions or len(self.paths) == 1:
+                    raise
+                self.on_damage(error)
+        if not readable:
             count = len(self.paths)
             raise InputError(f"export: none of {count} recordings can be read; allowed: one or more that can")
-
-    def _trial(self, path: Path) -> RecordedTrial | None:
-        """None for a lost recording of a session. A file read successfully before must stay readable."""
-        if self._readable.get(path) is False:
-            return None
-        try:
-            trial = read_trial(path, self.robot)
-        except InputError as error:
-            if path not in self.of_sessions or len(self.paths) == 1 or path in self._readable:
-                raise
-            self._readable[path] = False
-            self.on_damage(error)
-            return None
-        self._readable[path] = True
-        return trial
 
 
 #: Trials that can be counted and read one by one.

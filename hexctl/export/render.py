@@ -15,12 +15,8 @@ from hexctl.palette import FAILED_COLORS, LINE_COLOR, NOTICED_COLORS
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial
 from hexctl.recording.style import TRAIL_COLOR, Color
 from hexctl.robot.formats.link_frames import JOINT_LINKS
-from hexctl.robot.formats.mjcf import CAMERAS as _CAMERAS
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, FloatArray
-
-#: Cameras, all of which follow the robot.
-CAMERAS = tuple(_CAMERAS)
 
 #: Renderers without a screen in the order of attempts, and the Debian packages of each.
 RENDERERS = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}

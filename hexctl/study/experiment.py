@@ -3,7 +3,7 @@
 import json
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.files import atomic_write, write_trouble
 from hexctl.study.plan import Plan
-from hexctl.study.report_page import Picture, Section, render_page
+from hexctl.study.report_page import Picture, Section, render_page, texts
 from hexctl.study.versions import code_versions
 from hexctl.study.walking import Progress, Silent, Work
 
@@ -23,21 +23,8 @@ if TYPE_CHECKING:
 FoundT = TypeVar("FoundT")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Drawing:
-    """A figure of a report.
-
-    Attributes:
-        name: of its file, without the suffix.
-        draw: returns None if there is nothing to show.
-        here: how to read the figure.
-        paper: what the paper shows there.
-    """
-
-    name: str
-    draw: "Callable[[], Figure | None]"
-    here: str
-    paper: str
+#: Draws a figure; returns None if there is nothing to show.
+Drawing = Callable[[], "Figure | None"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,9 +79,9 @@ class Experiment(Plan, Generic[FoundT]):
     def sections(self, found: FoundT, /) -> Iterator[Section]:
         """Return the parts of the report, to which the figures are added."""
 
-    def drawings(self, found: FoundT, /) -> Sequence[Drawing]:
-        """Return the figures of the report."""
-        return ()
+    def drawings(self, found: FoundT, /) -> Mapping[str, Drawing]:
+        """Return the figures of the report, by their name in `captions`."""
+        return {}
 
     def tables(self, found: FoundT, /) -> "Mapping[str, DataFrame]":
         """Return the tables to write, by the name of their file without the ending."""
@@ -136,18 +123,17 @@ class Experiment(Plan, Generic[FoundT]):
         return folder / self.REPORT
 
 
-def _figures(drawings: Sequence[Drawing], folder: Path, progress: Progress) -> Iterator[Section]:
+def _figures(drawings: Mapping[str, Drawing], folder: Path, progress: Progress) -> Iterator[Section]:
     """Draw figures, save each as NAME.svg, and return their parts of the report."""
     import matplotlib as mpl
 
     progress.stage("figures", len(drawings))
-    for drawing in drawings:
-        figure, file = drawing.draw(), folder / f"{drawing.name}.svg"
+    for name, draw in drawings.items():
+        figure, file = draw(), folder / f"{name}.svg"
         if figure is not None:
-            with mpl.rc_context({"svg.hashsalt": drawing.name}):
+            with mpl.rc_context({"svg.hashsalt": name}):
                 figure.savefig(file, metadata={"Date": None, "Creator": None})
-            title = drawing.name.replace("_", " ").capitalize()
-            yield Section(title, [Picture(file, drawing.paper, drawing.here)])
+            yield Section(name.replace("_", " ").capitalize(), [Picture(file, **texts("captions")[name])])
         progress.step()
 
 

@@ -159,7 +159,6 @@ class Landscape(ArrayFields):
     """The outcomes of all gaits of a spec; row i belongs to `spec.codes[i]`.
 
     Attributes:
-        codes: (n,).
         status: one of `hexctl.control.trial_result.STATUSES`, (n,).
         numbers: one column for each of `NUMBERS`, (n, 7).
         paths_m: progress and signed deviation, five points a second, the last one at the end; NaN after the
@@ -167,7 +166,6 @@ class Landscape(ArrayFields):
     """
 
     spec: LandscapeSpec
-    codes: NDArray[np.int64]
     status: NDArray[np.str_]
     numbers: FloatArray
     paths_m: NDArray[np.float32]
@@ -180,11 +178,15 @@ class Landscape(ArrayFields):
             path[: len(walk.path_m)] = np.reshape(walk.path_m, (-1, 2))
         return cls(
             spec=spec,
-            codes=np.array(spec.codes, dtype=np.int64),
             status=np.array([walk.status for walk in walks], dtype="<U16"),
             numbers=np.array([[getattr(walk, name) for name in NUMBERS] for walk in walks]),
             paths_m=paths,
         )
+
+    @property
+    def codes(self) -> NDArray[np.int64]:
+        """Codes of the gaits, (n,)."""
+        return np.array(self.spec.codes, dtype=np.int64)
 
     def number(self, name: str) -> FloatArray:
         """One column of `NUMBERS`, (n,)."""

@@ -1,15 +1,15 @@
 """Plans of simulations: checked settings and the walks they require."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.batch import SimTrial
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
-from hexctl.options import Typed, check_fields, flag_name
+from hexctl.options import Typed, check_fields
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.study_options import ComputeOptions
 from hexctl.study.walk_cache import WalkCache, Walked
@@ -25,17 +25,33 @@ class Plan(ABC):
 
     def __post_init__(self) -> None:
         check_fields(self)
-        for name, kind, value in _items(self):
-            for item in value:
-                check_type(item, kind, argument(name))
+        for name, _, kind in _several(type(self)):
+            value, origin = getattr(self, name), get_origin(kind)
+            check_type(value, origin, argument(name))
+            item = get_args(kind)[origin is dict]
+            for one in value.values() if origin is dict else value:
+                if isinstance(item, type):
+                    check_type(one, item, argument(name))
 
     @abstractmethod
     def walked(self) -> Walked:
         """Return the cases to walk, place by place."""
 
     def check(self) -> None:
-        """Raise InputError for invalid settings, before anything runs."""
-        check_lists(self)
+        """Raise InputError for invalid settings, such as repeated values, before anything runs."""
+        for name, flag, kind in _several(type(self)):
+            item = get_args(kind)[0]
+            known = get_args(item) if get_origin(item) is Literal else ()
+            given = [str(getattr(one, "name", one)) for one in getattr(self, name)]
+            check_each(flag, given, tuple(map(str, known)))
+
+
+def _several(plan: type[Plan]) -> Iterator[tuple[str, str, Any]]:
+    """Name, name of the option, and type of each field with several values."""
+    for name, hint in get_type_hints(plan, include_extras=True).items():
+        kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if get_origin(kind) in (tuple, dict):
+            yield name, next((mark.flag for mark in marks if isinstance(mark, Typed)), name), kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,19 +65,6 @@ class LandscapePlan(Plan):
     def walked(self) -> Walked:
         """Return the gaits to walk, landscape by landscape."""
         return [(spec, spec.codes) for spec in self.specs()]
-
-
-def check_lists(plan: Any) -> None:
-    """Raise InputError for a tuple or mapping without values, or with repeated or wrong ones."""
-    for name, hint in get_type_hints(type(plan), include_extras=True).items():
-        kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-        if get_origin(kind) not in (tuple, dict):
-            continue
-        flag = next((mark.flag for mark in marks if isinstance(mark, Typed)), flag_name(name))
-        item = get_args(kind)[0]
-        known = get_args(item) if get_origin(item) is Literal else ()
-        check_each(flag.replace("-", "_"), [str(getattr(one, "name", one)) for one in getattr(plan, name)],
-                   tuple(map(str, known)))  # fmt: skip
 
 
 def check_each(name: str, given: Iterable[str], known: tuple[str, ...] = ()) -> None:
@@ -101,18 +104,6 @@ def check_walks(specs: Iterable[LandscapeSpec]) -> None:
     """Raise InputError for a robot that cannot walk the gaits; those of a leg have the same joint ranges."""
     for spec in specs:
         check_walkable(spec.title, spec.trial(spec.codes[0]))
-
-
-def _items(plan: Any) -> Iterable[tuple[str, type, Iterable[object]]]:
-    """Name, item type and items of each tuple or mapping field."""
-    hints = get_type_hints(type(plan))
-    for field in fields(plan):
-        kind, value = hints[field.name], getattr(plan, field.name)
-        if get_origin(kind) in (tuple, dict):
-            check_type(value, get_origin(kind), argument(field.name))
-            item = get_args(kind)[-1 if get_origin(kind) is dict else 0]
-            if isinstance(item, type):
-                yield field.name, item, value.values() if isinstance(value, dict) else value
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

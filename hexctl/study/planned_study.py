@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.prior.prior import Prior, load_prior
-from hexctl.adapt.prior.prior_files import prior_folders
+from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.backends.sim.world import DEFAULT_WORLD, DomainRandomization, load_randomization, load_world
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, argument, check_type
+from hexctl.gait.gait import make_gait
 from hexctl.options import listed
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.settings import find_settings
@@ -21,11 +24,11 @@ from hexctl.study.held_out_experiment import HeldOutExperiment
 from hexctl.study.hold_plan import HoldPlan
 from hexctl.study.paper.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of
 from hexctl.study.paper.study_plan import StudyPlan
-from hexctl.study.plan import PlannedWork
+from hexctl.study.plan import PlannedWork, check_each
 from hexctl.study.recovery import recovery_plan
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.study_options import HOLD, MATRIX, PAPER, RECOVERY, TRANSFER, StudyOptions
-from hexctl.study.transfer.transfer_plan import UNSEEN, TransferPlan, find_transfer_prior
+from hexctl.study.transfer.transfer_plan import UNSEEN, TransferPlan
 
 Planned = PlannedWork[Result[Any]]
 
@@ -66,10 +69,18 @@ def _transfer(options: StudyOptions, runs: Path) -> TransferPlan:
 
 
 def _prior(options: StudyOptions, robot: Robot, runs: Path) -> Prior:
+    """The prior of an option, or the first one that covers the trials; raises InputError if there is none."""
     if options.prior not in (None, "auto"):
         return load_prior(Path(str(options.prior)))
-    legs, failure = tuple(options.legs), options.failure or "locked"
-    return find_transfer_prior(robot, legs, options.duration_s, prior_folders(runs), failure=failure)
+    check_each("legs", map(str, options.legs))
+    belief = parse_kind(options.legs[0], options.failure or TransferPlan.failure)
+    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=options.duration_s, belief=belief)
+    found = find_prior(robot, plan, prior_folders(runs))
+    if found.path is None:
+        raise InputError(
+            f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"
+        )
+    return load_prior(found.path)
 
 
 def _matrix(options: StudyOptions, _runs: Path) -> MatrixPlan:

@@ -249,8 +249,3 @@ def repertoire_of(plan: RepertoirePlan, walks: Sequence[CandidateWalk]) -> Reper
             "code": code_versions(),
         },
     )
-
-
-def repertoire_file_name(plan: RepertoirePlan) -> str:
-    """Name of a repertoire's file."""
-    return plan.robot.name + SUFFIX

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from os import cpu_count
 from typing import Any, Protocol, TypeVar
 
@@ -13,7 +14,7 @@ from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argume
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.study_options import JOBS
 from hexctl.study.versions import code_versions
-from hexctl.study.walk_cache import Place, WalkCache, Walked, distinct
+from hexctl.study.walk_cache import CaseT, Place, WalkCache, Walked, WalkT, distinct
 from hexctl.threads import simulation_threads
 
 #: Timeout for the answer of a Dask scheduler.
@@ -50,17 +51,6 @@ class Silent:
 
     def note(self, text: str) -> None:
         """Ignore a remark."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Chunk:
-    """Cases simulated together; picklable, and its walks depend on nothing else."""
-
-    place: Place[Any, Any]
-    cases: tuple[Any, ...]
-
-    def walk(self, threads: int) -> tuple["_Chunk", list[Any]]:
-        return self, self.place.walk(self.cases, threads)
 
 
 @dataclass(kw_only=True)
@@ -101,20 +91,23 @@ class Work:
         for note in cache.notes[noted:]:
             progress.note(note)
         _note_known(once, known, progress)
-        todo = _chunks(once, known)
-        if left := sum(len(chunk.cases) for chunk in todo):
+        todo = [
+            (place, chunk)
+            for place, cases in once
+            for chunk in place.chunks([case for case in cases if case not in known[place.fingerprint]])
+        ]
+        if left := sum(len(chunk) for _, chunk in todo):
             progress.stage("walks (Ctrl-C stops, the same command continues)", left)
         wanted_of = {place.fingerprint: cases for place, cases in once}
-        steps, jobs = [chunk.walk for chunk in todo], self.jobs
+        steps, jobs = [partial(_walk_chunk, *one) for one in todo], self.jobs
         done = as_finished(steps, jobs) if executor is None else _elsewhere(steps, executor, jobs)
-        for chunk, walks in done:
-            saved = known[chunk.place.fingerprint]
+        for place, walks in done:
+            saved, wanted = known[place.fingerprint], wanted_of[place.fingerprint]
             saved.update((walk.case, walk) for walk in walks)
-            cache.save(chunk.place, saved.values())
+            cache.save(place, saved.values())
             progress.step(len(walks))
-            wanted = wanted_of[chunk.place.fingerprint]
             if all(case in saved for case in wanted):
-                progress.note(f"{chunk.place.title}: {chunk.place.outcome([saved[case] for case in wanted])}")
+                progress.note(f"{place.title}: {place.outcome([saved[case] for case in wanted])}")
         return [[known[place.fingerprint][case] for case in cases] for place, cases in walked]
 
     def evaluate(self, specs: Sequence[LandscapeSpec]) -> list[Landscape]:
@@ -132,12 +125,11 @@ def _note_known(walked: Walked, known: dict[str, dict[Any, Any]], progress: Prog
         progress.note(f"{title}: from the cache")
 
 
-def _chunks(walked: Walked, known: dict[str, dict[Any, Any]]) -> list[_Chunk]:
-    return [
-        _Chunk(place=place, cases=chunk)
-        for place, cases in walked
-        for chunk in place.chunks([case for case in cases if case not in known[place.fingerprint]])
-    ]
+def _walk_chunk(
+    place: Place[CaseT, WalkT], cases: Sequence[CaseT], threads: int
+) -> tuple[Place[CaseT, WalkT], list[WalkT]]:
+    """Walks of cases that are simulated together; picklable, and they depend on nothing else."""
+    return place, place.walk(cases, threads)
 
 
 Done = TypeVar("Done")

@@ -33,14 +33,10 @@ def works(here: checkup.Checkup, monkeypatch: Any, **parts: Any) -> checkup.Chec
 
 
 @pytest.mark.slow
-def test_it_is_plain_json_that_names_no_person(here: checkup.Checkup) -> None:
+def test_it_is_this_computer_as_plain_json_that_names_no_person(here: checkup.Checkup) -> None:
     text = json.dumps(here.to_dict())
     assert {"machine", "packages", "works"} <= set(json.loads(text))
     assert str(Path.home()) == "/" or f"({Path.home()}/" not in text
-
-
-@pytest.mark.slow
-def test_the_computer_is_this_one(here: checkup.Checkup) -> None:
     assert here.machine.cores >= 1
     assert here.machine.late_ms >= 0
     assert here.packages.versions["numpy"]
@@ -148,17 +144,3 @@ def test_values_have_their_place_and_name_nobody(tmp_path: Path, monkeypatch: py
     assert found["run.duration"] == SettingFound(key="run.duration", value="2", origin="hexctl.toml")
     assert found["HEXCTL_RUN_SEED"].value == "3"
     assert found["connect"].value == found["see.camera"].value == "given"
-
-
-def test_variables_that_are_no_setting_are_named_and_not_in_force(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("HEXCTL_RUN_SEED", "HEXCTL_OTHERS", "HEXCTL_WORLD"):
-        monkeypatch.setenv(name, "3")
-    monkeypatch.setenv("HEXCTL_EMPTY", "")
-    found = read_settings_found("HEXCTL_RUN_SEED".__eq__)
-    assert {"world", "HEXCTL_RUN_SEED"} <= {one.key for one in found.values}
-    assert "HEXCTL_OTHERS" in found.unknown
-    assert not {"HEXCTL_RUN_SEED", "HEXCTL_WORLD", "HEXCTL_EMPTY"} & {*found.unknown}
-    assert "HEXCTL_RUN_SEED" in read_settings_found().unknown  # without the command line

@@ -183,15 +183,6 @@ def test_humble_reads_the_metadata(walk: RecordedTrial, tmp_path: Path, change: 
     assert (bag["compression_mode"], bag["files"][0]["path"]) == ("", "bag.mcap")
 
 
-def test_channels_of_the_file_alone_have_the_same_profiles(bag: Path) -> None:
-    with (bag / "walk.mcap").open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    for channel in summary.channels.values():
-        for profile in yaml.safe_load(channel.metadata["offered_qos_profiles"]) or []:
-            assert isinstance(profile["reliability"], int)
-
-
 def test_messages_are_the_same_in_humble() -> None:
     humble, jazzy = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS2_JAZZY)
     for kind, _ in TOPICS.values():

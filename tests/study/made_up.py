@@ -44,12 +44,11 @@ def made_up_in(asked: LandscapeSpec, signed_m: FloatArray, invalid: Sequence[int
     numbers = np.zeros((120, len(NUMBERS)))
     numbers[:, NUMBERS.index("signed_m")] = signed_m
     numbers[:, NUMBERS.index("distance_m")] = 4.0
-    codes = np.array(asked.codes)
-    status = np.where(np.isin(codes, list(invalid)), "no_progress", "ok").astype("<U16")
+    status = np.where(np.isin(asked.codes, list(invalid)), "no_progress", "ok").astype("<U16")
     paths = np.zeros((120, asked.n_points, 2), dtype=np.float32)
     paths[..., 0] = np.linspace(0, 4, asked.n_points)
     paths[..., 1] = signed_m[:, np.newaxis] * np.linspace(0, 1, asked.n_points)
-    return Landscape(spec=asked, codes=codes, status=status, numbers=numbers, paths_m=paths)
+    return Landscape(spec=asked, status=status, numbers=numbers, paths_m=paths)
 
 
 def spread_out(worst_m: float, sign: FloatArray | float = 1.0) -> FloatArray:

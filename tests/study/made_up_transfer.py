@@ -61,8 +61,7 @@ def in_the_model(spec: LandscapeSpec, features: FloatArray) -> Landscape:
     for code in FALLING:
         status[code - 1] = "fell"
         paths[code - 1, points // 2 :] = np.nan
-    codes = np.array(spec.codes)
-    return Landscape(spec=spec, codes=codes, status=status, numbers=numbers, paths_m=paths)
+    return Landscape(spec=spec, status=status, numbers=numbers, paths_m=paths)
 
 
 def courses_of(found: "DataFrame", optimizer: str, place: int | None = None) -> list[Any]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.build_archive import cell_of
 from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
@@ -18,12 +19,11 @@ from hexctl.study.recovery import evolution, shaped_walk
 from hexctl.study.recovery.evolution import EvolutionSearch
 from hexctl.study.recovery.shaped_walk import FELL, scores_of, search_shapes, shape_of, trial_of
 from hexctl.study.recovery.trial_and_error import (
+    KIND,
     Behaviours,
     TrialAndErrorSearch,
     behaviours_file,
     behaviours_of,
-    cell_of,
-    load_behaviours,
 )
 from hexctl.types import FloatArray
 
@@ -79,7 +79,7 @@ def test_an_archive_turns_with_the_direction_of_travel() -> None:
 
 def test_a_file_keeps_an_archive(tmp_path: Path) -> None:
     archive().save(tmp_path / "some.npz")
-    found = load_behaviours(tmp_path / "some.npz")
+    found = KIND.load(tmp_path / "some.npz", Behaviours.of)
     assert (found.robot_fingerprint, found.origin) == ("ant", {"evaluations": 7})
     np.testing.assert_allclose(found.duties, archive().duties, atol=1e-3)
     np.testing.assert_allclose(found.shapes, archive().shapes, atol=1e-3)
@@ -113,7 +113,9 @@ def test_the_shape_of_a_gait_walks_like_the_gait_and_a_search_keeps_its_best(
     walked, stood = scores_of([(trial_of(whole), tripod), (trial_of(whole), still)])
     assert walked > 0.5
     assert abs(stood) < 0.1
-    (found,) = search_shapes([trial], [EvolutionSearch(tripod, seed=0)])
+    found, nothing = search_shapes(lambda _: EvolutionSearch(tripod, seed=0), [trial, whole])
+    assert found is not None
+    assert nothing is None
     first = EvolutionSearch(tripod, seed=0).ask()
     scores = scores_of([(trial_of(trial), shape) for shape in first])
     assert found.trials == 13

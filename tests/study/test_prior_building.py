@@ -14,11 +14,7 @@ from hexctl.backends.sim.world import DomainRandomization, Kind, load_randomizat
 from hexctl.control.assessment.static_stability import STAND_UP, in_posture
 from hexctl.errors import InputError
 from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
-from hexctl.study.landscape import (
-    NUMBERS,
-    Landscape,
-    LandscapeSpec,
-)
+from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
 from hexctl.study.priors.prior_building import (
     TIME_STEP_S,
     PriorPlan,
@@ -61,8 +57,7 @@ def test_a_family_that_sets_a_step_keeps_it() -> None:
 
 
 def prior_plan(**options: Any) -> PriorPlan:
-    given = {"legs": (2, 5), "worlds": 3, "duration_s": 6.0, **options}
-    return PriorPlan(robot=shipped(), family=load_randomization("randomised"), **given)
+    return plan(**{"legs": (2, 5), "worlds": 2, "duration_s": 6.0, **options})
 
 
 def told_apart(spec: LandscapeSpec, number: int) -> Landscape:
@@ -79,7 +74,7 @@ def told_apart(spec: LandscapeSpec, number: int) -> Landscape:
     {"self_rotation": "front"}, {"self_rotation": "none"}, {"duration_s": 12.0},
 ], ids=str)  # fmt: skip
 def test_it_answers_what_a_session_with_these_trials_asks(options: dict[str, Any], leg: int) -> None:
-    asked = prior_plan(worlds=2, **options)
+    asked = prior_plan(**options)
     made = prior_of(asked, [told_apart(spec, 0) for spec in asked.specs()])
     session = key_of(
         duration_s=options.get("duration_s", 6.0),
@@ -89,9 +84,7 @@ def test_it_answers_what_a_session_with_these_trials_asks(options: dict[str, Any
     assert made.key.differences(session) == []
 
 
-PLAN = PriorPlan(
-    robot=shipped(), family=load_randomization("randomised"), worlds=2, legs=(2, 5), duration_s=6.0
-)
+PLAN = prior_plan()
 
 #: A gait that fell half way.
 FALLEN = 7
@@ -99,14 +92,14 @@ FALLEN = 7
 
 def _landscape(spec: LandscapeSpec, seed: int) -> Landscape:
     """A landscape of smooth random walks, of which one ends half way."""
-    codes, random = np.array(spec.codes), np.random.default_rng(seed)
+    random = np.random.default_rng(seed)
     paths: FloatArray = random.normal(size=(120, spec.n_points, 2)).cumsum(axis=1) * 0.01
     paths[FALLEN - 1, spec.n_points // 2 :] = np.nan
     numbers = random.normal(size=(120, len(NUMBERS)))
     numbers[:, 0] = paths[:, -1, 1]
     status = np.full(120, "ok", dtype="<U16")
     status[FALLEN - 1] = "fell"
-    return Landscape(spec=spec, codes=codes, status=status, numbers=numbers, paths_m=paths.astype(np.float32))
+    return Landscape(spec=spec, status=status, numbers=numbers, paths_m=paths.astype(np.float32))
 
 
 def test_a_prior_holds_what_a_session_would_have_been_shown() -> None:
@@ -155,7 +148,7 @@ def _steered(spec: LandscapeSpec) -> Landscape:
 
 
 def test_under_a_hold_a_prior_is_of_the_logarithms_of_the_scores(tmp_path: Path) -> None:
-    asked = prior_plan(worlds=2, hold="line", self_rotation="none")
+    asked = prior_plan(hold="line", self_rotation="none")
     prior = score_prior_of(asked, [_steered(spec) for spec in asked.specs()])
     scale = 1 + np.arange(120) / 120
     wanted = np.log(np.stack([6.0 / scale, 2 * scale, 4 * scale, 8 * scale], axis=-1))
@@ -170,7 +163,7 @@ def test_under_a_hold_a_prior_is_of_the_logarithms_of_the_scores(tmp_path: Path)
 
 
 def test_a_prior_under_a_hold_stands_as_its_sessions_do_and_is_for_them() -> None:
-    asked = prior_plan(worlds=2, hold="line", self_rotation="none", legs=(2, 4))
+    asked = prior_plan(hold="line", self_rotation="none", legs=(2, 4))
     assert {spec.leg: spec.trial(1).plan.gait.posture.body_raise for spec in asked.specs()} == {
         2: STAND_UP, 4: 0.0,
     }  # fmt: skip
@@ -183,7 +176,7 @@ def test_a_prior_under_a_hold_stands_as_its_sessions_do_and_is_for_them() -> Non
 
 
 def test_what_a_prior_says_is_in_its_landscapes_and_its_file(tmp_path: Path) -> None:
-    asked = prior_plan(worlds=2, legs=(3,), failure="weak:0.5", self_rotation="front", duration_s=12.0)
+    asked = prior_plan(legs=(3,), failure="weak:0.5", self_rotation="front", duration_s=12.0)
     asked.check()
     for spec in asked.specs():
         assert (spec.failure, spec.self_rotation, spec.duration_s) == ("weak:0.5", "front", 12.0)

@@ -9,35 +9,31 @@ import pytest
 
 from hexctl.backends.sim.world import World, load_randomization
 from hexctl.control.assessment.static_stability import most_stable_slots
-from hexctl.control.monitor.recovery import GlideToStableGait, StopWalking
+from hexctl.control.controllers import Controller
+from hexctl.control.monitor.monitored_walk import recovering_walk
+from hexctl.control.monitor.recovery import StopWalking
 from hexctl.control.preparation import WalkStart
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
-from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.study.recovery.decentralised import LegLoads, phase_rate
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryPlace, Track
-from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, Told, ToldWalk, method_of
-from hexctl.study.recovery.recovery_plan import (
-    HEADINGS_DEG,
-    HEXAHEAL,
-    LINE,
-    RecoveryPlan,
-)
+from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, RecoveryMethod, method_of
+from hexctl.study.recovery.recovery_plan import HEADINGS_DEG, HEXAHEAL, LINE, RecoveryPlan
 from hexctl.types import RobotState
 from tests.robots import ROBOT_NAMES, shipped
 from tests.study.made_up_recovery import IDEAL_M_S, alarm, episode, plan
 
 
-class MyOwn(Told):
+class MyOwn(RecoveryMethod):
     """A custom method."""
+
+    def controller(self, start: WalkStart, to_come: Any) -> Controller:
+        return recovering_walk()(start)
 
 
 def test_methods_have_names_and_own_ones_a_package() -> None:
     assert DEFAULT_METHODS == tuple(METHODS)[:3] == ("nothing", "told", "recover")
     others = ("stop-diagnose", "decentralised", "open-loop-best", "ppo", "trial-and-error", "cma-es")
     assert tuple(METHODS)[3:] == others
-    assert isinstance(method_of("told"), Told)
     assert method_of("recover") is method_of("recover")
     assert isinstance(method_of(f"{__name__}:MyOwn"), MyOwn)
     assert {name for name in METHODS if method_of(name).notices} == {"nothing", "recover", "stop-diagnose"}
@@ -46,10 +42,7 @@ def test_methods_have_names_and_own_ones_a_package() -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        (
-            "hope",
-            "methods",
-        ),
+        ("hope", "methods"),
         ("no.such.module:Hope", "cannot be loaded"),
         (f"{StopWalking.__module__}:StopWalking", "a StopWalking; allowed: a RecoveryMethod"),
     ],
@@ -203,9 +196,6 @@ def test_phase_and_heading_are_drawn_by_the_seed_and_are_the_same_for_all_method
     [
         ({"families": {"failing": load_randomization("failing")}}, "world"),
         ({"gaits": ("gallop",)}, "gaits"),
-        ({"runs": 0}, "runs"),
-        ({"legs": (7,)}, "legs"),
-        ({"failures": ("tired",)}, "failure"),
         ({"failures": ("stuck:tibia:20",)}, "stuck:JOINT"),
         ({"methods": ("recover",)}, "methods"),
     ],
@@ -246,15 +236,3 @@ def test_loads_are_read_from_torques_else_from_contacts(name: str) -> None:
     assert read is not None
     assert read[1] > 0
     assert np.count_nonzero(read) == 1
-
-
-def test_the_oracle_stops_a_walk_when_its_policy_stops() -> None:
-    plans = (TrialPlan(gait=make_gait(shipped(), "tripod")),) * 2
-    start = WalkStart(robot=shipped(), plans=plans, batch_shape=(2,))
-    failures = [Failure(leg=leg, kind="limp") for leg in (1, 3, 5)]
-    events = [FailureEvent(at_s=0.0, leg=one.leg, failure=one) for one in failures]
-    walk = ToldWalk(start, GlideToStableGait(None), [events, events[:2]])
-    state = RobotState(np.zeros((2, 18)), 0.0, True)
-    walk.targets_rad(0, state)
-    assert walk.done(0, state).tolist() == [True, False]
-    assert (walk.why_stopped(0), walk.why_stopped(1)) == ("leg 1 limp, leg 3 limp, leg 5 limp", None)

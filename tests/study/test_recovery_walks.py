@@ -19,7 +19,7 @@ from hexctl.control.monitor.repertoire import save_repertoire
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_result import TrialResult
 from hexctl.study.recovery import open_loop
-from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryPlace
+from hexctl.study.recovery.episodes import Episode, RecoveryCase
 from hexctl.study.recovery.methods import RecoveryMethod, ToldWalk, method_of
 from hexctl.study.recovery.open_loop import rehearse
 from hexctl.study.recovery.stop_and_diagnose import StopAndDiagnoseWalk
@@ -54,11 +54,6 @@ def open_case(*legs: int, method: str = "open-loop-best") -> RecoveryCase:
     return case(method, *legs, failure="locked", at_s=2.5, heading_deg=60.0)
 
 
-WALKED: list[tuple[RecoveryPlace, list[RecoveryCase]]] = [
-    (PLACE, [case("nothing"), *(case(method, 2) for method in ("nothing", "told", "recover"))])
-]
-
-
 class Still(RecoveryMethod):
     """A custom method whose controller is a function: the robots keep their stance."""
 
@@ -74,8 +69,9 @@ def test_a_custom_method_may_lead_its_walks_by_a_function() -> None:
 
 @pytest.mark.slow
 def test_an_episode_is_its_trial_and_saved_as_it_is(tmp_path: Path) -> None:
-    cases, cache, again = WALKED[0][1], WalkCache(tmp_path), Remembering()
-    (walks,) = Work(cache=cache, jobs=2).walk(WALKED)
+    cases = [case("nothing"), *(case(method, 2) for method in ("nothing", "told", "recover"))]
+    walked, cache, again = [(PLACE, cases)], WalkCache(tmp_path), Remembering()
+    (walks,) = Work(cache=cache, jobs=2).walk(walked)
     intact, left, told, recovered = walks
     assert [one.case for one in walks] == cases
     alone = run_sim_trial(PLACE.trial(case("recover", 2)), recovering_walk())
@@ -86,7 +82,7 @@ def test_an_episode_is_its_trial_and_saved_as_it_is(tmp_path: Path) -> None:
     assert left.alarms == recovered.alarms
     assert 0 < recovered.delay_s < 1
     assert len({one.signed_m for one in walks}) == 4
-    assert repr(Work(cache=cache, progress=again).walk(WALKED)) == repr([walks])
+    assert repr(Work(cache=cache, progress=again).walk(walked)) == repr([walks])
     assert again.steps == 0
 
 
@@ -121,14 +117,8 @@ LEAST_S = 13.0
 
 @pytest.fixture(scope="module")
 def episodes() -> list[Episode]:
-    return LONG.walk(
-        [
-            stopping_case(),
-            stopping_case(2),
-            stopping_case(5, failure="locked"),
-            stopping_case(4, failure="missing"),
-        ]
-    )
+    legs = (stopping_case(5, failure="locked"), stopping_case(4, failure="missing"))
+    return LONG.walk([stopping_case(), stopping_case(2), *legs])
 
 
 @pytest.mark.long
@@ -174,7 +164,7 @@ def test_a_policy_that_stops_ends_the_walk_of_the_oracle_in_the_tick_of_the_fail
     trial = LONG.trial(stopping_case(2))
 
     def make(start: WalkStart) -> ToldWalk:
-        return ToldWalk(start, StopWalking(), [trial.events])
+        return ToldWalk(start, [trial.events], StopWalking())
 
     (result,) = run_sim_trials([trial], 1, make, apart=True)
     assert (result.status, result.stopped) == ("aborted", "leg 2 limp")

@@ -67,9 +67,6 @@ class Park(Place[Case, Stroll]):
     def chunk_of(self, case: Case) -> Hashable:
         return case.group
 
-    def keeps(self, walk: Stroll) -> bool:
-        return walk.case.legs != (6,)
-
     def trial(self, case: Case) -> SimTrial:
         raise NotImplementedError
 
@@ -109,26 +106,13 @@ def test_what_was_interrupted_goes_on_from_what_has_finished(jobs: int, tmp_path
     assert repr(walks) == repr(Work(cache=WalkCache(tmp_path / "new"), jobs=1).walk(WALKED))
 
 
-def test_walks_that_a_place_does_not_keep_are_simulated_again(tmp_path: Path) -> None:
-    walked = [(PARK, [Case((5,)), Case((6,))])]
-    for steps in (2, 1):
-        progress = Remembering()
-        Work(cache=WalkCache(tmp_path), progress=progress).walk(walked)
-        assert progress.steps == steps
-
-
 @pytest.mark.parametrize(
     "content",
     [
         "",
         "[]x",
-        "{}",
-        "null",
-        "[1]",
-        '[{"case": {"legs": [1]}, "distance_m": 0.1}]',
-        '["PARK"]',
-        '["PARK", [{"case": {"legs": [1]}}]]',
         '["PARK", [{"case": {"legs": [1]}, "distance_m": "far"}]]',
+        '["another place", []]',
         pytest.param("[" * 100_000, id="deep"),
     ],
 )
@@ -170,33 +154,6 @@ def test_other_code_has_other_files(monkeypatch: pytest.MonkeyPatch) -> None:
     assert spec().fingerprint == before
     monkeypatch.setattr(walk_cache, "_versions", lambda _: {"source": "after"})
     assert spec().fingerprint != before
-
-
-def cut_off(content: bytes) -> bytes:
-    return content[: int(0.9 * len(content))]
-
-
-def flipped(content: bytes) -> bytes:
-    middle = len(content) // 2
-    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
-
-
-@pytest.mark.parametrize(
-    "spoil", [cut_off, flipped, lambda _: b"", None], ids=["cut", "flipped", "empty", "other"]
-)
-def test_a_file_that_is_not_whole_or_of_another_place_is_not_used(
-    spoil: Callable[[bytes], bytes] | None, tmp_path: Path
-) -> None:
-    cache = WalkCache(tmp_path)
-    Work(cache=cache).walk(WALKED)
-    path = cache.path_of(PARK)
-    if spoil is None:
-        cache.path_of(WALKED[1][0]).replace(path)
-    else:
-        path.write_bytes(spoil(path.read_bytes()))
-    assert cache.load(PARK) == {}
-    assert len(cache.notes) == 1
-    assert WalkCache(tmp_path).count([(PARK, CASES)]) == (0, 5)
 
 
 SPECS = [

@@ -33,7 +33,7 @@ from hexctl.study.report_page import texts
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
 MORE_THAN_HALF = Tolerance(float(np.nextafter(0.5, 1)), 1.0)
 
@@ -79,27 +79,25 @@ class Searched:
         return self.best_m.groupby(level=["world", "leg", "optimizer"], sort=False).mean()
 
     @cached_property
-    def votes(self) -> dict[tuple[int, str], FloatArray]:
-        """Mean curves by world and optimizer, one vote for each experiment, (budget,), in m."""
-        means = self.cases.groupby(level=["world", "optimizer"], sort=False).mean()
-        return dict(zip(means.index, means.to_numpy(), strict=True))
+    def votes(self) -> "DataFrame":
+        """Mean curves by world and optimizer, one vote for each experiment, in m."""
+        return self.cases.groupby(level=["world", "optimizer"], sort=False).mean()
+
+    def vote(self, world: int, optimizer: str) -> FloatArray:
+        """Return the mean curve of an optimizer in a world, (budget,), in m."""
+        return np.asarray(self.votes.loc[(world, optimizer)], dtype=float)
 
     def ends(self, world: int) -> FloatArray:
         """Return the mean at the end of each case of a world: experiment and heuristic."""
-        index = self.cases.index
-        some = (index.get_level_values("world") == world) & (
-            index.get_level_values("optimizer").isin(HEURISTICS)
-        )
-        return np.asarray(self.cases[some].iloc[:, -1], dtype=float)
+        heuristics = self.cases.query(f"world == {world} and optimizer in {HEURISTICS}")
+        return np.asarray(heuristics.iloc[:, -1], dtype=float)
 
     @cached_property
-    def worst_best_m(self) -> dict[tuple[int, int], float]:
+    def worst_best_m(self) -> "Series[float]":
         """Best run of the heuristic whose best run is worst, by world and leg; NaN if one found no gait."""
-        index = self.best_m.index
-        heuristics = self.best_m[index.get_level_values("optimizer").isin(HEURISTICS)]
-        best_m = heuristics.iloc[:, -1].groupby(level=["world", "leg", "optimizer"], sort=False).min()
-        worst_m = best_m.fillna(np.inf).groupby(level=["world", "leg"], sort=False).max()
-        return dict(worst_m.replace(np.inf, np.nan).items())
+        ends_m = self.best_m.query(f"optimizer in {HEURISTICS}").iloc[:, -1]
+        best_m = ends_m.groupby(level=["world", "leg", "optimizer"], sort=False).min()
+        return best_m.groupby(level=["world", "leg"], sort=False).agg(lambda some: some.max(skipna=False))
 
     def per_heuristic(self, number: Callable[[FloatArray], float], most: float = np.inf) -> list[Measure]:
         """Return a number of each heuristic's mean curve, in each world."""
@@ -109,14 +107,14 @@ class Searched:
         note = "" if np.isfinite(findings.rotated(findings.searched[0]).best_m) else "no valid gait"
         return [
             Measure(
-                name, tuple(float(number(self.votes[world, name])) for world in findings.worlds), note, most
+                name, tuple(float(number(self.vote(world, name))) for world in findings.worlds), note, most
             )
             for name in findings.heuristics
         ]
 
     def random(self, evaluations: int) -> str:
         """Return the result of the random baseline after a number of evaluations in words."""
-        curve = self.votes.get((0, BASELINE), np.zeros(0))
+        curve = self.vote(0, BASELINE) if (0, BASELINE) in self.votes.index else np.zeros(0)
         mean_m = curve[evaluations - 1] if evaluations <= len(curve) else float("nan")
         return f"random: {cm(float(mean_m))} after {evaluations}"
 
@@ -212,7 +210,7 @@ def competitive(searched: Searched) -> Claim:
     """Claim about the differences between heuristics."""
     findings, measures = searched.findings, []
     if findings.plan.budget >= LATE and len(findings.heuristics) > 1:
-        ends = [[searched.votes[world, name][LATE - 1] for name in findings.heuristics]
+        ends = [[searched.vote(world, name)[LATE - 1] for name in findings.heuristics]
                 for world in findings.worlds]  # fmt: skip
         measures = [Measure("spread", tuple(float(np.ptp(some)) for some in ends))]
     return claim_of("competitive", measures, cm, Tolerance(high=COMPETITIVE_M), beside=searched.random(LATE))

@@ -83,7 +83,6 @@ def image_of(landscape: Landscape, symmetry: BodySymmetry) -> Landscape:
     paths_m[..., 1] *= sign
     return Landscape(
         spec=replace(spec, leg=symmetry.legs[spec.leg - 1], codes=tuple(codes[order].tolist())),
-        codes=codes[order],
         status=landscape.status[order],
         numbers=numbers[order],
         paths_m=paths_m[order],

@@ -1,7 +1,7 @@
 """Searches in known landscapes: every optimizer, many seeded runs, no simulation."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -166,9 +166,8 @@ def search_all(
                 if not world:
                     on_leg()
     found = Findings(plan=plan, landscapes=known, runs=DataFrame(rows).assign(draw=0))
-    nulls = list(null_runs(found))
-    runs = concat([found.runs, DataFrame(nulls)], ignore_index=True) if nulls else found.runs
-    return Findings(plan=plan, landscapes=known, runs=runs)
+    nulls = DataFrame(null_runs(found))
+    return found if nulls.empty else replace(found, runs=concat([found.runs, nulls], ignore_index=True))
 
 
 def _searches(

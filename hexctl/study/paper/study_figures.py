@@ -22,7 +22,6 @@ from hexctl.study.experiment import Drawing, where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.evidence import EARLY_M, LATE_M, cm
 from hexctl.study.paper.searches import BASELINE, Findings
-from hexctl.study.report_page import texts
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
@@ -197,16 +196,14 @@ def _draw_spread(panel: "Axes", name: str, curve: "DataFrame") -> None:
     )
 
 
-def study_drawings(findings: Findings) -> list[Drawing]:
-    """Return the figures of a study."""
-    draw = {
+def study_drawings(findings: Findings) -> dict[str, Drawing]:
+    """Return the figures of a study, by their name in `captions`."""
+    return {
         "trajectories_without_self_rotation": lambda: _all_gaits(findings, turned=False),
         "trajectories_with_self_rotation": lambda: _all_gaits(findings, turned=True),
         "convergence": lambda: convergence_figure(findings),
         "best_trajectories": lambda: best_figure(findings),
     }
-    captions = texts("captions")
-    return [Drawing(name=name, draw=figure, **captions[name]) for name, figure in draw.items()]
 
 
 def _all_gaits(findings: Findings, *, turned: bool) -> "Figure | None":

@@ -252,10 +252,6 @@ class StudyPlan(LandscapePlan, Experiment[Findings]):
         worlds = nearby_worlds(self.world, self.worlds)
         return [self._specs_in(world, number) for number, world in enumerate(worlds)]
 
-    def searched_specs(self) -> list[LandscapeSpec]:
-        """Return the specs of the landscapes of the plan's own world that the optimizers search."""
-        return [spec for spec in self.specs_by_world()[0] if spec.self_rotation == self.self_rotation]
-
     def _specs_in(self, world: World, number: int) -> list[LandscapeSpec]:
         walked = {rotation: self._legs_walked(world, number, rotation) for rotation in self.rotations}
         return [
@@ -313,7 +309,8 @@ class StudyPlan(LandscapePlan, Experiment[Findings]):
     def find(self, work: Work) -> Findings:
         """Walk all gaits, search the landscapes and judge the claims."""
         landscapes = work.evaluate(self.specs())
-        work.progress.stage("searches, leg by leg", len(self.searched_specs()))
+        searched = [spec for spec in self.specs_by_world()[0] if spec.self_rotation == self.self_rotation]
+        work.progress.stage("searches, leg by leg", len(searched))
         found = search_all(self, landscapes, work.progress.step)
         return replace(found, claims=tuple(claims_of(found)))
 

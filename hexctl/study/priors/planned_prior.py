@@ -5,7 +5,7 @@ from typing import Any
 
 from hexctl.adapt.prior.prior_files import PRIORS, describe_prior
 from hexctl.backends.sim.world import load_randomization
-from hexctl.control.monitor.repertoire import REPERTOIRES, describe_repertoire
+from hexctl.control.monitor.repertoire import REPERTOIRES, SUFFIX, describe_repertoire
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import check_type
 from hexctl.options import listed
@@ -14,7 +14,7 @@ from hexctl.settings import find_settings
 from hexctl.study.plan import PlannedWork
 from hexctl.study.priors.prior_building import PriorPlan, build_prior, prior_file_name
 from hexctl.study.priors.prior_options import PriorOptions
-from hexctl.study.repertoire_plan import RepertoirePlan, build_repertoire, repertoire_file_name
+from hexctl.study.repertoire_plan import RepertoirePlan, build_repertoire
 from hexctl.study.walking import Work
 
 Planned = PlannedWork[dict[str, Any]]
@@ -55,17 +55,19 @@ def _prior(options: PriorOptions, runs: Path) -> Planned:
 
 
 def _repertoire(options: PriorOptions, runs: Path) -> Planned:
-    names = ("worlds", "directions", "codes")
-    asked: dict[str, Any] = {name: getattr(options, name) for name in names}
-    if options.pairs is not None:
-        asked["pair_failures"] = tuple(options.pairs)
+    asked: dict[str, Any] = {
+        "worlds": options.worlds,
+        "directions": options.directions,
+        "codes": options.codes,
+    }
+    asked["pair_failures"] = None if options.pairs is None else tuple(options.pairs)
     plan = RepertoirePlan(
         robot=load_robot(options.robot),
         families={name: load_randomization(name) for name in listed(options.family or "transfer,real")},
         **{name: value for name, value in asked.items() if value is not None},
     )
     plan.check()
-    path = options.out or runs / REPERTOIRES / repertoire_file_name(plan)
+    path = options.out or runs / REPERTOIRES / f"{plan.robot.name}{SUFFIX}"
 
     def begin(work: Work) -> dict[str, Any]:
         build_repertoire(plan, path, work)

@@ -20,7 +20,7 @@ from hexctl.control.trial_plan import SelfRotation, TrialPlan
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.files import write_trouble
 from hexctl.gait.gait import make_gait
-from hexctl.options import options_of
+from hexctl.options import chosen_options
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
@@ -36,6 +36,7 @@ from hexctl.study.priors.prior_options import (
 )
 from hexctl.study.study_options import ALL_LEGS
 from hexctl.study.versions import code_versions
+from hexctl.study.walk_cache import ENDED
 from hexctl.study.walking import Progress, Work
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
@@ -261,7 +262,7 @@ def log_scores_of(landscape: Landscape) -> FloatArray:
     NaN for a walk that ended early or did not get ahead.
     """
     distance_m = landscape.number("distance_m")
-    walked = np.isin(landscape.status, ("ok", "no_progress")) & (distance_m > 0)
+    walked = np.isin(landscape.status, ENDED) & (distance_m > 0)
     scores = np.stack(
         [
             landscape.spec.duration_s / np.where(walked, distance_m, np.nan),
@@ -297,22 +298,16 @@ def how_to_build_prior(spec: "SessionSpec") -> str:
     objectives = ("final",) if hold == "none" else SCORES
     if spec.objective not in objectives or spec.heading_rad or not _can_be_built(spec, hold):
         return ""
-    values = {
-        "robot": spec.robot,
-        "failure": str(spec.broken),
-        "hold": hold,
-        "self_rotation": spec.self_rotation,
-        "duration_s": spec.duration_s,
-    }
-    usual = {option.name: option.default for option in options_of(PriorOptions)}
-    usual["self_rotation"] = "none" if hold == "line" else "rear"
-    flags = {option.name: option.flag for option in options_of(PriorOptions)}
-    words = [f" --{flags[name]} {_word(value)}" for name, value in values.items() if value != usual[name]]
+    usual = "none" if hold == "line" else "rear"
+    options = PriorOptions(
+        robot=spec.robot,
+        failure=str(spec.broken),
+        hold=hold,
+        self_rotation=None if spec.self_rotation == usual else spec.self_rotation,
+        duration_s=spec.duration_s,
+    )
+    words = [f" --{flag} {text}" for flag, text in chosen_options(options).items()]
     return f"; this makes one: hexctl prior build{''.join(words)}"
-
-
-def _word(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float | int) else str(value)
 
 
 def _can_be_built(spec: "SessionSpec", hold: str) -> bool:

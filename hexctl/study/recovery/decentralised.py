@@ -19,6 +19,7 @@ import numpy as np
 
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import held
 from hexctl.ik.legs import link_points_body
 from hexctl.robot.model import Robot
 from hexctl.types import GRAVITY_M_S2, JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState
@@ -41,13 +42,10 @@ class DecentralisedWalk(SteeredWalk):
     """Walks along the line of the trial; its phases start from those of the gait and follow the loads.
 
     It has no belief about its legs. The velocity is that of the law that holds the line.
-
-    Args:
-        hold: `line` or `heading`.
     """
 
-    def __init__(self, start: WalkStart, *, hold: str) -> None:
-        super().__init__(start, hold=hold)
+    def __init__(self, start: WalkStart) -> None:
+        super().__init__(start, hold=held(start.plans[0], start.frame))
         self.leave_plain()
         self._loads = LegLoads(start.robot)
         self._mean_load: FloatArray = np.zeros((*start.batch_shape, N_LEGS))

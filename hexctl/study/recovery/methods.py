@@ -3,9 +3,9 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
-from typing import Any
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from typing import Generic
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure, in_words
 from hexctl.robot.plugins import made_of
 from hexctl.study.recovery.decentralised import DecentralisedWalk
 from hexctl.study.recovery.evolution import EvolutionSearch
-from hexctl.study.recovery.open_loop import OpenLoopFromFailure, Rehearsal, rehearse
-from hexctl.study.recovery.shaped_walk import ShapedWalk, ShapeSearch, search_shapes, shape_of
+from hexctl.study.recovery.open_loop import BestT, OpenLoopFromFailure, Rehearsal, rehearse
+from hexctl.study.recovery.shaped_walk import ShapeSearch, search_shapes, shape_of, shaped_walk
 from hexctl.study.recovery.stop_and_diagnose import StopAndDiagnoseWalk
-from hexctl.study.recovery.trial_and_error import TrialAndErrorSearch, behaviours_of
+from hexctl.study.recovery.trial_and_error import search_of_behaviours
 from hexctl.types import BoolArray, FloatArray, RobotState
 
 
@@ -99,39 +99,75 @@ class RecoveryMethod(ABC):
         """
 
 
-class Monitored(RecoveryMethod):
+@dataclass(frozen=True, kw_only=True)
+class Led(RecoveryMethod):
+    """Walks by controllers that need no trials before."""
+
+    make: Callable[[WalkStart, Sequence[Sequence[FailureEvent]]], Controller]
+    notices: bool = False
+    alone: bool = False
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Return the walks."""
+        return self.make(start, to_come)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ByTrials(RecoveryMethod, Generic[BestT]):
+    """Continues after the failure in open loop, as trials have found.
+
+    Attributes:
+        rehearse: returns what trials of each walk have found; None without a failure.
+        walk: makes the controller from what was found for each, and when each learns of its failure.
+        found: what trials have found, by the `id` of the walk's plan.
+    """
+
+    rehearse: Callable[[Sequence[SimTrial], int], Sequence[Rehearsal[BestT] | None]]
+    walk: Callable[[WalkStart, FloatArray, Sequence[Rehearsal[BestT] | None]], Controller]
+    found: Mapping[int, Rehearsal[BestT]] = field(default_factory=dict)
+
+    makes_trials = True
+
+    def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> RecoveryMethod:
+        """The method with what trials of these walks have found."""
+        pairs = zip(trials, self.rehearse(trials, threads), strict=True)
+        return replace(self, found={id(trial.plan): each for trial, each in pairs if each is not None})
+
+    def trials_before(self, plan: TrialPlan) -> int:
+        """Number of trials for a walk."""
+        return self.found[id(plan)].trials if id(plan) in self.found else 0
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Walks with knowledge of the future failures and what to do then."""
+        told_s = np.array([min((event.at_s for event in events), default=math.inf) for events in to_come])
+        return self.walk(start, told_s, [self.found.get(id(plan)) for plan in start.plans])
+
+
+def by_shapes(search: Callable[[SimTrial], ShapeSearch]) -> ByTrials[FloatArray]:
+    """Continues with the shape that a search by trials has found."""
+    return ByTrials(rehearse=partial(search_shapes, search), walk=shaped_walk)
+
+
+def watched(policy: RecoveryPolicy) -> Led:
     """Walks with a monitor, and a policy for the failures it finds."""
-
-    notices = True
-
-    def __init__(self, policy: RecoveryPolicy) -> None:
-        self._make = recovering_walk(policy)
-
-    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Return the watched walks."""
-        return self._make(start)
+    make = recovering_walk(policy)
+    return Led(make=lambda start, _: make(start), notices=True)
 
 
-class Told(RecoveryMethod):
-    """An oracle: it gets leg and kind in the tick of the failure, then glides to the gait of `recover`."""
-
-    def __init__(self) -> None:
-        self._policy = GlideToStableGait()
-
-    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Return walks with knowledge of the future failures."""
-        return ToldWalk(start, self._policy, to_come)
+def stopping(policy: RecoveryPolicy) -> Led:
+    """Stops at the monitor's alarm, makes the standing test, and continues with its result."""
+    return Led(make=lambda start, _: StopAndDiagnoseWalk(start, policy), notices=True, alone=True)
 
 
 class ToldWalk(Controller):
-    """Walks of a batch that learn of each failure in its tick.
+    """Walks of a batch by an oracle: each learns leg and kind in the tick of the failure.
 
     Args:
         to_come: failures of each robot; those of one moment get one response.
     """
 
     def __init__(
-        self, start: WalkStart, policy: RecoveryPolicy, to_come: Sequence[Sequence[FailureEvent]]
+        self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]], policy: RecoveryPolicy
     ) -> None:
         self.hold = held(start.plans[0], start.frame)
         self.walk: VelocityWalk = (
@@ -185,139 +221,28 @@ class ToldWalk(Controller):
         return response
 
 
-class StopDiagnose(RecoveryMethod):
-    """Stops at the monitor's alarm, makes the standing test, and continues with its result."""
-
-    notices = alone = True
-
-    def __init__(self) -> None:
-        self._policy = GlideToStableGait()
-
-    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """A walk that stops and goes."""
-        return StopAndDiagnoseWalk(start, self._policy)
-
-
-class ByTrials(RecoveryMethod):
-    """Continues after the failure as trials have found.
-
-    Args:
-        found: what trials have found, by the `id` of the walk's plan.
-    """
-
-    makes_trials = True
-
-    def __init__(self, found: Mapping[int, Rehearsal[Any]] | None = None) -> None:
-        self._found = found or {}
-
-    @abstractmethod
-    def rehearsed(self, trials: Sequence[SimTrial], threads: int) -> Sequence[Rehearsal[Any] | None]:
-        """What trials of each walk have found; None without a failure."""
-
-    def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> RecoveryMethod:
-        """The method with what trials of these walks have found."""
-        pairs = zip(trials, self.rehearsed(trials, threads), strict=True)
-        return type(self)({id(trial.plan): each for trial, each in pairs if each is not None})
-
-    def trials_before(self, plan: TrialPlan) -> int:
-        """Number of trials for a walk."""
-        return self._found[id(plan)].trials if id(plan) in self._found else 0
-
-
-class OpenLoopBest(ByTrials):
-    """The paper's method: after the failure it walks in open loop with the gait that trials have found."""
-
-    def rehearsed(self, trials: Sequence[SimTrial], threads: int) -> Sequence[Rehearsal[Any] | None]:
-        """The gaits that ended nearest the lines."""
-        return rehearse(trials, threads)
-
-    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Walks with knowledge of the future failures and their next gaits."""
-        known = [self._found.get(id(plan)) for plan in start.plans]
-        gaits = {index: each.best for index, each in enumerate(known) if each is not None}
-        hold, told_s = held(start.plans[0], start.frame), first_times_s(to_come)
-        return OpenLoopFromFailure(start, hold=hold, told_s=told_s, gaits=gaits)
-
-
-class Decentralised(RecoveryMethod):
-    """Has no belief about its legs: each steps by its own load and its neighbours'."""
-
-    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Walks with a phase for each leg."""
-        return DecentralisedWalk(start, hold=held(start.plans[0], start.frame))
-
-
-class Learned(RecoveryMethod):
-    """A policy, trained in simulation with failing legs, moves the feet of the gait; it knows no failures."""
-
-    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Walks led by the shipped policy of their robot."""
-        return LearnedWalk(start, policy_of(start.robot), hold=held(start.plans[0], start.frame))
-
-
-class Shaped(ByTrials):
-    """After the failure it continues in open loop with the shape that a search by trials has found."""
-
-    @abstractmethod
-    def search(self, trial: SimTrial) -> ShapeSearch:
-        """A search for the walk of a trial."""
-
-    def rehearsed(self, trials: Sequence[SimTrial], threads: int) -> Sequence[Rehearsal[Any] | None]:
-        """The best shapes."""
-        failing = [trial for trial in trials if trial.events]
-        found = iter(search_shapes(failing, [self.search(trial) for trial in failing], threads))
-        return [next(found) if trial.events else None for trial in trials]
-
-    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Walks with knowledge of the future failures and their next shapes."""
-        known = [self._found.get(id(plan)) for plan in start.plans]
-        shapes = [
-            shape_of(plan.gait) if each is None else each.best
-            for plan, each in zip(start.plans, known, strict=True)
-        ]
-        hold, told_s = held(start.plans[0], start.frame), np.array(first_times_s(to_come))
-        return ShapedWalk(start, hold=hold, told_s=told_s, shapes=np.stack(shapes))
-
-
-class TrialAndError(Shaped):
-    """Intelligent trial and error: searches in an archive of gaits of the intact robot."""
-
-    def search(self, trial: SimTrial) -> ShapeSearch:
-        """A search in the archive, whose gaits all walk towards leg 1."""
-        return TrialAndErrorSearch(behaviours_of(trial.robot).towards(trial.plan.heading_rad))
-
-
-class Evolution(Shaped):
-    """CMA-ES, which begins with the gait of the walk."""
-
-    def search(self, trial: SimTrial) -> ShapeSearch:
-        """A search from the walk's gait."""
-        return EvolutionSearch(shape_of(trial.plan.gait), trial.seed)
-
-
-def first_times_s(to_come: Sequence[Sequence[FailureEvent]]) -> list[float]:
-    """Time of the first failure of each robot; infinity for none."""
-    return [min((event.at_s for event in events), default=math.inf) for events in to_come]
-
-
 #: Methods by name.
 METHODS: dict[str, Callable[[], RecoveryMethod]] = {
-    "nothing": lambda: Monitored(WalkOn()),
-    "told": Told,
-    "recover": lambda: Monitored(GlideToStableGait()),
-    "stop-diagnose": StopDiagnose,
-    "decentralised": Decentralised,
-    "open-loop-best": OpenLoopBest,
-    "ppo": Learned,
-    "trial-and-error": TrialAndError,
-    "cma-es": Evolution,
+    "nothing": lambda: watched(WalkOn()),
+    "told": lambda: Led(make=partial(ToldWalk, policy=GlideToStableGait())),
+    "recover": lambda: watched(GlideToStableGait()),
+    "stop-diagnose": lambda: stopping(GlideToStableGait()),
+    "decentralised": lambda: Led(make=lambda start, _: DecentralisedWalk(start)),
+    "open-loop-best": lambda: ByTrials(rehearse=rehearse, walk=OpenLoopFromFailure),
+    "ppo": lambda: Led(
+        make=lambda start, _: LearnedWalk(
+            start, policy_of(start.robot), hold=held(start.plans[0], start.frame)
+        )
+    ),
+    "trial-and-error": lambda: by_shapes(search_of_behaviours),
+    "cma-es": lambda: by_shapes(lambda trial: EvolutionSearch(shape_of(trial.plan.gait), trial.seed)),
 }
 
 #: Methods compared by default.
 DEFAULT_METHODS = ("nothing", "told", "recover")
 
-#: What the others are compared with, and the oracle.
-NOTHING, TOLD = "nothing", "told"
+#: What the others are compared with.
+NOTHING = "nothing"
 
 
 @cache

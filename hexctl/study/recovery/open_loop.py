@@ -1,6 +1,6 @@
 """Walks in open loop after a failure, with the gait that trials have found to end nearest its line."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -11,6 +11,7 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import held
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState
 
@@ -74,17 +75,14 @@ class OpenLoopFromFailure(SteeredWalk):
     """Walks along its line until it learns of a failure, and from then on in open loop.
 
     Args:
-        hold: `line` or `heading`, until then.
         told_s: time at which each learns of it; infinity for never.
-        gaits: by index of the walk, from then on.
+        found: what trials have found for each.
     """
 
-    def __init__(
-        self, start: WalkStart, *, hold: str, told_s: Sequence[float], gaits: Mapping[int, Gait]
-    ) -> None:
-        super().__init__(start, hold=hold)
+    def __init__(self, start: WalkStart, told_s: FloatArray, found: Sequence[Rehearsal[Gait] | None]) -> None:
+        super().__init__(start, hold=held(start.plans[0], start.frame))
         self.leave_plain()  # walks change their gaits at different times
-        self._told_s, self._found, self._motions = np.array(told_s), gaits, start.motions
+        self._told_s, self._found, self._motions = told_s, found, start.motions
         self._open: BoolArray = np.zeros(len(start.plans), dtype=bool)
         self._nominal: FloatArray = np.zeros((len(start.plans), 3))
 
@@ -102,7 +100,8 @@ class OpenLoopFromFailure(SteeredWalk):
 
     def _leave_line(self, which: BoolArray) -> None:
         self._open = self._open | which
-        self.glide_to([self._found.get(index, gait) for index, gait in enumerate(self.gaits)], which)
+        pairs = zip(self.gaits, self._found, strict=True)
+        self.glide_to([gait if found is None else found.best for gait, found in pairs], which)
         for index in np.flatnonzero(which).tolist():
             motion = self._motions[index]
             speed_m_s = ideal_speed_m_s(self._robot, self.gaits[index], motion)

@@ -72,9 +72,6 @@ LEAST_AFTER_S = 2.0
 #: more than this share of the intact speed.
 MATTERS_M, MATTERS_SHARE = 0.02, 0.10
 
-#: The method that robots recover by.
-JUDGED = "recover"
-
 
 def compared(rows: "DataFrame") -> "DataFrame":
     """Return episodes of the protocol `line` next to the same walk intact, and with nothing done about it.

@@ -5,7 +5,7 @@ Error" has amplitude, phase and duty factor of each servo instead.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +15,11 @@ from hexctl.control.controllers import joints_of_feet
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import held
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases, part_of_cycle
 from hexctl.gait.gait import Gait
 from hexctl.study.recovery.open_loop import Rehearsal
+from hexctl.study.walk_cache import ENDED
 from hexctl.types import N_LEGS, FloatArray, RobotState
 
 #: Lowest and highest phase in cycles, stroke and height as multiples of the gait's, and swing share.
@@ -86,22 +88,37 @@ class ShapeSearch(ABC):
         """Take the scores of the last shapes."""
 
 
+def shaped_walk(
+    start: WalkStart, told_s: FloatArray, found: Sequence[Rehearsal[FloatArray] | None]
+) -> ShapedWalk:
+    """Walks that change to the shapes that trials have found."""
+    pairs = zip(start.plans, found, strict=True)
+    shapes = np.stack([shape_of(plan.gait) if one is None else one.best for plan, one in pairs])
+    return ShapedWalk(start, hold=held(start.plans[0], start.frame), told_s=told_s, shapes=shapes)
+
+
 def search_shapes(
-    trials: Sequence[SimTrial], searches: Sequence[ShapeSearch], threads: int = 1
-) -> list[Rehearsal[FloatArray]]:
-    """Best shapes for walks in which legs fail; in a trial they have failed from its first step on."""
-    tried: list[list[tuple[float, FloatArray]]] = [[] for _ in trials]
-    while any(asked := [search.ask() for search in searches]):
-        pairs = zip(trials, asked, strict=True)
-        scores = iter(
-            scores_of([(trial_of(trial), shape) for trial, some in pairs for shape in some], threads)
-        )
-        for known, search, some in zip(tried, searches, asked, strict=True):
-            if some:
-                known += [(next(scores), shape) for shape in some]
-                search.tell(np.array([score for score, _ in known[-len(some) :]]))
-    best = [max(known, key=lambda one: one[0])[1] for known in tried]
-    return [Rehearsal(best=shape, trials=len(known)) for shape, known in zip(best, tried, strict=True)]
+    search_of: Callable[[SimTrial], ShapeSearch], trials: Sequence[SimTrial], threads: int = 1
+) -> list[Rehearsal[FloatArray] | None]:
+    """Best shapes for walks in which legs fail; None for the others.
+
+    In a trial the legs have failed from its first step on.
+    """
+    searches = {index: search_of(trial) for index, trial in enumerate(trials) if trial.events}
+    tried: dict[int, list[tuple[float, FloatArray]]] = {index: [] for index in searches}
+    while asked := [(index, shape) for index, search in searches.items() for shape in search.ask()]:
+        scores = scores_of([(trial_of(trials[index]), shape) for index, shape in asked], threads)
+        for index, search in searches.items():
+            told = [(score, shape) for score, (one, shape) in zip(scores, asked, strict=True) if one == index]
+            if told:
+                tried[index] += told
+                search.tell(np.array([score for score, _ in told]))
+    return [
+        Rehearsal(best=max(tried[index], key=lambda one: one[0])[1], trials=len(tried[index]))
+        if index in tried
+        else None
+        for index in range(len(trials))
+    ]
 
 
 def trial_of(trial: SimTrial) -> SimTrial:
@@ -124,5 +141,5 @@ def scores_of(tried: Sequence[tuple[SimTrial, FloatArray]], threads: int = 1) ->
 
 def score_of(result: TrialResult) -> float:
     """Progress as a share of the commanded one; `FELL` for a robot that did not stay on its feet."""
-    stands = result.status in ("ok", "no_progress") and result.distance_m is not None
+    stands = result.status in ENDED and result.distance_m is not None
     return result.distance_m / result.ideal_distance_m if stands and result.distance_m else FELL

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.archive import ArchiveKind
+from hexctl.control.batch import SimTrial
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 from hexctl.study.recovery.shaped_walk import ShapeSearch
@@ -56,6 +57,12 @@ class Behaviours:
     robot_fingerprint: str
     origin: dict[str, Any]
 
+    @classmethod
+    def of(cls, head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> "Behaviours":
+        """The archive of a file."""
+        parts = {name: arrays[name].astype(float) for name in ("shapes", "duties", "speeds")}
+        return cls(**parts, robot_fingerprint=head["robot_fingerprint"], origin=head["origin"])
+
     def save(self, path: Path) -> None:
         """Write an archive atomically, in half precision; raises ArchiveFileError when the disk refuses."""
         arrays = {name: getattr(self, name).astype(np.float16) for name in ("shapes", "duties", "speeds")}
@@ -69,16 +76,6 @@ class Behaviours:
         return replace(self, shapes=shapes, duties=duties)
 
 
-def load_behaviours(path: Path | str) -> Behaviours:
-    """Archive of a file; raises InputError for a wrong, damaged or altered file, or another version."""
-    return KIND.load(path, _made)
-
-
-def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Behaviours:
-    parts = {name: arrays[name].astype(float) for name in ("shapes", "duties", "speeds")}
-    return Behaviours(**parts, robot_fingerprint=head["robot_fingerprint"], origin=head["origin"])
-
-
 def behaviours_file(robot: Robot) -> Path:
     """File of the shipped archive of a robot, which may be missing."""
     return config_root() / BEHAVIOURS / f"{robot.name}.npz"
@@ -86,7 +83,7 @@ def behaviours_file(robot: Robot) -> Path:
 
 def behaviours_of(robot: Robot) -> Behaviours:
     """The shipped archive of a robot; raises InputError for a robot without one."""
-    return KIND.load_of_robot(behaviours_file(robot), robot.name, robot.fingerprint, _made)
+    return KIND.load_of_robot(behaviours_file(robot), robot.name, robot.fingerprint, Behaviours.of)
 
 
 class TrialAndErrorSearch(ShapeSearch):
@@ -120,12 +117,12 @@ class TrialAndErrorSearch(ShapeSearch):
         return mean, np.sqrt(np.maximum(0.0, 1 - (gain * across).sum(axis=-1)))
 
 
+def search_of_behaviours(trial: SimTrial) -> TrialAndErrorSearch:
+    """A search in the archive of a robot, turned to the direction of a walk."""
+    return TrialAndErrorSearch(behaviours_of(trial.robot).towards(trial.plan.heading_rad))
+
+
 def matern(one: FloatArray, other: FloatArray) -> FloatArray:
     """Matern kernel (nu = 5/2) between points (m, d) and (k, d), (m, k)."""
     scaled = np.sqrt(5) / SCALE * np.linalg.norm(one[:, np.newaxis] - other, axis=-1)
     return np.asarray((1 + scaled + scaled**2 / 3) * np.exp(-scaled))
-
-
-def cell_of(duties: FloatArray) -> tuple[int, ...]:
-    """Cell of the archive: each duty factor to the nearest quarter, as published."""
-    return tuple(np.rint(4 * duties).astype(int).tolist())

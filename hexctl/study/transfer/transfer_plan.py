@@ -1,8 +1,7 @@
 """The transfer benchmark: adaptation in worlds outside every prior."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
@@ -13,18 +12,16 @@ from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import BAYES
-from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
+from hexctl.adapt.prior.prior import Prior, PriorKey
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
-from hexctl.adapt.prior.prior_files import find_prior
 from hexctl.adapt.prior.samples import Samples, covers, samples_of
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
-from hexctl.control.trial_plan import DURATION_S, TrialPlan
+from hexctl.control.trial_plan import DURATION_S
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.gait.gait import make_gait
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.experiment import Experiment, json_value, plain, where
@@ -228,27 +225,6 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
         return Table(("deviation", *[f"after {count}" for count in self._shown]), rows)
 
 
-def find_transfer_prior(
-    robot: Robot,
-    legs: tuple[int, ...],
-    duration_s: float,
-    folders: Iterable[Path],
-    *,
-    failure: str = "locked",
-) -> Prior:
-    """First prior in some folders that covers the trials of a benchmark; InputError if there is none."""
-    if not legs:
-        raise InputError(f"{argument('legs')}: got none; allowed: one or more of 1..6")
-    belief = parse_kind(legs[0], failure)
-    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=belief)
-    found = find_prior(robot, plan, folders)
-    if found.path is None:
-        raise InputError(
-            f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"
-        )
-    return load_prior(found.path)
-
-
 def search_worlds(
     plan: TransferPlan, landscapes: Sequence[Landscape], on_landscape: Callable[[], None] = lambda: None
 ) -> "DataFrame":
@@ -369,8 +345,7 @@ def floor_m(runs: "DataFrame") -> tuple[float, float]:
     """Mean deviation of the best of all gaits, a lower bound of every search, and its standard error."""
     places = runs.drop_duplicates("place")
     best_m = places["best_of_all_m"].to_numpy()
-    error_m = clustered_error(best_m[:, np.newaxis], places["world"].to_numpy())
-    return float(np.mean(best_m)), float(error_m[0])
+    return float(np.mean(best_m)), float(clustered_error(best_m, places["world"].to_numpy()))
 
 
 def standard_error_m(runs: "DataFrame") -> FloatArray:
