@@ -61,8 +61,8 @@ def test_a_file_brings_the_place_back(tmp_path: Path) -> None:
 
 def test_comments_stay_when_a_place_is_stored_again(tmp_path: Path) -> None:
     path, place = saved(tmp_path), replace(PLACE, lens=tmp_path / "lens.yaml")
-    text = path.read_text().replace("camera:", "# above the desk\ncamera: # Jo's")
-    path.write_text(text.replace("floor_tags:", "# taped down\nfloor_tags:") + "# the end\n")
+    text = path.read_text().replace("camera:", "# above the desk\ncamera:")
+    path.write_text(text.replace("floor_tags:", "# taped down\nfloor_tags: # Jo's") + "# the end\n")
     tags = {**PLACE.floor_tags, 5: FloorTag(edge_mm=160, x_m=0.5, y_m=0.5, yaw_deg=0.0)}
     higher = replace(PLACE.camera, position_m=(0.0, 0.0, 2.5))
     save_place(replace(place, floor_tags=tags, camera=higher, latency_s=None), path)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
@@ -39,6 +38,7 @@ from hexctl.robot.formats.mjcf import GAIT_KEY, SIZE_KEY
 from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
 from hexctl.robot.schema import NAME
+from hexctl.robot.yaml_text import yaml_lines
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: The robot's front in the frame of the root, and its axis there.
@@ -99,7 +99,7 @@ class ImportedRobot:
         content = self.content | ({"unknown": list(self.unknown)} if self.reasons else {})
         reasons = ("Unknown, with the reasons:", *(f"  {key}: {why}" for key, why in self.reasons.items()))
         lines = (*self.header, *(reasons if self.reasons else ()))
-        return "".join(f"# {printable(line)}\n" for line in lines) + _yaml(content)
+        return "".join(f"# {printable(line)}\n" for line in lines) + yaml_lines(content)
 
     def robot(self) -> Robot:
         """The robot of the file; raises InputError if it is not allowed."""
@@ -416,34 +416,3 @@ def _zero_text(zero_rad: float) -> str:
 def _short_name(text: str) -> str:
     name = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40]
     return name or "robot"
-
-
-class _Flow(dict[str, Any]):
-    """A mapping on one line."""
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes each entry of a section on one line."""
-
-
-_Dumper.add_representer(
-    _Flow, lambda dumper, data: dumper.represent_mapping("tag:yaml.org,2002:map", data, flow_style=True)
-)
-_Dumper.add_representer(
-    list,
-    lambda dumper, data: dumper.represent_sequence(
-        "tag:yaml.org,2002:seq", data, flow_style=not any(isinstance(one, dict) for one in data)
-    ),
-)
-
-
-def _yaml(content: dict[str, Any]) -> str:
-    laid: dict[str, Any] = {}
-    for key, value in content.items():
-        if key in ("links", "joints"):
-            laid[key] = {name: _Flow(part) for name, part in value.items()}
-        elif key == "mounts":
-            laid[key] = [_Flow(part) for part in value]
-        else:
-            laid[key] = _Flow(value) if isinstance(value, dict) else value
-    return yaml.dump(laid, Dumper=_Dumper, sort_keys=False, width=1000, allow_unicode=True)
