@@ -4,12 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from hexctl.robot.formats.importing.import_values import rounded
-
-#: Smallest error of a stance that a note names.
-LEAST_NOTED_M = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,19 +46,11 @@ class FootProjection:
             "links": content["links"] | {"coxa": coxa | {"end_m": end_m}},
         }
 
-    def note(self, outward_m: float, stride_m: float) -> str:
-        """Note on the errors in a stance and in a stride about it."""
-        most_m, made_m = max(abs(offset_m) for offset_m in self.offsets_m), self.outward_m(outward_m)
-        reach_m = outward_m + stride_m * np.linspace(-0.5, 0.5, 21)
-        stance_m, error_m = 0.0, 0.0
-        for offset_m in np.abs(self.offsets_m).tolist():
-            real_m = np.column_stack([reach_m, np.full(21, offset_m)])
-            direction = np.array([outward_m, offset_m]) / math.hypot(outward_m, offset_m)
-            turned_m = (reach_m + made_m - outward_m)[:, np.newaxis] * direction
-            error_m = max(error_m, float(np.linalg.norm(real_m - turned_m, axis=-1).max()))
-            stance_m = max(stance_m, abs(math.hypot(outward_m, offset_m) - made_m))
-        off = f"up to {1000 * stance_m:.1f} mm off" if stance_m > LEAST_NOTED_M else "exact"
+    @property
+    def note(self) -> str:
+        """Note on the changed legs."""
+        most_mm = 1000 * max(abs(offset_m) for offset_m in self.offsets_m)
         return (
-            f"the feet are up to {1000 * most_m:.1f} mm outside the planes of their legs: the legs were "
-            f"turned to them, {off} in the stance and up to {1000 * error_m:.1f} mm off in a stride"
+            f"the feet are up to {most_mm:.1f} mm outside the planes of their legs: the legs were turned to "
+            "them, and steps away from the stance are a little off"
         )

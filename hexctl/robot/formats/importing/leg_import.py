@@ -22,12 +22,11 @@ from hexctl.robot.formats.importing.import_values import (
     USUAL_SPEED_DEG_S,
     USUAL_TORQUE_NM,
     Findings,
+    UsualMasses,
     check_units,
     least_mass_kg,
-    plausible,
     possible_tensor,
     rounded,
-    usual_masses,
 )
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.importing.tree_legs import TreeLeg
@@ -59,8 +58,8 @@ class LegImport:
         self.vectors_m = np.mean([leg.vectors_m for leg in legs], axis=0)
         lengths_m = np.linalg.norm(self.vectors_m, axis=-1)
         self.leg_m, self._moving_m = float(lengths_m.sum()), float(lengths_m[1:].sum())
-        torque_nm, doubt = plausible([leg.joints[1].torque_nm for leg in legs], TORQUES_NM, "N m")
-        self.usual_masses = usual_masses(self.leg_m, self._moving_m, None if doubt else torque_nm)
+        torques_nm = [leg.joints[1].torque_nm for leg in legs]
+        self.usual_masses = UsualMasses.of(self.leg_m, self._moving_m, torques_nm)
         self.least_mass_kg = least_mass_kg(self.leg_m)
         self._usual_torque_nm = self._weight_torque_nm()
 
@@ -68,7 +67,7 @@ class LegImport:
         """The section `links`, without moments of inertia."""
         guess = next((leg.foot_guess for leg in self._legs if leg.foot_guess), "")
         if guess:
-            self._findings.unknown("links.tibia.end_m", guess)
+            self._findings.reasons["links.tibia.end_m"] = guess
         return {kind: self._link(index) for index, kind in enumerate(JOINT_KINDS)}
 
     def joints(self) -> dict[str, dict[str, Any]]:
@@ -90,10 +89,10 @@ class LegImport:
         heavy = masses_kg.max() > MOST_KG_M3 * (length_m + MARGIN_M) * MARGIN_M**2
         if masses_kg.min() < self.least_mass_kg:
             mass_kg = self.usual_masses.parts_kg[kind]
-            self._findings.unknown(key, self.usual_masses.reason(masses_kg.min(), kind))
+            self._findings.reasons[key] = self.usual_masses.reason(masses_kg.min(), kind)
         elif heavy:
             check_units(f"a {kind}", mass_kg, MOST_MASS_KG, "kg")
-            self._findings.unknown(key, f"got {masses_kg.max():g} kg, denser than links are; it is kept")
+            self._findings.reasons[key] = f"got {masses_kg.max():g} kg, denser than links are; it is kept"
         link: dict[str, Any] = {"end_m": [rounded(part) for part in end_m], "mass_kg": rounded(mass_kg)}
         link["radius_m"] = self._radius_m(index, length_m)
         com_m = coms_m.mean(axis=0)[[0, 2]]
@@ -146,7 +145,7 @@ class LegImport:
             return None
         tensor = tensors.mean(axis=0)
         if not np.isfinite(tensor).all():
-            self._findings.unknown(key, "it is missing; that of an evenly filled capsule was assumed")
+            self._findings.reasons[key] = "it is missing; that of an evenly filled capsule was assumed"
             return None
         if np.allclose(_moments(tensor), even, rtol=1e-5, atol=1e-6 * sum(even[:3])):
             return None
@@ -154,7 +153,7 @@ class LegImport:
         reach_m = float(np.linalg.norm(coms_m.mean(axis=0))) + float(np.linalg.norm(self.vectors_m[index]))
         tensor, problem = possible_tensor(tensor, float(masses_kg.mean()), reach_m)
         if problem:
-            self._findings.unknown(key, f"{problem}; that of an evenly filled capsule was assumed")
+            self._findings.reasons[key] = f"{problem}; that of an evenly filled capsule was assumed"
             return None
         return [rounded(moment) for moment in _moments(tensor)]
 
@@ -164,7 +163,7 @@ class LegImport:
         solids = [solid for name in self._parts(leg, index) for solid in self._tree.links[name].solids]
         round_ones = [solid for solid in solids if solid.kind in ("cylinder", "capsule")]
         if not round_ones:
-            self._findings.unknown(f"links.{JOINT_KINDS[index]}.radius_m", "no cylinder shows it")
+            self._findings.reasons[f"links.{JOINT_KINDS[index]}.radius_m"] = "no cylinder shows it"
             return rounded(min(self._usual_m(USUAL_RADIUS_M), 0.45 * length_m))
         best = min(round_ones, key=lambda solid: abs(solid.size_m[1] - length_m))
         return rounded(min(best.size_m[0], 0.45 * length_m))
@@ -178,7 +177,7 @@ class LegImport:
         radii_m = [self._sphere_m(leg) for leg in self._legs]
         known = [radius for radius in radii_m if radius is not None]
         if len(known) < len(radii_m):
-            self._findings.unknown("foot_radius_m", "no sphere at the foot shows it")
+            self._findings.reasons["foot_radius_m"] = "no sphere at the foot shows it"
         return rounded(min(known, default=self._usual_m(USUAL_FOOT_M)))
 
     def _sphere_m(self, leg: TreeLeg) -> float | None:
@@ -196,12 +195,14 @@ class LegImport:
         kind = JOINT_KINDS[index]
         joints = [leg.joints[index] for leg in self._legs]
         low_deg, high_deg = self._range_deg(index)
-        torque_nm, problem = plausible([one.torque_nm for one in joints], TORQUES_NM, "N m")
-        why = ", for its weight," if not torque_nm and self._usual_torque_nm > USUAL_TORQUE_NM else ""
-        torque_nm = torque_nm or self._usual_torque_nm
-        if problem:
-            problem += f"; {torque_nm:.2g} N m{why} were assumed"
-            self._findings.unknown(f"joints.{kind}.max_torque_nm", problem)
+        torque_nm = self._findings.plausible(
+            f"joints.{kind}.max_torque_nm",
+            [one.torque_nm for one in joints],
+            TORQUES_NM,
+            "N m",
+            self._usual_torque_nm,
+            ", for its weight," if self._usual_torque_nm > USUAL_TORQUE_NM else "",
+        )
         section: dict[str, Any] = {
             "min_deg": low_deg,
             "max_deg": high_deg,
@@ -211,7 +212,7 @@ class LegImport:
         friction_nm = max(one.friction_nm or 0.0 for one in joints)
         if friction_nm >= torque_nm:
             reason = f"got {friction_nm:g} N m, above the torque; 0 was assumed"
-            self._findings.unknown(f"joints.{kind}.dry_friction_nm", reason)
+            self._findings.reasons[f"joints.{kind}.dry_friction_nm"] = reason
         elif friction_nm > 0:
             section["dry_friction_nm"] = rounded(friction_nm)
         return section
@@ -222,12 +223,8 @@ class LegImport:
             return rounded(math.degrees(known[index]))
         speeds_rad_s = [leg.joints[index].speed_rad_s for leg in self._legs]
         speeds_deg_s = [None if speed is None else math.degrees(speed) for speed in speeds_rad_s]
-        speed_deg_s, problem = plausible(speeds_deg_s, SPEEDS_DEG_S, "deg/s")
-        speed_deg_s = USUAL_SPEED_DEG_S if speed_deg_s is None else speed_deg_s
-        if problem:
-            problem += f"; {speed_deg_s:.4g} deg/s were assumed"
-            self._findings.unknown(f"joints.{JOINT_KINDS[index]}.max_speed_deg_s", problem)
-        return rounded(speed_deg_s)
+        key = f"joints.{JOINT_KINDS[index]}.max_speed_deg_s"
+        return rounded(self._findings.plausible(key, speeds_deg_s, SPEEDS_DEG_S, "deg/s", USUAL_SPEED_DEG_S))
 
     def _add_no_load_speeds(self, joints: dict[str, dict[str, Any]]) -> None:
         """Add the speeds at which damping takes all torque; all kinds have one, or none has."""
@@ -239,14 +236,14 @@ class LegImport:
                 continue
             if math.degrees(speed_rad_s) < section["max_speed_deg_s"] * (1 - 1e-6):
                 reason = f"got a damping of {damping:g} N m s/rad, too much for its speed; none was assumed"
-                self._findings.unknown(f"joints.{kind}.no_load_speed_deg_s", reason)
+                self._findings.reasons[f"joints.{kind}.no_load_speed_deg_s"] = reason
                 continue
             found[kind] = rounded(max(math.degrees(speed_rad_s), section["max_speed_deg_s"]))
         if len(found) == len(joints):
             for kind, speed_deg_s in found.items():
                 joints[kind]["no_load_speed_deg_s"] = speed_deg_s
         elif found:
-            self._findings.note(
+            self._findings.notes.append(
                 f"the damping of {', '.join(found)} joints was left out: other joints have none"
             )
 
@@ -257,14 +254,14 @@ class LegImport:
             limits = joint.limits_rad if joint.kind == "revolute" else None
             if limits is not None and limits[0] != limits[1]:
                 if limits[0] > limits[1]:
-                    self._findings.note(
+                    self._findings.notes.append(
                         f"the limits of {joint.name} were swapped: its lower one is above its upper one"
                     )
                 ranges.append(sorted(math.degrees(sign * end) + zero_deg for end in limits))
         lows, highs = [low for low, _ in ranges], [high for _, high in ranges]
         low, high = max(lows, default=-180.0), min(highs, default=180.0)
         if ranges and max(np.ptp(lows), np.ptp(highs)) > 1:
-            self._findings.note(
+            self._findings.notes.append(
                 f"the {kind} joints have other ranges on other legs; what all allow was taken"
             )
         least_deg = RANGES_DEG[0]
@@ -277,8 +274,7 @@ class LegImport:
             reason = f"got {low:.4g} to {high:.4g} deg" if len(ranges) == len(self._legs) else "it is missing"
             reason += _UNITS if ranges and high - low > MOST_RANGE_DEG else ""
             reason += f"; {-USUAL_RANGE_DEG:g} to {USUAL_RANGE_DEG:g} deg were assumed"
-            for end in ("min_deg", "max_deg"):
-                self._findings.unknown(f"joints.{kind}.{end}", reason)
+            self._findings.reasons.update({f"joints.{kind}.{end}": reason for end in ("min_deg", "max_deg")})
             return -USUAL_RANGE_DEG, USUAL_RANGE_DEG
         return rounded(max(low, -180.0)), rounded(min(high, 180.0))
 
@@ -311,7 +307,7 @@ class LegImport:
         found = [_known([joint.stiffness_nm_per_rad for joint in of_kind]) for of_kind in of_kinds]
         known = [value for value in found if value is not None]
         if len(known) < len(found):
-            self._findings.unknown("servo.stiffness_nm_per_rad", _NOT_HELD)
+            self._findings.reasons["servo.stiffness_nm_per_rad"] = _NOT_HELD
             return torque_nm / USUAL_ERROR_RAD
         for section, value in zip(joints.values(), known, strict=True):
             if abs(value / known[-1] - 1) > 1e-6:
@@ -326,13 +322,13 @@ class LegImport:
         if known is not None:
             lag_s = known / stiffness
             reason = f"got {known:g}, with which a joint lags by {lag_s:.2g} s, as no servo does"
-        self._findings.unknown("servo.damping_nm_s_per_rad", reason)
+        self._findings.reasons["servo.damping_nm_s_per_rad"] = reason
         return 0.02 * stiffness
 
     def _rotor_inertia(self, torque_nm: float) -> float:
         known = _known([joint.rotor_inertia_kg_m2 for joint in self._knees])
         if known is None:
-            self._findings.unknown("servo.rotor_inertia_kg_m2", _NOT_HELD)
+            self._findings.reasons["servo.rotor_inertia_kg_m2"] = _NOT_HELD
             return 0.002 * torque_nm / USUAL_TORQUE_NM
         return known
 

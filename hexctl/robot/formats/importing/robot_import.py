@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ from hexctl.robot.formats.importing.foot_projection import FootProjection
 from hexctl.robot.formats.importing.import_values import MOST_LEG_M, Findings, check_units, rounded
 from hexctl.robot.formats.importing.leg_chains import (
     AXIS_TOLERANCE_RAD,
-    HeldHinge,
     held_text,
     leg_chains,
     with_three_hinges,
@@ -64,7 +63,7 @@ class ImportedRobot:
     Attributes:
         content: of the robot file.
         reasons: why keys are unknown, by key.
-        remarks: on omissions and changes.
+        notes: on omissions and changes.
         header: lines of a comment.
         stances: places for the feet in the planes of the legs, (outward, up) in m: that of the content, then
             others, the best first.
@@ -74,19 +73,11 @@ class ImportedRobot:
 
     content: dict[str, Any]
     reasons: dict[str, str]
-    remarks: tuple[str, ...]
+    notes: tuple[str, ...]
     header: tuple[str, ...]
     stances: tuple[Vector2, ...]
     projection: FootProjection | None = None
     own_gait: bool = False
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes on omissions and changes, and on the error of projected feet in the stance of the content."""
-        if self.projection is None:
-            return self.remarks
-        stride_m = self.content["gait"]["amplitude"] * self.content["size_m"]
-        return (*self.remarks, self.projection.note(self.stances[0][0], stride_m))
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -150,8 +141,8 @@ def import_robot(
             f"{argument('name')}: got {name}; allowed: up to 40 lower case letters, digits, hyphens and "
             "underscores, first a letter or digit"
         )
-    tree, held = with_three_hinges(_read(Path(path)))
-    made = _imports(tree, held, forward, None if foot_m is None else np.array(foot_m))
+    tree, held_rad = with_three_hinges(_read(Path(path)))
+    made = _imports(tree, held_rad, forward, None if foot_m is None else np.array(foot_m))
     chosen = next((one for one in made if one.stances), None)
     if chosen is None:
         raise InputError(
@@ -162,12 +153,12 @@ def import_robot(
 
 
 def _imports(
-    tree: LinkTree, held: tuple[HeldHinge, ...], forward: str, foot_m: FloatArray | None
+    tree: LinkTree, held_rad: Mapping[str, float], forward: str, foot_m: FloatArray | None
 ) -> "list[_Import]":
     """Imports for both directions of the vertical: first the root's z axis, or else away from the feet."""
     facings = _facings(tree, forward)
     legs = [with_middle_coxae(with_one_zero(find_legs(tree, facing, foot_m))) for facing in facings]
-    made = [_Import(tree, of_facing, facing, held) for of_facing, facing in zip(legs, facings, strict=True)]
+    made = [_Import(tree, one, facing, held_rad) for one, facing in zip(legs, facings, strict=True)]
     if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
         made.sort(key=lambda one: one.feet_up_m)
     return made
@@ -213,15 +204,15 @@ def _facing(up: FloatArray, ahead: FloatArray) -> FloatArray:
 
 class _Import:
     def __init__(
-        self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray, held: tuple[HeldHinge, ...]
+        self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray, held_rad: Mapping[str, float]
     ) -> None:
-        self._tree, self._legs, self._facing, self._held = tree, legs, facing, held
+        self._tree, self._legs, self._facing, self._held_rad = tree, legs, facing, held_rad
         self._findings = Findings()
-        if held:
-            self._findings.note(
-                f"the legs have {len(JOINT_KINDS) + len(held) // len(legs)} hinges, of which hexctl moves "
-                f"{len(JOINT_KINDS)}: hold {held_text(held)}; to hold others, make those `fixed` in the "
-                "description"
+        if held_rad:
+            self._findings.notes.append(
+                f"the legs have {len(JOINT_KINDS) + len(held_rad) // len(legs)} hinges, of which hexctl "
+                f"moves {len(JOINT_KINDS)}: hold {held_text(held_rad)}; to hold others, make those `fixed` "
+                "in the description"
             )
         self._parts = LegImport(tree, legs, facing, self._findings)
         check_units("legs", self._parts.leg_m, MOST_LEG_M, "m")
@@ -234,7 +225,7 @@ class _Import:
         self._origin_m = body_origin(self._box, mounts_m)
         length_m, width_m = np.ptp(mounts_m[:, :2], axis=0).tolist()
         if width_m > ALONG_Y * length_m:
-            self._findings.note(
+            self._findings.notes.append(
                 f"the mounts span {width_m:.2g} m from side to side and {length_m:.2g} m ahead: if the robot "
                 "looks along its longer side, give its front with --forward"
             )
@@ -256,6 +247,7 @@ class _Import:
         projection = self._projection()
         outward_m = self.stances[0][0]
         if projection is not None:
+            self._findings.notes.append(projection.note)
             outward_m = projection.outward_m(outward_m)
         mounts = [self._mount(leg) for leg in self._legs]
         radius_m = max(math.hypot(*mount["position_m"][:2]) for mount in mounts) + outward_m
@@ -285,7 +277,7 @@ class _Import:
         self._add_inertias(made.robot())
         made = raw.with_gait(self.stances[0], *gait)
         robot_of_content(made.content, Path(source))
-        return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
+        return replace(made, reasons=self._findings.reasons, notes=tuple(self._findings.notes))
 
     def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
         """Leave out centres of mass equal to those of evenly filled capsules."""
@@ -315,8 +307,8 @@ class _Import:
                 for joint, sign, zero_rad in zip(leg.joints, leg.signs, leg.zeros_rad, strict=True)
             ]
             lines.append(f"  leg {number}: {', '.join(names)}")
-        if self._held:
-            lines.append(f"Not moved, to be held: {held_text(self._held)}.")
+        if self._held_rad:
+            lines.append(f"Not moved, to be held: {held_text(self._held_rad)}.")
         if np.abs(self._origin_m).max() > 1e-6:
             x, y, z = (np.linalg.inv(self._facing)[:3, :3] @ self._origin_m).tolist()
             lines.append(f"The body frame is at {x:.4f}, {y:.4f}, {z:.4f} m in that of {self._tree.root}.")
