@@ -145,7 +145,8 @@ def check_known(given: RobotCamera, place: Place, path: Path) -> None:
         if got is None or name == "bar_mm" or (known is not None and _same(got, known)):
             continue
         raise InputError(
-            f"{argument(name)}: got {_text(got)}, and {path} has {_text(known)}; "
+            f"{argument(name)}: got {_text(got)}, and {path} has "
+            f"{'one that is assumed' if name == 'lens' and known is None else _text(known)}; "
             f"allowed: what it has, {argument('relearn')}, or another {argument('place')}"
         )
 
@@ -157,7 +158,7 @@ def _same(got: Any, known: Any) -> bool:
 
 
 def _text(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float | int) else str(value or "none")
+    return f"{value:g}" if isinstance(value, float | int) else "none" if value is None else str(value)
 
 
 def _options_of(place: Place) -> dict[str, Any]:
