@@ -134,7 +134,8 @@ class _Watch:
 
     def __init__(self, video: VideoSource, linked: RobotLink, place: Place, finder: TagFinder) -> None:
         self._video, self._linked = video, linked
-        self._observer = Observer.at(place, linked.robot, finder, USUAL_LATENCY_S)
+        seen = linked.robot, place.viewpoint, place.floor_corners, place.tag
+        self._observer = Observer(*seen, finder=finder, latency_s=USUAL_LATENCY_S)
         self.pictures = 0
         self.seen: list[tuple[float, PlanarPose]] = []
         self._states: list[LegState] = []

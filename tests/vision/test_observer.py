@@ -8,7 +8,7 @@ import pytest
 from hexctl.robot.loader import load_robot
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.tags import Picture
+from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.robot_link import LegState
@@ -39,7 +39,7 @@ def knocked() -> Picture:
 
 
 def observer() -> Observer:
-    return Observer(ROBOT, CAMERA, FLOOR_CORNERS, TAG, latency_s=LATENCY_S)
+    return Observer(ROBOT, CAMERA, FLOOR_CORNERS, TAG, finder=TagFinder(), latency_s=LATENCY_S)
 
 
 def watched(

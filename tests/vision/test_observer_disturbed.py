@@ -12,7 +12,7 @@ from hexctl.robot.rotations import about_z
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.tags import MODULES, UNIT_CORNERS, Picture, tag_modules
+from hexctl.vision.detection.tags import MODULES, UNIT_CORNERS, Picture, TagFinder, tag_modules
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observer
 from hexctl.vision.robot_link import LegState
@@ -55,7 +55,7 @@ def filmed() -> Filmed:
 
 def followed(filmed: Filmed, disturb: Disturbance) -> list[PoseEstimate]:
     """What is published tick by tick, of pictures that come late."""
-    observer = Observer(ROBOT, HERE, FLOOR_CORNERS, TAG, latency_s=0.02 * LATE_TICKS)
+    observer = Observer(ROBOT, HERE, FLOOR_CORNERS, TAG, finder=TagFinder(), latency_s=0.02 * LATE_TICKS)
     published = []
     for tick, at_s in enumerate(filmed.walk.times_s.tolist()):
         observer.listen(LegState(at_s, filmed.walk.joints_rad[tick], None, None))

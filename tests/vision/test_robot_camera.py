@@ -191,7 +191,8 @@ def test_what_loses_the_robot_is_told_once(
         floor_tags={number: FloorTag.at(one.pose, 1000 * one.edge_m) for number, one in FLOOR_TAGS.items()},
         robot_tag=RobotTag(id=tag.tag_id, edge_mm=1000 * tag.edge_m, height_m=tag.height_m),
     )
-    stream = PoseStream(Observer.at(place, ANT, TagFinder(), 0.0))
+    seen_by = Observer(ANT, place.viewpoint, place.floor_corners, place.tag, finder=TagFinder())
+    stream = PoseStream(seen_by)
     stream.run(film, lambda: False, on_pose=lambda _: None, on_status=statuses.append, on_event=events.append)
     told = ["seen", "its tag", "seen", "no pictures", "seen", "640x360", "no pictures"]
     assert len(events) == len(told)
