@@ -14,8 +14,7 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
 from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.formats.importing.robot_import import USUAL_STRIDE, ImportedRobot
-from hexctl.robot.servos.servo_map import servo_map_of
-from hexctl.robot.servos.servo_schema import ServosSection
+from hexctl.robot.servos.servo_map import default_servo_map
 
 #: Tried shares of the usual stride, and the stances, the best first.
 SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
@@ -127,7 +126,7 @@ def _check(imported: ImportedRobot) -> RobotCheck:
         gait=gait,
         demand=gait_demand(robot, gait, motions),
         load=gait_load(robot, gait, motions),
-        servo_map=servo_map_of(ServosSection()),
+        servo_map=default_servo_map(),
     )
 
 
