@@ -11,7 +11,6 @@ import numpy as np
 
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
-from hexctl.robot.formats.importing.foot_projection import FootProjection
 from hexctl.robot.formats.importing.import_values import MOST_LEG_M, Findings, check_units, rounded
 from hexctl.robot.formats.importing.leg_chains import (
     AXIS_TOLERANCE_RAD,
@@ -23,7 +22,7 @@ from hexctl.robot.formats.importing.leg_import import LegImport
 from hexctl.robot.formats.importing.link_tree import MOST_BYTES, LinkTree
 from hexctl.robot.formats.importing.mjcf_tree import read_mjcf
 from hexctl.robot.formats.importing.tree_legs import (
-    PLANE_TOLERANCE,
+    FootProjection,
     TreeLeg,
     find_legs,
     length_notes,
@@ -244,7 +243,7 @@ class _Import:
             least_kg=self._parts.least_mass_kg,
             usual=self._parts.usual_masses,
         )
-        projection = self._projection()
+        projection = FootProjection.of(self._legs)
         outward_m = self.stances[0][0]
         if projection is not None:
             self._findings.notes.append(projection.note)
@@ -317,15 +316,6 @@ class _Import:
     def _mount(self, leg: TreeLeg) -> dict[str, Any]:
         position = [rounded(part) for part in leg.mount_m - self._origin_m]
         return {"position_m": position, "yaw_deg": rounded(math.degrees(leg.yaw_rad))}
-
-    def _projection(self) -> FootProjection | None:
-        offsets_m = [leg.foot_offset_m for leg in self._legs]
-        if max(map(abs, offsets_m)) <= PLANE_TOLERANCE * self._parts.leg_m:
-            return None
-        size_m = float(np.mean(np.abs(offsets_m)))
-        outward_m, up_m = self._parts.vectors_m[0].tolist()
-        yaws_rad = tuple(leg.yaw_rad for leg in self._legs)
-        return FootProjection(tuple(offsets_m), size_m, (outward_m, up_m), yaws_rad)
 
     def _stances(self) -> tuple[Vector2, ...]:
         """Places of the feet, (outward from the coxa axis, up from the body frame): the file's, then others.
