@@ -293,8 +293,6 @@ def test_what_no_bus_and_no_board_can_have_is_refused(
     "section",
     [
         {"leg1_coxa": {"id": 253}},
-        {"baud": 10},
-        {"driver": "hitec"},
         {"leg1_tibia": {"touch": 6}},
         {"addresses": [0x40, 0x40]},
         {"addresses": [0x40, 0x70]},

@@ -132,6 +132,11 @@ def test_the_command_writes_the_file_once(tmp_path: Path, capsys: pytest.Capture
             for page in ("0.0.0.0:8019", "robot.local:8019")
         ],
         *[(RobotCamera, {"camera": 0, "page": page}, "page") for page in ("8019:", "70000", -1)],
+        (RobotCamera, {"camera": 63, "output": "there.yaml"}, "exists"),
+        (RobotCamera, {"camera": 63, "poses": "gone/file"}, "poses"),
+        (RobotCamera, {"camera": 63, "place": "gone/file"}, "place"),
+        (RobotCamera, {"camera": 63, "robot_tag": 2}, "robot_tag"),
+        (RobotCamera, {"camera": 63, "latency_ms": 2001.0}, "latency_ms"),
         (CameraOptions, {}, "camera"),
         (CameraOptions, {"camera": 0, "place": 5}, "place"),
         (CameraLens, {}, "pictures"),

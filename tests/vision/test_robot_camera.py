@@ -218,24 +218,3 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     for path in (tmp_path / "poses.csv", tmp_path / "nowhere" / "poses.csv"):
         with pytest.raises(InputError):
             PoseTable(path)
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"output": "there.mp4"}, "exists"),
-        ({"poses": "there.mp4"}, "exists"),
-        ({"output": "gone/file"}, "output"),
-        ({"poses": "gone/file"}, "poses"),
-        ({"place": "gone/file"}, "place"),
-        ({"robot_tag": 2}, "robot_tag"),
-        *[({"latency_ms": latency_ms}, "latency_ms") for latency_ms in (-1.0, 2001.0, float("nan"))],
-    ],
-)
-def test_bad_options_are_refused_before_the_camera_is_opened(
-    options: dict[str, Any], named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("there.mp4").touch()
-    with pytest.raises(InputError, match=named):
-        RobotCamera(camera="63", **options)
