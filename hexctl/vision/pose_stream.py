@@ -13,7 +13,7 @@ import numpy as np
 
 from hexctl.errors import InputError, argument
 from hexctl.vision.detection.camera_watch import CameraChange
-from hexctl.vision.detection.overlay import Overlay
+from hexctl.vision.detection.overlay import with_overlay
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.robot_tracker import SeenRobot
 from hexctl.vision.estimation.pose_filter import PoseEstimate, Sight
@@ -147,7 +147,6 @@ class PoseStream:
     ) -> None:
         self._observer, self._robot, self._page = observer, robot, page
         self._video, self._table = video, table
-        self._overlay = Overlay()
         self._pictures = self._seen = self._restarts = 0
         self._look_s = 0.0
         self._last = Observation(None, False, None)
@@ -267,7 +266,7 @@ class PoseStream:
         if self._video is None and not looked_at:
             return
         told_lately = frame.at_s - self._event_at_s < EVENT_S
-        drawn = self._overlay.draw(
+        drawn = with_overlay(
             frame.picture,
             self._observer.watch.camera,
             self._observer.watch.floor_corners,

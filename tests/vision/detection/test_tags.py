@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
-from hexctl.vision.detection.overlay import Overlay
+from hexctl.vision.detection.overlay import with_overlay
 from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, tag_pose
 from hexctl.vision.detection.robot_tracker import RobotTracker, SeenRobot
 from hexctl.vision.detection.tags import MODULES, UNIT_CORNERS, Picture, SeenTag, TagFinder, tag_modules
@@ -159,7 +159,7 @@ def test_what_was_seen_is_drawn_into_a_copy_of_the_picture() -> None:
     seen = SeenRobot(here, np.eye(3) * 1e-6, SeenTag(10, CAMERA.pixels(corners), 80.0), 0.9)
     drawn = {}
     for pose in (here, PlanarPose(-30.0, 0.0, 0.0), None):
-        drawn[pose] = Overlay().draw(
+        drawn[pose] = with_overlay(
             picture, CAMERA, FLOOR_CORNERS, sighting=seen, pose_floor=pose, height_m=0.2, lines=["one"]
         )
     column, row = np.rint(seen.tag.corners_px[0]).astype(int)
