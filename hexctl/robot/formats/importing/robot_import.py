@@ -25,7 +25,6 @@ from hexctl.robot.formats.importing.tree_legs import (
     FootProjection,
     TreeLeg,
     find_legs,
-    length_notes,
     with_middle_coxae,
     with_one_zero,
 )
@@ -216,7 +215,6 @@ class _Import:
         self._parts = LegImport(tree, legs, facing, self._findings)
         check_units("legs", self._parts.leg_m, MOST_LEG_M, "m")
         self._links, self._joints = self._parts.links(), self._parts.joints()
-        self._findings.notes.extend(length_notes(legs))
         mounts_m = np.array([leg.mount_m for leg in legs])
         #: Height of the feet above the coxae at angle zero.
         self.feet_up_m = float(np.mean([leg.foot_m[2] - leg.mount_m[2] for leg in legs]))

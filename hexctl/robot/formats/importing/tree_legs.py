@@ -18,8 +18,8 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 SHORTEST_COXA_M = 0.005
 #: Distance of a foot from the plane of its leg: ignored up to this share of the leg, projected up to that.
 PLANE_TOLERANCE, MOST_FOOT_OFFSET_M = 0.025, 0.06
-#: Tolerance of differences between legs, as a share of the leg, and the noted part of it.
-LEG_TOLERANCE, NOTED_DIFFERENCE = 0.025, 0.004
+#: Tolerance of differences between legs, as a share of the leg.
+LEG_TOLERANCE = 0.025
 #: A frame or the centre of a sphere this near to the far end of the tibia is the foot, as a share of it.
 FOOT_TOLERANCE_SHARE = 0.08
 #: Lengths of a tibia as shares of coxa and femur together; shorter and longer ones are no tibiae.
@@ -225,17 +225,6 @@ def with_one_zero(legs: list[TreeLeg]) -> list[TreeLeg]:
                 f"allowed: {1000 * tolerance_m:.2g} mm"
             )
     return [_turned(leg, legs[0].vectors_m, tolerance_m) for leg in legs]
-
-
-def length_notes(legs: list[TreeLeg]) -> list[str]:
-    """Notes on link lengths that differ between legs, whose mean an import takes."""
-    lengths_m = _lengths_m(legs)
-    least_m = NOTED_DIFFERENCE * lengths_m[0].sum()
-    return [
-        f"the {kind} links of the legs differ by {1000 * spread_m:.2g} mm; their mean was taken"
-        for kind, spread_m in zip(JOINT_KINDS, np.ptp(lengths_m, axis=0).tolist(), strict=True)
-        if spread_m > least_m
-    ]
 
 
 def _lengths_m(legs: list[TreeLeg]) -> FloatArray:

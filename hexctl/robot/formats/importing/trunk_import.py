@@ -148,9 +148,4 @@ def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> di
     if problem:
         findings.reasons[key] = f"{problem}; an evenly filled {body['shape']} was assumed"
         return {}
-    off = max(abs(tensor[0, 1]), abs(tensor[0, 2]), abs(tensor[1, 2])) / own.max()
-    if off > 0.1:
-        findings.notes.append(
-            f"the trunk's products of inertia, up to {100 * off:.0f} % of its moments, were left out"
-        )
     return {"inertia_kg_m2": [rounded(moment) for moment in np.diag(own)]}
