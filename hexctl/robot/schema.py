@@ -375,7 +375,7 @@ class RobotSchema(Section):
     description: str = ""
     size_m: Length
     body: Body
-    mounts: list[MountSection]
+    mounts: Annotated[list[MountSection], Field(min_length=N_LEGS, max_length=N_LEGS)]
     links: LinksSection
     foot_radius_m: Length
     joints: JointsSection
@@ -404,10 +404,3 @@ class RobotSchema(Section):
         for path in unknown:
             _check_key(cls, path)
         return unknown
-
-    @field_validator("mounts")
-    @classmethod
-    def _six(cls, mounts: list[MountSection]) -> list[MountSection]:
-        if len(mounts) != N_LEGS:
-            raise ValueError(f"got {len(mounts)} legs; allowed: exactly {N_LEGS}")
-        return mounts

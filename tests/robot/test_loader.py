@@ -154,7 +154,7 @@ BAD_VALUES: dict[str, tuple[Edit, str]] = {
     "missing key": (drop("size_m"), "size_m"),
     "missing section": (drop("stance"), "stance"),
     "half a mount": (drop("mounts", 3, "radius_m"), "mounts[3]"),
-    "five legs": (drop("mounts", 5), "5 legs"),
+    "five legs": (drop("mounts", 5), "a list of 6"),
     "text for a number": (put("links", "coxa", "mass_kg", "heavy"), "links.coxa.mass_kg"),
     "yes for a number": (put("size_m", True), "size_m"),
     "text for a section": (put("links", "coxa", "long"), "links.coxa"),
