@@ -45,13 +45,13 @@ def with_overlay(
     axes = np.array([[0.0, 0.0], [AXIS_M, 0.0], [0.0, AXIS_M]])
     origin, x_axis, y_axis = camera.pixels(_at_height(axes, 0.0))
     for name, end, color in (("x", x_axis, _X), ("y", y_axis, _Y)):
-        _arrow(drawn, origin, end, color)
+        _arrow(drawn, np.array([origin, end]), color)
         _name(drawn, name, end, color)
     if sighting is not None:
         _polygon(drawn, sighting.tag.corners_px, _SEEN)
     if pose_floor is not None:
         ends = pose_floor.of_points(np.array([[0.0, 0.0], [ARROW_M, 0.0]]))
-        _arrow(drawn, *camera.pixels(_at_height(ends, height_m)), _BELIEVED)
+        _arrow(drawn, camera.pixels(_at_height(ends, height_m)), _BELIEVED)
     _text(drawn, lines)
     return np.asarray(drawn)
 
@@ -94,7 +94,7 @@ def _polygon(drawn: Picture, corners_px: FloatArray, color: tuple[int, int, int]
         cv2.polylines(drawn, [points], True, color, 2, cv2.LINE_AA, shift=4)
 
 
-def _arrow(drawn: Picture, start: FloatArray, end: FloatArray, color: tuple[int, int, int]) -> None:
-    if _near(drawn, np.array([start, end])):
-        ends = (tuple(np.rint(16 * point).astype(int).tolist()) for point in (start, end))
-        cv2.arrowedLine(drawn, *ends, color, 2, cv2.LINE_AA, shift=4, tipLength=0.25)
+def _arrow(drawn: Picture, ends_px: FloatArray, color: tuple[int, int, int]) -> None:
+    if _near(drawn, ends_px):
+        start, end = np.rint(16 * ends_px).astype(int).tolist()
+        cv2.arrowedLine(drawn, start, end, color, 2, cv2.LINE_AA, shift=4, tipLength=0.25)
