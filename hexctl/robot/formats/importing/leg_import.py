@@ -1,7 +1,6 @@
 """The links and joints of the legs of a robot description, as sections of a robot file."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -280,31 +279,32 @@ class LegImport:
 
     def servo(self, joints: dict[str, dict[str, Any]]) -> dict[str, float]:
         """The section `servo`; joint kinds with another stiffness than the tibiae, or play, get their own."""
-        torque_nm = min(joint["max_torque_nm"] for joint in joints.values())
+        torque_nm, numbers = min(joint["max_torque_nm"] for joint in joints.values()), self._tree.numbers
         stiffness = self._stiffness(joints, torque_nm)
+        rotor_inertia = self._mean("rotor_inertia_kg_m2")
+        if rotor_inertia is None:
+            self._findings.reasons["servo.rotor_inertia_kg_m2"] = _NOT_HELD
+            rotor_inertia = 0.002 * torque_nm / USUAL_TORQUE_NM
         servo = {
-            "stiffness_nm_per_rad": rounded(stiffness),
-            "damping_nm_s_per_rad": rounded(self._damping(stiffness)),
-            "rotor_inertia_kg_m2": rounded(self._rotor_inertia(torque_nm)),
+            "stiffness_nm_per_rad": stiffness,
+            "damping_nm_s_per_rad": self._damping(stiffness),
+            "rotor_inertia_kg_m2": rotor_inertia,
+            "dead_time_s": self._mean("dead_time_s"),
+            "gear_damping_nm_s_per_rad": next(iter(numbers.get(GEAR_KEY, ())), None),
+            "load_friction": next(iter(numbers.get(LOAD_KEY, ())), None),
         }
-        if (dead_time_s := _known([joint.dead_time_s for joint in self._knees])) is not None:
-            servo["dead_time_s"] = rounded(dead_time_s)
-        if gear_damping := self._tree.numbers.get(GEAR_KEY):
-            servo["gear_damping_nm_s_per_rad"] = rounded(gear_damping[0])
-        if load_friction := self._tree.numbers.get(LOAD_KEY):
-            servo["load_friction"] = rounded(load_friction[0])
-        for joint, play_rad in zip(joints.values(), self._tree.numbers.get(PLAY_KEY, ()), strict=False):
+        for joint, play_rad in zip(joints.values(), numbers.get(PLAY_KEY, ()), strict=False):
             joint["play_deg"] = rounded(math.degrees(play_rad))
-        return servo
+        return {name: rounded(value) for name, value in servo.items() if value is not None}
 
-    @property
-    def _knees(self) -> list[TreeJoint]:
-        return [leg.joints[-1] for leg in self._legs]
+    def _mean(self, name: str, index: int = -1) -> float | None:
+        """Mean of a value of the six joints of a kind, the tibiae unless given, if all are above 0."""
+        values = [getattr(leg.joints[index], name) or 0.0 for leg in self._legs]
+        return float(np.mean(values)) if min(values) > 0 else None
 
     def _stiffness(self, joints: dict[str, dict[str, Any]], torque_nm: float) -> float:
         """Stiffness of the tibiae; other kinds get theirs in their sections."""
-        of_kinds = zip(*(leg.joints for leg in self._legs), strict=True)
-        found = [_known([joint.stiffness_nm_per_rad for joint in of_kind]) for of_kind in of_kinds]
+        found = [self._mean("stiffness_nm_per_rad", index) for index in range(len(joints))]
         known = [value for value in found if value is not None]
         if len(known) < len(found):
             self._findings.reasons["servo.stiffness_nm_per_rad"] = _NOT_HELD
@@ -315,28 +315,14 @@ class LegImport:
         return known[-1]
 
     def _damping(self, stiffness: float) -> float:
-        known = _known([joint.control_nm_s_per_rad for joint in self._knees])
+        known, reason = self._mean("control_nm_s_per_rad"), _NOT_HELD
         if known is not None and known <= MOST_LAG_S * stiffness:
             return known
-        reason = _NOT_HELD
         if known is not None:
             lag_s = known / stiffness
             reason = f"got {known:g}, with which a joint lags by {lag_s:.2g} s, as no servo does"
         self._findings.reasons["servo.damping_nm_s_per_rad"] = reason
         return 0.02 * stiffness
-
-    def _rotor_inertia(self, torque_nm: float) -> float:
-        known = _known([joint.rotor_inertia_kg_m2 for joint in self._knees])
-        if known is None:
-            self._findings.reasons["servo.rotor_inertia_kg_m2"] = _NOT_HELD
-            return 0.002 * torque_nm / USUAL_TORQUE_NM
-        return known
-
-
-def _known(values: Sequence[float | None]) -> float | None:
-    """Mean of the values of six joints, if all are above 0."""
-    found = [value for value in values if value is not None and value > 0]
-    return float(np.mean(found)) if len(found) == len(values) else None
 
 
 def _moments(tensor: FloatArray) -> list[float]:
