@@ -30,6 +30,7 @@ from hexctl.robot.formats.importing.import_values import (
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.importing.tree_legs import TreeLeg
 from hexctl.robot.formats.mjcf import GEAR_KEY, LOAD_KEY, PLAY_KEY, SPEED_KEY
+from hexctl.robot.rotations import about_z, matrix_of, quaternion_about
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: A servo follows its target within this: it turns by 60 degrees in 0.1 to 0.25 s.
@@ -123,18 +124,15 @@ class LegImport:
 
     def _leg_frame(self, leg: TreeLeg, joint: TreeJoint) -> FloatArray:
         """Transform from the root to outward, left and up of a leg, from a joint, (4, 4)."""
-        yaw_rad = leg.yaw_rad + float(leg.zeros_rad[0])
-        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         frame = np.eye(4)
-        frame[:3, :3] = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) @ self._facing[:3, :3]
+        frame[:3, :3] = matrix_of(about_z(-leg.yaw_rad - float(leg.zeros_rad[0]))) @ self._facing[:3, :3]
         frame[:3, 3] = -frame[:3, :3] @ self._tree.frame_in_root(joint.child)[:3, 3]
         return frame
 
     def _plane_turn(self, leg: TreeLeg, index: int) -> FloatArray:
         """Turn (3, 3) of a link in the plane of its leg from its own zero to that of the first leg."""
-        angle = -float(leg.zeros_rad[1 : index + 1].sum())
-        cos, sin = math.cos(angle), math.sin(angle)
-        return np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+        angle_rad = float(leg.zeros_rad[1 : index + 1].sum())
+        return matrix_of(quaternion_about((0.0, 1.0, 0.0), angle_rad))
 
     def inertia(self, index: int, even: tuple[float, ...]) -> list[float] | None:
         """Moments and product (outward, left, up, outward-up) of a link, or None for those of its capsule."""
@@ -281,13 +279,13 @@ class LegImport:
         """The section `servo`; joint kinds with another stiffness than the tibiae, or play, get their own."""
         torque_nm, numbers = min(joint["max_torque_nm"] for joint in joints.values()), self._tree.numbers
         stiffness = self._stiffness(joints, torque_nm)
-        rotor_inertia = self._mean("rotor_inertia_kg_m2")
+        damping, rotor_inertia = self._damping(stiffness), self._mean("rotor_inertia_kg_m2")
         if rotor_inertia is None:
             self._findings.reasons["servo.rotor_inertia_kg_m2"] = _NOT_HELD
             rotor_inertia = 0.002 * torque_nm / USUAL_TORQUE_NM
         servo = {
             "stiffness_nm_per_rad": stiffness,
-            "damping_nm_s_per_rad": self._damping(stiffness),
+            "damping_nm_s_per_rad": damping,
             "rotor_inertia_kg_m2": rotor_inertia,
             "dead_time_s": self._mean("dead_time_s"),
             "gear_damping_nm_s_per_rad": next(iter(numbers.get(GEAR_KEY, ())), None),
