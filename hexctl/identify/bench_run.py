@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
 from hexctl.identify.fit import ROUGH_GAIN, Fit, OnStage, fit_values
 from hexctl.identify.parameters import OF_SERVO, PARAMETERS, ServoValues
 from hexctl.identify.powered_servos import PoweredServos
+from hexctl.robot.configs import validate
 from hexctl.robot.formats.mjcf import STICTION
 from hexctl.robot.formats.xml_text import numbers
 from hexctl.types import ArrayFields, BoolArray, FloatArray
@@ -124,16 +125,9 @@ def read_bench_run(path: Path) -> BenchRun:
     """Run of a JSON file with `mass`, `length`, `kp` and `entries`; raises InputError with the damage."""
     try:
         content: Any = json.loads(read_file(path, MOST_BYTES))
-        parsed = _BenchFile.model_validate(content)
-    except (ValueError, ValidationError) as error:
-        first = f"is not valid JSON: {error}".partition("\n")[0]
-        if isinstance(error, ValidationError):
-            problem = error.errors()[0]
-            first = f"{'.'.join(map(str, problem['loc'])) or 'it'}: {problem['msg'].lower()}"
-        raise InputError(
-            f"{path}: {first}; allowed: a run with mass, length, kp, and entries of timestamp, position, "
-            "goal_position"
-        ) from error
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid JSON: {error}; allowed: a run on a bench") from error
+    parsed = validate(_BenchFile, content, path)
     rows = np.array([(one.timestamp, one.goal_position, one.position) for one in parsed.entries])
     time_s = rows[:, 0] - rows[0, 0]
     if (np.diff(time_s) <= 0).any():

@@ -31,6 +31,7 @@ def _not_a_switch(value: object) -> object:
 MOST_BYTES = 500_000
 
 Number = Annotated[float, BeforeValidator(_not_a_switch)]
+Whole = Annotated[int, BeforeValidator(_not_a_switch)]
 Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
 Coordinate = Annotated[Number, Field(ge=-10, le=10, allow_inf_nan=False)]
 Mass = Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)]
@@ -137,6 +138,8 @@ ALLOWED = {
     "less_than_equal": "{le} or less",
     "finite_number": "a finite number",
     "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "int_parsing": "a whole number",
     "float_type": "a number",
     "float_parsing": "a number",
     "string_type": "text",
@@ -148,6 +151,7 @@ ALLOWED = {
     "list_type": "a list",
     "tuple_type": "a list",
     "too_long": "a list of {max_length}",
+    "too_short": "a list of {min_length}",
     "invalid_key": "text keys",
 }
 
@@ -181,7 +185,9 @@ def _described(schema: type, problem: ErrorDetails) -> str:
     allowed = ALLOWED[kind].format(**problem.get("ctx", {})) if kind in ALLOWED else problem["msg"]
     if isinstance(problem["input"], float) and not math.isfinite(problem["input"]):
         allowed = "a finite number"
-    return f"{key}: got {shown(problem['input'])}; allowed: {allowed}"
+    long = problem.get("ctx", {}).get("actual_length") if kind in ("too_long", "too_short") else None
+    got = shown(problem["input"]) if long is None else f"a list of {long}"
+    return f"{key}: got {got}; allowed: {allowed}"
 
 
 def _dotted(location: Location) -> str:

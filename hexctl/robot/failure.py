@@ -3,11 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 
 from hexctl.errors import InputError, argument, check_type
+from hexctl.options import Range, check_fields
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS
 
 if TYPE_CHECKING:
@@ -41,11 +42,11 @@ class Failure:
     Raises InputError for an invalid value.
     """
 
-    leg: int
+    leg: Annotated[int, Range(low=1, high=N_LEGS, whole=True)]
     kind: str = "locked"
     joint: str | None = None
-    angle_rad: float = 0.0
-    torque_fraction: float = 0.3
+    angle_rad: Annotated[float, Range()] = 0.0
+    torque_fraction: Annotated[float, Range(low=0, high=1)] = 0.3
 
     @property
     def joint_index(self) -> int:
@@ -59,16 +60,9 @@ class Failure:
         return tuple(range(first, first + JOINTS_PER_LEG)) if self.joint is None else (self.joint_index,)
 
     def __post_init__(self) -> None:
-        check_type(self.leg, int, "failed leg", f"a leg's number, 1..{N_LEGS}")
-        check_type(self.kind, str, "failure", ", ".join(FAILURE_KINDS))
-        check_type(self.joint, (str, type(None)), "failed joint", ", ".join(JOINT_KINDS))
-        check_type(self.angle_rad, float, "stuck angle", "a finite angle in rad")
-        check_type(self.torque_fraction, float, "weak torque fraction", "a number in 0..1")
-        _require(1 <= self.leg <= N_LEGS, "failed leg", self.leg, "1..6")
+        check_fields(self)
         _require(self.kind in FAILURE_KINDS, "failure", self.kind, ", ".join(FAILURE_KINDS))
         _require(self.joint in (None, *JOINT_KINDS), "failed joint", self.joint, ", ".join(JOINT_KINDS))
-        _require(math.isfinite(self.angle_rad), "stuck angle", self.angle_rad, "a finite angle")
-        _require(0 <= self.torque_fraction <= 1, "weak torque fraction", self.torque_fraction, "0..1")
         # A joint that a kind does not use does not make it another failure.
         joint = (self.joint or JOINT_KINDS[0]) if self.kind == "stuck" else self.joint
         object.__setattr__(self, "joint", joint if self.kind in ("stuck", "limp", "weak") else None)
@@ -101,22 +95,18 @@ class FailureEvent:
     Raises InputError for a time below 0 or an `unknown` failure.
     """
 
-    at_s: float
-    leg: int
+    at_s: Annotated[float, Range(low=0, unit="s")]
+    leg: Annotated[int, Range(low=1, high=N_LEGS, whole=True)]
     failure: Failure | None = None
 
     def __post_init__(self) -> None:
-        what = argument("heal" if self.failure is None else "failure")
-        check_type(self.at_s, float, f"{what}: time")
-        check_type(self.leg, int, f"{what}: leg", f"a leg's number, 1..{N_LEGS}")
-        check_type(self.failure, (Failure, type(None)), what, "a Failure, or None to heal")
-        if not (math.isfinite(self.at_s) and self.at_s >= 0):
-            raise InputError(f"{what}: got {self.at_s:g} s; allowed: 0 or more")
-        if not 1 <= self.leg <= N_LEGS:
-            raise InputError(f"{what}: got leg {self.leg}; allowed: 1..{N_LEGS}")
-        if self.failure is not None and self.failure.leg != self.leg:
+        check_fields(self)
+        if self.failure is None:
+            return
+        what = argument("failure")
+        if self.failure.leg != self.leg:
             raise InputError(f"{what}: got leg {self.leg} with a failure of {self.failure.leg}")
-        if self.failure is not None and self.failure.kind == UNKNOWN:
+        if self.failure.kind == UNKNOWN:
             raise InputError(f"{what}: got {UNKNOWN}; allowed: what breaks, as in 5:limp@8")
 
     def __str__(self) -> str:

@@ -5,7 +5,7 @@
 
 import math
 from dataclasses import field
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -30,12 +30,16 @@ from hexctl.robot.configs import (
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_KINDS, N_LEGS
 
+Moments = TypeVar("Moments", tuple[float, float, float], tuple[float, float, float, float])
 
-def _possible_inertia(moments: tuple[float, float, float]) -> tuple[float, float, float]:
-    if not all(moment < sum(moments) - moment for moment in moments):
+
+def _possible_inertia(moments: Moments) -> Moments:
+    """Three principal moments, or moments and product of a link; raises ValueError for those of no body."""
+    principal = moments if len(moments) == 3 else principal_moments(moments)
+    if min(principal) <= 0 or not all(moment < sum(principal) - moment for moment in principal):
         raise ValueError(
-            f"got {', '.join(f'{moment:g}' for moment in moments)}; allowed: three moments above 0, each "
-            "below the sum of the other two"
+            f"got {', '.join(f'{moment:g}' for moment in moments)}; allowed: principal moments of inertia "
+            "above 0, each below the sum of the other two"
         )
     return moments
 
@@ -125,22 +129,9 @@ def principal_moments(moments: tuple[float, float, float, float]) -> tuple[float
     return (xx + zz) / 2 - half, yy, (xx + zz) / 2 + half
 
 
-def _possible_link_inertia(
-    moments: tuple[float, float, float, float],
-) -> tuple[float, float, float, float]:
-    """The moments and the product of a link, as in `LinkSection`; raises ValueError for those of no body."""
-    principal = principal_moments(moments)
-    if min(principal) <= 0 or not all(one < sum(principal) - one for one in principal):
-        raise ValueError(
-            f"got {', '.join(f'{moment:g}' for moment in moments)}; allowed: moments and a product "
-            "of inertia of a body: principal moments above 0, each below the sum of the other two"
-        )
-    return moments
-
-
 LinkInertia = Annotated[
     tuple[Positive, Positive, Positive, Annotated[Number, Field(allow_inf_nan=False)]],
-    AfterValidator(_possible_link_inertia),
+    AfterValidator(_possible_inertia),
 ]
 
 
@@ -384,7 +375,7 @@ class RobotSchema(Section):
     description: str = ""
     size_m: Length
     body: Body
-    mounts: list[MountSection]
+    mounts: Annotated[list[MountSection], Field(min_length=N_LEGS, max_length=N_LEGS)]
     links: LinksSection
     foot_radius_m: Length
     joints: JointsSection
@@ -413,10 +404,3 @@ class RobotSchema(Section):
         for path in unknown:
             _check_key(cls, path)
         return unknown
-
-    @field_validator("mounts")
-    @classmethod
-    def _six(cls, mounts: list[MountSection]) -> list[MountSection]:
-        if len(mounts) != N_LEGS:
-            raise ValueError(f"got {len(mounts)} legs; allowed: exactly {N_LEGS}")
-        return mounts

@@ -110,7 +110,7 @@ def with_values(text: str, wanted: Mapping[str, Any]) -> str:
     except yaml.YAMLError:
         root = None
     if not isinstance(root, yaml.MappingNode):
-        return _entries(wanted)
+        return yaml_lines(wanted)
     edited = _edited(text, _edits(text, root, wanted))
     if _says(edited, wanted):
         return edited
@@ -141,7 +141,7 @@ def _edits(
         elif node.flow_style:
             yield key.start_mark.index, _end(text, value), _flow({name: new})
         else:
-            lines = _entries({name: new}).rstrip("\n").split("\n")
+            lines = yaml_lines({name: new}).rstrip("\n").split("\n")
             yield key.start_mark.index, _end(text, value), f"\n{_indent(node)}".join(lines)
     if added := {name: value for name, value in wanted.items() if name not in there}:
         yield _added(text, node, added)
@@ -155,7 +155,7 @@ def _added(text: str, mapping: yaml.MappingNode, entries: dict[Any, Any]) -> Edi
         return at, at, f"{comma}{_flow(entries)}"
     at = _end(text, mapping)
     indent = _indent(mapping)
-    return at, at, "".join(f"\n{indent}{line}" for line in _entries(entries).rstrip("\n").split("\n"))
+    return at, at, "".join(f"\n{indent}{line}" for line in yaml_lines(entries).rstrip("\n").split("\n"))
 
 
 def _end(text: str, node: yaml.Node) -> int:
@@ -191,10 +191,21 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-def _entries(content: Mapping[Any, Any]) -> str:
-    """Lines of a mapping, one for each key unless its value has further mappings or lists."""
-    entries = (_dumped({key: value}, flow=None) for key, value in content.items())
-    return "".join(f"{entry[1:-2]}\n" if entry.startswith("{") else entry for entry in entries)
+def yaml_lines(content: Mapping[Any, Any]) -> str:
+    """Lines of a mapping: one for each key, and one for each part of a mapping or a list of mappings."""
+    return "".join(line for key, value in content.items() for line in _lines(key, value))
+
+
+def _lines(key: Any, value: Any) -> Iterator[str]:
+    parts = value.values() if isinstance(value, Mapping) else value if isinstance(value, list) else ()
+    if not parts or not all(isinstance(part, Mapping) for part in parts):
+        yield f"{_flow({key: value})}\n"
+        return
+    yield f"{_scalar(key)}:\n"
+    if isinstance(value, Mapping):
+        yield from (f"  {_flow({name: part})}\n" for name, part in value.items())
+    else:
+        yield from (f"- {{{_flow(part)}}}\n" for part in parts)
 
 
 def _flow(content: Mapping[Any, Any]) -> str:
@@ -202,7 +213,8 @@ def _flow(content: Mapping[Any, Any]) -> str:
 
 
 def _dumped(content: object, *, flow: bool | None) -> str:
-    return str(yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=flow, width=10_000))
+    layout: Any = {"default_flow_style": flow, "width": 10_000, "sort_keys": False, "allow_unicode": True}
+    return str(yaml.dump(content, Dumper=_Dumper, **layout))
 
 
 def _scalar(value: object) -> str:

@@ -119,7 +119,8 @@ class CameraLatency(CameraOptions):
             if not _waited(stop_requested):
                 return None
             _check_seen(watch, place, linked.robot)
-            on_moving(_ahead(linked.robot))
+            duration_s = STANDING_S + 2 * RESTING_S + DURATION_S + MOST_S
+            on_moving(TwistAhead(robot=linked.robot.name, amplitude_rad=AMPLITUDE_RAD, duration_s=duration_s))
             if not _twisted(linked.robot, link, stop_requested):
                 return None
         watch.check()
@@ -134,7 +135,8 @@ class _Watch:
 
     def __init__(self, video: VideoSource, linked: RobotLink, place: Place, finder: TagFinder) -> None:
         self._video, self._linked = video, linked
-        self._observer = Observer.at(place, linked.robot, finder, USUAL_LATENCY_S)
+        seen = linked.robot, place.viewpoint, place.floor_corners, place.tag
+        self._observer = Observer(*seen, finder=finder, latency_s=USUAL_LATENCY_S)
         self.pictures = 0
         self.seen: list[tuple[float, PlanarPose]] = []
         self._states: list[LegState] = []
@@ -225,11 +227,6 @@ def _check_seen(watch: _Watch, place: Place, robot: Robot) -> None:
             f"{argument('camera')}: tag {place.robot_tag.id} on {robot.name} is seen in "
             f"{len(watch.seen)} of {watch.pictures} pictures; allowed: half of them or more"
         )
-
-
-def _ahead(robot: Robot) -> TwistAhead:
-    duration_s = STANDING_S + 2 * RESTING_S + DURATION_S + MOST_S
-    return TwistAhead(robot=robot.name, amplitude_rad=AMPLITUDE_RAD, duration_s=duration_s)
 
 
 def _twisted(robot: Robot, link: Link, stop_requested: Callable[[], bool]) -> bool:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from hexctl.vision.detection.robot_tracker import LEVEL, RobotTracker, SeenRobot
 from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_belief import Sighting
 from hexctl.vision.estimation.pose_filter import PoseEstimate, PoseFilter
-from hexctl.vision.place import Place
 from hexctl.vision.robot_link import LegState
 
 #: Accepted distance from the expected position while no floor tag is visible. The body may cover the tags,
@@ -57,10 +55,9 @@ class Observer:
         floor_corners: Mapping[int, FloatArray],
         tag: PlacedTag,
         *,
+        finder: TagFinder,
         latency_s: float = 0.0,
-        finder: TagFinder | None = None,
     ) -> None:
-        finder = TagFinder() if finder is None else finder
         self.latency_s, self.tag = latency_s, tag
         self.watch = CameraWatch(camera, floor_corners, finder)
         self.height_m = robot.standing_height_m
@@ -69,12 +66,6 @@ class Observer:
         self._odometer = LegOdometer(robot)
         self._up_body = LEVEL
         self._newest: PoseEstimate | None = None
-
-    @classmethod
-    def at(cls, place: Place, robot: Robot, finder: TagFinder, latency_s: float) -> Self:
-        """Observer of a robot, with the camera and the tags of a place; for arguments see the class."""
-        camera, corners = place.viewpoint, place.floor_corners
-        return cls(robot, camera, corners, place.tag, latency_s=latency_s, finder=finder)
 
     def listen(self, state: LegState) -> None:
         """Add a state of the legs; states out of order are ignored."""

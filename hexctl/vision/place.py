@@ -33,17 +33,12 @@ def _of_length_1(orientation: tuple[float, float, float, float]) -> tuple[float,
     return orientation
 
 
-def _above_floor(position_m: tuple[float, float, float]) -> tuple[float, float, float]:
-    if position_m[2] <= 0:
-        raise ValueError(f"got a height of {position_m[2]:g} m; allowed: above 0")
-    return position_m
-
-
 #: A number with as many digits as are worth reading: micrometres.
 _Rounded = Annotated[Number, PlainSerializer(lambda value: round(float(value), 6))]
 _TagId = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]
 _EdgeMm = Annotated[_Rounded, Field(ge=5, le=2000, allow_inf_nan=False)]
 _Metres = Annotated[_Rounded, Field(ge=-100, le=100, allow_inf_nan=False)]
+_Height = Annotated[_Rounded, Field(gt=0, le=100, allow_inf_nan=False)]
 _Degrees = Annotated[_Rounded, Field(ge=-360, le=360, allow_inf_nan=False)]
 _Cosine = Annotated[_Rounded, Field(ge=-1, le=1, allow_inf_nan=False)]
 _Pixels = Annotated[int, Field(ge=16, le=20000)]
@@ -121,7 +116,7 @@ class CameraPose:
         picture_px: width and height of its pictures; by default those of the calibration.
     """
 
-    position_m: Annotated[tuple[_Metres, _Metres, _Metres], AfterValidator(_above_floor)]
+    position_m: tuple[_Metres, _Metres, _Height]
     orientation: Annotated[tuple[_Cosine, _Cosine, _Cosine, _Cosine], AfterValidator(_of_length_1)]
     picture_px: tuple[_Pixels, _Pixels] | None = None
 

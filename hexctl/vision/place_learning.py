@@ -6,8 +6,8 @@ these.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -140,21 +140,43 @@ def _searched(
 
 def check_known(given: RobotCamera, place: Place, path: Path) -> None:
     """Raise InputError for an option that a known place contradicts; its bar may differ (`measured`)."""
-    numbers = given.sheet.floor_edges_mm
-    known: list[tuple[str, float | None]] = [
-        ("fov_deg", None if place.assumed_lens is None else place.assumed_lens.fov_deg),
-        ("tag_height_mm", 1000 * place.robot_tag.height_m),
-        ("robot_tag", place.robot_tag.id),
-        ("robot_edge_mm", place.robot_tag.edge_mm),
-        # Tags that it never saw cannot be compared.
-        *((_edge_option(each), tag.edge_mm) for each, tag in place.floor_tags.items() if each in numbers),
-    ]
-    for name, value in known:
+    for name, known in _options_of(place).items():
         got = getattr(given, name)
-        if got is not None and (value is None or abs(got - value) > SAME):
-            raise _contradiction(name, f"{got:g}", path, "none" if value is None else f"{value:g}")
-    if given.lens is not None and (place.lens is None or Path(given.lens).resolve() != place.lens.resolve()):
-        raise _contradiction("lens", str(given.lens), path, str(place.lens or "one that is assumed"))
+        if got is None or name == "bar_mm" or (known is not None and _same(got, known)):
+            continue
+        raise InputError(
+            f"{argument(name)}: got {_text(got)}, and {path} has "
+            f"{'one that is assumed' if name == 'lens' and known is None else _text(known)}; "
+            f"allowed: what it has, {argument('relearn')}, or another {argument('place')}"
+        )
+
+
+def _same(got: Any, known: Any) -> bool:
+    if isinstance(known, Path):
+        return Path(got).resolve() == known.resolve()
+    return bool(abs(got - known) <= SAME)
+
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else "none" if value is None else str(value)
+
+
+def _options_of(place: Place) -> dict[str, Any]:
+    """Options by which a place would be learned again, by name; None for a lens that it does not have."""
+    tag, assumed = place.robot_tag, place.assumed_lens
+    return {
+        "lens": place.lens,
+        "fov_deg": None if assumed is None else assumed.fov_deg,
+        "bar_mm": place.bar_mm,
+        "robot_tag": tag.id,
+        "robot_edge_mm": tag.edge_mm,
+        "tag_height_mm": 1000 * tag.height_m,
+        **{_edge_option(number): each.edge_mm for number, each in reversed(place.floor_tags.items())},
+    }
+
+
+def _edge_option(number: int) -> str:
+    return "home_edge_mm" if number == HOME_TAG else "floor_edge_mm"
 
 
 def measured(place: Place, bar_mm: float | None) -> tuple[Place, tuple[str, ...]]:
@@ -180,24 +202,26 @@ def learned_place(
     Missing options are taken from the earlier place, if it is learned again, or the defaults. Raises
     InputError for invalid lenses and floors.
     """
-    robot_tag = _robot_tag(given, robot, before)
-    edges_mm = _edges_mm(given, before, robot_tag.id)
-    if robot_tag.id in edges_mm:
+    options = _new_options(given, robot, before)
+    edges_mm = _edges_mm(given, before, options)
+    if options["robot_tag"] in edges_mm:
         raise InputError(
-            f"{argument('robot_tag')}: got {robot_tag.id}; allowed: no tag of the floor, "
-            f"{', '.join(map(str, sorted(edges_mm)))}"
+            f"{argument('robot_tag')}: got {options['robot_tag']}; allowed: no tag of the floor, "
+            f"{', '.join(map(str, edges_mm))}"
         )
-    lens = _lens(given, size_px, before)
-    opened = lens.opened() if isinstance(lens, AssumedLens) else load_lens(lens).scaled(*size_px)
-    bar_mm = given.bar_mm or (BAR_MM if before is None else before.bar_mm)
-    edges_m = {number: edge_mm * bar_mm / BAR_MM / 1000 for number, edge_mm in edges_mm.items()}
-    floor = learn_floor(opened, corners_px, edges_m)
+    path = None if options["lens"] is None else Path(options["lens"])
+    assumed = AssumedLens(width_px=size_px[0], height_px=size_px[1], fov_deg=options["fov_deg"])
+    lens = assumed.opened() if path is None else load_lens(path).scaled(*size_px)
+    scale = options["bar_mm"] / BAR_MM / 1000
+    floor = learn_floor(lens, corners_px, {number: scale * edge for number, edge in edges_mm.items()})
+    height_m = options["tag_height_mm"] / 1000
+    tag = {"id": options["robot_tag"], "edge_mm": options["robot_edge_mm"], "height_m": height_m}
     place = Place(
-        lens=lens if isinstance(lens, Path) else None,
-        assumed_lens=lens if isinstance(lens, AssumedLens) else None,
-        bar_mm=bar_mm,
+        lens=path,
+        assumed_lens=assumed if path is None else None,
+        bar_mm=options["bar_mm"],
         floor_tags={number: FloorTag.at(tag.pose, edges_mm[number]) for number, tag in floor.tags.items()},
-        robot_tag=robot_tag,
+        robot_tag=RobotTag(**tag) if before is None else replace(before.robot_tag, **tag),
         camera=CameraPose.of(floor.camera),
         latency_s=None if before is None else before.latency_s,
     )
@@ -205,47 +229,28 @@ def learned_place(
     return place, (*unseen, *floor.doubts, *(BAR_DOUBT,) * (given.bar_mm is None and before is None))
 
 
-def _lens(given: RobotCamera, size_px: tuple[int, int], before: Place | None) -> Path | AssumedLens:
-    if given.lens is not None:
-        return Path(given.lens)
-    usual_deg = USUAL_FOV_DEG
-    if given.fov_deg is None and before is not None:
-        if before.lens is not None:
-            return before.lens
-        usual_deg = USUAL_FOV_DEG if before.assumed_lens is None else before.assumed_lens.fov_deg
-    return AssumedLens(width_px=size_px[0], height_px=size_px[1], fov_deg=given.fov_deg or usual_deg)
+def _new_options(given: RobotCamera, robot: Robot, before: Place | None) -> dict[str, Any]:
+    """Options of a new place: as given, else those of the place before, else usual ones."""
+    usual = asdict(given.sheet) | {"lens": None, "fov_deg": USUAL_FOV_DEG, "bar_mm": BAR_MM}
+    usual |= {"tag_height_mm": 1000 * robot.body.size_m[2] / 2}
+    known = {} if before is None else _options_of(before)
+    if given.fov_deg is not None:
+        known["lens"] = None
+    asked = {name: getattr(given, name, None) for name in usual}
+    sources = [{name: value for name, value in each.items() if value is not None} for each in (known, asked)]
+    return usual | sources[0] | sources[1]
 
 
-def _robot_tag(given: RobotCamera, robot: Robot, before: Place | None) -> RobotTag:
-    sheet, height_m = given.sheet, robot.body.size_m[2] / 2
-    usual = RobotTag(id=sheet.robot_tag, edge_mm=sheet.robot_edge_mm, height_m=height_m)
-    changes: dict[str, Any] = {
-        "id": given.robot_tag,
-        "edge_mm": given.robot_edge_mm,
-        "height_m": None if given.tag_height_mm is None else given.tag_height_mm / 1000,
-    }
-    known = usual if before is None else before.robot_tag
-    return replace(known, **{name: value for name, value in changes.items() if value is not None})
-
-
-def _edges_mm(given: RobotCamera, before: Place | None, robot_tag: int) -> dict[int, float]:
+def _edges_mm(given: RobotCamera, before: Place | None, options: Mapping[str, Any]) -> dict[int, float]:
     """Edges of the floor's tags as the sheet names them, by number; new ones are as those before."""
-    sheet = given.sheet
-    if before is None:
-        return sheet.floor_edges_mm
-    known = {number: tag.edge_mm for number, tag in before.floor_tags.items()}
-    usual_mm = next((edge for number, edge in known.items() if number != HOME_TAG), sheet.floor_edge_mm)
-    numbers = set(sheet.floor_edges_mm)
+    numbers = set(given.sheet.floor_edges_mm)
+    known = {} if before is None else {number: tag.edge_mm for number, tag in before.floor_tags.items()}
     if given.floor_tags is None:
-        numbers = (numbers | set(known)) - {robot_tag}
+        numbers = (numbers | set(known)) - ({options["robot_tag"]} if known else set())
     return {
-        number: getattr(given, _edge_option(number)) or known.get(number, usual_mm)
+        number: getattr(given, _edge_option(number)) or known.get(number, options[_edge_option(number)])
         for number in sorted(numbers)
     }
-
-
-def _edge_option(number: int) -> str:
-    return "home_edge_mm" if number == HOME_TAG else "floor_edge_mm"
 
 
 def _unseen_doubt(numbers: Sequence[int]) -> tuple[str, ...]:
@@ -253,10 +258,3 @@ def _unseen_doubt(numbers: Sequence[int]) -> tuple[str, ...]:
         return ()
     those = f"tag {numbers[0]} is" if len(numbers) == 1 else f"tags {', '.join(map(str, numbers))} are"
     return (f"{those} not seen, and not used: in the picture, unfolded, and large enough?",)
-
-
-def _contradiction(name: str, given: str, path: Path, known: str) -> InputError:
-    return InputError(
-        f"{argument(name)}: got {given}, and {path} has {known}; "
-        f"allowed: what it has, {argument('relearn')}, or another {argument('place')}"
-    )

@@ -13,7 +13,7 @@ import numpy as np
 
 from hexctl.errors import InputError, argument
 from hexctl.vision.detection.camera_watch import CameraChange
-from hexctl.vision.detection.overlay import Overlay
+from hexctl.vision.detection.overlay import with_overlay
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.robot_tracker import SeenRobot
 from hexctl.vision.estimation.pose_filter import PoseEstimate, Sight
@@ -147,7 +147,6 @@ class PoseStream:
     ) -> None:
         self._observer, self._robot, self._page = observer, robot, page
         self._video, self._table = video, table
-        self._overlay = Overlay()
         self._pictures = self._seen = self._restarts = 0
         self._look_s = 0.0
         self._last = Observation(None, False, None)
@@ -188,11 +187,26 @@ class PoseStream:
                 self._show(frame, estimate)
             now_s = time.monotonic()
             if now_s - told_s >= STATUS_S:
-                pictures, seen = self._pictures - told_pictures, self._seen - told_seen
-                on_status(self._status(estimate, pictures / (now_s - told_s), seen / max(1, pictures)))
+                pictures, seen, robot = self._pictures - told_pictures, self._seen - told_seen, self._sighted
+                on_status(
+                    CameraStatus(
+                        estimate=estimate,
+                        fps=pictures / (now_s - told_s),
+                        seen=seen / max(1, pictures),
+                        quality=0.0 if robot is None else robot.quality,
+                        tag_px=0.0 if robot is None else robot.tag.edge_px,
+                    )
+                )
                 told_s, told_pictures, told_seen = now_s, self._pictures, self._seen
                 self._sighted = None
-        return self._report(time.monotonic() - began_s, video)
+        return CameraReport(
+            duration_s=time.monotonic() - began_s,
+            pictures=self._pictures,
+            seen=self._seen / max(1, self._pictures),
+            dropped=video.dropped,
+            restarts=self._restarts,
+            look_s=self._look_s / self._pictures if self._pictures else None,
+        )
 
     def _fitting(self, frame: Frame | None, on_event: Callable[[str], None]) -> Frame | None:
         """A picture of the lens's size, or None: a reconnected camera may have another size."""
@@ -251,14 +265,15 @@ class PoseStream:
         looked_at = self._page is not None and self._page.clients > 0
         if self._video is None and not looked_at:
             return
-        drawn = self._overlay.draw(
+        told_lately = frame.at_s - self._event_at_s < EVENT_S
+        drawn = with_overlay(
             frame.picture,
             self._observer.watch.camera,
             self._observer.watch.floor_corners,
             sighting=self._last.robot,
             pose_floor=estimate.pose,
             height_m=self._observer.height_m + self._observer.tag.height_m,
-            lines=[*_lines(estimate, self._last), *self._events(frame.at_s)],
+            lines=[*_lines(estimate, self._last), *([self._event] if told_lately else [])],
         )
         if self._video is not None:
             self._video.write(drawn, frame.at_s)
@@ -266,29 +281,6 @@ class PoseStream:
             good, jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 80])
             if good:
                 self._page.publish(jpeg.tobytes())
-
-    def _events(self, at_s: float) -> list[str]:
-        return [self._event] if at_s - self._event_at_s < EVENT_S else []
-
-    def _status(self, estimate: PoseEstimate, fps: float, seen: float) -> CameraStatus:
-        robot = self._sighted
-        return CameraStatus(
-            estimate=estimate,
-            fps=fps,
-            seen=seen,
-            quality=0.0 if robot is None else robot.quality,
-            tag_px=0.0 if robot is None else robot.tag.edge_px,
-        )
-
-    def _report(self, duration_s: float, video: VideoSource) -> CameraReport:
-        return CameraReport(
-            duration_s=duration_s,
-            pictures=self._pictures,
-            seen=self._seen / self._pictures if self._pictures else 0.0,
-            dropped=video.dropped,
-            restarts=self._restarts,
-            look_s=self._look_s / self._pictures if self._pictures else None,
-        )
 
 
 def _change_text(change: CameraChange) -> str:

@@ -214,7 +214,8 @@ class RobotCamera(CameraOptions):
                 )
             )  # fmt: skip
             latency_s = place.picture_age_s if self.latency_ms is None else self.latency_ms / 1000
-            observer = Observer.at(place, robot, finder, latency_s)
+            camera, corners = place.viewpoint, place.floor_corners
+            observer = Observer(robot, camera, corners, place.tag, finder=finder, latency_s=latency_s)
             stream = PoseStream(observer, robot=linked, page=page, video=writer, table=table)
             return stream.run(video, stop_requested, on_pose=on_pose, on_status=on_status, on_event=on_event)
 

@@ -11,6 +11,7 @@ import numpy as np
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
 from hexctl.options import Range, check_fields
+from hexctl.vision.camera_options import check_new_file
 from hexctl.vision.detection.calibration_board import SQUARE_M, SQUARES, black_squares
 from hexctl.vision.detection.tags import FAMILY, HOME_TAG, MODULES, TAG_IDS, tag_modules
 
@@ -131,9 +132,8 @@ class Sheet:
 
 def save_sheet(sheet: Sheet, path: Path) -> None:
     """Write the pages as a new PDF file. Raises InputError for one that exists or cannot be written."""
+    check_new_file("output", path)
     try:
-        if path.exists():
-            raise InputError(f"{argument('output')}: {path} exists; allowed: a new file, nothing is replaced")
         atomic_write(path, sheet.pdf())
     except OSError as error:
         raise InputError(f"{argument('output')}: {path} cannot be written: {error.strerror}") from error

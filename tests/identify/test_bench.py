@@ -91,12 +91,6 @@ def test_the_servo_that_made_the_runs_is_found() -> None:
     assert max(fit.before_rad.values()) > np.radians(0.5)
 
 
-def test_another_servo_does_not_explain_the_runs() -> None:
-    run = bench_run(3)
-    wrong = replace(TRUTH, stiffness_nm_per_rad=0.4, rotor_inertia_kg_m2=0.002)
-    assert np.abs(run.errors_rad(wrong)).mean() > 20 * np.abs(run.errors_rad(TRUTH)).mean()
-
-
 def test_a_servo_without_power_swings_freely() -> None:
     run = replace(bench_run(4), powered=np.zeros(400, dtype=bool), goal_rad=np.zeros(400))
     raised = replace(run, measured_rad=np.full(400, 1.0))
@@ -120,6 +114,7 @@ def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
         ({"kp": "soft"}, "kp"),
         ({"entries": []}, "entries"),
         ({"entries": [{"timestamp": 0.0}] * 20}, "entries"),
+        ({"entries": [{"timestamp": 0.0, "position": 0.0, "goal_position": 0.0}] * 20}, "timestamp"),
         ({"arm_mass": float("nan")}, "arm_mass"),
     ],
 )
@@ -135,12 +130,6 @@ def test_what_is_no_run_is_refused(content: str, tmp_path: Path) -> None:
     path.write_text(content)
     with pytest.raises(InputError, match=r"run\.json"):
         read_bench_run(path)
-
-
-def test_times_that_stand_still_are_refused(tmp_path: Path) -> None:
-    run = bench_run(7, duration_s=0.5)
-    with pytest.raises(InputError, match="timestamp"):
-        read_bench_run(write_run(tmp_path / "run.json", replace(run, time_s=np.zeros_like(run.time_s))))
 
 
 @pytest.mark.parametrize("names", [[], ["a.json", "b.rrd"], ["a.txt"]])

@@ -50,14 +50,13 @@ def test_motions_keep_angles_and_speeds_of_every_robot(name: str) -> None:
     assert motions.done(steps, state)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_search_names_its_stages_and_the_command_that_continues(
-    number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted(*_: object, on_step: OnStage, **__: object) -> None:
         for stage, step in (("fast", 0), ("fast", 1), ("complete", 0)):
             on_step(stage, step, 0.01)
-        os.kill(os.getpid(), number)
+        os.kill(os.getpid(), signal.SIGTERM)
 
     monkeypatch.setattr("hexctl.identify.identification.identify", interrupted)
     assert exit_code(["identify", "a b.rrd", "--robot", "ant", "-o", "new.yaml"]) == 130
@@ -300,11 +299,7 @@ def test_a_poor_fit_is_noted_and_the_file_is_the_next_step(
     assert exit_code(["identify", "some.rrd"]) == 0
     said = capsys.readouterr()
     assert ("a poor fit" in said.err) == (left_rad > 0.01)
-    late = (
-        "log: 2.0 % of the readings of moving joints repeat the last one and readings stood still for 0.017 s"
-    )
-    assert (late in said.err) == (left_rad > 0.01)
-    assert "no_load_speed_deg_s changes" in said.out
+    assert ("readings stood still for 0.017 s" in said.err) == (left_rad > 0.01)
     assert "at the limit of the search" in said.out
     assert "hexctl identify some.rrd --robot ROBOT -o FILE.yaml" in said.out.replace("\n", " ")
 
@@ -351,36 +346,22 @@ def test_readings_that_a_busy_computer_repeats_or_skips_are_counted(every: int) 
 
 
 @pytest.mark.slow
-def test_the_picture_has_a_row_for_each_log_with_the_part_that_was_worst(
+def test_the_picture_shows_the_worst_joint_of_each_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from matplotlib.figure import Figure
 
     time_s, measured = np.arange(0.0, 20.0, 0.02), np.zeros((1000, 18))
-    before, now = RobotValues.of(shipped("lukas")), RobotValues.of(shipped("ant"))
     bump_rad: FloatArray = np.where(abs(time_s - 12.0) < 1.0, 0.1, 0.0)[:, np.newaxis] * (np.arange(18) == 4)
-
-    def errors_rad(values: RobotValues) -> FloatArray:
-        return np.asarray(bump_rad if values == before else 0.1 * bump_rad)
-
-    logs = [
-        SimpleNamespace(name=name, time_s=time_s, measured_rad=measured, errors_rad=errors_rad)
-        for name in ("stand.rrd", "walk.rrd")
-    ]
+    log = SimpleNamespace(
+        name="walk.rrd", time_s=time_s, measured_rad=measured, errors_rad=lambda _: bump_rad
+    )
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
-    result = found()
-    result = replace(result, fit=replace(result.fit, values=now), replays=tuple(logs))
-    draw_identification(result, before, tmp_path / "some.png")
-    angles, errors, of_walk, _ = drawn[0].axes
-    assert angles.get_title("left").startswith("stand.rrd, leg2_femur; ")
-    assert of_walk.get_title("left").startswith("walk.rrd")
-    for line in (*angles.lines, *errors.lines):
-        shown_s = np.asarray(line.get_xdata(), dtype=float)
-        assert shown_s[0] <= 11.02
-        assert shown_s[-1] >= 12.9
-        assert np.ptp(shown_s) < SHOWN_S
-    assert [round(float(np.ptp(np.asarray(line.get_ydata(), dtype=float))), 2) for line in errors.lines] == [
-        5.73,
-        0.57,
-    ]
+    draw_identification(replace(found(), replays=(log,)), None, tmp_path / "some.png")
+    angles, errors = drawn[0].axes
+    assert angles.get_title("left").startswith("walk.rrd, leg2_femur; ")
+    shown_s = np.asarray(errors.lines[0].get_xdata(), dtype=float)
+    assert shown_s[0] <= 11.02
+    assert shown_s[-1] >= 12.9
+    assert np.ptp(shown_s) < SHOWN_S

@@ -124,7 +124,3 @@ def test_an_action_of_another_shape_is_refused() -> None:
     with pytest.raises(InputError, match=r"^action: got shape \(3,\); allowed: \(18,\)$"):
         environment.step(np.zeros(3))
     environment.close()
-
-
-def test_headings_may_be_an_array() -> None:
-    assert HexapodEnvironment(headings_deg=np.arange(0.0, 360.0, 90.0)).action_space.shape == (ACTION_SIZE,)

@@ -20,11 +20,6 @@ from tests.robots import VENDORS_ROBOTS, shipped
 from tests.trials import walk
 
 
-@pytest.mark.parametrize("name", config_names("robots"))
-def test_every_shipped_robot_loads_under_its_own_name(name: str) -> None:
-    assert load_robot(name).name == name
-
-
 @pytest.mark.parametrize("name", config_names("worlds"))
 def test_every_shipped_world_loads(name: str) -> None:
     family = "ranges" in read_mapping(find_config("worlds", name))

@@ -1,14 +1,13 @@
 """Failures of legs: as values and as text."""
 
 import math
-import pickle
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.robot.failure import FAILURE_KINDS, Failure, FailureEvent, check_events
+from hexctl.robot.failure import Failure, FailureEvent, check_events
 from hexctl.robot.failure_grammar import (
     option_of,
     parse_coming_kind,
@@ -22,12 +21,6 @@ from hexctl.robot.failure_grammar import (
     read_failures,
     read_failures_before,
 )
-
-
-@pytest.mark.parametrize("kind", FAILURE_KINDS)
-def test_a_failure_travels_to_another_process(kind: str) -> None:
-    failure = Failure(leg=3, kind=kind, torque_fraction=0.4, angle_rad=0.2)
-    assert pickle.loads(pickle.dumps(failure)) == failure  # noqa: S301  our own bytes
 
 
 @pytest.mark.parametrize("fails", [(), ("5:limp@6",), ("4:limp@1",)])

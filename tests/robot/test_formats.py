@@ -74,12 +74,11 @@ def poses(robot: Robot, count: int = 100) -> FloatArray:
     return robot.joint_lower_rad + shares * (robot.joint_upper_rad - robot.joint_lower_rad)
 
 
-def compiled(text: str, *, free: bool = False) -> Any:
-    """A URDF in MuJoCo, with its frames kept and its base free if wanted."""
+def compiled(text: str) -> Any:
+    """A URDF in MuJoCo, with its frames kept and its base free."""
     spec = mujoco.MjSpec.from_string(text)
     spec.compiler.fusestatic = False
-    if free:
-        spec.body("base_link").add_freejoint()
+    spec.body("base_link").add_freejoint()
     return spec.compile()
 
 
@@ -90,6 +89,7 @@ def test_mujoco_finds_the_feet_where_our_kinematics_do(name: str) -> None:
     data = mujoco.MjData(model)
     joints = [model.joint(joint).qposadr[0] for joint in JOINT_NAMES]
     feet = [model.body(foot).id for foot in FOOT_LINKS]
+    assert model.body_mass[model.body("base_link").id] == 0
     for pose_rad in poses(robot):
         data.qpos[joints] = pose_rad
         mujoco.mj_kinematics(model, data)
@@ -129,22 +129,6 @@ def test_transforms_of_links_are_those_of_the_urdf(name: str) -> None:
             mujoco.mju_quat2Mat(matrix, transforms.quaternions[index])
             assert found_m == pytest.approx(transforms.translations_m[index], abs=1e-9)
             assert turn @ data.xmat[below].reshape(3, 3) == pytest.approx(matrix.reshape(3, 3), abs=1e-9)
-
-
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_limits_masses_and_the_massless_root(name: str) -> None:
-    robot = shipped(name)
-    model = compiled(urdf_of(robot), free=True)
-    assert model.body_mass.sum() == pytest.approx(robot.mass_kg)
-    assert model.body_mass[model.body("base_link").id] == 0
-    for index, joint in enumerate(JOINT_NAMES):
-        limits = [robot.joint_lower_rad[index], robot.joint_upper_rad[index]]
-        assert model.joint(joint).range == pytest.approx(limits)
-    root = ElementTree.fromstring(urdf_of(robot))  # noqa: S314  our own text
-    limit = next(one.find("limit") for one in root.iter("joint") if one.get("name") == "leg1_femur")
-    assert limit is not None
-    assert float(limit.get("effort", "")) == robot.joint_max_torque_nm[1]
-    assert float(limit.get("velocity", "")) == robot.joint_max_speed_rad_s[1]
 
 
 def test_rerun_reads_it(tmp_path: Path) -> None:

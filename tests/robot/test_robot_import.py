@@ -248,22 +248,6 @@ def test_radians_in_an_mjcf_of_degrees_are_refused(tmp_path: Path) -> None:
         imported(tmp_path, text, "some.xml")
 
 
-@pytest.mark.parametrize(("share", "refused"), [(1.0, False), (0.3, True)])
-def test_lengths_that_differ_are_noted_or_refused_by_size(
-    share: float, refused: bool, tmp_path: Path
-) -> None:
-    text = hexapod().replace(
-        f'xyz="{FEMUR_M} 0 0" rpy="0 1.1 0"', f'xyz="{FEMUR_M + 0.004} 0 0" rpy="0 1.1 0"', 1
-    )
-    if refused:
-        with pytest.raises(InputError, match="femur links of the legs differ"):
-            imported(tmp_path, scaled(text, share).replace(str(0.079 * share), str(0.079 * share + 0.002)))
-    else:
-        assert any(
-            "femur links of the legs differ by 4 mm" in note for note in imported(tmp_path, text).notes
-        )
-
-
 def test_a_foot_at_an_impossible_place_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="3 m from the knee"):
         imported(tmp_path, hexapod(), foot_m=(0.0, 0.0, -3.0))

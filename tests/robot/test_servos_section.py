@@ -31,7 +31,6 @@ SHIPPED = "".join(
 #: Section by layout, each with another joint in front of leg1_tibia's keys or none.
 SECTIONS = {
     "none": SHIPPED,
-    "no newline at the end": SHIPPED.rstrip("\n"),
     "flow": SHIPPED + "servos: {tibia: {offset_deg: 75}} # mine\n",
     "flow, the joint in it": SHIPPED + "servos: {leg1_tibia: {offset_deg: 75, }, } # mine\n",
     "flow over lines": SHIPPED + "servos: {tibia: {offset_deg: 75},\n  coxa: {sign: -1}\n}\n",
@@ -40,14 +39,12 @@ SECTIONS = {
         "servos:\n  # the tibias\n  tibia:\n    offset_deg: 75 # horn\n\n# about the feet\nfoot_radius_m:",
     ),
     "block at the end": SHIPPED + "servos:\n  tibia: {offset_deg: 75}\n\n# the end\n",
-    "block without a newline": SHIPPED + "servos:\n  tibia: {offset_deg: 75}",
     "the joint in it": SHIPPED
     + "servos:\n  port: /dev/x # usb\n  leg1_tibia: # mine\n    # horn\n    offset_deg: 75 # slipped\n"
     "    channel: 3\n  # the hips\n  coxa: {sign: -1}\n",
     "the joint last": SHIPPED + "servos:\n    leg1_tibia:\n        sign: -1",
     "the joint in flow": SHIPPED
     + "servos:\n  leg1_tibia: {channel: 3, sign: -1} # mine\n  coxa: {sign: 1}\n",
-    "the joint empty": SHIPPED + "servos:\n  leg1_tibia: {}\n",
     "empty": SHIPPED + "servos: {}\n",
     "before others": "servos:\n  tibia:\n    offset_deg: 75\n" + SHIPPED,
 }

@@ -49,12 +49,10 @@ class Followed:
     Attributes:
         estimates: one for each picture.
         true: poses then, (N, 3).
-        held: the newest sighting that had come, (N, 3); NaN before the first.
     """
 
     estimates: list[PoseEstimate]
     true: FloatArray
-    held: FloatArray
     filter: PoseFilter = field(repr=False)
 
     @property
@@ -70,10 +68,6 @@ class Followed:
     def errors(self, from_s: float = 1.0, to_s: float = math.inf) -> tuple[float, float]:
         """RMS of position in m and yaw in deg."""
         return rms(self.poses - self.true, (self.times_s >= from_s) & (self.times_s < to_s))
-
-    def held_error_m(self) -> float:
-        """RMS of the position of raw sightings, each held until the next."""
-        return rms(self.held - self.true, self.times_s >= 1.0)[0]
 
     def error_at(self, at_s: float) -> float:
         """Distance from the truth at a time, in m."""
@@ -107,8 +101,7 @@ def followed(walk: Driven, eye: Eye) -> Followed:
     motions = leg_motions(shipped(), walk.times_s, walk.joints_rad).motions
     true = carried(walk, eye)
     poses = PoseFilter()
-    estimates, truths, held, told = [], [], [], 0
-    last = (math.nan,) * 3
+    estimates, truths, told = [], [], 0
     waiting: list[Sighting] = []
     for frame in range(int(walk.times_s[-1] * eye.fps)):
         now_s = frame / eye.fps
@@ -119,11 +112,9 @@ def followed(walk: Driven, eye: Eye) -> Followed:
         for one in [one for one in waiting if one.at_s + eye.late_s <= now_s + 1e-9]:
             waiting.remove(one)
             poses.see(one)
-            last = as_row(one.pose)
         estimates.append(poses.estimate(now_s))
         truths.append(at(walk.times_s, true, now_s))
-        held.append(last)
-    return Followed(estimates, np.array(truths), np.array(held), poses)
+    return Followed(estimates, np.array(truths), poses)
 
 
 def carried(walk: Driven, eye: Eye) -> FloatArray:

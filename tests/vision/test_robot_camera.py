@@ -191,7 +191,8 @@ def test_what_loses_the_robot_is_told_once(
         floor_tags={number: FloorTag.at(one.pose, 1000 * one.edge_m) for number, one in FLOOR_TAGS.items()},
         robot_tag=RobotTag(id=tag.tag_id, edge_mm=1000 * tag.edge_m, height_m=tag.height_m),
     )
-    stream = PoseStream(Observer.at(place, ANT, TagFinder(), 0.0))
+    seen_by = Observer(ANT, place.viewpoint, place.floor_corners, place.tag, finder=TagFinder())
+    stream = PoseStream(seen_by)
     stream.run(film, lambda: False, on_pose=lambda _: None, on_status=statuses.append, on_event=events.append)
     told = ["seen", "its tag", "seen", "no pictures", "seen", "640x360", "no pictures"]
     assert len(events) == len(told)
@@ -217,24 +218,3 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     for path in (tmp_path / "poses.csv", tmp_path / "nowhere" / "poses.csv"):
         with pytest.raises(InputError):
             PoseTable(path)
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"output": "there.mp4"}, "exists"),
-        ({"poses": "there.mp4"}, "exists"),
-        ({"output": "gone/file"}, "output"),
-        ({"poses": "gone/file"}, "poses"),
-        ({"place": "gone/file"}, "place"),
-        ({"robot_tag": 2}, "robot_tag"),
-        *[({"latency_ms": latency_ms}, "latency_ms") for latency_ms in (-1.0, 2001.0, float("nan"))],
-    ],
-)
-def test_bad_options_are_refused_before_the_camera_is_opened(
-    options: dict[str, Any], named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("there.mp4").touch()
-    with pytest.raises(InputError, match=named):
-        RobotCamera(camera="63", **options)

@@ -177,12 +177,9 @@ def test_it_shows_a_served_robot_where_it_truly_is_and_says_when_it_falls_silent
     ("option", "value"),
     [
         ("fps", 0.5),
-        ("latency_ms", -1.0),
-        ("noise", float("nan")),
         ("drop", 1.5),
         ("size_px", (10, 10)),
         ("position_m", (0.0, 0.0, 0.0)),
-        ("http_port", 70_000),
         *[
             ("faults", (text,))
             for text in ("", "moved", "moved:1,2", "moved:1,2,3@", "turned:nan", "fogged:1")

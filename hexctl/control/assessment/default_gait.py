@@ -14,8 +14,7 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait
 from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.formats.importing.robot_import import USUAL_STRIDE, ImportedRobot
-from hexctl.robot.servos.servo_map import servo_map_of
-from hexctl.robot.servos.servo_schema import ServosSection
+from hexctl.robot.servos.servo_map import default_servo_map
 
 #: Tried shares of the usual stride, and the stances, the best first.
 SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
@@ -51,13 +50,13 @@ def walkable(imported: ImportedRobot) -> ImportedRobot:
             return slower
         if not verdict.obstacles:
             doubts = f"hexctl check doubts the default gait: {'; '.join(verdict.warnings)}"
-            doubtful = doubtful or replace(slower, remarks=(*slower.remarks, doubts))
+            doubtful = doubtful or replace(slower, notes=(*slower.notes, doubts))
         elif first is None:
             first, reason = slower, "; ".join(verdict.obstacles)
     if doubtful is not None:
         return doubtful
     note, made = f"no default gait was found that it can walk: {reason}", first or imported
-    return replace(made, remarks=(*made.remarks, note))
+    return replace(made, notes=(*made.notes, note))
 
 
 def _in_reach(imported: ImportedRobot) -> Iterator[ImportedRobot]:
@@ -127,5 +126,5 @@ def _check(imported: ImportedRobot) -> RobotCheck:
         gait=gait,
         demand=gait_demand(robot, gait, motions),
         load=gait_load(robot, gait, motions),
-        servo_map=servo_map_of(ServosSection()),
+        servo_map=default_servo_map(),
     )

@@ -1,6 +1,7 @@
 """A robot as MJCF, the model format of MuJoCo: the body of hexctl's simulation as a file."""
 
 import math
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from hexctl.palette import BACKGROUND, BODY_COLOR, GROUND_COLOR, LINK_COLORS
@@ -26,10 +27,37 @@ STICTION = (0.999, 0.999, 0.001)
 _TOUCHES = {"contype": "0", "conaffinity": "1"}
 _PASSES = {"contype": "0", "conaffinity": "0"}
 
+_LIGHTER = (GROUND_COLOR[0] + 14, GROUND_COLOR[1] + 14, GROUND_COLOR[2] + 14)
+
 #: Cameras: direction of view as azimuth and elevation.
 CAMERAS = {"side": (-90.0, 12.0), "top": (-90.0, 89.0), "follow": (-145.0, 25.0)}
 #: Vertical angle of view of the cameras.
 FOVY_DEG = 35.0
+
+
+#: Colours, a chequered floor and light; a bright haze would be a line at the horizon of the dark background.
+_SCENE = f"""<mujoco>
+<compiler angle="radian"/>
+<option timestep="{STEP_S}" integrator="implicitfast" cone="elliptic"/>
+<visual>
+  <headlight ambient="0.4 0.4 0.4" diffuse="0.35 0.35 0.35" specular="0 0 0"/>
+  <global offwidth="1920" offheight="1920"/>
+  <rgba haze="{color_text(BACKGROUND)} 1"/>
+  <quality shadowsize="0"/>
+</visual>
+<asset>
+  <texture name="floor" rgb1="{color_text(GROUND_COLOR)}" rgb2="{color_text(_LIGHTER)}" type="2d"
+    builtin="checker" width="256" height="256"/>
+  <texture type="skybox" builtin="flat" rgb1="{color_text(BACKGROUND)}" width="32" height="32"/>
+  <material name="floor" texture="floor" texrepeat="5 5" texuniform="true"/>
+</asset>
+<worldbody>
+  <light pos="0 0 3" dir="0 0 -1" directional="true" castshadow="false" diffuse="0.35 0.35 0.35"
+    specular="0 0 0"/>
+  <geom name="floor" type="plane" size="0 0 0.05" material="floor" contype="1" conaffinity="0"
+    friction="1 0.005 0.0001" priority="1"/>
+</worldbody>
+</mujoco>"""
 
 
 def mjcf_of(robot: Robot) -> str:
@@ -39,12 +67,11 @@ def mjcf_of(robot: Robot) -> str:
     `hexctl.robot.formats.link_frames`. The keyframe is `stance`; the cameras `side`, `top` and `follow` move
     with the robot.
     """
-    root = Element("mujoco", model=robot.name)
-    add(root, "compiler", angle="radian")
-    add(root, "option", timestep=number(STEP_S), integrator="implicitfast", cone="elliptic")
-    _add_looks(root)
-    world = add(root, "worldbody")
-    _add_surroundings(world)
+    root = ElementTree.fromstring(_SCENE)  # noqa: S314  our own text
+    root.set("model", robot.name)
+    _, _, _, assets, world = root
+    for name, color in {"body": BODY_COLOR, **LINK_COLORS}.items():
+        add(assets, "material", name=name, rgba=f"{color_text(color)} 1")
     _add_robot(world, robot)
     _add_servos(root, robot)
     stance = numbers(*robot.stance_angles_rad)
@@ -69,53 +96,6 @@ def _add_numbers(root: Element, robot: Robot) -> None:
         values[PLAY_KEY] = robot.joint_play_rad[:JOINTS_PER_LEG].tolist()
     for name, data in values.items():
         add(custom, "numeric", name=name, data=numbers(*data))
-
-
-def _add_looks(root: Element) -> None:
-    """Add colours, a chequered floor and light without shadows, which would take most of the time."""
-    visual = add(root, "visual")
-    add(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.35 0.35 0.35", specular="0 0 0")
-    # Larger pictures than MuJoCo's 640 x 480 need a larger buffer.
-    add(visual, "global", offwidth="1920", offheight="1920")
-    # The usual haze is white: a bright line at the horizon of the dark background.
-    add(visual, "rgba", haze=f"{color_text(BACKGROUND)} 1")
-    add(visual, "quality", shadowsize="0")
-    assets = add(root, "asset")
-    ground = color_text(GROUND_COLOR)
-    lighter = numbers(*(round((part + 14) / 255, 4) for part in GROUND_COLOR))
-    checks = {"type": "2d", "builtin": "checker", "width": "256", "height": "256"}
-    add(assets, "texture", name="floor", rgb1=ground, rgb2=lighter, **checks)
-    add(
-        assets, "texture", type="skybox", builtin="flat", rgb1=color_text(BACKGROUND), width="32", height="32"
-    )
-    add(assets, "material", name="floor", texture="floor", texrepeat="5 5", texuniform="true")
-    for name, color in {"body": BODY_COLOR, **LINK_COLORS}.items():
-        add(assets, "material", name=name, rgba=f"{color_text(color)} 1")
-
-
-def _add_surroundings(world: Element) -> None:
-    add(
-        world,
-        "light",
-        pos="0 0 3",
-        dir="0 0 -1",
-        directional="true",
-        castshadow="false",
-        diffuse="0.35 0.35 0.35",
-        specular="0 0 0",
-    )
-    add(
-        world,
-        "geom",
-        name="floor",
-        type="plane",
-        size="0 0 0.05",
-        material="floor",
-        contype="1",
-        conaffinity="0",
-        friction="1 0.005 0.0001",
-        priority="1",
-    )
 
 
 def _add_servos(root: Element, robot: Robot) -> None:

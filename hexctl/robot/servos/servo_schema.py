@@ -4,16 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from hexctl.robot.configs import AngleDeg, Number, Positive, Section
+from hexctl.robot.configs import AngleDeg, Number, Positive, Section, Whole
 from hexctl.robot.servos.drivers import Driver
 from hexctl.robot.servos.servo_models import BAUD
 from hexctl.types import N_JOINTS, N_LEGS
-
-
-def _checked_whole(value: float) -> int:
-    if value != int(value):
-        raise ValueError(f"got {value:g}; allowed: a whole number")
-    return int(value)
 
 
 def _direction(value: float) -> int:
@@ -40,26 +34,19 @@ def _pair(value: object) -> object:
 
 
 #: A pulse width in microseconds, within limits far wider than those of any servo.
-PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterValidator(_checked_whole)]
-Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_checked_whole)]
+PulseUs = Annotated[Whole, Field(ge=100, le=5000)]
+Channel = Annotated[Whole, Field(ge=1, le=N_JOINTS)]
 Direction = Annotated[Number, AfterValidator(_direction)]
 
-ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_checked_whole)]
-Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_checked_whole)]
-TouchInput = Annotated[Number, Field(ge=0, lt=N_LEGS, allow_inf_nan=False), AfterValidator(_checked_whole)]
+ServoId = Annotated[Whole, Field(ge=0, le=252)]
+Count = Annotated[Whole, Field(ge=0, le=65535)]
+TouchInput = Annotated[Whole, Field(ge=0, lt=N_LEGS)]
 #: A number is an I2C bus.
 Port = Annotated[str, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 #: An address of a PCA9685, without the one at which all answer.
-I2cAddress = Annotated[
-    Number,
-    Field(ge=0x40, le=0x7F, allow_inf_nan=False),
-    AfterValidator(_checked_whole),
-    AfterValidator(_own_address),
-]
+I2cAddress = Annotated[Whole, Field(ge=0x40, le=0x7F), AfterValidator(_own_address)]
 OscillatorMhz = Annotated[Number, Field(ge=20, le=30, allow_inf_nan=False)]
-Baud = Annotated[
-    Number, Field(ge=BAUD.low, le=BAUD.high, allow_inf_nan=False), AfterValidator(_checked_whole)
-]
+Baud = Annotated[Whole, Field(ge=BAUD.low, le=BAUD.high)]
 
 
 class KindServoSection(Section):

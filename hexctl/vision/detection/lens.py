@@ -5,7 +5,7 @@ write and read; those of OpenCV and Kalibr are read too.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -84,10 +84,7 @@ class Lens(ArrayFields):
             )
         # The first pixel's middle is half a pixel from the corner, at any size.
         shift = np.array([[scale, 0.0, (scale - 1) / 2], [0.0, scale, (scale - 1) / 2], [0.0, 0.0, 1.0]])
-        return Lens(
-            width_px=width_px, height_px=height_px, matrix=shift @ self.matrix,
-            model=self.model, distortion=self.distortion, calibrated=self.calibrated,
-        )  # fmt: skip
+        return replace(self, width_px=width_px, height_px=height_px, matrix=shift @ self.matrix)
 
     def rays(self, points_px: FloatArray) -> FloatArray:
         """Directions (N, 3) that pixels see, in the camera's frame with z = 1, or NaN (`MOST_ANGLE_DEG`)."""
@@ -139,14 +136,10 @@ def load_lens(path: str | Path) -> Lens:
     path = Path(path)
     content = validate(_LensFile, read_calibration(path), path)
     matrix, coefficients = content.camera_matrix.data, content.distortion_coefficients.data
-    if len(matrix) != 9 or matrix[0] <= 0 or matrix[4] <= 0:
+    if len(matrix) != 9 or min(matrix[0], matrix[4]) <= 0 or matrix[3] != 0 or matrix[6:] != [0, 0, 1]:
         raise InputError(
-            f"{path}: camera_matrix.data: got {matrix}; allowed: 9 numbers, focal lengths above 0"
-        )
-    if matrix[3] != 0 or matrix[6:] != [0, 0, 1]:
-        raise InputError(
-            f"{path}: camera_matrix.data: got {matrix}; allowed: row by row, the last one 0, 0, 1 "
-            "(MATLAB's is transposed)"
+            f"{path}: camera_matrix.data: got {matrix}; allowed: 9 numbers row by row, focal lengths above "
+            "0, the last row 0, 0, 1 (MATLAB's is transposed)"
         )
     coefficients = complete(content.distortion_model, coefficients, path)
     return Lens(

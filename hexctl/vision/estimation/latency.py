@@ -10,7 +10,7 @@ number, whose k also rotates. Both estimates of T are weighted by their uncertai
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +45,23 @@ class Latency:
         latency_s: from the picture to its arrival, on the robot's clock less that of the arrivals.
         sigma_s: one standard deviation.
         factor: motion in the pictures as a share of the motion of the joints.
+        explained: share of the motion in the pictures that the joints explain.
     """
 
     latency_s: float
     sigma_s: float
     factor: float
+    explained: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is known well, and possible."""
+        return (
+            self.sigma_s <= MOST_SIGMA_S
+            and self.explained >= LEAST_EXPLAINED
+            and LEAST_FACTOR <= self.factor <= MOST_FACTOR
+            and LEAST_S + STEP_S < self.latency_s < MOST_S - STEP_S
+        )
 
 
 def measure_latency(
@@ -83,32 +95,15 @@ def measure_latency(
         (moved[:, :2] @ np.array([1, 1j]), seen[:, :2] @ np.array([1, 1j])),
     ]
     found = [_delay(times_s, own, arrivals_s, picture) for own, picture in channels]
-    good = [one for one in found if _holds(one)]
+    good = [one for one in found if one.holds]
     if not good:
         raise InputError(_refusal(found))
     weights = np.array([one.sigma_s for one in good]) ** -2.0
     latency_s = float(np.average([one.latency_s for one in good], weights=weights))
-    return Latency(latency_s, float(weights.sum() ** -0.5), good[0].factor)
+    return replace(good[0], latency_s=latency_s, sigma_s=float(weights.sum() ** -0.5))
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    latency_s: float
-    sigma_s: float
-    factor: float
-    explained: float
-
-
-def _holds(fit: _Fit) -> bool:
-    return (
-        fit.sigma_s <= MOST_SIGMA_S
-        and fit.explained >= LEAST_EXPLAINED
-        and LEAST_FACTOR <= fit.factor <= MOST_FACTOR
-        and LEAST_S + STEP_S < fit.latency_s < MOST_S - STEP_S
-    )
-
-
-def _refusal(found: list[_Fit]) -> str:
+def _refusal(found: list[Latency]) -> str:
     best = min(found, key=lambda fit: fit.sigma_s)
     if best.sigma_s > MOST_SIGMA_S or best.explained < LEAST_EXPLAINED:
         return (
@@ -122,7 +117,7 @@ def _refusal(found: list[_Fit]) -> str:
     )
 
 
-def _delay(times_s: FloatArray, own: _Values, arrivals_s: FloatArray, seen: _Values) -> _Fit:
+def _delay(times_s: FloatArray, own: _Values, arrivals_s: FloatArray, seen: _Values) -> Latency:
     """Delay of what was seen against the body's own motion, both real or both complex."""
     delays_s = np.arange(LEAST_S, MOST_S + STEP_S / 2, STEP_S)
     kept = np.ones(len(seen), dtype=bool)
@@ -137,7 +132,9 @@ def _delay(times_s: FloatArray, own: _Values, arrivals_s: FloatArray, seen: _Val
     return _judged(times_s, own, arrivals_s[kept], seen[kept], delay_s)
 
 
-def _judged(times_s: FloatArray, own: _Values, arrivals_s: FloatArray, seen: _Values, delay_s: float) -> _Fit:
+def _judged(
+    times_s: FloatArray, own: _Values, arrivals_s: FloatArray, seen: _Values, delay_s: float
+) -> Latency:
     """A delay with its uncertainty: that of the least squares, linearised in delay, factor and shift."""
     at_s = arrivals_s - delay_s
     factor, left, _ = _fitted(times_s, own, at_s, seen)
@@ -151,7 +148,7 @@ def _judged(times_s: FloatArray, own: _Values, arrivals_s: FloatArray, seen: _Va
     variance = left / max(1, numbers * (len(seen) - 2) - 1)
     spread = float(np.square(np.abs(seen - seen.mean())).sum())
     sigma_s = math.sqrt(variance / told) if told > 0 else math.inf
-    return _Fit(delay_s, sigma_s, abs(factor), 1 - left / spread if spread > 0 else 0.0)
+    return Latency(delay_s, sigma_s, abs(factor), 1 - left / spread if spread > 0 else 0.0)
 
 
 def _fitted(

@@ -65,9 +65,9 @@ FLOOR_TAGS = {
 }
 
 
-def tag_on(robot: Robot, edge_m: float = ROBOT_EDGE_M) -> PlacedTag:
+def tag_on(robot: Robot) -> PlacedTag:
     """Tag in the middle of a robot's trunk, on top of it."""
-    return PlacedTag(ROBOT_TAG, edge_m, PlanarPose(0, 0, 0), robot.body.size_m[2] / 2 + 0.001)
+    return PlacedTag(ROBOT_TAG, ROBOT_EDGE_M, PlanarPose(0, 0, 0), robot.body.size_m[2] / 2 + 0.001)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -166,7 +166,17 @@ class Shooting:
             self._shoot(stop_requested, started_s, delivery)
         finally:
             delivery.close()
-        return self._report(delivery, time.monotonic() - started_s)
+        return TwinReport(
+            duration_s=time.monotonic() - started_s,
+            drawn=self._drawn,
+            delivered=delivery.delivered,
+            dropped=self._dropped,
+            skipped=self._skipped,
+            late=delivery.late,
+            latency_s=delivery.latency_s / delivery.delivered if delivery.delivered else None,
+            drawing_s=self._drawing_s,
+            developing_s=delivery.developing_s,
+        )
 
     def _shoot(self, stop_requested: Callable[[], bool], started_s: float, delivery: Delivery) -> None:
         period_s, number = 1 / self._options.fps, 0
@@ -233,16 +243,3 @@ class Shooting:
             )
         if least_ms > self._options.latency_ms + 1000 * Delivery.LATE_S:
             self._on_event(f"pictures are {least_ms:.0f} ms late, as drawing takes that long")
-
-    def _report(self, delivery: Delivery, duration_s: float) -> TwinReport:
-        return TwinReport(
-            duration_s=duration_s,
-            drawn=self._drawn,
-            delivered=delivery.delivered,
-            dropped=self._dropped,
-            skipped=self._skipped,
-            late=delivery.late,
-            latency_s=delivery.latency_s / delivery.delivered if delivery.delivered else None,
-            drawing_s=self._drawing_s,
-            developing_s=delivery.developing_s,
-        )

@@ -73,9 +73,7 @@ def test_half_the_pixels_see_the_same_and_other_shapes_are_refused() -> None:
     ("changes", "named"),
     [
         ({"image_width": 0}, "image_width"),
-        ({"camera_matrix": {"rows": 3, "cols": 3, "data": [1.0] * 8}}, "camera_matrix"),
         ({"camera_matrix": {"rows": 3, "cols": 3, "data": [0.0] * 9}}, "camera_matrix"),
-        ({"distortion_model": "ftheta"}, "distortion_model"),
         ({"distortion_coefficients": {"rows": 1, "cols": 3, "data": [0.0] * 3}}, "distortion_coefficients"),
         ({"camera_matrix": {"rows": 3, "cols": 3, "data": [float("nan")] * 9}}, "camera_matrix"),
     ],

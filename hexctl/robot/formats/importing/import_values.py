@@ -1,7 +1,9 @@
 """Bounds of plausible numbers of an import, and usual values for the others."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -42,13 +44,24 @@ class Findings:
     reasons: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
-    def unknown(self, key: str, reason: str) -> None:
-        """List a key as unknown."""
-        self.reasons[key] = reason
-
-    def note(self, text: str) -> None:
-        """Add a note."""
-        self.notes.append(text)
+    def plausible(
+        self,
+        key: str,
+        values: Sequence[float | None],
+        bounds: tuple[float, float],
+        unit: str,
+        usual: float,
+        why: str = "",
+    ) -> float:
+        """Smallest plausible value of six joints, else a usual one; unknown if one is not plausible."""
+        low, high = bounds
+        good = [value for value in values if value is not None and low <= value <= high]
+        found = min(good, default=usual)
+        if len(good) < len(values):
+            bad = next(value for value in values if value is None or not low <= value <= high)
+            got = "is missing" if bad is None else f"got {bad:.4g}; plausible: {low:.4g} to {high:.4g} {unit}"
+            self.reasons[key] = f"{got}; {found:.4g} {unit}{'' if good else why} were assumed"
+        return found
 
 
 def rounded(value: float) -> float:
@@ -77,42 +90,31 @@ class UsualMasses:
     parts_kg: dict[str, float]
     basis: str
 
+    @classmethod
+    def of(cls, leg_m: float, moving_m: float, torques_nm: Sequence[float | None]) -> Self:
+        """Masses by size, and at most what the femur joints carry.
+
+        A leg is `leg_m` long from coxa to foot, femur and tibia `moving_m`. Torques that are not plausible,
+        or carry no robot of this size, do not count.
+        """
+        whole_kg = USUAL_MASS_KG["body"] + N_LEGS * sum(USUAL_MASS_KG[kind] for kind in JOINT_KINDS)
+        share, basis = (leg_m / USUAL_LEG_M) ** 3, "size"
+        torque_nm, most_nm = (pick(one or 0.0 for one in torques_nm) for pick in (min, max))
+        carried = torque_nm / (NM_PER_KG_M * moving_m) / whole_kg
+        plausible = TORQUES_NM[0] <= torque_nm and most_nm <= TORQUES_NM[1]
+        if plausible and LEAST_CARRIED * share <= carried < share:
+            share, basis = carried, f"torque of {torque_nm:g} N m"
+        return cls({part: float(f"{share * mass_kg:.3g}") for part, mass_kg in USUAL_MASS_KG.items()}, basis)
+
     def reason(self, got_kg: float, part: str) -> str:
         """Reason of a replaced mass."""
         assumed = f"{self.parts_kg[part]:g} kg, for its {self.basis}, were assumed"
         return f"got {got_kg:g} kg, which is a placeholder; {assumed}"
 
 
-def usual_masses(leg_m: float, moving_m: float, torque_nm: float | None) -> UsualMasses:
-    """Masses by size, and at most what the femur joints carry.
-
-    A leg is `leg_m` long from coxa to foot, femur and tibia `moving_m`. The torque is None if it is doubted,
-    like one that carries no robot of this size.
-    """
-    whole_kg = USUAL_MASS_KG["body"] + N_LEGS * sum(USUAL_MASS_KG[kind] for kind in JOINT_KINDS)
-    share, basis = (leg_m / USUAL_LEG_M) ** 3, "size"
-    carried = (torque_nm or math.inf) / (NM_PER_KG_M * moving_m) / whole_kg
-    if LEAST_CARRIED * share <= carried < share:
-        share, basis = carried, f"torque of {torque_nm:g} N m"
-    return UsualMasses(
-        {part: float(f"{share * mass_kg:.3g}") for part, mass_kg in USUAL_MASS_KG.items()}, basis
-    )
-
-
 def too_dense(mass_kg: float, size_m: list[float]) -> bool:
     """Whether a part is heavier than any robot's of its size."""
     return mass_kg > MOST_KG_M3 * float(np.prod(np.array(size_m) + MARGIN_M))
-
-
-def plausible(values: list[float | None], bounds: tuple[float, float], unit: str) -> tuple[float | None, str]:
-    """Smallest plausible value of six joints or None, and a problem with one of them or an empty text."""
-    low, high = bounds
-    good = [value for value in values if value is not None and low <= value <= high]
-    bad = next((value for value in values if value is None or not low <= value <= high), 0.0)
-    problem = ""
-    if len(good) < len(values):
-        problem = "is missing" if bad is None else f"got {bad:.4g}; plausible: {low:.4g} to {high:.4g} {unit}"
-    return min(good, default=None), problem
 
 
 def possible_tensor(tensor: FloatArray, mass_kg: float, length_m: float) -> tuple[FloatArray, str]:

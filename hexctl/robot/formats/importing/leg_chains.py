@@ -1,8 +1,8 @@
 """Find the chains of hinges that form the legs of a robot description; extra hinges are held."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,39 +19,31 @@ FOOT_TOLERANCE_M = 0.01
 Chain = tuple[TreeJoint, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class HeldHinge:
-    """A hinge of a leg that does not move, and its angle in the file."""
-
-    joint: TreeJoint
-    angle_rad: float
-
-
-def held_text(held: Sequence[HeldHinge]) -> str:
-    """Names of hinges with their angles."""
+def held_text(held_rad: Mapping[str, float]) -> str:
+    """Names of held hinges with their angles."""
     names: dict[str, list[str]] = {}
-    for each in held:
-        names.setdefault(f"{math.degrees(each.angle_rad):.4g} deg", []).append(each.joint.name)
+    for name, angle_rad in held_rad.items():
+        names.setdefault(f"{math.degrees(angle_rad):.4g} deg", []).append(name)
     return "; ".join(f"{', '.join(of_angle)} at {angle}" for angle, of_angle in names.items())
 
 
-def with_three_hinges(tree: LinkTree) -> tuple[LinkTree, tuple[HeldHinge, ...]]:
-    """The robot with three hinges per leg, and the hinges held for that.
+def with_three_hinges(tree: LinkTree) -> tuple[LinkTree, dict[str, float]]:
+    """The robot with three hinges per leg, and the angles of the hinges held for that, by name.
 
     Of the hinges of a leg without which it is a leg, the one that moves the foot least is held: in the
     stance of the file, else at zero, or in the middle of a range without zero.
 
     Raises InputError for legs of more hinges of which no three are those of a leg.
     """
-    held: list[HeldHinge] = []
+    held_rad: dict[str, float] = {}
     while len(_three_hinges(tree)) != N_LEGS and (long := _long_chains(tree)):
         _check_independent(long)
         index = _least_index(tree, long)
-        more = [HeldHinge(chain[index], _angle_rad(tree, chain[index])) for chain in long]
-        held += more
-        joints = {each.joint.child: _fixed(each) for each in more}
+        held = [chain[index] for chain in long]
+        held_rad |= {joint.name: _angle_rad(tree, joint) for joint in held}
+        joints = {joint.child: _fixed(joint, held_rad[joint.name]) for joint in held}
         tree = replace(tree, joints=tree.joints | joints)
-    return tree, tuple(held)
+    return tree, held_rad
 
 
 def _long_chains(tree: LinkTree) -> list[Chain]:
@@ -103,9 +95,9 @@ def _angle_rad(tree: LinkTree, joint: TreeJoint) -> float:
     return own if low <= own <= high else (low + high) / 2
 
 
-def _fixed(held: HeldHinge) -> TreeJoint:
-    turn = frame_of(np.zeros(3), quaternion_about(held.joint.axis, held.angle_rad))
-    return replace(held.joint, kind="fixed", frame=held.joint.frame @ turn)
+def _fixed(joint: TreeJoint, angle_rad: float) -> TreeJoint:
+    turn = frame_of(np.zeros(3), quaternion_about(joint.axis, angle_rad))
+    return replace(joint, kind="fixed", frame=joint.frame @ turn)
 
 
 def axis_problem(chain: Chain, axes: Sequence[FloatArray], up: FloatArray) -> str:

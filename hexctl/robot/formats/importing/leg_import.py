@@ -1,7 +1,6 @@
 """The links and joints of the legs of a robot description, as sections of a robot file."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,16 +21,16 @@ from hexctl.robot.formats.importing.import_values import (
     USUAL_SPEED_DEG_S,
     USUAL_TORQUE_NM,
     Findings,
+    UsualMasses,
     check_units,
     least_mass_kg,
-    plausible,
     possible_tensor,
     rounded,
-    usual_masses,
 )
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.importing.tree_legs import TreeLeg
 from hexctl.robot.formats.mjcf import GEAR_KEY, LOAD_KEY, PLAY_KEY, SPEED_KEY
+from hexctl.robot.rotations import about_z, matrix_of, quaternion_about
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: A servo follows its target within this: it turns by 60 degrees in 0.1 to 0.25 s.
@@ -59,8 +58,8 @@ class LegImport:
         self.vectors_m = np.mean([leg.vectors_m for leg in legs], axis=0)
         lengths_m = np.linalg.norm(self.vectors_m, axis=-1)
         self.leg_m, self._moving_m = float(lengths_m.sum()), float(lengths_m[1:].sum())
-        torque_nm, doubt = plausible([leg.joints[1].torque_nm for leg in legs], TORQUES_NM, "N m")
-        self.usual_masses = usual_masses(self.leg_m, self._moving_m, None if doubt else torque_nm)
+        torques_nm = [leg.joints[1].torque_nm for leg in legs]
+        self.usual_masses = UsualMasses.of(self.leg_m, self._moving_m, torques_nm)
         self.least_mass_kg = least_mass_kg(self.leg_m)
         self._usual_torque_nm = self._weight_torque_nm()
 
@@ -68,7 +67,7 @@ class LegImport:
         """The section `links`, without moments of inertia."""
         guess = next((leg.foot_guess for leg in self._legs if leg.foot_guess), "")
         if guess:
-            self._findings.unknown("links.tibia.end_m", guess)
+            self._findings.reasons["links.tibia.end_m"] = guess
         return {kind: self._link(index) for index, kind in enumerate(JOINT_KINDS)}
 
     def joints(self) -> dict[str, dict[str, Any]]:
@@ -90,10 +89,10 @@ class LegImport:
         heavy = masses_kg.max() > MOST_KG_M3 * (length_m + MARGIN_M) * MARGIN_M**2
         if masses_kg.min() < self.least_mass_kg:
             mass_kg = self.usual_masses.parts_kg[kind]
-            self._findings.unknown(key, self.usual_masses.reason(masses_kg.min(), kind))
+            self._findings.reasons[key] = self.usual_masses.reason(masses_kg.min(), kind)
         elif heavy:
             check_units(f"a {kind}", mass_kg, MOST_MASS_KG, "kg")
-            self._findings.unknown(key, f"got {masses_kg.max():g} kg, denser than links are; it is kept")
+            self._findings.reasons[key] = f"got {masses_kg.max():g} kg, denser than links are; it is kept"
         link: dict[str, Any] = {"end_m": [rounded(part) for part in end_m], "mass_kg": rounded(mass_kg)}
         link["radius_m"] = self._radius_m(index, length_m)
         com_m = coms_m.mean(axis=0)[[0, 2]]
@@ -125,18 +124,15 @@ class LegImport:
 
     def _leg_frame(self, leg: TreeLeg, joint: TreeJoint) -> FloatArray:
         """Transform from the root to outward, left and up of a leg, from a joint, (4, 4)."""
-        yaw_rad = leg.yaw_rad + float(leg.zeros_rad[0])
-        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         frame = np.eye(4)
-        frame[:3, :3] = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) @ self._facing[:3, :3]
+        frame[:3, :3] = matrix_of(about_z(-leg.yaw_rad - float(leg.zeros_rad[0]))) @ self._facing[:3, :3]
         frame[:3, 3] = -frame[:3, :3] @ self._tree.frame_in_root(joint.child)[:3, 3]
         return frame
 
     def _plane_turn(self, leg: TreeLeg, index: int) -> FloatArray:
         """Turn (3, 3) of a link in the plane of its leg from its own zero to that of the first leg."""
-        angle = -float(leg.zeros_rad[1 : index + 1].sum())
-        cos, sin = math.cos(angle), math.sin(angle)
-        return np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+        angle_rad = float(leg.zeros_rad[1 : index + 1].sum())
+        return matrix_of(quaternion_about((0.0, 1.0, 0.0), angle_rad))
 
     def inertia(self, index: int, even: tuple[float, ...]) -> list[float] | None:
         """Moments and product (outward, left, up, outward-up) of a link, or None for those of its capsule."""
@@ -146,7 +142,7 @@ class LegImport:
             return None
         tensor = tensors.mean(axis=0)
         if not np.isfinite(tensor).all():
-            self._findings.unknown(key, "it is missing; that of an evenly filled capsule was assumed")
+            self._findings.reasons[key] = "it is missing; that of an evenly filled capsule was assumed"
             return None
         if np.allclose(_moments(tensor), even, rtol=1e-5, atol=1e-6 * sum(even[:3])):
             return None
@@ -154,7 +150,7 @@ class LegImport:
         reach_m = float(np.linalg.norm(coms_m.mean(axis=0))) + float(np.linalg.norm(self.vectors_m[index]))
         tensor, problem = possible_tensor(tensor, float(masses_kg.mean()), reach_m)
         if problem:
-            self._findings.unknown(key, f"{problem}; that of an evenly filled capsule was assumed")
+            self._findings.reasons[key] = f"{problem}; that of an evenly filled capsule was assumed"
             return None
         return [rounded(moment) for moment in _moments(tensor)]
 
@@ -164,7 +160,7 @@ class LegImport:
         solids = [solid for name in self._parts(leg, index) for solid in self._tree.links[name].solids]
         round_ones = [solid for solid in solids if solid.kind in ("cylinder", "capsule")]
         if not round_ones:
-            self._findings.unknown(f"links.{JOINT_KINDS[index]}.radius_m", "no cylinder shows it")
+            self._findings.reasons[f"links.{JOINT_KINDS[index]}.radius_m"] = "no cylinder shows it"
             return rounded(min(self._usual_m(USUAL_RADIUS_M), 0.45 * length_m))
         best = min(round_ones, key=lambda solid: abs(solid.size_m[1] - length_m))
         return rounded(min(best.size_m[0], 0.45 * length_m))
@@ -178,7 +174,7 @@ class LegImport:
         radii_m = [self._sphere_m(leg) for leg in self._legs]
         known = [radius for radius in radii_m if radius is not None]
         if len(known) < len(radii_m):
-            self._findings.unknown("foot_radius_m", "no sphere at the foot shows it")
+            self._findings.reasons["foot_radius_m"] = "no sphere at the foot shows it"
         return rounded(min(known, default=self._usual_m(USUAL_FOOT_M)))
 
     def _sphere_m(self, leg: TreeLeg) -> float | None:
@@ -196,12 +192,14 @@ class LegImport:
         kind = JOINT_KINDS[index]
         joints = [leg.joints[index] for leg in self._legs]
         low_deg, high_deg = self._range_deg(index)
-        torque_nm, problem = plausible([one.torque_nm for one in joints], TORQUES_NM, "N m")
-        why = ", for its weight," if not torque_nm and self._usual_torque_nm > USUAL_TORQUE_NM else ""
-        torque_nm = torque_nm or self._usual_torque_nm
-        if problem:
-            problem += f"; {torque_nm:.2g} N m{why} were assumed"
-            self._findings.unknown(f"joints.{kind}.max_torque_nm", problem)
+        torque_nm = self._findings.plausible(
+            f"joints.{kind}.max_torque_nm",
+            [one.torque_nm for one in joints],
+            TORQUES_NM,
+            "N m",
+            self._usual_torque_nm,
+            ", for its weight," if self._usual_torque_nm > USUAL_TORQUE_NM else "",
+        )
         section: dict[str, Any] = {
             "min_deg": low_deg,
             "max_deg": high_deg,
@@ -211,7 +209,7 @@ class LegImport:
         friction_nm = max(one.friction_nm or 0.0 for one in joints)
         if friction_nm >= torque_nm:
             reason = f"got {friction_nm:g} N m, above the torque; 0 was assumed"
-            self._findings.unknown(f"joints.{kind}.dry_friction_nm", reason)
+            self._findings.reasons[f"joints.{kind}.dry_friction_nm"] = reason
         elif friction_nm > 0:
             section["dry_friction_nm"] = rounded(friction_nm)
         return section
@@ -222,12 +220,8 @@ class LegImport:
             return rounded(math.degrees(known[index]))
         speeds_rad_s = [leg.joints[index].speed_rad_s for leg in self._legs]
         speeds_deg_s = [None if speed is None else math.degrees(speed) for speed in speeds_rad_s]
-        speed_deg_s, problem = plausible(speeds_deg_s, SPEEDS_DEG_S, "deg/s")
-        speed_deg_s = USUAL_SPEED_DEG_S if speed_deg_s is None else speed_deg_s
-        if problem:
-            problem += f"; {speed_deg_s:.4g} deg/s were assumed"
-            self._findings.unknown(f"joints.{JOINT_KINDS[index]}.max_speed_deg_s", problem)
-        return rounded(speed_deg_s)
+        key = f"joints.{JOINT_KINDS[index]}.max_speed_deg_s"
+        return rounded(self._findings.plausible(key, speeds_deg_s, SPEEDS_DEG_S, "deg/s", USUAL_SPEED_DEG_S))
 
     def _add_no_load_speeds(self, joints: dict[str, dict[str, Any]]) -> None:
         """Add the speeds at which damping takes all torque; all kinds have one, or none has."""
@@ -239,14 +233,14 @@ class LegImport:
                 continue
             if math.degrees(speed_rad_s) < section["max_speed_deg_s"] * (1 - 1e-6):
                 reason = f"got a damping of {damping:g} N m s/rad, too much for its speed; none was assumed"
-                self._findings.unknown(f"joints.{kind}.no_load_speed_deg_s", reason)
+                self._findings.reasons[f"joints.{kind}.no_load_speed_deg_s"] = reason
                 continue
             found[kind] = rounded(max(math.degrees(speed_rad_s), section["max_speed_deg_s"]))
         if len(found) == len(joints):
             for kind, speed_deg_s in found.items():
                 joints[kind]["no_load_speed_deg_s"] = speed_deg_s
         elif found:
-            self._findings.note(
+            self._findings.notes.append(
                 f"the damping of {', '.join(found)} joints was left out: other joints have none"
             )
 
@@ -257,14 +251,14 @@ class LegImport:
             limits = joint.limits_rad if joint.kind == "revolute" else None
             if limits is not None and limits[0] != limits[1]:
                 if limits[0] > limits[1]:
-                    self._findings.note(
+                    self._findings.notes.append(
                         f"the limits of {joint.name} were swapped: its lower one is above its upper one"
                     )
                 ranges.append(sorted(math.degrees(sign * end) + zero_deg for end in limits))
         lows, highs = [low for low, _ in ranges], [high for _, high in ranges]
         low, high = max(lows, default=-180.0), min(highs, default=180.0)
         if ranges and max(np.ptp(lows), np.ptp(highs)) > 1:
-            self._findings.note(
+            self._findings.notes.append(
                 f"the {kind} joints have other ranges on other legs; what all allow was taken"
             )
         least_deg = RANGES_DEG[0]
@@ -277,41 +271,41 @@ class LegImport:
             reason = f"got {low:.4g} to {high:.4g} deg" if len(ranges) == len(self._legs) else "it is missing"
             reason += _UNITS if ranges and high - low > MOST_RANGE_DEG else ""
             reason += f"; {-USUAL_RANGE_DEG:g} to {USUAL_RANGE_DEG:g} deg were assumed"
-            for end in ("min_deg", "max_deg"):
-                self._findings.unknown(f"joints.{kind}.{end}", reason)
+            self._findings.reasons.update({f"joints.{kind}.{end}": reason for end in ("min_deg", "max_deg")})
             return -USUAL_RANGE_DEG, USUAL_RANGE_DEG
         return rounded(max(low, -180.0)), rounded(min(high, 180.0))
 
     def servo(self, joints: dict[str, dict[str, Any]]) -> dict[str, float]:
         """The section `servo`; joint kinds with another stiffness than the tibiae, or play, get their own."""
-        torque_nm = min(joint["max_torque_nm"] for joint in joints.values())
+        torque_nm, numbers = min(joint["max_torque_nm"] for joint in joints.values()), self._tree.numbers
         stiffness = self._stiffness(joints, torque_nm)
+        damping, rotor_inertia = self._damping(stiffness), self._mean("rotor_inertia_kg_m2")
+        if rotor_inertia is None:
+            self._findings.reasons["servo.rotor_inertia_kg_m2"] = _NOT_HELD
+            rotor_inertia = 0.002 * torque_nm / USUAL_TORQUE_NM
         servo = {
-            "stiffness_nm_per_rad": rounded(stiffness),
-            "damping_nm_s_per_rad": rounded(self._damping(stiffness)),
-            "rotor_inertia_kg_m2": rounded(self._rotor_inertia(torque_nm)),
+            "stiffness_nm_per_rad": stiffness,
+            "damping_nm_s_per_rad": damping,
+            "rotor_inertia_kg_m2": rotor_inertia,
+            "dead_time_s": self._mean("dead_time_s"),
+            "gear_damping_nm_s_per_rad": next(iter(numbers.get(GEAR_KEY, ())), None),
+            "load_friction": next(iter(numbers.get(LOAD_KEY, ())), None),
         }
-        if (dead_time_s := _known([joint.dead_time_s for joint in self._knees])) is not None:
-            servo["dead_time_s"] = rounded(dead_time_s)
-        if gear_damping := self._tree.numbers.get(GEAR_KEY):
-            servo["gear_damping_nm_s_per_rad"] = rounded(gear_damping[0])
-        if load_friction := self._tree.numbers.get(LOAD_KEY):
-            servo["load_friction"] = rounded(load_friction[0])
-        for joint, play_rad in zip(joints.values(), self._tree.numbers.get(PLAY_KEY, ()), strict=False):
+        for joint, play_rad in zip(joints.values(), numbers.get(PLAY_KEY, ()), strict=False):
             joint["play_deg"] = rounded(math.degrees(play_rad))
-        return servo
+        return {name: rounded(value) for name, value in servo.items() if value is not None}
 
-    @property
-    def _knees(self) -> list[TreeJoint]:
-        return [leg.joints[-1] for leg in self._legs]
+    def _mean(self, name: str, index: int = -1) -> float | None:
+        """Mean of a value of the six joints of a kind, the tibiae unless given, if all are above 0."""
+        values = [getattr(leg.joints[index], name) or 0.0 for leg in self._legs]
+        return float(np.mean(values)) if min(values) > 0 else None
 
     def _stiffness(self, joints: dict[str, dict[str, Any]], torque_nm: float) -> float:
         """Stiffness of the tibiae; other kinds get theirs in their sections."""
-        of_kinds = zip(*(leg.joints for leg in self._legs), strict=True)
-        found = [_known([joint.stiffness_nm_per_rad for joint in of_kind]) for of_kind in of_kinds]
+        found = [self._mean("stiffness_nm_per_rad", index) for index in range(len(joints))]
         known = [value for value in found if value is not None]
         if len(known) < len(found):
-            self._findings.unknown("servo.stiffness_nm_per_rad", _NOT_HELD)
+            self._findings.reasons["servo.stiffness_nm_per_rad"] = _NOT_HELD
             return torque_nm / USUAL_ERROR_RAD
         for section, value in zip(joints.values(), known, strict=True):
             if abs(value / known[-1] - 1) > 1e-6:
@@ -319,28 +313,14 @@ class LegImport:
         return known[-1]
 
     def _damping(self, stiffness: float) -> float:
-        known = _known([joint.control_nm_s_per_rad for joint in self._knees])
+        known, reason = self._mean("control_nm_s_per_rad"), _NOT_HELD
         if known is not None and known <= MOST_LAG_S * stiffness:
             return known
-        reason = _NOT_HELD
         if known is not None:
             lag_s = known / stiffness
             reason = f"got {known:g}, with which a joint lags by {lag_s:.2g} s, as no servo does"
-        self._findings.unknown("servo.damping_nm_s_per_rad", reason)
+        self._findings.reasons["servo.damping_nm_s_per_rad"] = reason
         return 0.02 * stiffness
-
-    def _rotor_inertia(self, torque_nm: float) -> float:
-        known = _known([joint.rotor_inertia_kg_m2 for joint in self._knees])
-        if known is None:
-            self._findings.unknown("servo.rotor_inertia_kg_m2", _NOT_HELD)
-            return 0.002 * torque_nm / USUAL_TORQUE_NM
-        return known
-
-
-def _known(values: Sequence[float | None]) -> float | None:
-    """Mean of the values of six joints, if all are above 0."""
-    found = [value for value in values if value is not None and value > 0]
-    return float(np.mean(found)) if len(found) == len(values) else None
 
 
 def _moments(tensor: FloatArray) -> list[float]:

@@ -146,7 +146,7 @@ class TreeJoint:
     parent: str
     child: str
     frame: FloatArray
-    axis: FloatArray
+    axis: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     limits_rad: tuple[float, float] | None = None
     torque_nm: float | None = None
     speed_rad_s: float | None = None

@@ -151,9 +151,7 @@ class _Reader:
             parent = child
         if not len(joints):
             name = self._name(body)
-            self._joints.append(
-                TreeJoint(f"fixes {name}", "fixed", parent, name, start, np.array([1.0, 0, 0]))
-            )
+            self._joints.append(TreeJoint(f"fixes {name}", "fixed", parent, name, start))
         self._made[body] = (self._name(body), at_m)
         self._links.append(self._link(body))
         self._add_sites(body)
@@ -165,9 +163,7 @@ class _Reader:
             child = f"{name}/{self._model.site(site).name or site}"
             frame = frame_of(self._model.site_pos[site] - shift_m)
             self._links.append(TreeLink(child))
-            self._joints.append(
-                TreeJoint(f"fixes {child}", "fixed", name, child, frame, np.array([1.0, 0, 0]))
-            )
+            self._joints.append(TreeJoint(f"fixes {child}", "fixed", name, child, frame))
 
     def _name(self, body: int) -> str:
         return str(self._model.body(body).name)
@@ -211,7 +207,7 @@ class _Reader:
         kind, dof = kinds[model.jnt_type[joint]], model.jnt_dofadr[joint]
         name = model.joint(joint).name or f"joint{joint}"
         if kind != "revolute":
-            return TreeJoint(name, kind, parent, child, frame, np.array([1.0, 0.0, 0.0]))
+            return TreeJoint(name, kind, parent, child, frame)
         zero_rad = float(model.qpos0[model.jnt_qposadr[joint]])
         limited = bool(model.jnt_limited[joint])
         return TreeJoint(

@@ -2,21 +2,18 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
-from hexctl.robot.formats.importing.foot_projection import FootProjection
 from hexctl.robot.formats.importing.import_values import MOST_LEG_M, Findings, check_units, rounded
 from hexctl.robot.formats.importing.leg_chains import (
     AXIS_TOLERANCE_RAD,
-    HeldHinge,
     held_text,
     leg_chains,
     with_three_hinges,
@@ -25,10 +22,9 @@ from hexctl.robot.formats.importing.leg_import import LegImport
 from hexctl.robot.formats.importing.link_tree import MOST_BYTES, LinkTree
 from hexctl.robot.formats.importing.mjcf_tree import read_mjcf
 from hexctl.robot.formats.importing.tree_legs import (
-    PLANE_TOLERANCE,
+    FootProjection,
     TreeLeg,
     find_legs,
-    length_notes,
     with_middle_coxae,
     with_one_zero,
 )
@@ -39,6 +35,7 @@ from hexctl.robot.formats.mjcf import GAIT_KEY, SIZE_KEY
 from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
 from hexctl.robot.schema import NAME
+from hexctl.robot.yaml_text import yaml_lines
 from hexctl.types import JOINT_KINDS, FloatArray
 
 #: The robot's front in the frame of the root, and its axis there.
@@ -64,7 +61,7 @@ class ImportedRobot:
     Attributes:
         content: of the robot file.
         reasons: why keys are unknown, by key.
-        remarks: on omissions and changes.
+        notes: on omissions and changes.
         header: lines of a comment.
         stances: places for the feet in the planes of the legs, (outward, up) in m: that of the content, then
             others, the best first.
@@ -74,19 +71,11 @@ class ImportedRobot:
 
     content: dict[str, Any]
     reasons: dict[str, str]
-    remarks: tuple[str, ...]
+    notes: tuple[str, ...]
     header: tuple[str, ...]
     stances: tuple[Vector2, ...]
     projection: FootProjection | None = None
     own_gait: bool = False
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes on omissions and changes, and on the error of projected feet in the stance of the content."""
-        if self.projection is None:
-            return self.remarks
-        stride_m = self.content["gait"]["amplitude"] * self.content["size_m"]
-        return (*self.remarks, self.projection.note(self.stances[0][0], stride_m))
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -99,7 +88,7 @@ class ImportedRobot:
         content = self.content | ({"unknown": list(self.unknown)} if self.reasons else {})
         reasons = ("Unknown, with the reasons:", *(f"  {key}: {why}" for key, why in self.reasons.items()))
         lines = (*self.header, *(reasons if self.reasons else ()))
-        return "".join(f"# {printable(line)}\n" for line in lines) + _yaml(content)
+        return "".join(f"# {printable(line)}\n" for line in lines) + yaml_lines(content)
 
     def robot(self) -> Robot:
         """The robot of the file; raises InputError if it is not allowed."""
@@ -150,8 +139,8 @@ def import_robot(
             f"{argument('name')}: got {name}; allowed: up to 40 lower case letters, digits, hyphens and "
             "underscores, first a letter or digit"
         )
-    tree, held = with_three_hinges(_read(Path(path)))
-    made = _imports(tree, held, forward, None if foot_m is None else np.array(foot_m))
+    tree, held_rad = with_three_hinges(_read(Path(path)))
+    made = _imports(tree, held_rad, forward, None if foot_m is None else np.array(foot_m))
     chosen = next((one for one in made if one.stances), None)
     if chosen is None:
         raise InputError(
@@ -162,12 +151,12 @@ def import_robot(
 
 
 def _imports(
-    tree: LinkTree, held: tuple[HeldHinge, ...], forward: str, foot_m: FloatArray | None
+    tree: LinkTree, held_rad: Mapping[str, float], forward: str, foot_m: FloatArray | None
 ) -> "list[_Import]":
     """Imports for both directions of the vertical: first the root's z axis, or else away from the feet."""
     facings = _facings(tree, forward)
     legs = [with_middle_coxae(with_one_zero(find_legs(tree, facing, foot_m))) for facing in facings]
-    made = [_Import(tree, of_facing, facing, held) for of_facing, facing in zip(legs, facings, strict=True)]
+    made = [_Import(tree, one, facing, held_rad) for one, facing in zip(legs, facings, strict=True)]
     if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
         made.sort(key=lambda one: one.feet_up_m)
     return made
@@ -213,20 +202,19 @@ def _facing(up: FloatArray, ahead: FloatArray) -> FloatArray:
 
 class _Import:
     def __init__(
-        self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray, held: tuple[HeldHinge, ...]
+        self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray, held_rad: Mapping[str, float]
     ) -> None:
-        self._tree, self._legs, self._facing, self._held = tree, legs, facing, held
+        self._tree, self._legs, self._facing, self._held_rad = tree, legs, facing, held_rad
         self._findings = Findings()
-        if held:
-            self._findings.note(
-                f"the legs have {len(JOINT_KINDS) + len(held) // len(legs)} hinges, of which hexctl moves "
-                f"{len(JOINT_KINDS)}: hold {held_text(held)}; to hold others, make those `fixed` in the "
-                "description"
+        if held_rad:
+            self._findings.notes.append(
+                f"the legs have {len(JOINT_KINDS) + len(held_rad) // len(legs)} hinges, of which hexctl "
+                f"moves {len(JOINT_KINDS)}: hold {held_text(held_rad)}; to hold others, make those `fixed` "
+                "in the description"
             )
         self._parts = LegImport(tree, legs, facing, self._findings)
         check_units("legs", self._parts.leg_m, MOST_LEG_M, "m")
         self._links, self._joints = self._parts.links(), self._parts.joints()
-        self._findings.notes.extend(length_notes(legs))
         mounts_m = np.array([leg.mount_m for leg in legs])
         #: Height of the feet above the coxae at angle zero.
         self.feet_up_m = float(np.mean([leg.foot_m[2] - leg.mount_m[2] for leg in legs]))
@@ -234,7 +222,7 @@ class _Import:
         self._origin_m = body_origin(self._box, mounts_m)
         length_m, width_m = np.ptp(mounts_m[:, :2], axis=0).tolist()
         if width_m > ALONG_Y * length_m:
-            self._findings.note(
+            self._findings.notes.append(
                 f"the mounts span {width_m:.2g} m from side to side and {length_m:.2g} m ahead: if the robot "
                 "looks along its longer side, give its front with --forward"
             )
@@ -253,9 +241,10 @@ class _Import:
             least_kg=self._parts.least_mass_kg,
             usual=self._parts.usual_masses,
         )
-        projection = self._projection()
+        projection = FootProjection.of(self._legs)
         outward_m = self.stances[0][0]
         if projection is not None:
+            self._findings.notes.append(projection.note)
             outward_m = projection.outward_m(outward_m)
         mounts = [self._mount(leg) for leg in self._legs]
         radius_m = max(math.hypot(*mount["position_m"][:2]) for mount in mounts) + outward_m
@@ -285,7 +274,7 @@ class _Import:
         self._add_inertias(made.robot())
         made = raw.with_gait(self.stances[0], *gait)
         robot_of_content(made.content, Path(source))
-        return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
+        return replace(made, reasons=self._findings.reasons, notes=tuple(self._findings.notes))
 
     def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
         """Leave out centres of mass equal to those of evenly filled capsules."""
@@ -315,8 +304,8 @@ class _Import:
                 for joint, sign, zero_rad in zip(leg.joints, leg.signs, leg.zeros_rad, strict=True)
             ]
             lines.append(f"  leg {number}: {', '.join(names)}")
-        if self._held:
-            lines.append(f"Not moved, to be held: {held_text(self._held)}.")
+        if self._held_rad:
+            lines.append(f"Not moved, to be held: {held_text(self._held_rad)}.")
         if np.abs(self._origin_m).max() > 1e-6:
             x, y, z = (np.linalg.inv(self._facing)[:3, :3] @ self._origin_m).tolist()
             lines.append(f"The body frame is at {x:.4f}, {y:.4f}, {z:.4f} m in that of {self._tree.root}.")
@@ -325,15 +314,6 @@ class _Import:
     def _mount(self, leg: TreeLeg) -> dict[str, Any]:
         position = [rounded(part) for part in leg.mount_m - self._origin_m]
         return {"position_m": position, "yaw_deg": rounded(math.degrees(leg.yaw_rad))}
-
-    def _projection(self) -> FootProjection | None:
-        offsets_m = [leg.foot_offset_m for leg in self._legs]
-        if max(map(abs, offsets_m)) <= PLANE_TOLERANCE * self._parts.leg_m:
-            return None
-        size_m = float(np.mean(np.abs(offsets_m)))
-        outward_m, up_m = self._parts.vectors_m[0].tolist()
-        yaws_rad = tuple(leg.yaw_rad for leg in self._legs)
-        return FootProjection(tuple(offsets_m), size_m, (outward_m, up_m), yaws_rad)
 
     def _stances(self) -> tuple[Vector2, ...]:
         """Places of the feet, (outward from the coxa axis, up from the body frame): the file's, then others.
@@ -416,34 +396,3 @@ def _zero_text(zero_rad: float) -> str:
 def _short_name(text: str) -> str:
     name = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40]
     return name or "robot"
-
-
-class _Flow(dict[str, Any]):
-    """A mapping on one line."""
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes each entry of a section on one line."""
-
-
-_Dumper.add_representer(
-    _Flow, lambda dumper, data: dumper.represent_mapping("tag:yaml.org,2002:map", data, flow_style=True)
-)
-_Dumper.add_representer(
-    list,
-    lambda dumper, data: dumper.represent_sequence(
-        "tag:yaml.org,2002:seq", data, flow_style=not any(isinstance(one, dict) for one in data)
-    ),
-)
-
-
-def _yaml(content: dict[str, Any]) -> str:
-    laid: dict[str, Any] = {}
-    for key, value in content.items():
-        if key in ("links", "joints"):
-            laid[key] = {name: _Flow(part) for name, part in value.items()}
-        elif key == "mounts":
-            laid[key] = [_Flow(part) for part in value]
-        else:
-            laid[key] = _Flow(value) if isinstance(value, dict) else value
-    return yaml.dump(laid, Dumper=_Dumper, sort_keys=False, width=1000, allow_unicode=True)

@@ -3,10 +3,12 @@
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
 
 from hexctl.errors import InputError, argument
+from hexctl.robot.formats.importing.import_values import rounded
 from hexctl.robot.formats.importing.leg_chains import FOOT_TOLERANCE_M, axis_problem, leg_chains
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
 from hexctl.robot.rotations import placed_points
@@ -16,8 +18,8 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 SHORTEST_COXA_M = 0.005
 #: Distance of a foot from the plane of its leg: ignored up to this share of the leg, projected up to that.
 PLANE_TOLERANCE, MOST_FOOT_OFFSET_M = 0.025, 0.06
-#: Tolerance of differences between legs, as a share of the leg, and the noted part of it.
-LEG_TOLERANCE, NOTED_DIFFERENCE = 0.025, 0.004
+#: Tolerance of differences between legs, as a share of the leg.
+LEG_TOLERANCE = 0.025
 #: A frame or the centre of a sphere this near to the far end of the tibia is the foot, as a share of it.
 FOOT_TOLERANCE_SHARE = 0.08
 #: Lengths of a tibia as shares of coxa and femur together; shorter and longer ones are no tibiae.
@@ -225,17 +227,6 @@ def with_one_zero(legs: list[TreeLeg]) -> list[TreeLeg]:
     return [_turned(leg, legs[0].vectors_m, tolerance_m) for leg in legs]
 
 
-def length_notes(legs: list[TreeLeg]) -> list[str]:
-    """Notes on link lengths that differ between legs, whose mean an import takes."""
-    lengths_m = _lengths_m(legs)
-    least_m = NOTED_DIFFERENCE * lengths_m[0].sum()
-    return [
-        f"the {kind} links of the legs differ by {1000 * spread_m:.2g} mm; their mean was taken"
-        for kind, spread_m in zip(JOINT_KINDS, np.ptp(lengths_m, axis=0).tolist(), strict=True)
-        if spread_m > least_m
-    ]
-
-
 def _lengths_m(legs: list[TreeLeg]) -> FloatArray:
     """Lengths of coxa, femur and tibia of each leg, (6, 3)."""
     return np.array([np.linalg.norm(leg.vectors_m, axis=-1) for leg in legs])
@@ -288,3 +279,62 @@ def _turned(leg: TreeLeg, wanted_m: FloatArray, tolerance_m: float) -> TreeLeg:
     directions = np.column_stack([np.cos(slopes[1]), np.sin(slopes[1])])
     vectors_m = np.vstack([leg.vectors_m[:1], lengths_m[:, np.newaxis] * directions])
     return replace(leg, vectors_m=vectors_m, zeros_rad=np.array(zeros_rad))
+
+
+@dataclass(frozen=True, slots=True)
+class FootProjection:
+    """Feet to the left of the planes of their legs, by leg; exact in a stance if all legs have one size of b.
+
+    A foot at (r, b) of a leg, outward and left, is put at (r + c, 0) of the leg turned by atan2(b, r0), with
+    r0 of the stance and r0 + c = hypot(r0, b).
+
+    Attributes:
+        offsets_m: b, with the sign of each leg.
+        offset_m: size of b, the mean of the legs.
+        coxa_end_m: of the file, (outward, up).
+        yaws_rad: of the legs in the file.
+    """
+
+    offsets_m: tuple[float, ...]
+    offset_m: float
+    coxa_end_m: tuple[float, float]
+    yaws_rad: tuple[float, ...]
+
+    @classmethod
+    def of(cls, legs: list[TreeLeg]) -> Self | None:
+        """Projection of feet; None if all of them are near the planes of their legs."""
+        offsets_m = tuple(leg.foot_offset_m for leg in legs)
+        if max(map(abs, offsets_m)) <= PLANE_TOLERANCE * _lengths_m(legs).sum(axis=-1).mean():
+            return None
+        outward_m, up_m = np.mean([leg.vectors_m[0] for leg in legs], axis=0).tolist()
+        yaws_rad = tuple(leg.yaw_rad for leg in legs)
+        return cls(offsets_m, float(np.mean(np.abs(offsets_m))), (outward_m, up_m), yaws_rad)
+
+    def outward_m(self, outward_m: float) -> float:
+        """Distance of the foot from the coxa axis, of its distance in the plane of the leg."""
+        return math.hypot(outward_m, self.offset_m)
+
+    def sections(self, content: dict[str, Any], outward_m: float) -> dict[str, Any]:
+        """The sections `mounts` and `links` of a robot file for a stance."""
+        longer_m = self.outward_m(outward_m) - outward_m
+        yaws_deg = [
+            rounded(math.degrees(yaw_rad + math.atan2(offset_m, outward_m)))
+            for yaw_rad, offset_m in zip(self.yaws_rad, self.offsets_m, strict=True)
+        ]
+        coxa = content["links"]["coxa"]
+        end_m = [rounded(self.coxa_end_m[0] + longer_m), rounded(self.coxa_end_m[1])]
+        return {
+            "mounts": [
+                mount | {"yaw_deg": yaw} for mount, yaw in zip(content["mounts"], yaws_deg, strict=True)
+            ],
+            "links": content["links"] | {"coxa": coxa | {"end_m": end_m}},
+        }
+
+    @property
+    def note(self) -> str:
+        """Note on the changed legs."""
+        most_mm = 1000 * max(abs(offset_m) for offset_m in self.offsets_m)
+        return (
+            f"the feet are up to {most_mm:.1f} mm outside the planes of their legs: the legs were turned to "
+            "them, and steps away from the stance are a little off"
+        )

@@ -114,23 +114,22 @@ def body_section(
     """
     size_m = [rounded(side) for side in box.size_m]
     if box.guess:
-        findings.unknown("body.size_m", box.guess)
+        findings.reasons["body.size_m"] = box.guess
     links = [tree.links[name] for name in tree.rigid(tree.root)]
     joined = joined_mass(links, [facing @ tree.frame_in_root(link.name) for link in links])
     mass_kg = joined.mass_kg
     body: dict[str, Any] = {"shape": box.shape, "size_m": size_m, "mass_kg": rounded(mass_kg)}
     if mass_kg < max(least_kg, LEAST_TRUNK_KG_M3 * math.prod(size_m)) or too_dense(mass_kg, size_m):
-        findings.unknown("body.mass_kg", usual.reason(mass_kg, "body"))
+        findings.reasons["body.mass_kg"] = usual.reason(mass_kg, "body")
         return body | {"mass_kg": usual.parts_kg["body"]}
     check_units("a trunk", mass_kg, MOST_MASS_KG, "kg")
     com_m = joined.com_m - origin_m
     in_origins = all(np.abs(link.com_m).max() < 1e-9 for link in links if link.mass_kg)
     if in_origins and float(np.hypot(*com_m[:2])) > NEAR_CENTRE * max(size_m):
-        findings.unknown(
-            "body.com_m", "got none but the origins of links, which are not in the trunk's centre"
-        )
+        reason = "got none but the origins of links, which are not in the trunk's centre"
+        findings.reasons["body.com_m"] = reason
     elif (np.abs(com_m) > np.array(size_m)).any():
-        findings.note("the trunk's centre of mass lies outside it and was left out")
+        findings.notes.append("the trunk's centre of mass lies outside it and was left out")
     elif np.abs(com_m).max() > 1e-7:
         body["com_m"] = [rounded(part) for part in com_m]
     return body | _inertia(body, joined, findings)
@@ -141,17 +140,12 @@ def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> di
     tensor, bare = joined.inertia_kg_m2, joined.bare
     key, even = "body.inertia_kg_m2", np.array(trunk_mass(Body(**body)).moments_kg_m2)
     if bare:
-        findings.unknown(key, f"{bare[0]} has none; an evenly filled {body['shape']} was assumed")
+        findings.reasons[key] = f"{bare[0]} has none; an evenly filled {body['shape']} was assumed"
         return {}
     if np.allclose(np.diag(tensor), even, rtol=1e-7):
         return {}
     own, problem = possible_tensor(np.diag(np.diag(tensor)), body["mass_kg"], math.hypot(*body["size_m"][:2]))
     if problem:
-        findings.unknown(key, f"{problem}; an evenly filled {body['shape']} was assumed")
+        findings.reasons[key] = f"{problem}; an evenly filled {body['shape']} was assumed"
         return {}
-    off = max(abs(tensor[0, 1]), abs(tensor[0, 2]), abs(tensor[1, 2])) / own.max()
-    if off > 0.1:
-        findings.note(
-            f"the trunk's products of inertia, up to {100 * off:.0f} % of its moments, were left out"
-        )
     return {"inertia_kg_m2": [rounded(moment) for moment in np.diag(own)]}
