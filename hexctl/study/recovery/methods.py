@@ -112,7 +112,7 @@ class Led(RecoveryMethod):
         return self.make(start, to_come)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ByTrials(RecoveryMethod, Generic[BestT]):
     """Continues after the failure in open loop, as trials have found.
 

@@ -330,7 +330,7 @@ def test_settings_hold_from_the_next_control_period_on_and_the_gait_changes_in_s
         bench.drive(1)
         steps.append(bench.joints())
     driver: Any = bench.server._driver
-    assert driver._pilot.gait_now.slots == NAMED_SLOTS["wave"]
+    assert driver._pilot.walk.gaits[0].slots == NAMED_SLOTS["wave"]
     assert driver._pilot.level
     assert np.abs(np.diff(steps, axis=0)).max() < 0.15, "no jump"
     bench.ticks(50 * 4)
