@@ -247,6 +247,8 @@ def _content(path: Path) -> dict[OptionPath, Setting]:
         option = words[1:] if words[0] == COMMANDS and len(words) > 2 else words
         if option in found:
             raise InputError(f"{setting}: is given twice; allowed: once")
+        if "\0" in str(value):  # no path and no name has one
+            raise InputError(f"{setting}: got {shown(value)}; allowed: text without null characters")
         found[option] = setting
     return found
 

@@ -92,6 +92,7 @@ def test_a_variable_names_the_only_file_or_none(tmp_path: Path, monkeypatch: pyt
         (b"\xff\xfe", r"^hexctl\.toml: cannot be read as text"),
         (b"robot = 3", r"^hexctl\.toml: robot: got 3; allowed: text, a shipped name or a robot file$"),
         (b'robot = ""', r"^hexctl\.toml: robot: got ''; allowed: text"),
+        (b'runs = "a\\u0000b"', r"^hexctl\.toml: runs: got 'a.x00b'; allowed: text without null"),
         (b"run.a-b = 1\nrun.a_b = 2", r"^hexctl\.toml: run\.a-b: is given twice"),
         (b"x = 1\n" * 200_000, r"^hexctl\.toml: cannot be read: it is larger than 0\.1 MB"),
         (b"a." * 3000 + b"b = 1", r"^hexctl\.toml: is not valid TOML"),

@@ -452,3 +452,12 @@ def test_a_stored_trial_gives_its_result_again(tmp_path: Path) -> None:
     assert trial.result.to_dict() == trial.outcome
     assert (trial.result.status, trial.result.deviation) == ("ok", result_of(0.2).deviation)
     assert trial.result.path_m[-1].tolist() == pytest.approx([4.0, 0.2])
+
+
+def test_milestones_and_best() -> None:
+    session = Session(name="s", spec=SPEC, created="now")
+    for index, deviation in enumerate((0.4, -0.09, 0.3, 0.02, -0.01), start=1):
+        session.trials.append(record(index, deviation))
+    values = json.loads(json.dumps(session.as_json()))
+    assert (values["trials_to_0.10_m"], values["trials_to_0.025_m"]) == (2, 4)
+    assert values["best"]["index"] == 5

@@ -202,6 +202,12 @@ class Session:
         front = [(valid[row], scores[row].tolist()) for row in np.flatnonzero(undominated(scores)).tolist()]
         return sorted(front, key=lambda pair: pair[1])
 
+    def _trials_to(self, milestone_m: float) -> int | None:
+        """Index of the first trial with a score within a milestone; None without one, or a score in m."""
+        if self.spec.objective_unit != "m":
+            return None
+        return next((trial.index for trial in self.trials if trial.score <= milestone_m), None)
+
     @property
     def within_target(self) -> float | None:
         """Probability that the recommended gait ends within the target; None if its end is not confirmed.
@@ -252,4 +258,6 @@ class Session:
             "confirmations": [walk.as_json() for walk in self.confirmations],
             "recommended": self._recommended_json(),
             "ended": self.ended,
+            "trials_to_0.10_m": self._trials_to(0.10),
+            "trials_to_0.025_m": self._trials_to(0.025),
         }
