@@ -218,21 +218,23 @@ class MonitoredWalk(Controller):
         self._glide(responses)
 
     def _clears_overloaded(self, index: int, suspicion: Suspicion) -> bool:
-        """Take back accusations of overloaded legs; whether this one is one of them."""
+        """Take back accusations of overloaded legs; True if this leg is overloaded too."""
         since_step = suspicion.step - TOGETHER_CYCLES * self._cycle_steps(index)
-        together = [
-            one.suspicion
+        together = {
+            one.suspicion.leg: one.suspicion
             for one in self.noticed[index]
-            if one.suspicion.step >= since_step and one.suspicion.failure in self._failures[index]
-        ]
+            if not one.healed
+            and one.suspicion.step >= since_step
+            and one.suspicion.failure in self._failures[index]
+        }
         if len(together) < MOST_RECOVERED:
             return False
-        for one in together:
-            if _motionless(one):
-                self._take_back(index, one.leg, suspicion.step)
+        for leg, accusation in together.items():
+            if _motionless(accusation):
+                self._take_back(index, leg, suspicion.step, "is overloaded, not failed")
         if _motionless(suspicion):
             self._monitor.believe_whole(suspicion.leg, self._row(index))
-            self._tell(f"noticed: leg {suspicion.leg} is overloaded")
+            self._tell(f"noticed: leg {suspicion.leg} is overloaded, not failed")
             return True
         return False
 
@@ -343,7 +345,7 @@ class MonitoredWalk(Controller):
                 self._take_back(index, leg, step)
         self.walk.foot_offsets_m = offsets_m
 
-    def _take_back(self, index: int, leg: int, step: int) -> None:
+    def _take_back(self, index: int, leg: int, step: int, why: str = "follows again") -> None:
         del self._probes[index, leg]
         key = index, leg
         self._first_tries[key] = AFTER_RELAPSE * self._first_tries.get(key, FIRST_CYCLES)
@@ -356,7 +358,7 @@ class MonitoredWalk(Controller):
         on_trial = before.kind in ON_TRIAL
         if on_trial:
             self._trials[key] = step + TRIAL_CYCLES * self._cycle_steps(index), before
-        again = "is put down again, on trial" if on_trial else "follows again"
+        again = "is put down again, on trial" if on_trial else why
         self._tell(f"noticed: leg {leg} {again}", *response.lines)
         self._glide({index: response})
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from hexctl import (
     Failure,
@@ -21,6 +23,7 @@ from hexctl import (
     run_trial,
 )
 from hexctl.control.batch import run_sim_trial
+from hexctl.control.monitor.leg_monitor import Suspicion
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
 from hexctl.control.monitor.recovery import (
     GlideToStableGait,
@@ -37,7 +40,7 @@ from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
-from hexctl.types import FloatArray
+from hexctl.types import BoolArray, FloatArray
 from tests.control.monitor.repertoires import made_up, situation
 from tests.control.posed import Faulty
 from tests.robots import shipped
@@ -219,6 +222,41 @@ def test_a_leg_that_two_lost_ones_overload_is_taken_back(legs: tuple[int, int]) 
     assert (first.suspicion.leg, taken_back.healed, second.suspicion.leg) == (legs[0], True, legs[1])
     assert walk.why_stopped() is None
     assert tuple(failure.leg for failure in walk.believed_failures()) == legs
+
+
+class Accuser:
+    """A monitor that accuses one leg at a time."""
+
+    new: BoolArray
+    suspected: Suspicion
+
+    def suspicion(self, *_: object) -> Suspicion:
+        return self.suspected
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *_, **__: None
+
+
+@example([(1, 0, True), (2, 11, False), (3, 16, True), (1, 55, True), (4, 27, True)])
+@given(st.lists(st.tuples(st.integers(1, 6), st.integers(0, 60), st.booleans()), max_size=12))
+def test_accusations_in_any_order_leave_each_leg_believed_once(
+    accusations: list[tuple[int, int, bool]],
+) -> None:
+    plan = TrialPlan(gait=make_gait(shipped(), "tripod"))
+    start = WalkStart(robot=shipped(), plans=(plan,), period_s=0.02)
+    walk, monitor = MonitoredWalk(start, planned_walk(start), WalkOn()), Accuser()
+    walk._monitor, step = monitor, 0  # type: ignore[assignment]
+    for leg, later_steps, stuck in accusations:
+        if leg in {failure.leg for failure in walk.believed_failures()}:
+            continue
+        step += later_steps
+        failure = Failure(leg=leg, kind="locked" if stuck else "missing")
+        evidence = "following" if stuck else "effort"
+        monitor.new = np.arange(1, 7) == leg
+        monitor.suspected = Suspicion(failure=failure, step=step, evidence=evidence, ratio=2.0)
+        walk._respond(step)
+        believed = [failure.leg for failure in walk.believed_failures()]
+        assert len(set(believed)) == len(believed)
 
 
 @pytest.mark.parametrize("kind", ["limp", "locked", "missing"])
