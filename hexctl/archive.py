@@ -58,7 +58,7 @@ Content = TypeVar("Content")
 def open_archive(path: Path | str) -> Any:
     """The archive (.npz) of an untrusted file; a context manager.
 
-    Raises OSError as `read_file` does, ValueError if it needs too much memory, and `_DAMAGE`.
+    Raises OSError as `read_file` does, ValueError if it needs too much memory; other errors for damage.
     """
     content = io.BytesIO(read_file(Path(path), MOST_ARCHIVE_BYTES))
     with zipfile.ZipFile(content) as packed:

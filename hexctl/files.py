@@ -63,7 +63,7 @@ def folder_trouble(folder: Path, error: OSError) -> str:
 
 
 def check_writable(folder: Path, allowed: str = ALLOWED_FOLDER) -> None:
-    """Raise InputError unless a folder exists or can be made, and is writable."""
+    """Raise InputError unless a folder exists or can be made, and is writable; `allowed` ends the message."""
     if (trouble := write_trouble(folder)) is not None:
         raise InputError(f"{trouble}; {allowed}")
 
@@ -104,6 +104,10 @@ def read_file(path: Path, most_bytes: int) -> bytes:
     return content
 
 
+#: Largest file with a key, which people may have written with spaces and lines.
+MOST_KEY_BYTES = 10_000
+
+
 def read_secret(path: Path, most_bytes: int) -> bytes:
     """Content of a file with a key, to which only its owner may have access.
 
@@ -118,17 +122,17 @@ def read_secret(path: Path, most_bytes: int) -> bytes:
 
 
 def read_key(path: Path, count: int, command: str) -> bytes:
-    """Key of some bytes, as hexadecimal digits, in a file to which only its owner may have access.
+    """Key of some bytes, raw or as hexadecimal digits, in a file to which only its owner may have access.
 
     Raises InputError for anything else; `command` makes such a key.
     """
     try:
-        key = bytes.fromhex(read_secret(path, 4 * count).decode("ascii"))
-    except PermissionError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: is not a secret ({reason}); allowed: one of {command}") from error
+        content = read_secret(path, MOST_KEY_BYTES)
+        key = content if len(content) == count else bytes.fromhex(content.decode("ascii"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; allowed: a key of {command}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: is no key in hexadecimal digits; allowed: one of {command}") from error
     if len(key) != count:
         raise InputError(f"{path}: has {len(key)} bytes; allowed: {count}, as of {command}")
     return key

@@ -122,7 +122,7 @@ class Settings:
         return {path[-1]: setting.value for file in files for path, setting in file if path[:-1] == command}
 
     def find(self, *paths: OptionPath) -> Setting | None:
-        """The setting with the highest priority, of the first of these options that its place has."""
+        """Value of the first of these options that is set: in a variable, else in the nearest file."""
         for path in paths:
             name = PREFIX + "_".join(path).replace("-", "_").upper()
             if name in self.variables:
@@ -153,7 +153,8 @@ def read_settings(folder: Path | str = ".") -> Settings:
 def find_settings(folder: Path = Path()) -> Settings:
     """Settings in force in a folder; errors are in their `problems`."""
     variables = {name: text for name, text in os.environ.items() if name.startswith(PREFIX) and text}
-    files, problems = list[Mapping[OptionPath, Setting]](), list[str]()
+    files: list[Mapping[OptionPath, Setting]] = []
+    problems: list[str] = []
     for path in settings_files(folder):
         try:
             content = _content(path)
@@ -199,7 +200,9 @@ def _own_files() -> tuple[Path, ...]:
     chosen = os.environ.get(CHOSEN, "")
     if chosen:
         return () if chosen == "none" else (_expanded(chosen),)
-    return (_expanded(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "hexctl" / FILE,)
+    config = _expanded(os.environ.get("XDG_CONFIG_HOME") or "~/.config")
+    # Without a home folder `~` stays, and would be a folder of the working folder.
+    return (config / "hexctl" / FILE,) if config.is_absolute() else ()
 
 
 def _expanded(text: str) -> Path:
@@ -246,7 +249,7 @@ def _content(path: Path) -> dict[OptionPath, Setting]:
         setting = Setting(value, name, ".".join(words), path.parent, nearby)
         option = words[1:] if words[0] == COMMANDS and len(words) > 2 else words
         if option in found:
-            raise InputError(f"{setting}: is given twice; allowed: once")
+            raise InputError(f"{setting}: is given twice, as {found[option].key}; allowed: once")
         if "\0" in str(value):  # no path and no name has one
             raise InputError(f"{setting}: got {shown(value)}; allowed: text without null characters")
         found[option] = setting

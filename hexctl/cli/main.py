@@ -201,7 +201,7 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     if given[:1] == ["help"]:
         given = [*given[1:], "--help"]
     command, context = get_command(app), None
-    if COMPLETION in os.environ:
+    if os.environ.get(COMPLETION):
         command.main(args=given, prog_name="hexctl")  # which ends the process
     try:  # not by main(), which would end an interrupted command silently
         with command.make_context("hexctl", given) as context:

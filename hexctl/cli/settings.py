@@ -308,36 +308,38 @@ def _problems(root: Any, settings: "Settings") -> Iterator[str]:
 
     for name, text in settings.variables.items():
         command, path = _meant(root, name)
-        if command is not root:
-            yield from _unknown(root, path, Setting(text, name))
+        if command is not root and (problem := _problem(root, path, Setting(text, name))) is not None:
+            yield problem
     for file in settings.files:
         for path, setting in file.items():
-            yield from _unknown(root, path, setting)
+            if (problem := _problem(root, path, setting)) is not None:
+                yield problem
 
 
-def _unknown(root: Any, path: "OptionPath", setting: "Setting") -> Iterator[str]:
-    """Why a setting is none of a command, if so."""
+def _problem(root: Any, path: "OptionPath", setting: "Setting") -> str | None:
+    """Problem of a setting that matches no option, or None."""
     from hexctl.settings import COMMANDS, COMMON
 
-    inner = path[0] == COMMANDS and len(path) > 1
-    command, depth = _command(root, path[1:] if inner else path)
-    depth += inner
+    around = 1 if path[0] == COMMANDS and len(path) > 1 else 0
+    command, depth = _command(root, path[around:])
+    depth += around
     below = getattr(command, "commands", {})
-    options = _flags(command) if command is not root else [] if inner else list(COMMON)
+    options = _flags(command)
+    if command is root and not around:
+        options = list(COMMON)
     key, more = path[depth], len(path) - depth - 1
     origin = f"{setting.place}: {setting.key.rsplit('.', more)[0]}" if more else str(setting)
     if key in TYPED_ONLY and depth:
-        yield f"{origin}: got {shown(setting.value)}; allowed: only typed, as --{key}"
-    elif key in options:
-        yield from [f"{origin}: got a table; allowed: one value"] if more else []
-    elif key in below:
+        return f"{origin}: got {shown(setting.value)}; allowed: only typed, as --{key}"
+    if key in options:
+        return f"{origin}: got a table; allowed: one value" if more else None
+    if key in below:
         table = ".".join(path)
-        yield f"{origin}: got {shown(setting.value)}; allowed: a table [{table}] of the command's options"
-    else:
-        known = [*options, *below]
-        what = "setting or command" if not depth else "option" if options else "command"
-        hint = nearest(key, known) or ("" if depth else _owner_hint(below, key))
-        yield f"{origin}: unknown {what}; allowed: {', '.join(dict.fromkeys(known))}{hint}"
+        return f"{origin}: got {shown(setting.value)}; allowed: a table [{table}] of the command's options"
+    known = [*options, *below]
+    what = "setting or command" if not depth else "option" if options else "command"
+    hint = nearest(key, known) or ("" if depth else _owner_hint(below, key))
+    return f"{origin}: unknown {what}; allowed: {', '.join(dict.fromkeys(known))}{hint}"
 
 
 def _owner_hint(commands: Mapping[str, Any], key: str) -> str:
@@ -346,7 +348,7 @@ def _owner_hint(commands: Mapping[str, Any], key: str) -> str:
 
 
 def _command(root: Any, path: "OptionPath") -> tuple[Any, int]:
-    """The command that a path begins with, and its number of words; the last word is an option."""
+    """The command named by the first words of a path, and the number of these words."""
     command, depth = root, 0
     while depth < len(path) - 1 and path[depth] in getattr(command, "commands", {}):
         command, depth = command.commands[path[depth]], depth + 1

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from hexctl.client.clear_keys import StopOrder
-from hexctl.client.stop_ways import DatagramStop, SessionStop, Sighting
+from hexctl.client.stop_connections import DatagramStop, SessionStop, Sighting
 from hexctl.errors import HexctlError, RobotFaultError, argument, printable
 from hexctl.wire import TIME_TO_LIVE_S
 from hexctl.wire.connection_diagnosis import is_refused

@@ -1,4 +1,4 @@
-"""A robot without commands: it holds its pose, sits down and goes limp; and when it counts as at rest."""
+"""Supervises a robot without commands: it holds its pose, sits down, goes limp; and sees when it rests."""
 
 from collections import deque
 

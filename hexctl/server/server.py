@@ -71,7 +71,7 @@ class RobotServer:
             simulated: `world` and `failure` of a simulation, for the status; None for a real robot.
             on_event: takes a line for each change of controller, stop and posture, on the event log's thread.
             keeper: told in every control period that this server lives.
-            ros: makes the node in ROS 2, from where its commands go and how it stops the robot.
+            ros: makes the ROS 2 node; called with the inbox of commands and a function that stops the robot.
             clear: command that ends a stop, for the events.
         """
         self._servos = ServedServos(servos)

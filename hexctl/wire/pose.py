@@ -118,7 +118,8 @@ def _variances(positioned: bool, oriented: bool, position_m2: float, yaw_rad2: f
 def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
     """Position (3,) and unit quaternion (w, x, y, z) of a nav_msgs/Odometry, all finite.
 
-    Each is None, and its values are ignored, if the variance of x, y or the yaw exceeds `MOST_VARIANCE`.
+    Each is None, and its values are ignored, unless the variances of x, y or the yaw are at most
+    `MOST_VARIANCE`.
     z, roll and pitch are returned whatever their variances. Raises MessageError for anything else.
     """
     return decode_estimate(payload)[:2]
@@ -129,9 +130,9 @@ def decode_estimate(payload: bytes) -> tuple[FloatArray | None, FloatArray | Non
     estimate = ros_cdr.decode(ros_cdr.ODOMETRY, payload).pose
     pose, variances = estimate.pose, np.asarray(estimate.covariance)
     position = quaternion = None
-    if not (variances[_JUDGED_POSITION] > MOST_VARIANCE).any():
+    if (variances[_JUDGED_POSITION] <= MOST_VARIANCE).all():
         position = _checked_position(pose.position)
-    if not (variances[_JUDGED_ORIENTATION] > MOST_VARIANCE).any():
+    if (variances[_JUDGED_ORIENTATION] <= MOST_VARIANCE).all():
         quaternion = _checked_quaternion(pose.orientation)
     return position, quaternion, variances if np.isfinite(variances).all() else NO_COVARIANCE
 

@@ -104,7 +104,7 @@ def test_ctrl_c_before_the_first_command_commands_nothing_and_leaves_nothing(
 
 def test_a_robot_that_turns_before_it_walks_says_so_first(capsys: pytest.CaptureFixture[str]) -> None:
     assert _run("Kit", "--no-record", "--failed-leg", "5", "--self-rotation", "rear", "--json") == 0
-    assert "turning the failed leg away" in _one_line(capsys.readouterr().err)
+    assert "turns until leg 5 trails" in _one_line(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("block_ticks", [1, 2000], ids=["in the walk", "at its end"])

@@ -20,7 +20,7 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session
 from tests.cli.terminals import OnTerminal
-from tests.client.test_stop_ways import free, seen
+from tests.client.test_stop_connections import free, seen
 from tests.server.processes import (
     Cable,
     Served,

@@ -19,6 +19,9 @@ from hexctl.wire.links import CLEAR_COMMAND
 #: Share of its ideal distance that a robot on six good legs walks at least, and a missed line.
 USUAL_SHARE, MISSED_M = 0.9, 0.05
 
+#: Misses of a self-rotation up to this are usual.
+NOTED_MISS_DEG = 2.0
+
 #: Lengths below this are printed in cm.
 ONE_M = 1.0
 
@@ -64,6 +67,12 @@ def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
         return [f"next: hexctl view {shlex.quote(outcome['recording'])}"]
     robot = shlex.quote(str(outcome.get("options", {}).get("robot", outcome["robot"])))
     return [f"next: hexctl check {robot}"] if outcome["status"] == "no_progress" else []
+
+
+def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
+    if miss_deg is None or abs(miss_deg) <= NOTED_MISS_DEG:
+        return []
+    return [("turn", f"the self-rotation missed its goal by {miss_deg:+.1f} degrees")]
 
 
 def _is_slow(outcome: dict[str, Any]) -> bool:
@@ -175,7 +184,8 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     if turn and ideal:
         return [*_turn_rows(outcome), *turned, *_hold_rows(outcome)]
     moved = _turn_rows(outcome) if turn else _line_rows(outcome)
-    return [*moved, *turned, *_hold_rows(outcome), *_cost(outcome)]
+    missed = _turn_missed(outcome.get("turn_miss_deg"))
+    return [*moved, *turned, *missed, *_hold_rows(outcome), *_cost(outcome)]
 
 
 def _turn_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:

@@ -1,7 +1,11 @@
 """`hexctl demo`: a leg fails during a walk, the robot recovers, and a gait for the other legs is searched."""
 
 import math
+import os
 import shlex
+import shutil
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -46,7 +50,11 @@ def demo(
     """
     check_writable(runs_folder())
     with StopOnInterrupt(plain=True) as interrupt:
-        result = _run(budget, interrupt, as_json=as_json)
+        try:
+            result = _run(budget, interrupt, as_json=as_json)
+        except KeyboardInterrupt:
+            print_message(f"interrupted; what was recorded is under {runs_folder()}/")
+            raise typer.Exit(INTERRUPTED) from None
     search = result.adaptation
     if result.interrupted or search is None:
         print_message(_what_is_left(result))
@@ -148,6 +156,15 @@ def _ending(result: "DemoResult", session: "Session") -> "list[RenderableType]":
         f"both walks as a GIF: {picture}",
         "next:",
         f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
+        *([f"  source {_activate()}"] if _activate() else []),
         f"  hexctl sessions show {session.name}",
         f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}",
     ]
+
+
+def _activate() -> str | None:
+    """Script that puts the command on the path, or None if it is there."""
+    script = Path(sys.executable).with_name("activate")
+    if shutil.which("hexctl") is not None or not script.is_file():
+        return None
+    return os.path.relpath(script) if script.is_relative_to(Path.cwd()) else str(script)

@@ -34,6 +34,7 @@ from hexctl.cli.shared_options import (
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.cli.walk.diagnose_command import Found, found_failure
+from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError
 from hexctl.recording.live import LiveView, open_window
 from hexctl.robot.failure_grammar import AUTO_LEG
@@ -50,7 +51,7 @@ BEFORE, DURING, AFTER = "before the walk", "without a soft stop", "after the wal
 #: Texts of the phases of a walk.
 DOING = {
     "settle": "standing up (Ctrl-C stops)",
-    "turn": "turning the failed leg away (Ctrl-C stops)",
+    "turn": "turning to the walk's start (Ctrl-C stops)",
     "walk": "walking (Ctrl-C stops)",
     "stop": "stopping",
 }
@@ -77,8 +78,8 @@ def run(
     Ctrl-C stops softly and keeps the recording. Exit codes: 0 done (even without progress), 2 bad input,
     3 fault of robot or link, 4 fell or was stopped, 130 interrupted.
     """
-    if no_record and (walk["record"] is not None or view):
-        raise InputError("--no-record: got --record or --view too; allowed: one or the other")
+    if no_record and view:
+        raise InputError("--no-record: got --view too; allowed: one or the other")
     progress = _WalkProgress(walk["duration_s"], quiet=as_json)
     with _reporting_interrupts(progress), progress:
         walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
@@ -135,7 +136,7 @@ def _walk(
         live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
         if live is not None:
             stack.enter_context(live)
-        progress.announces_turn = spec.paced
+        progress.of_turn = _turn_note(run) if spec.paced else ""
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         progress.moment = DURING
         done = run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
@@ -187,11 +188,21 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
         view_afterwards(str(recording))
 
 
+def _turn_note(run: "Run") -> str:
+    """Line about the self-rotation before a walk; empty if it is short."""
+    plan = run.plan
+    if plan.belief is None or abs(turn_needed_rad(run.robot, plan)) <= SMALL_TURN_RAD:
+        return ""
+    points = "trails" if plan.self_rotation == "rear" else "leads"
+    first = f"turns until leg {plan.belief.leg} {points}"
+    return f"hexctl: {first}, then walks {plan.duration_s:g} s; Ctrl-C stops it"
+
+
 class _WalkProgress(WithBar):
     """Progress on stderr during load and walk.
 
     Attributes:
-        announces_turn: whether a line is printed if the robot turns first.
+        of_turn: printed if the robot turns first.
         moment: when an interrupt comes that is no soft stop.
     """
 
@@ -199,7 +210,7 @@ class _WalkProgress(WithBar):
     block_ticks: int | None = 50
 
     def __init__(self, total_s: float, *, quiet: bool) -> None:
-        self.announces_turn, self.moment = False, BEFORE
+        self.of_turn, self.moment = "", BEFORE
         self.run: Run | None = None
         self._total_s = total_s
         self._bar = make_bar("{task.fields[walked]}", quiet=quiet)
@@ -208,19 +219,22 @@ class _WalkProgress(WithBar):
     def interrupted(self) -> str:
         """Line about an interrupt that is no soft stop, with the recording."""
         path = None if self.run is None else self.run.recording_path
-        kept = f"; recorded{'' if self.moment == AFTER else ' until then'}: {path}" if path else ""
-        if self.moment == BEFORE and not path:
-            kept = ": nothing was recorded"
-        moves = self.moment == DURING and self.run is not None and not self.run.spec.simulated
-        return f"interrupted {self.moment}{kept}{f'. {NOT_CONFIRMED}' if moves else ''}"
+        parts = [f"interrupted {self.moment}"]
+        if path is not None:
+            parts.append(f"; recorded{'' if self.moment == AFTER else ' until then'}: {path}")
+        elif self.moment == BEFORE:
+            parts.append(": nothing was recorded")
+        if self.moment == DURING and self.run is not None and not self.run.spec.simulated:
+            parts.append(f". {NOT_CONFIRMED}")
+        return "".join(parts)
 
     def pause(self) -> None:
         self._bar.stop()
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
-        if self.announces_turn and log.phase == "turn":
-            print_above(self._bar, f"hexctl: {DOING['turn']}", err=True)
-            self.announces_turn = False
+        if self.of_turn and log.phase == "turn":
+            print_above(self._bar, self.of_turn, err=True)
+            self.of_turn = ""
         walked_s = min(self._total_s, log.walked_ticks * PERIOD_S)
         self._bar.update(
             self._task,

@@ -186,7 +186,7 @@ class RosBridge:
         self._inbox.put("ros", command)
 
     def stop(self) -> None:
-        """Stop the robot immediately; its next tick ends every motion."""
+        """Stop the robot immediately; the robot's next tick ends every motion."""
         self.counters.stops += 1
         self._stop()
 

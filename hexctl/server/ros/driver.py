@@ -148,7 +148,7 @@ class RosDriver:
 
     def _pass(self, command: WantedJoints, at_s: float) -> None:
         if self._lease is not None and self._pilot is not None:
-            raise CommandRefusedError("a velocity is walked, and has the robot")
+            raise CommandRefusedError("the robot walks a velocity; allowed: zero velocity first")
         self._hold(at_s)
         self._pilot = None
         self._joints_until_s = at_s + EXPIRY_OF_ROS_S
@@ -200,10 +200,10 @@ class RosDriver:
 
     def _check_no_joints(self, at_s: float) -> None:
         if at_s <= self._joints_until_s:
-            raise CommandRefusedError("joint commands come, and have the robot")
+            raise CommandRefusedError("joint commands are arriving; allowed: end them first")
 
     def _hold_pilot(self, at_s: float, *, stands: bool) -> None:
-        """Let the pilot have the robot; a robot that sits down `stands` up again."""
+        """Take the lease and start the pilot; if `stands`, end sitting down."""
         self._check_no_joints(at_s)
         self._hold(at_s)
         pilot = self._drive()

@@ -56,10 +56,12 @@ class AnsweredNonces:
 def unanswered(
     datagrams: Iterable[tuple[bytes, Sender]], mark: bytes, answered: AnsweredNonces
 ) -> dict[Kind, dict[bytes, Sender]]:
-    """New stops, then new questions, of datagrams that have the mark; a copy belongs to its first sender."""
+    """New stops, then new questions, of datagrams with the mark; of copies the sender is the first one."""
     found: dict[int, dict[bytes, Sender]] = {Kind.STOP: {}, Kind.ASK: {}}
     for data, sender in datagrams:
-        of_kind = found.get(data[KIND_AT]) if len(data) == DATAGRAM_BYTES and data.startswith(mark) else None
+        if len(data) != DATAGRAM_BYTES or not data.startswith(mark):
+            continue
+        of_kind = found.get(data[KIND_AT])
         if of_kind is not None and data[NONCE_AT : NONCE_AT + NONCE_BYTES] not in answered:
             of_kind.setdefault(data, sender)
     return {Kind(kind): of_kind for kind, of_kind in found.items()}

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from hexctl.client import stop_ways
+from hexctl.client import stop_connections
 from hexctl.client.clear_keys import StopOrder
 from hexctl.client.stop_client import NAME_WAIT_S, SILENCE_S, StopWatch
-from hexctl.client.stop_ways import DatagramStop, SessionStop, Sighting
+from hexctl.client.stop_connections import DatagramStop, SessionStop, Sighting
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
@@ -66,7 +66,7 @@ def test_a_robot_that_has_another_address_now_is_found_again(monkeypatch: pytest
         return [(socket.AF_INET, socket.SOCK_DGRAM, 17, "", place)]
 
     with listening() as (bench, order):
-        monkeypatch.setattr(stop_ways, "LOOK_UP_AGAIN_S", 0.05)
+        monkeypatch.setattr(stop_connections, "LOOK_UP_AGAIN_S", 0.05)
         monkeypatch.setattr("socket.getaddrinfo", look_up)
         with by_datagram(bench.link, order, seen.append) as way:
             assert comes_true(lambda: bool(seen), 10.0)
@@ -187,7 +187,7 @@ def test_an_error_of_the_library_is_told_and_a_session_is_opened_again(
         yield BrokenSession()
 
     monkeypatch.setattr("hexctl.client.remote.open_session", opened)
-    monkeypatch.setattr(stop_ways, "SESSION_ASK_S", 0.2)
+    monkeypatch.setattr(stop_connections, "SESSION_ASK_S", 0.2)
     seen: list[Sighting] = []
     way = SessionStop(Link(), StopOrder(), seen.append, again=True)
     way.begin()
@@ -260,8 +260,8 @@ def asking(
         yield SharedSession(robots)
 
     monkeypatch.setattr("hexctl.client.remote.open_session", opened)
-    monkeypatch.setattr(stop_ways, "SESSION_ASK_S", 0.01)
-    monkeypatch.setattr(stop_ways, "SESSION_WATCH_S", 0.01)
+    monkeypatch.setattr(stop_connections, "SESSION_ASK_S", 0.01)
+    monkeypatch.setattr(stop_connections, "SESSION_WATCH_S", 0.01)
     seen: list[Sighting] = []
     order = StopOrder()
     way = SessionStop(Link(), order, seen.append, again=False)

@@ -1,4 +1,4 @@
-"""The two ways of a stop: datagrams, and a session; each stops its robots and then watches them."""
+"""Two connections that stop a robot and watch it come to rest: UDP datagrams and a Zenoh session."""
 
 import math
 import secrets
@@ -312,7 +312,8 @@ class SessionStop:
         self._all_stay = False
         statuses = robots.statuses()
         if not statuses:
-            self.error = RobotFaultError(f"no robot answers at {self._link.endpoint}; is hexctl serve there?")
+            where = self._link.endpoint
+            self.error = RobotFaultError(f"no robot answers at {where}; is hexctl serve running there?")
             return
         moving = _names([one for one in statuses if not _stays(one)])
         cleared = moving | _names([one for one in statuses if self._lost_claim(one)])
