@@ -140,11 +140,9 @@ def _searched(
 
 def check_known(given: RobotCamera, place: Place, path: Path) -> None:
     """Raise InputError for an option that a known place contradicts; its bar may differ (`measured`)."""
+    numbers = given.sheet.floor_edges_mm
     # Tags that it never saw cannot be compared.
-    floor = [
-        (each, tag.edge_mm) for each, tag in place.floor_tags.items() if each in given.sheet.floor_edges_mm
-    ]
-    edges = [(_edge_option(number), edge_mm) for number, edge_mm in floor]
+    edges = [(_edge_option(each), tag.edge_mm) for each, tag in place.floor_tags.items() if each in numbers]
     for name, known in [*_options_of(place).items(), *edges]:
         got = getattr(given, name)
         if got is None or name == "bar_mm" or (known is not None and _same(got, known)):
