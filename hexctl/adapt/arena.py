@@ -131,7 +131,7 @@ class Geofence:
 
     def __call__(self, trace: Trace) -> bool | str:
         """Reason to end the walk, or the answer of `also`."""
-        rows = trace["position_world"]
+        rows = trace.positions_world
         if self._arena is None:
             start = None if trace.frame is None else trace.frame.origin_world
             if start is None or not np.isfinite(start).all():

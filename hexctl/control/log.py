@@ -1,7 +1,6 @@
 """The log of a trial: every tick as rows of arrays, in blocks for recorders, and as columns of a table."""
 
 import math
-from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -11,12 +10,12 @@ import numpy as np
 from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
-from hexctl.control.table import Column, Table
+from hexctl.control.table import Column, ServoRows, Table
 from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.robot.failure import Failure
-from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState, ServoReadings
+from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
 LEG_NAMES = tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1))
 
@@ -105,7 +104,7 @@ class TickLog:
         self.notes: list[tuple[int, str]] = []
         self._warnings = SeenWarnings()
         self.leg_changes: list[LegChange] = []
-        self.servo_rows: list[tuple[int, ServoReadings]] = []
+        self.servo_rows = ServoRows()
         self._failures_by: dict[str, tuple[Failure, ...]] = {}
         self._rows = Table(COLUMNS)
 
@@ -151,11 +150,6 @@ class TickLog:
         """Rows [start, stop) of a column."""
         return self._rows.rows(name, start, stop)
 
-    def servo_rows_between(self, start: int, stop: int) -> list[tuple[int, ServoReadings]]:
-        """Rows and reports of single servos from row `start` on, before row `stop`."""
-        first, end = (bisect_left(self.servo_rows, row, key=lambda one: one[0]) for row in (start, stop))
-        return self.servo_rows[first:end]
-
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Append one tick."""
         index = len(self)
@@ -177,7 +171,7 @@ class TickLog:
         if self.contacts_known:
             columns["foot_contacts"][row] = state.foot_contacts
         if state.servos is not None and index % SERVO_TICKS == 0:
-            self.servo_rows.append((index, state.servos.copy()))
+            self.servo_rows.append(index, state.servos)
         if state.joint_torques_nm is not None:
             columns["joint_torques_nm"][row] = state.joint_torques_nm
         if self.controller is not None:

@@ -204,7 +204,7 @@ class Preparation:
 
     def _start(self, turned_rad: float, frame: TrialFrame | None, true_yaw_rad: float) -> WalkStart:
         """The start of the walk; the true yaw is that at the start of the trial."""
-        true_position_world = self._trace["true_position_world"][-1]
+        true_position_world = self._trace.true_positions_world[-1]
         true_frame = None
         if frame is not None and math.isfinite(true_yaw_rad + true_position_world[0]):
             heading_rad = true_yaw_rad + self._plan.heading_rad
@@ -228,7 +228,7 @@ class Preparation:
 
     def _resting_pose(self, ticks: int) -> "_RestingPose":
         rest = slice(max(0, len(self._trace) - ticks - 1), None)
-        return _RestingPose.of(self._trace["position_world"][rest], self._trace["quaternion_world"][rest])
+        return _RestingPose.of(self._trace.positions_world[rest], self._trace.quaternions_world[rest])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Growing tables of ticks: the newest rows in memory, older ones on disk.
+"""Growing tables of ticks and servo readings: the newest rows in memory, older ones on disk.
 
 An hour of ticks takes 150 MB, too much for a robot's computer. Older rows go to a nameless file that vanishes
 with the process. It is not mapped: an error of the disk would then end the process.
@@ -7,12 +7,16 @@ with the process. It is not mapped: an error of the disk would then end the proc
 import logging
 import os
 import tempfile
+from array import array
+from bisect import bisect_left
 from collections.abc import Sequence
 from contextlib import suppress
 from errno import EIO, ENOSPC
 from typing import IO, Any, NamedTuple
 
 import numpy as np
+
+from hexctl.types import N_JOINTS, ServoReadings
 
 _LOG = logging.getLogger(__name__)
 
@@ -24,6 +28,12 @@ CHUNK_ROWS = 256
 
 #: Chunks in memory: more than a recording that lags has not read yet.
 KEPT_CHUNKS = 16
+
+#: The numbers of `ServoReadings`.
+NUMBERS = ("ages_s", "efforts", "currents_a", "voltages_v", "temperatures_c")
+
+#: Readings per chunk: half a minute at one reading a second.
+CHUNK_READINGS = 32
 
 
 class Column(NamedTuple):
@@ -125,6 +135,40 @@ class Table:
         elif self._file is not None:
             offset = chunk * self._chunk_bytes + self._starts[name] + first * self._types[name].itemsize
             _check_size(os.preadv(self._file.fileno(), [rows], offset), rows.nbytes, EIO)
+
+
+class ServoRows:
+    """Readings of single servos and their rows in a log; their numbers are in a `Table`."""
+
+    def __init__(self) -> None:
+        self._rows = array("q")
+        self._numbers = Table([Column(name, (N_JOINTS,)) for name in NUMBERS], chunk_rows=CHUNK_READINGS)
+        #: Of each reading; equal ones, as most are, share a tuple.
+        self._errors: list[tuple[str, ...]] = []
+
+    def append(self, row: int, servos: ServoReadings) -> None:
+        """Add the readings at a row after all others."""
+        same = bool(self._errors) and self._errors[-1] == servos.errors
+        self._errors.append(self._errors[-1] if same else servos.errors)
+        arrays, place, _ = self._numbers.append()
+        for name in NUMBERS:
+            arrays[name][place] = getattr(servos, name)
+        self._rows.append(row)
+
+    def between(self, start: int, stop: int) -> list[tuple[int, ServoReadings]]:
+        """Rows and readings from row `start` on, before row `stop`."""
+        first, end = bisect_left(self._rows, start), bisect_left(self._rows, stop)
+        numbers = {name: self._numbers.rows(name, first, end) for name in NUMBERS}
+        return [
+            (
+                self._rows[index],
+                ServoReadings(
+                    **{name: values[index - first] for name, values in numbers.items()},
+                    errors=self._errors[index],
+                ),
+            )
+            for index in range(first, end)
+        ]
 
 
 def _check_size(done: int, wanted: int, error: int) -> None:

@@ -84,13 +84,32 @@ class Trace:
         later = [first for name, first in self._starts.items() if PHASES.index(name) > PHASES.index(phase)]
         return slice(start, min(later, default=len(self)))
 
-    def __getitem__(self, name: str) -> FloatArray:
-        """All rows of a column of `COLUMNS`, (T,) or (T, width)."""
-        return np.asarray(self._rows.rows(name, 0, len(self)))
+    @property
+    def times_s(self) -> FloatArray:
+        """Times of all ticks on the servos' clock, (T,)."""
+        return self._all("time_s")
+
+    @property
+    def positions_world(self) -> FloatArray:
+        """Base positions of all ticks, (T, 3) in m."""
+        return self._all("position_world")
+
+    @property
+    def quaternions_world(self) -> FloatArray:
+        """Base orientations (w, x, y, z) of all ticks, (T, 4)."""
+        return self._all("quaternion_world")
+
+    @property
+    def true_positions_world(self) -> FloatArray:
+        """True base positions of all ticks, (T, 3) in m; NaN if not simulated."""
+        return self._all("true_position_world")
 
     @property
     def path_m(self) -> FloatArray:
         """Progress and deviation at each tick of the walk so far, (T, 2); (0, 2) without a frame."""
         if self.frame is None:
             return np.zeros((0, 2))
-        return self.frame.path(self["position_world"][self.rows("walk")])
+        return self.frame.path(self.positions_world[self.rows("walk")])
+
+    def _all(self, name: str) -> FloatArray:
+        return np.asarray(self._rows.rows(name, 0, len(self)))

@@ -140,14 +140,15 @@ def demo(
     for name, policy in (("walked_on", WALK_ON), ("recovered", RECOVER)):
         recording = into / f"{name.replace('_', '-')}.rrd"
         try:
-            walked: dict[str, Any] = {name: walk_and_fail(policy, recording, stop_requested=stop_requested)}
+            walk = walk_and_fail(policy, recording, stop_requested=stop_requested)
         finally:
             _remove_empty(into)  # interrupted before anything was recorded
-        result = replace(result, **walked)
+        changed: dict[str, Any] = {name: walk}
+        result = replace(result, **changed)
         if stop_requested():
             return result
         if on_walk is not None:
-            on_walk(walked[name])
+            on_walk(walk)
     # The executor waits for its thread: one that draws while Python ends crashes it.
     with ThreadPoolExecutor(1, "race") as executor:
         drawing = executor.submit(_drawn, result, stop_requested)
@@ -218,6 +219,8 @@ def _drawn(walked: DemoResult, stop_requested: StopRequested) -> dict[str, Any]:
         return {}
     except HexctlError as error:
         return {"no_picture": str(error)}
+    except Exception as error:  # noqa: BLE001  the result of the search must not be lost
+        return {"no_picture": f"{type(error).__name__}: {error}"}
 
 
 def _remove_empty(folder: Path) -> None:

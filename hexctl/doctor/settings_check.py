@@ -46,9 +46,10 @@ def read_settings_found(is_option: Callable[[str], bool] = no_option) -> Setting
             found[key] = SettingFound(key=key, value=_anonymous(key, text), origin="environment")
         elif name != CHOSEN:
             unknown.append(name)
-    for setting in (setting for file in settings.files for setting in file.values()):
-        key, value = setting.key, _anonymous(setting.key, setting.value)
-        found.setdefault(key, SettingFound(key=key, value=value, origin=setting.place))
+    for file in settings.files:
+        for setting in file.values():
+            key, value = setting.key, _anonymous(setting.key, setting.value)
+            found.setdefault(key, SettingFound(key=key, value=value, origin=setting.place))
     return SettingsFound(
         values=tuple(found.values()), problems=settings.problems, unknown=tuple(sorted(unknown))
     )

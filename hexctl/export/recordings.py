@@ -37,12 +37,14 @@ class Recordings:
         readable = 0
         for path in self.paths:
             try:
-                yield read_trial(path, self.robot)
-                readable += 1
+                trial = read_trial(path, self.robot)
             except InputError as error:
                 if path not in self.of_sessions or len(self.paths) == 1:
                     raise
                 self.on_damage(error)
+            else:
+                readable += 1
+                yield trial
         if not readable:
             count = len(self.paths)
             raise InputError(f"export: none of {count} recordings can be read; allowed: one or more that can")

@@ -29,6 +29,9 @@ LOAD_FRICTION, FIRST_SHARE, LEAST_GAIN = "load_friction", 0.3, 0.1
 #: A file as large as an hour at 200 Hz.
 MOST_BYTES = 200_000_000
 
+#: Keys of a file, for messages.
+KEYS = "mass, length, kp, and entries of timestamp, position, goal_position"
+
 Above0 = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -125,9 +128,12 @@ def read_bench_run(path: Path) -> BenchRun:
     """Run of a JSON file with `mass`, `length`, `kp` and `entries`; raises InputError with the damage."""
     try:
         content: Any = json.loads(read_file(path, MOST_BYTES))
-    except ValueError as error:
-        raise InputError(f"{path}: is not valid JSON: {error}; allowed: a run on a bench") from error
-    parsed = validate(_BenchFile, content, path)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not valid JSON: {error}; allowed: a run with {KEYS}") from error
+    try:
+        parsed = validate(_BenchFile, content, path)
+    except InputError as error:
+        raise InputError(f"{error}; a run has {KEYS}") from error
     rows = np.array([(one.timestamp, one.goal_position, one.position) for one in parsed.entries])
     time_s = rows[:, 0] - rows[0, 0]
     if (np.diff(time_s) <= 0).any():

@@ -149,10 +149,11 @@ class LiveView:
 def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
     """Rows [start, stop) of a log and their events, as `append` of the feeder takes them."""
     return {
+        "start": start,
         "rows": {name: log.rows(name, start, stop) for name in COLUMN_NAMES},
         "frame": log.frame,
         "contacts_known": log.contacts_known,
-        "servo_rows": log.servo_rows_between(start, stop),
+        "servo_rows": log.servo_rows.between(start, stop),
         "notes": [note for note in log.notes if start <= note[0] < stop],
         "leg_changes": [change for change in log.leg_changes if start <= change.row < stop],
     }

@@ -7,6 +7,7 @@ import sys
 import uuid
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 from hexctl.control.log import TickLog
@@ -61,11 +62,13 @@ class Feed:
 
 
 def append(log: TickLog, block: dict[str, Any]) -> None:
-    """Append the rows of a block and their events, as made by `rows_of`."""
+    """Append the rows of a block and their events, as made by `rows_of` of a log that may be longer."""
     log.frame, log.contacts_known = block["frame"], block["contacts_known"]
-    log.servo_rows += block["servo_rows"]
-    log.notes += block["notes"]
-    log.leg_changes += block["leg_changes"]
+    shift = len(log) - block["start"]
+    for row, servos in block["servo_rows"]:
+        log.servo_rows.append(row + shift, servos)
+    log.notes += [(row + shift, text) for row, text in block["notes"]]
+    log.leg_changes += [replace(change, row=change.row + shift) for change in block["leg_changes"]]
     log.extend(block["rows"])
 
 

@@ -137,11 +137,13 @@ def flush(stream: Any, path: Path) -> None:
 
 @contextmanager
 def still_there(path: Path) -> Iterator[None]:
-    """Raise RecordingError if a recording was deleted while it was written."""
+    """Raise RecordingError if a recording was deleted while it was written, or cannot be read."""
     try:
         yield
-    except OSError as error:
+    except FileNotFoundError as error:
         raise RecordingError(f"{path}: the recording was deleted or moved ({error.strerror})") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: the recording cannot be read ({error.strerror})") from error
 
 
 def size_of(path: Path) -> int:

@@ -89,10 +89,9 @@ def _angles(path: str, source: str, which: int, width: float) -> Series:
 
 
 #: Series at every tick: the vectors that converters to LeRobot look for.
-VECTORS = ACTION, OBSERVATION = (
-    _angles("action", "commanded_rad", 0, 3.0),
-    _angles("observation/state", "measured_rad", 1, 1.2),
-)
+ACTION = _angles("action", "commanded_rad", 0, 3.0)
+OBSERVATION = _angles("observation/state", "measured_rad", 1, 1.2)
+VECTORS = (ACTION, OBSERVATION)
 
 #: Series at 10 Hz of the log, if all of it is known.
 SAMPLED = (TORQUES, VELOCITY)

@@ -60,9 +60,12 @@ class Failure:
         return tuple(range(first, first + JOINTS_PER_LEG)) if self.joint is None else (self.joint_index,)
 
     def __post_init__(self) -> None:
+        kinds, joints = ", ".join(FAILURE_KINDS), ", ".join(JOINT_KINDS)
+        check_type(self.kind, str, "failure", kinds)
+        check_type(self.joint, (str, type(None)), "failed joint", joints)
         check_fields(self)
-        _require(self.kind in FAILURE_KINDS, "failure", self.kind, ", ".join(FAILURE_KINDS))
-        _require(self.joint in (None, *JOINT_KINDS), "failed joint", self.joint, ", ".join(JOINT_KINDS))
+        _require(self.kind in FAILURE_KINDS, "failure", self.kind, kinds)
+        _require(self.joint in (None, *JOINT_KINDS), "failed joint", self.joint, joints)
         # A joint that a kind does not use does not make it another failure.
         joint = (self.joint or JOINT_KINDS[0]) if self.kind == "stuck" else self.joint
         object.__setattr__(self, "joint", joint if self.kind in ("stuck", "limp", "weak") else None)

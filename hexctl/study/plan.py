@@ -26,9 +26,9 @@ class Plan(ABC):
     def __post_init__(self) -> None:
         check_fields(self)
         for name, _, kind in _several(type(self)):
-            value, origin = getattr(self, name), get_origin(kind)
+            value, origin, items = getattr(self, name), get_origin(kind), get_args(kind)
             check_type(value, origin, argument(name))
-            item = get_args(kind)[origin is dict]
+            item = items[1] if origin is dict else items[0]
             for one in value.values() if origin is dict else value:
                 if isinstance(item, type):
                     check_type(one, item, argument(name))

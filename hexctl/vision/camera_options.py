@@ -3,6 +3,7 @@
 Light to import, without OpenCV: the help of `hexctl see` needs only these.
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +30,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def check_new_file(name: str, path: str | Path) -> None:
     """Raise InputError for a file that exists or whose folder is missing; `name` is its option."""
-    if Path(path).exists():
+    if os.path.lexists(path):
         raise InputError(f"{argument(name)}: {path} exists; allowed: a new file, nothing is replaced")
     check_folder(name, path)
 

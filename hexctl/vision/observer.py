@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.ik.leg_odometry import LegOdometer
+from hexctl.ik.leg_odometer import LegOdometer
 from hexctl.robot.model import Robot
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera

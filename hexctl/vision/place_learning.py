@@ -140,7 +140,10 @@ def _searched(
 
 def check_known(given: RobotCamera, place: Place, path: Path) -> None:
     """Raise InputError for an option that a known place contradicts; its bar may differ (`measured`)."""
-    for name, known in _options_of(place).items():
+    numbers = given.sheet.floor_edges_mm
+    # Tags that it never saw cannot be compared.
+    edges = [(_edge_option(each), tag.edge_mm) for each, tag in place.floor_tags.items() if each in numbers]
+    for name, known in [*_options_of(place).items(), *edges]:
         got = getattr(given, name)
         if got is None or name == "bar_mm" or (known is not None and _same(got, known)):
             continue
@@ -171,7 +174,6 @@ def _options_of(place: Place) -> dict[str, Any]:
         "robot_tag": tag.id,
         "robot_edge_mm": tag.edge_mm,
         "tag_height_mm": 1000 * tag.height_m,
-        **{_edge_option(number): each.edge_mm for number, each in reversed(place.floor_tags.items())},
     }
 
 
@@ -233,7 +235,11 @@ def _new_options(given: RobotCamera, robot: Robot, before: Place | None) -> dict
     """Options of a new place: as given, else those of the place before, else usual ones."""
     usual = asdict(given.sheet) | {"lens": None, "fov_deg": USUAL_FOV_DEG, "bar_mm": BAR_MM}
     usual |= {"tag_height_mm": 1000 * robot.body.size_m[2] / 2}
-    known = {} if before is None else _options_of(before)
+    known: dict[str, Any] = {}
+    if before is not None:
+        # New floor tags are as the first one.
+        edges = {_edge_option(number): tag.edge_mm for number, tag in reversed(before.floor_tags.items())}
+        known = _options_of(before) | edges
     if given.fov_deg is not None:
         known["lens"] = None
     asked = {name: getattr(given, name, None) for name in usual}

@@ -265,7 +265,7 @@ class PoseStream:
         looked_at = self._page is not None and self._page.clients > 0
         if self._video is None and not looked_at:
             return
-        told_lately = frame.at_s - self._event_at_s < EVENT_S
+        event_is_recent = frame.at_s - self._event_at_s < EVENT_S
         drawn = with_overlay(
             frame.picture,
             self._observer.watch.camera,
@@ -273,7 +273,7 @@ class PoseStream:
             sighting=self._last.robot,
             pose_floor=estimate.pose,
             height_m=self._observer.height_m + self._observer.tag.height_m,
-            lines=[*_lines(estimate, self._last), *([self._event] if told_lately else [])],
+            lines=[*_lines(estimate, self._last), *([self._event] if event_is_recent else [])],
         )
         if self._video is not None:
             self._video.write(drawn, frame.at_s)

@@ -132,8 +132,8 @@ class Sheet:
 
 def save_sheet(sheet: Sheet, path: Path) -> None:
     """Write the pages as a new PDF file. Raises InputError for one that exists or cannot be written."""
-    check_new_file("output", path)
     try:
+        check_new_file("output", path)
         atomic_write(path, sheet.pdf())
     except OSError as error:
         raise InputError(f"{argument('output')}: {path} cannot be written: {error.strerror}") from error

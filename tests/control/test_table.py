@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.control.table import KEPT_CHUNKS, Column, Table
+from hexctl.control.table import KEPT_CHUNKS, NUMBERS, Column, ServoRows, Table
+from hexctl.types import N_JOINTS, ServoReadings
 
 COLUMNS = (
     Column("time_s"),
@@ -133,3 +134,23 @@ def test_a_disk_that_loses_rows_raises_and_does_not_end_the_process() -> None:
     """A file that was cut stands for any failure of a disk after it had taken the rows."""
     done = subprocess.run([sys.executable, "-c", BROKEN_DISK], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, "lost\n"), done.stderr
+
+
+def reading(index: int) -> ServoReadings:
+    values: dict[str, Any] = {
+        name: np.arange(N_JOINTS) + 100.0 * index + place for place, name in enumerate(NUMBERS)
+    }
+    error = "overload" if 10 <= index < 20 else ""
+    return ServoReadings(**values, errors=("", error) + ("",) * (N_JOINTS - 2))
+
+
+def test_readings_of_servos_are_as_they_were_appended_and_mostly_not_in_memory() -> None:
+    rows = ServoRows()
+    for index in range(600):
+        rows.append(50 * index, reading(index))
+    assert rows.between(0, 30_000) == [(50 * index, reading(index)) for index in range(600)]
+    assert [row for row, _ in rows.between(100, 200)] == [100, 150]
+    assert [row for row, _ in rows.between(101, 201)] == [150, 200]
+    assert rows.between(101, 150) == rows.between(40_000, 50_000) == ServoRows().between(0, 9) == []
+    assert on_disk(rows._numbers) == len(rows._numbers._chunks) - KEPT_CHUNKS > 0
+    assert len({id(errors) for errors in rows._errors}) == 3

@@ -82,6 +82,15 @@ def test_a_stop_leaves_what_was_walked_before_it(tmp_path: Path, monkeypatch: An
     assert again.folder != result.folder, "nothing is replaced"
 
 
+def test_an_unexpected_error_of_the_drawing_is_part_of_the_result(tmp_path: Path, monkeypatch: Any) -> None:
+    def export(*_: object, **__: object) -> None:
+        raise ValueError("no encoder")
+
+    monkeypatch.setattr(rescue, "export", export)
+    result = rescue.DemoResult(event=rescue.EVENT, world=rescue.WORLD, folder=tmp_path)
+    assert rescue._drawn(result, lambda: False) == {"no_picture": "ValueError: no encoder"}
+
+
 def test_what_cannot_be_is_refused_before_anything_walks(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="budget"):
         rescue.demo(budget=0, folder=tmp_path)

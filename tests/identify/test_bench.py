@@ -124,11 +124,11 @@ def test_a_damaged_run_is_refused(changed: dict[str, Any], key: str, tmp_path: P
         read_bench_run(path)
 
 
-@pytest.mark.parametrize("content", ["", "{", "[1, 2]", "null", '{"mass": 1'])
+@pytest.mark.parametrize("content", ["", "{", "[1, 2]", "null", '{"mass": 1', "[" * 100_000, '{"mass": 1}'])
 def test_what_is_no_run_is_refused(content: str, tmp_path: Path) -> None:
     path = tmp_path / "run.json"
     path.write_text(content)
-    with pytest.raises(InputError, match=r"run\.json"):
+    with pytest.raises(InputError, match=r"run\.json.*mass, length, kp, and entries"):
         read_bench_run(path)
 
 

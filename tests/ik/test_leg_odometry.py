@@ -8,16 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import InputError
-from hexctl.ik.leg_odometry import (
-    GAP_S,
-    JUDGED_S,
-    WINDOW_S,
-    LegOdometer,
-    LostLegWatch,
-    leg_motions,
-    stance_motions,
-    standing,
-)
+from hexctl.ik.leg_odometer import GAP_S, JUDGED_S, WINDOW_S, LegOdometer, LostLegWatch
+from hexctl.ik.leg_odometry import leg_motions, stance_motions, standing
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray
@@ -194,9 +186,9 @@ def test_after_a_gap_the_height_is_known_and_the_motion_is_not() -> None:
 def test_legs_that_are_told_and_one_that_is_noticed_are_left_out() -> None:
     walk = driven("pexod", AHEAD, failure=Failure(leg=2, kind="missing"), told=False)
     odometer = LegOdometer(shipped("pexod"))
-    odometer.told = (5,)
+    odometer.known_lost_legs = (5,)
     assert odometer.lost_legs == (5,)
-    odometer.told = ()
+    odometer.known_lost_legs = ()
     for at_s, angles, pose in zip(walk.times_s, walk.joints_rad, walk.poses, strict=True):
         odometer.update(at_s, angles)
         odometer.see(at_s, pose)

@@ -10,7 +10,8 @@ from hexctl.backends.sim.world import World
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Motion, make_gait
 from hexctl.ik.legs import link_points_body, solve_legs
-from hexctl.ik.statics import arms_m, link_torques_nm, load_capacity, static_load
+from hexctl.ik.load_capacity import load_capacity
+from hexctl.ik.statics import arms_m, link_torques_nm, static_load
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.types import GRAVITY_M_S2, BoolArray, FloatArray, JointTargets

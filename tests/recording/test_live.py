@@ -25,8 +25,10 @@ from hexctl.recording import live_feed
 from hexctl.recording.live import LiveView, rows_of
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import load_rerun
+from hexctl.robot.failure import Failure
 from hexctl.runs.run import run
 from hexctl.waiting import wait_for
+from tests.control.posed import readings
 from tests.robots import shipped
 from tests.trials import Calling
 
@@ -140,6 +142,21 @@ def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
     assert other.leg_changes == log.leg_changes
     for name in COLUMN_NAMES:
         np.testing.assert_array_equal(other[name], log[name])
+
+
+def test_events_of_a_log_that_began_before_the_feeder_are_at_their_rows() -> None:
+    log, other = TickLog(), TickLog()
+    first = run(gait="tripod", duration_s=0.2, record=False).log
+    log.extend({name: first[name] for name in COLUMN_NAMES})
+    start = len(log)
+    log.note(["an event"])
+    log.note_failures("world", (Failure(leg=5),))
+    log.servo_rows.append(start, readings(temperatures_c=np.full(18, 30.0)))
+    log.extend({name: first[name] for name in COLUMN_NAMES})
+    live_feed.append(other, rows_of(log, start, len(log)))
+    assert other.notes == [(0, "an event")]
+    assert [change.row for change in other.leg_changes] == [0]
+    assert [row for row, _ in other.servo_rows.between(0, len(other))] == [0]
 
 
 @pytest.mark.slow

@@ -110,7 +110,8 @@ def test_a_place_and_contacts_that_are_not_known_are_none(trial: Trial, tmp_path
 def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
     told = trial.with_columns()
     values = np.linspace(20, 40, N_JOINTS)
-    told.log.servo_rows = [(row, readings(temperatures_c=values)) for row in (0, 50)]
+    for row in (0, 50):
+        told.log.servo_rows.append(row, readings(temperatures_c=values))
     servos = read_trial(write(tmp_path / "servos.rrd", told)).servos
     assert set(servos) == {"ages_s", "temperatures_c"}
     assert servos["temperatures_c"].rows.tolist() == [0, 50]

@@ -31,6 +31,13 @@ def test_a_recording_without_its_end_is_not_whole(
         check_end(path)
 
 
+def test_a_recording_that_cannot_be_read_is_not_called_deleted(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="was deleted or moved"):
+        check_end(tmp_path / "gone.rrd")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        check_end(tmp_path)
+
+
 @pytest.fixture(scope="module")
 def trial_file(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("tools") / "trial.rrd", trial)

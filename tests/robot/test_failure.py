@@ -110,6 +110,14 @@ def test_a_wrong_kind_is_refused(parse: Callable[[str], object], form: str) -> N
             parse(form.format(kind))
 
 
+@pytest.mark.parametrize("wrong", [3, "limpy"])
+def test_a_wrong_kind_or_joint_has_one_name_and_the_allowed_ones(wrong: Any) -> None:
+    with pytest.raises(InputError, match=r"^failure: got .*; allowed: locked, limp, stuck, weak, missing"):
+        Failure(leg=5, kind=wrong)
+    with pytest.raises(InputError, match=r"^failed joint: got .*; allowed: coxa, femur, tibia"):
+        Failure(leg=5, kind="stuck", joint=wrong)
+
+
 @pytest.mark.parametrize("suffix", ["", "@8"])
 def test_a_failure_needs_its_leg(suffix: str) -> None:
     for text in ("limp", "", ":", "limp:5", "0:limp", "7:limp", "-1", "9limp", "5.0:limp", "²:limp", "\x1e5"):

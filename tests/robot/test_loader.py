@@ -305,3 +305,9 @@ def test_anchors_as_a_person_writes_them_are_read() -> None:
     assert content["list"] == [content["leg"]] * 2
     assert yaml_content("") is None
     assert yaml_content("x: 0x1f\ny: 1:30\nz: 1e3\n") == {"x": 31, "y": 90, "z": "1e3"}
+
+
+def test_an_id_beyond_all_integers_is_refused_in_plain_words(tmp_path: Path) -> None:
+    wrong = edited_file(tmp_path, put("servos", {"driver": "feetech", "leg1_coxa": {"id": 1e30}}))
+    with pytest.raises(InputError, match=r"servos\.leg1_coxa\.id: got 1e\+30; allowed: a whole number"):
+        load_robot_file(wrong)

@@ -153,6 +153,13 @@ def test_a_trunk_that_is_too_light_or_too_heavy_is_unknown(mass: str, tmp_path: 
     assert "body.mass_kg" in made.unknown
 
 
+def test_products_of_inertia_that_are_left_out_are_noted(tmp_path: Path) -> None:
+    for xy, count in (("0.0005", 0), ("0.002", 1)):
+        trunk = TRUNK.replace('ixy="0"', f'ixy="{xy}"')
+        notes = imported(tmp_path, hexapod(trunk=BOX, trunk_inertial=trunk)).notes
+        assert sum("products of inertia, up to 20 %" in note for note in notes) == count
+
+
 @pytest.mark.parametrize("moment", ["1e-9", "2.5", "0"])
 def test_moments_of_inertia_of_no_body_are_unknown(moment: str, tmp_path: Path) -> None:
     inertial = TRUNK.replace("0.005", moment).replace("0.007", moment).replace("0.01", moment)
@@ -347,6 +354,7 @@ def test_a_foot_next_to_the_plane_of_its_leg_is_projected_with_an_error(
     made = imported(tmp_path, hexapod(foot_y_m=foot_y_m))
     note = next(note for note in made.notes if "outside the planes" in note)
     assert f"{1000 * abs(foot_y_m):.1f} mm" in note
+    assert re.search(r"steps are off by up to \d+\.\d mm$", note)
     robot = made.robot()
     # In the stance the feet are those of the file.
     outward_m = made.content["stance"]["outward_m"]

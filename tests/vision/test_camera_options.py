@@ -15,7 +15,7 @@ from hexctl.vision.detection.calibration_board import N_CORNERS, SQUARE_M, Board
 from hexctl.vision.detection.lens import load_lens
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 from hexctl.vision.robot_camera import RobotCamera
-from hexctl.vision.sheet import PAPERS_MM, Sheet
+from hexctl.vision.sheet import PAPERS_MM, Sheet, save_sheet
 from tests.vision.detection.test_lens_calibration import LENSES, pictures, ray_error_px
 
 
@@ -122,6 +122,12 @@ def test_the_command_writes_the_file_once(tmp_path: Path, capsys: pytest.Capture
     assert exit_code(["see", "print", "--output", str(tmp_path / "none" / "sheet.pdf")]) == 2
     assert exit_code(["see", "print", "--output", str(tmp_path / "x.pdf"), "--robot-tag", "1"]) == 2
     assert "--robot-tag" in capsys.readouterr().err
+
+
+def test_a_sheet_with_a_name_that_no_disk_takes_is_refused(tmp_path: Path) -> None:
+    for path in (tmp_path / (300 * "x"), tmp_path / (300 * "x") / "sheet.pdf"):
+        with pytest.raises(InputError, match="output"):
+            save_sheet(Sheet(), path)
 
 
 @pytest.mark.parametrize(

@@ -180,6 +180,17 @@ def test_a_contradiction_is_refused_by_name(option: str, options: dict[str, Any]
         check_known(given(**options), load_place(path), path)
 
 
+def test_the_edge_of_each_seen_floor_tag_is_compared(tmp_path: Path) -> None:
+    tag = PLACE.floor_tags[3]
+    mixed = replace(PLACE, floor_tags={**PLACE.floor_tags, 1: tag, 2: replace(tag, edge_mm=120.0)})
+    path = saved(tmp_path, mixed)
+    with pytest.raises(InputError, match=r"^floor_edge_mm: got 160, and .* has 120"):
+        check_known(given(floor_edge_mm=160.0), load_place(path), path)
+    only = replace(PLACE, floor_tags={0: PLACE.floor_tags[0], 5: tag})
+    path = saved(tmp_path, only)
+    check_known(given(floor_tags=2, floor_edge_mm=100.0), load_place(path), path)
+
+
 def test_printed_tags_that_were_not_seen_are_told() -> None:
     place, doubts = doubted(given(bar_mm=100.0), 0, 1)
     assert set(place.floor_tags) == {0, 1}

@@ -50,13 +50,13 @@ def walkable(imported: ImportedRobot) -> ImportedRobot:
             return slower
         if not verdict.obstacles:
             doubts = f"hexctl check doubts the default gait: {'; '.join(verdict.warnings)}"
-            doubtful = doubtful or replace(slower, notes=(*slower.notes, doubts))
+            doubtful = doubtful or replace(slower, remarks=(*slower.remarks, doubts))
         elif first is None:
             first, reason = slower, "; ".join(verdict.obstacles)
     if doubtful is not None:
         return doubtful
     note, made = f"no default gait was found that it can walk: {reason}", first or imported
-    return replace(made, notes=(*made.notes, note))
+    return replace(made, remarks=(*made.remarks, note))
 
 
 def _in_reach(imported: ImportedRobot) -> Iterator[ImportedRobot]:

@@ -15,7 +15,8 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.clearance import PARTS, leg_clearance, nearness
 from hexctl.ik.legs import solve_legs
-from hexctl.ik.statics import load_capacity, static_load
+from hexctl.ik.load_capacity import load_capacity
+from hexctl.ik.statics import static_load
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_NAMES, N_LEGS, ArrayFields, FloatArray
 

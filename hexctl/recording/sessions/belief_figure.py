@@ -90,7 +90,7 @@ def _send_baseline(stream: Any, overview: Overview) -> None:
     """Send the ends of walks outside the search whose gait has a code."""
     for walk in overview.baseline:
         if walk.code and walk.deviation_m is not None:
-            path, place = f"{BELIEF}/not_told/{walk.gait}", (walk.code, height(walk.deviation_m))
+            path, place = f"{BELIEF}/baseline/{walk.gait}", (walk.code, height(walk.deviation_m))
             look = {"radii": [MARK], "colors": [baseline_color(walk.gait or "")], "draw_order": WALKED_ORDER}
             draw(stream, path, load_rerun().Points2D([place], **look))
             draw_names(stream, f"{path}/name", [(place, str(walk.gait))])

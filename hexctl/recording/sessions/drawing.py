@@ -1,4 +1,4 @@
-"""Things in the overview of a session: always there, or from a trial on."""
+"""Draw into a session's overview, static or from a trial on."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,7 +21,7 @@ def trial_column(indices: Sequence[int]) -> Any:
 
 
 def draw(stream: Any, path: str, thing: Any, trial: int | None = None) -> None:
-    """Send an archetype of Rerun, to be shown from a trial on; None is always."""
+    """Send an archetype of Rerun, to be shown from a trial on; `trial` None draws it at all times."""
     if trial is None:
         stream.log(path, thing, static=True)
         return

@@ -86,7 +86,7 @@ def _send_samples(block: Block) -> None:
 
 def _send_servos(block: Block) -> None:
     """Send the reports of servos, if any; an unknown value leaves a gap."""
-    readings = block.log.servo_rows_between(block.start, block.stop)
+    readings = block.log.servo_rows.between(block.start, block.stop)
     for series in SERVOS:
         known = [(row, getattr(servos, str(series.source))) for row, servos in readings]
         known = [(row, values) for row, values in known if np.isfinite(values).any()]

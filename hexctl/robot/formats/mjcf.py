@@ -27,6 +27,7 @@ STICTION = (0.999, 0.999, 0.001)
 _TOUCHES = {"contype": "0", "conaffinity": "1"}
 _PASSES = {"contype": "0", "conaffinity": "0"}
 
+#: The other colour of the chequered floor.
 _LIGHTER = (GROUND_COLOR[0] + 14, GROUND_COLOR[1] + 14, GROUND_COLOR[2] + 14)
 
 #: Cameras: direction of view as azimuth and elevation.
@@ -35,7 +36,8 @@ CAMERAS = {"side": (-90.0, 12.0), "top": (-90.0, 89.0), "follow": (-145.0, 25.0)
 FOVY_DEG = 35.0
 
 
-#: Colours, a chequered floor and light; a bright haze would be a line at the horizon of the dark background.
+#: Colours, a chequered floor and light. Shadows would take most of the time. Pictures larger than MuJoCo's
+#: 640 x 480 need a larger buffer. The usual haze is white: a bright line at the dark background's horizon.
 _SCENE = f"""<mujoco>
 <compiler angle="radian"/>
 <option timestep="{STEP_S}" integrator="implicitfast" cone="elliptic"/>
@@ -69,7 +71,9 @@ def mjcf_of(robot: Robot) -> str:
     """
     root = ElementTree.fromstring(_SCENE)  # noqa: S314  our own text
     root.set("model", robot.name)
-    _, _, _, assets, world = root
+    assets, world = root.find("asset"), root.find("worldbody")
+    assert assets is not None  # noqa: S101  both are in the text
+    assert world is not None  # noqa: S101
     for name, color in {"body": BODY_COLOR, **LINK_COLORS}.items():
         add(assets, "material", name=name, rgba=f"{color_text(color)} 1")
     _add_robot(world, robot)

@@ -6,7 +6,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from hexctl.robot.configs import AngleDeg, Number, Positive, Section, Whole
 from hexctl.robot.servos.drivers import Driver
-from hexctl.robot.servos.servo_models import BAUD
+from hexctl.robot.servos.servo_models import BAUD, SERVO_ID
 from hexctl.types import N_JOINTS, N_LEGS
 
 
@@ -38,7 +38,7 @@ PulseUs = Annotated[Whole, Field(ge=100, le=5000)]
 Channel = Annotated[Whole, Field(ge=1, le=N_JOINTS)]
 Direction = Annotated[Number, AfterValidator(_direction)]
 
-ServoId = Annotated[Whole, Field(ge=0, le=252)]
+ServoId = Annotated[Whole, Field(ge=SERVO_ID.low, le=SERVO_ID.high)]
 Count = Annotated[Whole, Field(ge=0, le=65535)]
 TouchInput = Annotated[Whole, Field(ge=0, lt=N_LEGS)]
 #: A number is an I2C bus.

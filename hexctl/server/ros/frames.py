@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.ik.leg_odometry import LegOdometer
+from hexctl.ik.leg_odometer import LegOdometer
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, inverse, product, turned, yaw_rad
 from hexctl.server.snapshot import RobotSnapshot

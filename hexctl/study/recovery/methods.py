@@ -100,15 +100,21 @@ class RecoveryMethod(ABC):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Led(RecoveryMethod):
-    """Walks by controllers that need no trials before."""
+class ControllerMethod(RecoveryMethod):
+    """Walks led by a controller that needs no trials before.
+
+    Attributes:
+        make: returns the controller of a batch of walks, of its start and the coming failures of each robot.
+        notices: whether the controller reports the failures that it detects.
+        alone: whether the controller leads one robot, not a batch.
+    """
 
     make: Callable[[WalkStart, Sequence[Sequence[FailureEvent]]], Controller]
     notices: bool = False
     alone: bool = False
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Return the walks."""
+        """Controller of a batch of walks, which `make` returns."""
         return self.make(start, to_come)
 
 
@@ -148,15 +154,17 @@ def by_shapes(search: Callable[[SimTrial], ShapeSearch]) -> ByTrials[FloatArray]
     return ByTrials(rehearse=partial(search_shapes, search), walk=shaped_walk)
 
 
-def watched(policy: RecoveryPolicy) -> Led:
+def watched(policy: RecoveryPolicy) -> ControllerMethod:
     """Walks with a monitor, and a policy for the failures it finds."""
     make = recovering_walk(policy)
-    return Led(make=lambda start, _: make(start), notices=True)
+    return ControllerMethod(make=lambda start, _: make(start), notices=True)
 
 
-def stopping(policy: RecoveryPolicy) -> Led:
+def stopping(policy: RecoveryPolicy) -> ControllerMethod:
     """Stops at the monitor's alarm, makes the standing test, and continues with its result."""
-    return Led(make=lambda start, _: StopAndDiagnoseWalk(start, policy), notices=True, alone=True)
+    return ControllerMethod(
+        make=lambda start, _: StopAndDiagnoseWalk(start, policy), notices=True, alone=True
+    )
 
 
 class ToldWalk(Controller):
@@ -223,18 +231,27 @@ class ToldWalk(Controller):
 
 #: Methods by name.
 METHODS: dict[str, Callable[[], RecoveryMethod]] = {
+    # The monitor detects failures, and the gait stays as it is.
     "nothing": lambda: watched(WalkOn()),
-    "told": lambda: Led(make=partial(ToldWalk, policy=GlideToStableGait())),
+    # An oracle knows leg and kind in the tick of the failure, then glides to the gait of `recover`.
+    "told": lambda: ControllerMethod(make=partial(ToldWalk, policy=GlideToStableGait())),
+    # At the monitor's alarm the walk glides to a stable gait.
     "recover": lambda: watched(GlideToStableGait()),
+    # At the monitor's alarm the robot stops, makes the standing test, and continues with its result.
     "stop-diagnose": lambda: stopping(GlideToStableGait()),
-    "decentralised": lambda: Led(make=lambda start, _: DecentralisedWalk(start)),
+    # Knows no failures: each leg steps by its own load and that of its neighbours.
+    "decentralised": lambda: ControllerMethod(make=lambda start, _: DecentralisedWalk(start)),
+    # The paper's method: continues in open loop with the gait whose trial ended nearest the line.
     "open-loop-best": lambda: ByTrials(rehearse=rehearse, walk=OpenLoopFromFailure),
-    "ppo": lambda: Led(
+    # Knows no failures: a policy, trained in simulation with failing legs, moves the feet of the gait.
+    "ppo": lambda: ControllerMethod(
         make=lambda start, _: LearnedWalk(
             start, policy_of(start.robot), hold=held(start.plans[0], start.frame)
         )
     ),
+    # Intelligent trial and error: searches in an archive of gaits of the intact robot.
     "trial-and-error": lambda: by_shapes(search_of_behaviours),
+    # CMA-ES, from the gait of the walk on; continues in open loop with the best shape.
     "cma-es": lambda: by_shapes(lambda trial: EvolutionSearch(shape_of(trial.plan.gait), trial.seed)),
 }
 

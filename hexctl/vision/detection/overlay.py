@@ -84,7 +84,7 @@ def _at_height(points: FloatArray, height_m: float) -> FloatArray:
 
 
 def _near(drawn: Picture, points_px: FloatArray) -> bool:
-    """Whether points are visible: far outside of the picture, OpenCV's numbers overflow."""
+    """Whether points are in or near the picture: far outside of it, OpenCV's numbers overflow."""
     return bool((np.abs(points_px) < 4 * max(drawn.shape[:2])).all())  # False for NaN too
 
 

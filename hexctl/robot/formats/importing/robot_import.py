@@ -61,7 +61,7 @@ class ImportedRobot:
     Attributes:
         content: of the robot file.
         reasons: why keys are unknown, by key.
-        notes: on omissions and changes.
+        remarks: on omissions and changes.
         header: lines of a comment.
         stances: places for the feet in the planes of the legs, (outward, up) in m: that of the content, then
             others, the best first.
@@ -71,11 +71,19 @@ class ImportedRobot:
 
     content: dict[str, Any]
     reasons: dict[str, str]
-    notes: tuple[str, ...]
+    remarks: tuple[str, ...]
     header: tuple[str, ...]
     stances: tuple[Vector2, ...]
     projection: FootProjection | None = None
     own_gait: bool = False
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on omissions and changes, and on the error of projected feet in the gait of the content."""
+        if self.projection is None:
+            return self.remarks
+        stride_m = self.content["gait"]["amplitude"] * self.content["size_m"]
+        return (*self.remarks, self.projection.note(self.stances[0][0], stride_m))
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -244,7 +252,6 @@ class _Import:
         projection = FootProjection.of(self._legs)
         outward_m = self.stances[0][0]
         if projection is not None:
-            self._findings.notes.append(projection.note)
             outward_m = projection.outward_m(outward_m)
         mounts = [self._mount(leg) for leg in self._legs]
         radius_m = max(math.hypot(*mount["position_m"][:2]) for mount in mounts) + outward_m
@@ -274,7 +281,7 @@ class _Import:
         self._add_inertias(made.robot())
         made = raw.with_gait(self.stances[0], *gait)
         robot_of_content(made.content, Path(source))
-        return replace(made, reasons=self._findings.reasons, notes=tuple(self._findings.notes))
+        return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
 
     def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
         """Leave out centres of mass equal to those of evenly filled capsules."""

@@ -330,11 +330,16 @@ class FootProjection:
             "links": content["links"] | {"coxa": coxa | {"end_m": end_m}},
         }
 
-    @property
-    def note(self) -> str:
-        """Note on the changed legs."""
-        most_mm = 1000 * max(abs(offset_m) for offset_m in self.offsets_m)
+    def note(self, outward_m: float, stride_m: float) -> str:
+        """Note on the changed legs, with the largest error of a foot in a stride about a stance."""
+        offsets_m = np.abs(self.offsets_m)[:, np.newaxis]
+        reach_m = outward_m + stride_m * np.linspace(-0.5, 0.5, 21)
+        # Places in the plane of the floor as complex numbers: outward + i left.
+        turned = (reach_m + self.outward_m(outward_m) - outward_m) * np.exp(
+            1j * np.arctan2(offsets_m, outward_m)
+        )
+        error_m = float(np.abs(reach_m + 1j * offsets_m - turned).max())
         return (
-            f"the feet are up to {most_mm:.1f} mm outside the planes of their legs: the legs were turned to "
-            "them, and steps away from the stance are a little off"
+            f"the feet are up to {1000 * offsets_m.max():.1f} mm outside the planes of their legs: the legs "
+            f"were turned to them, and steps are off by up to {1000 * error_m:.1f} mm"
         )

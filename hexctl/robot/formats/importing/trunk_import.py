@@ -34,6 +34,9 @@ LEAST_COVER, MOST_COVER = 0.5, 2.5
 #: height, as shares of the larger distance between mounts.
 NEAR_CENTRE, NEAR_HEIGHT = 1 / 16, 1 / 8
 
+#: Products of inertia above this share of the largest moment are noted when they are left out.
+NOTED_PRODUCTS = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class TrunkBox:
@@ -148,4 +151,9 @@ def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> di
     if problem:
         findings.reasons[key] = f"{problem}; an evenly filled {body['shape']} was assumed"
         return {}
+    share = max(abs(tensor[0, 1]), abs(tensor[0, 2]), abs(tensor[1, 2])) / own.max()
+    if share > NOTED_PRODUCTS:
+        findings.notes.append(
+            f"the trunk's products of inertia, up to {100 * share:.0f} % of its moments, were left out"
+        )
     return {"inertia_kg_m2": [rounded(moment) for moment in np.diag(own)]}
