@@ -33,6 +33,7 @@ from hexctl.adapt.setting import (
     Note,
     Setting,
     baseline_note,
+    budget_note,
     load_setting,
     log_note,
     start_note,
@@ -282,7 +283,8 @@ class Adaptation:
             self._seen = SeenWarnings(servos.peek().warnings)  # the notes on the connection have them
         if session is None:
             spec = at_home(spec, servos)  # a robot that cannot be scored is refused before any advice
-        advice = start_note(spec, setting), baseline_note(spec) if begins else None, yaw_note(spec, servos)
+        baseline = baseline_note(spec) if begins else None
+        advice = start_note(spec, setting), budget_note(spec), baseline, yaw_note(spec, servos)
         for note in filter(None, advice):
             self._note(note)
         if session is None:
