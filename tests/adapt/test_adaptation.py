@@ -379,6 +379,7 @@ def test_a_search_that_is_refused_leaves_no_session(options: dict[str, Any], fie
 
 
 def test_an_operator_is_needed_to_measure() -> None:
+    ({"hold": "line", "early_stop": True}, "prior"),
     with pytest.raises(InputError, match="operator"):
         Adaptation(new_spec(failed_leg=5, backend="mock", ask=True, prior="none"))
 

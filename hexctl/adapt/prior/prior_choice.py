@@ -117,7 +117,8 @@ def _believing(spec: SessionSpec) -> Contradictions:
     repeats, early, worth = map(argument, ("count_repeats", "early_stop", "worth_m"))
     often = "without, as bayes repeats a gait when that is most informative"
     yield spec.count_repeats, f"{repeats}: used with bayes", often
-    steered = spec.hold != "none" and spec.optimizer != TRIM
+    # Other objectives have no prior for steered walks, which is reported instead.
+    steered = spec.hold != "none" and spec.optimizer != TRIM and spec.objective in SCORES
     scored = f"with {argument('objective')} {spec.objective}"
     ends = "with final, which can be predicted before the end of a walk"
     yield steered and spec.early_stop, f"{early}: used {scored}", ends
