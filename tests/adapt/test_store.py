@@ -362,7 +362,7 @@ def test_a_write_that_fails_leaves_the_session_as_it_was(
 
 
 def test_only_the_recording_of_the_walk_that_is_repeated_is_removed(tmp_path: Path) -> None:
-    session = Session(name="s", spec=SPEC, created="now")
+    session = Session(name="s", spec=replace(SPEC, baseline_gaits=["demo"]), created="now")
     names = ("trial-001", "trial-002", "trial-002-2", "trial-003", "baseline-demo", "my-trial-002", "trial-2")
     for name in names:
         (tmp_path / f"{name}.rrd").touch()
