@@ -60,9 +60,9 @@ def test_a_state_that_cannot_be_stored_as_it_is_is_refused_at_once(value: object
 
 def test_sessions_are_listed_newest_last_and_names_never_collide(tmp_path: Path) -> None:
     store = SessionStore(tmp_path)
-    names = [store.create(SPEC).name for _ in range(4)]
+    names = [store.create(SPEC).name for _ in range(12)]
     assert stored_names(store.folder) == names
-    assert len(set(names)) == 4
+    assert len(set(names)) == 12
 
 
 def test_the_same_trial_is_not_kept_twice(tmp_path: Path) -> None:
