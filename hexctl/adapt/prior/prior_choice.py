@@ -134,10 +134,17 @@ def _with_prior(spec: SessionSpec, path: Path) -> SessionSpec:
     kept = replace(kept, optimizer=BAYES)
     if spec.hold != "none":
         return kept
-    noise_m = SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
+    noise_m = assumed_noise_m(spec)
     return replace(
         kept,
         target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
         worth_m=max(noise_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m,
         noise_m=noise_m,
     )
+
+
+def assumed_noise_m(spec: SessionSpec) -> float:
+    """Standard deviation between trials of one gait that is assumed before any repeat."""
+    if spec.noise_m is not None:
+        return spec.noise_m
+    return SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
